@@ -1,0 +1,84 @@
+"""One UV atlas for the whole object (xatlas), and the filling of the texels between its charts."""
+
+import numpy as np
+import xatlas
+from mesh import face_normals
+from numpy.typing import NDArray
+
+
+def unwrap(
+    positions: NDArray[np.float32], faces: NDArray[np.int32], texture_size: int
+) -> tuple[NDArray[np.float32], str]:
+    """UV (F, 3, 2) of one atlas without overlaps and with the same texel density everywhere; a line of statistics.
+
+    Args:
+        positions: (P, 3), welded, so that charts may cross edges.
+        faces: (F, 3).
+        texture_size: side of the texture, texels; charts keep a distance of 4 texels at 1024, 2 below.
+
+    Raises:
+        RuntimeError: if the atlas does not fit one page, or texels are covered twice.
+    """
+    generator = xatlas.Atlas()
+    generator.add_mesh(positions, faces)
+    charts = xatlas.ChartOptions()
+    charts.max_cost = 4.0  # larger than the default 2: fewer, larger charts
+    charts.normal_seam_weight = 1.0
+    pack = xatlas.PackOptions()
+    pack.resolution = texture_size
+    pack.padding = 4 if texture_size >= 1024 else 2
+    pack.bilinear = True
+    pack.bruteForce = True
+    generator.generate(charts, pack)
+    _, corner, vertex_uv = generator[0]
+    uv = vertex_uv[corner].astype(np.float32)
+    if generator.atlas_count != 1:
+        raise RuntimeError(f"expected one atlas page, found {generator.atlas_count}")
+    covered = coverage_count(uv, texture_size)
+    if (covered > 1).any():
+        raise RuntimeError(f"the atlas overlaps itself in {(covered > 1).sum()} texels")
+    edges = uv[:, 1:] - uv[:, :1]
+    uv_area = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0])
+    density = np.sqrt(uv_area / np.linalg.norm(face_normals(positions, faces), axis=1)) * texture_size
+    low, middle, high = np.percentile(density, (5, 50, 95))
+    return uv, (
+        f"{generator.chart_count} charts, {(covered > 0).mean():.1%} of the atlas used, "
+        f"texels per unit {middle:.0f} (5 % to 95 %: {low:.0f} to {high:.0f})"
+    )
+
+
+def coverage_count(uv: NDArray[np.float32], size: int) -> NDArray[np.int32]:
+    """How many triangles of uv (F, 3, 2) cover the centre of each texel, (size, size), row 0 at v = 1."""
+    count = np.zeros((size, size), dtype=np.int32)
+    points = np.stack([uv[..., 0] * size, (1 - uv[..., 1]) * size], axis=-1).astype(np.float64)
+    for triangle in points:
+        low = np.maximum(np.floor(triangle.min(axis=0) - 0.5).astype(int), 0)
+        high = np.ceil(triangle.max(axis=0) + 0.5).astype(int)
+        x, y = np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1])[:, None] + 0.5
+        inside = np.ones((y.size, x.size), dtype=bool)
+        (ax, ay), (bx, by), (cx, cy) = triangle
+        turn = np.sign((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+        for (px, py), (qx, qy) in ((triangle[i], triangle[(i + 1) % 3]) for i in range(3)):
+            inside &= turn * ((qx - px) * (y - py) - (qy - py) * (x - px)) > 1e-9  # open: shared edges count for neither
+        window = count[low[1] : high[1], low[0] : high[0]]
+        window += inside[: window.shape[0], : window.shape[1]]
+    return count
+
+
+def dilate(image: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Fill the unknown texels of an image (H, W, C) ring by ring with the mean of their known neighbours.
+
+    The first ring is what bilinear filtering at the rim of a chart reads; the rest keeps the file small and mipmaps clean.
+    """
+    filled, known = np.where(known[..., None], image, 0).astype(np.float32), known.copy()
+    if not known.any():
+        raise ValueError("expected a texture with some baked texels, found none")
+    while not known.all():
+        total, weight = np.zeros_like(filled), np.zeros(known.shape, dtype=np.float32)
+        for dy, dx in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
+            total += np.roll(filled, (dy, dx), axis=(0, 1))
+            weight += np.roll(known, (dy, dx), axis=(0, 1))
+        ring = ~known & (weight > 0)
+        filled[ring] = total[ring] / weight[ring][:, None]
+        known |= ring
+    return filled

@@ -1,0 +1,46 @@
+"""What each scene consists of: its light, its views, its resolutions, its sample counts."""
+
+from dataclasses import dataclass, replace
+
+from lights import NOVEL_LIGHTS
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A scene: object `objects/<object>.py` under the training light `light`; samples are per pixel, per light."""
+
+    object: str
+    light: str
+    samples: dict[str, int]
+    views: dict[str, int]
+    size: int = 128
+    light_height: int = 256
+    texture_size: int = 1024
+
+    @property
+    def lights(self) -> dict[str, str]:
+        """Model of every light by its name in the scene: `train`, then the novel ones."""
+        return {"train": self.light} | {name: name for name in NOVEL_LIGHTS}
+
+    def with_samples(self, samples: int) -> "Recipe":
+        """The same recipe with another number of paths a pixel, for every light."""
+        return replace(self, samples=dict.fromkeys(self.lights, samples))
+
+
+PAPER_VIEWS = {"train": 100, "test": 20, "novel": 20}
+"""Views per split; novel views are rendered once per light."""
+
+TINY_VIEWS = {"train": 16, "test": 4, "novel": 4}
+
+NOVEL_SAMPLES = {"studio": 448, "sunset": 320, "night": 512}
+
+TINY_SAMPLES = dict.fromkeys(("train", *NOVEL_LIGHTS), 2048)
+
+RECIPES = {
+    "hat": Recipe("hat", "garden", {"train": 320} | NOVEL_SAMPLES, PAPER_VIEWS),
+    "ship": Recipe("ship", "harbour", {"train": 384} | NOVEL_SAMPLES, PAPER_VIEWS),
+    "console": Recipe("console", "lamp_room", {"train": 512} | NOVEL_SAMPLES, PAPER_VIEWS),
+    "figurine": Recipe("figurine", "spotlight", {"train": 384} | NOVEL_SAMPLES, PAPER_VIEWS),
+    "tiny": Recipe("tiny", "snowfield", TINY_SAMPLES, TINY_VIEWS, size=32, light_height=64, texture_size=128),
+    "tiny_full": Recipe("tiny", "snowfield", {"train": 384} | NOVEL_SAMPLES, PAPER_VIEWS),  # for tuning; not shipped
+}

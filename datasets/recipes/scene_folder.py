@@ -1,0 +1,124 @@
+"""Names and metadata of a scene folder: which files a view consists of, transforms and scene.json."""
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cameras import FIELD_OF_VIEW, split_poses
+from exr import MANTISSA_BITS
+from latlong import CONVENTION
+from numpy.typing import NDArray
+from recipe import Recipe
+
+TRUTH = {
+    "train": ("albedo", "specular"),
+    "test": ("albedo", "specular", "roughness", "normal", "depth"),
+    "novel": (),
+}
+"""Ground truth images of each split, all under the training light."""
+
+DIRECT_VIEWS = 4
+"""Test views of which a direct-light-only image is kept."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One image to render: camera `index` of a split under a light."""
+
+    split: str
+    index: int
+    light: str
+    pose: NDArray[np.float64]
+
+    @property
+    def image(self) -> str:
+        """Path of the image in the scene folder."""
+        folder = f"images/novel/{self.light}" if self.split == "novel" else f"images/{self.split}"
+        return f"{folder}/{self.index:04d}.exr"
+
+    @property
+    def truth(self) -> dict[str, str]:
+        """Paths of the ground truth images by kind."""
+        return {kind: f"truth/{self.split}/{kind}/{self.index:04d}.exr" for kind in TRUTH[self.split]}
+
+    @property
+    def files(self) -> list[str]:
+        """Paths of all files that rendering this view writes."""
+        return [self.image, *self.truth.values()]
+
+
+def views(recipe: Recipe) -> list[View]:
+    """Every view of a scene, in the order in which they are rendered."""
+    return list(_views(recipe))
+
+
+def _views(recipe: Recipe) -> Iterator[View]:
+    for split, count in recipe.views.items():
+        poses = split_poses(split, count)
+        for light in recipe.lights if split == "novel" else ("train",):
+            for index, pose in enumerate(poses):
+                yield View(split, index, light, pose)
+
+
+def direct_views(recipe: Recipe) -> list[View]:
+    """The test views, evenly spaced, of which a direct-light-only image is kept."""
+    test = [view for view in _views(recipe) if view.split == "test"]
+    return test[:: max(1, len(test) // DIRECT_VIEWS)][:DIRECT_VIEWS]
+
+
+def write_transforms(out: Path, recipe: Recipe, size: int) -> None:
+    """Write transforms_{train,test,novel}.json."""
+    for split in recipe.views:
+        frames = []
+        for view in (v for v in _views(recipe) if v.split == split):
+            frame: dict[str, Any] = {"file_path": view.image}
+            if split == "novel":
+                frame["light"] = view.light
+            frame["transform_matrix"] = view.pose.round(8).tolist()
+            frame |= {f"{kind}_path": path for kind, path in view.truth.items()}
+            frames.append(frame)
+        data = {"camera_angle_x": FIELD_OF_VIEW, "w": size, "h": size, "frames": frames}
+        write_json(out / f"transforms_{split}.json", data)
+
+
+def write_scene(out: Path, name: str, recipe: Recipe, render: dict[str, Any]) -> None:
+    """Write scene.json; `render` says how the images were made."""
+    scene = {
+        "schema": 1,
+        "name": name,
+        "up": "z",
+        "color_space": "linear_rec709",
+        "light_convention": CONVENTION,
+        "splits": recipe.views,
+        "lights": {light: f"lights/{light}.exr" for light in recipe.lights},
+        "truth_textures": {"albedo": "truth/albedo.png", "roughness": "truth/roughness.png"},
+        "render": render | {"stored_mantissa_bits": MANTISSA_BITS},
+    }
+    write_json(out / "scene.json", scene)
+
+
+def write_json(path: Path, data: dict[str, Any]) -> None:
+    """Write JSON atomically, one line per key and per item of a list of objects: readable, and small."""
+    lines = []
+    for key, value in data.items():
+        text = json.dumps(value)
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            text = "[\n  " + ",\n  ".join(json.dumps(item) for item in value) + "\n]"
+        lines.append(f"{json.dumps(key)}: {text}")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+    temporary.replace(path)
+
+
+def byte_totals(out: Path) -> dict[str, int]:
+    """Bytes per kind of file in a scene folder, largest first."""
+    totals: dict[str, int] = {}
+    for path in sorted(p for p in out.rglob("*") if p.is_file()):
+        parts = path.relative_to(out).parts
+        kind = "/".join(parts[:-1]) if len(parts) > 1 else parts[0]
+        totals[kind] = totals.get(kind, 0) + path.stat().st_size
+    return dict(sorted(totals.items(), key=lambda item: -item[1]))

@@ -1,0 +1,234 @@
+"""What one run is made of, checked by name and type, and the hash that is its identity."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from omegaconf import MISSING
+
+from ia_bench import registry
+from ia_bench.errors import InputError
+from ia_bench.fit.settings import FitSettings
+from ia_bench.paths import scenes_folder
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scores.protocol import Protocol
+from ia_bench.suggest import unknown
+
+IDENTITY_VERSION = 1
+"""Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
+
+NATIVE_READER = "ia_bench.scenes.native:load_scene"
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    "geometry.uv": ("mesh", "xatlas"),
+    "render.shadows": ("auto", "traced", "baked", "none"),
+    "render.shading": ("auto", "compiled", "eager"),
+    "fit.image_loss": ("l1", "squared"),
+    "fit.ssi": ("scale_shift", "scale", "none"),
+    "device": ("auto", "cpu", "cuda"),
+}
+"""Settings that are one of a few words."""
+
+NUMBER_OR_AUTO = ("render.subsamples", "render.texture", "render.light_height")
+
+
+@dataclass
+class SceneConfig:
+    """A scene: ``path`` is its folder (None: the shipped scene ``name``), ``reader`` the function that reads it.
+
+    ``reader`` is ``"module:function"`` with the signature of :func:`ia_bench.scenes.native.load_scene`; a scene plugin
+    that keeps its data elsewhere is called with the folder None.
+    """
+
+    name: str = MISSING
+    path: str | None = None
+    reader: str = NATIVE_READER
+
+
+@dataclass
+class PriorConfig:
+    """A prior: the class ``target`` (``"module:Class"``) called with ``options``."""
+
+    name: str = MISSING
+    target: str = MISSING
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class MethodConfig:
+    """A method that reconstructs: the class ``target`` (``"module:Class"``) called with ``options``."""
+
+    name: str = MISSING
+    target: str = MISSING
+    options: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class GeometryConfig:
+    """``uv``: "mesh" keeps the mesh's own texture coordinates, "xatlas" unwraps a mesh that has none."""
+
+    uv: str = "mesh"
+
+
+@dataclass
+class RunConfig:
+    """One cell of a table. ``conf/config.yaml`` composes it; every field can be overridden on the command line.
+
+    ``device``: "auto", "cpu" or "cuda". ``threads``: CPU threads, None for all that this process may use. ``row``: its
+    label in tables, None for the prior's or method's name. ``out``: its folder, None for ``runs/<scene>/<row>-<hash>``.
+    """
+
+    scene: SceneConfig = field(default_factory=SceneConfig)
+    prior: PriorConfig = field(default_factory=PriorConfig)
+    method: MethodConfig = field(default_factory=MethodConfig)
+    preset: str = MISSING
+    render: RenderSettings = field(default_factory=RenderSettings)
+    fit: FitSettings = field(default_factory=FitSettings)
+    protocol: dict[str, Any] = field(default_factory=dict)
+    geometry: GeometryConfig = field(default_factory=GeometryConfig)
+    seed: int = 0
+    device: str = "auto"
+    threads: int | None = None
+    row: str | None = None
+    out: str | None = None
+
+    @property
+    def row_name(self) -> str:
+        """Label in tables and folder names: ``row``, or what distinguishes this run (its prior, else its method)."""
+        if self.row is not None:
+            return self.row
+        return self.prior.name if self.method.name == "two_stage" else self.method.name
+
+
+def resolved(config: RunConfig) -> RunConfig:
+    """The same run with everything filled in that depends on this machine: device, threads, the scene's name.
+
+    Raises InputError for a value that its setting cannot take.
+    """
+    for key, choices in CHOICES.items():
+        value = attrgetter(key)(config)
+        if value not in choices:
+            raise InputError(unknown(f"value of {key}", str(value), choices))
+    for key in NUMBER_OR_AUTO:
+        value = attrgetter(key)(config)
+        if value != "auto" and not (isinstance(value, int) and value > 0):
+            raise InputError(f"{key}: expected a positive whole number or auto, found {value}")
+    if config.threads is not None and config.threads < 1:
+        raise InputError(f"threads: expected at least 1, found {config.threads}")
+    if config.seed < 0:
+        raise InputError(f"seed: expected 0 or more, found {config.seed}")
+    try:
+        Protocol.from_config(config.protocol)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    scene = config.scene
+    if scene.path is not None:
+        folder = Path(scene.path).expanduser().resolve()
+        scene = replace(scene, name=folder.name, path=str(folder))
+    threads = config.threads or len(os.sched_getaffinity(0))
+    return replace(config, scene=scene, threads=threads, device=_device(config.device))
+
+
+def resolve_scene_folder(scene: SceneConfig) -> Path | None:
+    """Folder of the scene's files, None for a scene plugin that was given no ``scene.path``.
+
+    Raises InputError naming the closest scene, or the two ways to say where scenes are.
+    """
+    if scene.path is not None:
+        folder = Path(scene.path)
+        if not folder.is_dir():
+            raise InputError(f"scene.path={folder}: no such folder")
+        return folder
+    if scene.reader != NATIVE_READER:
+        return None
+    root = scenes_folder()
+    if not (root / scene.name).is_dir():
+        raise InputError(unknown(f"scene in {root}:", scene.name, sorted(p.name for p in root.iterdir() if p.is_dir())))
+    return root / scene.name
+
+
+def scene_reader(scene: SceneConfig) -> Callable[..., Any]:
+    """The function that reads the scene, called as ``reader(folder, truth=..., uv=...)``."""
+    reader: Callable[..., Any] = registry.load(registry.Plugin("scene", scene.name, scene.reader, registry.BUILT_IN))
+    return reader
+
+
+def identity(config: RunConfig) -> dict[str, Any]:
+    """Everything that decides the numbers of a resolved run, as JSON types.
+
+    Left out: where results go, the row's label, the preset's name (its values are in), how often checkpoints are
+    written, and where files lie. Instead of the scene's path, a hash of its content.
+    """
+    content = asdict(config)
+    for label in ("out", "row", "preset"):
+        del content[label]
+    del content["fit"]["checkpoint_seconds"]
+    content["scene"]["path"] = None
+    content["scene"]["content"] = _scene_content(config.scene)
+    protocol = Protocol.from_config(config.protocol).describe()
+    del protocol["lpips"]["weights"]  # one network has one set of weights; where they lie decides nothing
+    content["protocol"] = protocol
+    content["identity_version"] = IDENTITY_VERSION
+    return content
+
+
+def config_hash(config: RunConfig) -> str:
+    """The run's identity: SHA-256 (hex) over the canonical JSON of :func:`identity`."""
+    return hash_of(identity(config))
+
+
+def hash_of(content: dict[str, Any]) -> str:
+    """SHA-256 (hex) over canonical JSON: sorted keys, no spaces."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def labels(config: RunConfig) -> dict[str, Any]:
+    """What names a run in its metrics: row, scene, seed and the protocol's label."""
+    protocol = Protocol.from_config(config.protocol).label
+    return {"row": config.row_name, "scene": config.scene.name, "seed": config.seed, "protocol": protocol}
+
+
+def slug(text: str) -> str:
+    """A label as a folder name: ``oracle w/o guided`` becomes ``oracle-w-o-guided``."""
+    return "-".join("".join(c if c.isalnum() or c in "_." else " " for c in text).split())
+
+
+def run_folder(config: RunConfig) -> Path:
+    """Where a resolved run leaves its results: ``out``, or ``runs/<scene>/<row>-<hash>`` below the current folder."""
+    if config.out is not None:
+        return Path(config.out).expanduser()
+    return Path("runs", slug(config.scene.name), f"{slug(config.row_name)}-{config_hash(config)[:8]}")
+
+
+def _device(wanted: str) -> str:
+    if wanted == "cpu":
+        return wanted
+    import torch  # takes a second or two; a run on the CPU by choice can be told apart without it
+
+    available = torch.cuda.is_available()
+    if wanted == "cuda" and not available:
+        raise InputError("device=cuda: torch finds no CUDA device here; use device=cpu or device=auto")
+    return "cuda" if available else "cpu"
+
+
+def _scene_content(scene: SceneConfig) -> str:
+    """Hash of the names and sizes of a scene's files and of its scene.json; the distribution of a scene plugin."""
+    folder = resolve_scene_folder(scene)
+    if folder is None:
+        plugin = registry.installed("scene").get(scene.name)
+        return plugin.distribution if plugin else scene.reader
+    digest = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+        digest.update(f"{path.relative_to(folder).as_posix()}\0{path.stat().st_size}\n".encode())
+    description = folder / "scene.json"
+    if description.is_file():
+        digest.update(description.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,5 @@
+"""The one exception that the command line shows as a plain message instead of a traceback."""
+
+
+class InputError(ValueError):
+    """Something the user gave is wrong: the message names the file or key, what was expected and what was found."""

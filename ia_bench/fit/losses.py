@@ -1,0 +1,62 @@
+"""The terms of the paper's equation 5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ia_bench.scenes.color import linear_to_srgb_torch
+
+
+def tone_map(radiance: Tensor) -> Tensor:
+    """sRGB of log(1 + x): compresses highlights, keeps gradients at black finite. For any radiance >= 0."""
+    return linear_to_srgb_torch(torch.log1p(radiance))
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Per-view scale and shift (V,) that bring predictions to the prior's intensities: ``scale * prediction + shift``."""
+
+    scale: Tensor
+    shift: Tensor
+
+    def __call__(self, prediction: Tensor, view: Tensor, coverage: Tensor) -> Tensor:
+        """Align (P, 3) premultiplied predictions of pixels in views (P,) with coverage (P, 1)."""
+        return prediction * self.scale[view][:, None] + coverage * self.shift[view][:, None]
+
+
+def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mode: str) -> Alignment:
+    """The paper's SSI (Ranftl et al. 2022): bring the prediction's mean and mean absolute deviation to the target's, per view.
+
+    (P, 3) predictions and targets of pixels in views (P,); one scale and one shift per view, common to the channels, so
+    that a colour cast is not aligned away. ``mode``: "scale_shift", "scale" (least absolute ratio of means, no shift) or
+    "none". A view without pixels, or whose prediction is constant (or zero, for "scale"), gets scale 1 and, for
+    "scale_shift", the shift that matches the means. The result carries no gradient.
+    """
+    prediction, target = prediction.detach(), target.detach()
+    ones = torch.ones(views, device=prediction.device)
+    if mode == "none":
+        return Alignment(ones, torch.zeros_like(ones))
+    count = torch.zeros_like(ones).index_add_(0, view, torch.ones_like(prediction[:, 0])).clamp_min(1)
+
+    def per_view_mean(values: Tensor) -> Tensor:
+        return torch.zeros_like(ones).index_add_(0, view, values.mean(-1)) / count
+
+    mean_prediction, mean_target = per_view_mean(prediction), per_view_mean(target)
+    if mode == "scale":
+        usable = mean_prediction > 1e-6
+        return Alignment(torch.where(usable, mean_target / mean_prediction.clamp_min(1e-6), ones), torch.zeros_like(ones))
+    if mode != "scale_shift":
+        raise ValueError(f"ssi: expected scale_shift, scale or none, found {mode!r}")
+    spread_prediction = per_view_mean((prediction - mean_prediction[view][:, None]).abs())
+    spread_target = per_view_mean((target - mean_target[view][:, None]).abs())
+    usable = spread_prediction > 1e-4
+    scale = torch.where(usable, spread_target / spread_prediction.clamp_min(1e-4), ones)
+    return Alignment(scale, mean_target - scale * mean_prediction)
+
+
+def smoothness(here: Tensor, there: Tensor, similarity: Tensor) -> Tensor:
+    """Mean of |here - there| over (N, C) pairs of neighbouring surface points, weighted by ``similarity`` (N,) in [0, 1]."""
+    return ((here - there).abs().mean(-1) * similarity).mean()

@@ -1,0 +1,77 @@
+"""What a method is given and what it gives back: the contract between run.py and every way of fitting."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+from ia_bench.fit.settings import FitSettings
+from ia_bench.material.textures import Material
+from ia_bench.plan import Plan
+from ia_bench.priors.contract import Prior
+from ia_bench.render.gbuffer import GBuffer
+from ia_bench.render.renderer import Renderer
+from ia_bench.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A scene without truth, its G-buffer over the training views, the renderer, and the plan that sized them."""
+
+    scene: Scene
+    gbuffer: GBuffer
+    renderer: Renderer
+    plan: Plan
+
+    def pixels_of(self, images: Tensor) -> Tensor:
+        """The G-buffer's pixels of stacked view images: (V, H, W, C) -> (P, C)."""
+        return images.reshape(-1, images.shape[-1])[self.gbuffer.pixel]
+
+    def images_of(self, pixels: Tensor) -> Tensor:
+        """The inverse of :meth:`pixels_of`; pixels that miss the mesh are zero: (P, C) -> (V, H, W, C)."""
+        images = torch.zeros(self.gbuffer.shape[0] * self.gbuffer.shape[1] * self.gbuffer.shape[2], pixels.shape[-1])
+        images[self.gbuffer.pixel] = pixels
+        return images.reshape(*self.gbuffer.shape, pixels.shape[-1])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The result: ``material`` textures, ``light`` (H, W, 3) radiance, seconds per phase, counters worth recording."""
+
+    material: Material
+    light: Tensor
+    seconds: dict[str, float] = field(default_factory=dict)
+    counters: dict[str, int] = field(default_factory=dict)
+
+
+class Task(Protocol):
+    """One bar of the progress display."""
+
+    def advance(self, amount: int = 1, **values: Any) -> None: ...
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """How a method talks to the outside: progress, off-the-clock scoring, checkpoints.
+
+    ``score(stage, step, seconds, fit)`` is called at geometrically spaced steps; its own time is not counted.
+    ``save(state)`` and ``load()`` keep the state of an interrupted fit (tensors, numbers, strings, nested dicts and lists).
+    """
+
+    task: Callable[[str, int, int], Task]  # name, steps in all, steps already done
+    note: Callable[[str], None]
+    score: Callable[[str, int, float, Fit], None]
+    save: Callable[[dict[str, Any]], None]
+    load: Callable[[], dict[str, Any] | None]
+
+
+class Method(Protocol):
+    """A way of recovering material and light; ``two_stage`` is ours, each baseline is another."""
+
+    def fit(self, problem: Problem, prior: Prior, settings: FitSettings, *, seed: int, monitor: Monitor) -> Fit:
+        """Recover material and light from the training images. Deterministic in (problem, prior, settings, seed)."""
+        ...

@@ -1,0 +1,252 @@
+"""The paper's section 3.4: stage 1 with samples of the prior, stage 2 with samples guided by the current renders."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.fit.losses import smoothness, tone_map
+from ia_bench.fit.neighbours import find_neighbours
+from ia_bench.fit.problem import Fit, Monitor, Problem
+from ia_bench.fit.settings import FitSettings
+from ia_bench.fit.supervision import Supervision, draw_targets
+from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.textures import Material, fetch, fill_unobserved, splat
+from ia_bench.priors.contract import Prior
+from ia_bench.render.renderer import Light
+
+GUIDE_SAMPLES = 32  # per pixel, for the renders that guide stage 2
+FIRST_SCORE = 25  # steps; later scores follow at doubling steps
+
+
+class TwoStage:
+    """Adam on albedo, roughness and the log radiance of the light, against equation 5."""
+
+    def fit(self, problem: Problem, prior: Prior, settings: FitSettings, *, seed: int, monitor: Monitor) -> Fit:
+        """See :class:`ia_bench.fit.problem.Method`. Resumes from the monitor's last checkpoint, to the same numbers.
+
+        Raises FloatingPointError, naming step and tensor, when a parameter's gradient stops being finite.
+        """
+        return _Run(problem, prior, settings, seed, monitor).finish()
+
+
+class _Run:
+    """State of one fit."""
+
+    def __init__(self, problem: Problem, prior: Prior, settings: FitSettings, seed: int, monitor: Monitor) -> None:
+        _check(settings)
+        self.problem, self.prior, self.settings, self.seed, self.monitor = problem, prior, settings, seed, monitor
+        device = problem.gbuffer.face.device
+        self.images = problem.pixels_of(torch.stack([torch.from_numpy(v.image) for v in problem.scene.train]).to(device))
+        hit = problem.gbuffer.face >= 0
+        seen = problem.renderer.surface.uv(problem.gbuffer.face[hit].long(), problem.gbuffer.barycentric[hit])
+        self._observed = splat(seen, torch.zeros(len(seen), 0, device=device), problem.plan.texture)[1]
+        self.neighbours = find_neighbours(problem, self.images, settings.smooth_scale)
+        plan, t = problem.plan, problem.plan.texture
+        self.parameters = {
+            "albedo": torch.full((t, t, 3), settings.albedo_initial, device=device),
+            "roughness": torch.full((t, t, 1), settings.roughness_initial, device=device),
+            "log_light": torch.zeros(plan.light_height, 2 * plan.light_height, 3, device=device),
+        }
+        self.steps = settings.stage1_steps + settings.stage2_steps
+        self.step = 0
+        self.seconds = {"prior": 0.0, "stage1": 0.0, "stage2": 0.0}
+        self.generator = torch.Generator(device=device).manual_seed(seed)
+        for parameter in self.parameters.values():
+            parameter.requires_grad_(True)
+        rates = settings.rates
+        self.optimizer = torch.optim.Adam(
+            [
+                {"params": [self.parameters["albedo"]], "lr": rates.albedo},
+                {"params": [self.parameters["roughness"]], "lr": rates.roughness},
+                {"params": [self.parameters["log_light"]], "lr": rates.light},
+            ],
+            betas=(0.9, 0.99),
+            fused=True,
+        )
+        self.base_rates = [rates.albedo, rates.roughness, rates.light]
+        state = monitor.load()
+        if state is None:
+            self._draw(None)
+            self._initial_albedo()
+            self._initial_light()
+        else:
+            self._restore(state)
+        self.saved = time.monotonic()
+
+    def finish(self) -> Fit:
+        """Run the remaining steps and return the fit, unobserved texels filled from their neighbours."""
+        boundary = self.settings.stage1_steps
+        for stage, end in (("stage1", boundary), ("stage2", self.steps)):
+            if self.step >= end:
+                continue
+            if stage == "stage2" and self.step == boundary and self.settings.guided and self.prior.guidable:
+                self._draw(self._guidance())
+            first = 0 if stage == "stage1" else boundary
+            task = self.monitor.task(stage.replace("stage", "stage "), end - first, self.step - first)
+            while self.step < end:
+                started = time.perf_counter()
+                loss = self._optimise()
+                self.step += 1
+                self.seconds[stage] += time.perf_counter() - started
+                task.advance(1, loss=loss)
+                self._pause(stage)
+        return self._snapshot(final=True)
+
+    # ---- one step ----------------------------------------------------------------------------------------------
+
+    def _optimise(self) -> float:
+        settings, weights = self.settings, self.settings.weights
+        gbuffer = self.problem.gbuffer
+        progress = self.step / max(self.steps - 1, 1)
+        for group, rate in zip(self.optimizer.param_groups, self.base_rates, strict=True):
+            group["lr"] = rate * settings.rates.final**progress
+        starts = {"albedo": settings.albedo_start, "roughness": settings.roughness_start, "log_light": 0.0}
+        frozen = [name for name, start in starts.items() if self.step < start * self.steps]
+        pixels = torch.randint(
+            len(gbuffer.pixel), (settings.pixels,), generator=self.generator, device=gbuffer.pixel.device
+        )
+        self.supervision.update(self.parameters["albedo"], self.step)
+        material = Material(self.parameters["albedo"], self.parameters["roughness"])
+        light = Light.of(torch.exp(self.parameters["log_light"]), uniform_fraction=settings.light_uniform)
+        rendered = self._render(pixels, material, light)
+        target = self.images[pixels]
+        if settings.image_loss == "l1":
+            loss = weights.image * (tone_map(rendered.radiance) - tone_map(target)).abs().mean()
+        else:
+            with torch.no_grad():
+                residual = self._render(pixels, material, light).radiance - target
+            loss = weights.image * 2 * (residual * rendered.radiance).mean()
+        if "albedo" in self.supervision.targets:
+            loss = loss + weights.albedo * self.supervision.albedo_loss(rendered.albedo, pixels)
+        if "specular" in self.supervision.targets:
+            loss = loss + weights.specular * self.supervision.specular_loss(rendered.specular, pixels)
+        loss = loss + self._smoothness(pixels, frozen)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        self._check_finite()
+        for name in frozen:  # the gradient is computed all the same, so that one compiled step serves the whole run
+            self.parameters[name].grad = None
+        self.optimizer.step()
+        with torch.no_grad():  # projected onto the valid range, so that no clamp in the model can kill a gradient
+            self.parameters["albedo"].clamp_(0, 1)
+            self.parameters["roughness"].clamp_(MIN_ROUGHNESS, 1)
+        return float(loss.detach())
+
+    def _render(self, pixels: Tensor, material: Material, light: Light) -> Any:
+        samples = self.problem.plan.samples
+        return self.problem.renderer.render_pixels(self.problem.gbuffer, pixels, material, light, samples, self.generator)
+
+    def _smoothness(self, pixels: Tensor, frozen: list[str]) -> Tensor:
+        weights, neighbours = self.settings.weights, self.neighbours
+        other = neighbours.index[pixels].reshape(-1)
+        uv = neighbours.uv[pixels].repeat_interleave(2, 0)
+        similarity = neighbours.similarity[pixels].reshape(-1)
+        total = torch.zeros((), device=pixels.device)
+        for name, weight in (("albedo", weights.smooth_albedo), ("roughness", weights.smooth_roughness)):
+            if weight and name not in frozen:
+                texture = self.parameters[name]
+                total = total + weight * smoothness(fetch(texture, uv), fetch(texture, neighbours.uv[other]), similarity)
+        return total
+
+    def _check_finite(self) -> None:
+        for name, parameter in self.parameters.items():
+            if parameter.grad is not None and not bool(torch.isfinite(parameter.grad).all()):
+                bad = int((~torch.isfinite(parameter.grad)).sum())
+                raise FloatingPointError(f"step {self.step}: the gradient of {name} is NaN or Inf in {bad} values")
+
+    # ---- start and prior------------------------------------------------------------------------------------------
+
+    def _initial_albedo(self) -> None:
+        """The prior's albedo averaged over the views in texture space, or the constant ``albedo_initial`` without one."""
+        target = self.supervision.targets.get("albedo")
+        if target is not None and self.settings.weights.albedo:  # a prior that is switched off must not leak in here
+            gbuffer = self.problem.gbuffer
+            hit = gbuffer.face >= 0
+            uv = self.problem.renderer.surface.uv(gbuffer.face[hit].long(), gbuffer.barycentric[hit])
+            covered = (hit.float().mean(1, keepdim=True)).clamp_min(1e-6)
+            values = (target / covered)[:, None].expand(-1, gbuffer.subsamples, -1)[hit]
+            average, weight = splat(uv, values, self.problem.plan.texture)
+            with torch.no_grad():
+                self.parameters["albedo"].copy_(fill_unobserved(average, weight > 0).clamp(0, 1))
+
+    def _initial_light(self) -> None:
+        """A constant light that gives the initial material the images' mean colour (render once under light 1)."""
+        gbuffer = self.problem.gbuffer
+        count = min(8192, len(gbuffer.pixel))
+        pixels = torch.randint(len(gbuffer.pixel), (count,), generator=self.generator, device=gbuffer.pixel.device)
+        with torch.no_grad():
+            material = Material(self.parameters["albedo"], self.parameters["roughness"])
+            rendered = self._render(pixels, material, Light.of(torch.ones_like(self.parameters["log_light"])))
+            mean = self.images.mean(0).clamp_min(1e-8)
+            self.parameters["log_light"] += torch.log(mean / rendered.radiance.mean(0).clamp_min(1e-8))
+
+    def _guidance(self) -> dict[str, Tensor]:
+        """Current renders of what the prior provides, one (P, 3) per component."""
+        started = time.perf_counter()
+        material = Material(self.parameters["albedo"].detach(), self.parameters["roughness"].detach())
+        light = Light.of(torch.exp(self.parameters["log_light"].detach()))
+        renderer, gbuffer = self.problem.renderer, self.problem.gbuffer
+        images = renderer.render_images(gbuffer, material, light, GUIDE_SAMPLES, self.generator)
+        self.seconds["prior"] += time.perf_counter() - started
+        return {name: self.problem.pixels_of(images[name]) for name in sorted(self.prior.provides)}
+
+    def _draw(self, guidance: dict[str, Tensor] | None) -> None:
+        started = time.perf_counter()
+        targets = draw_targets(self.problem, self.prior, seed=self.seed, guidance=guidance)
+        self.supervision = Supervision(self.problem, self.prior, self.settings.ssi, targets)
+        self.seconds["prior"] += time.perf_counter() - started
+
+    # ---- scoring and checkpoints -------------------------------------------------------------------------------
+
+    def _pause(self, stage: str) -> None:
+        """Off the clock: score at doubling steps, and keep the state from time to time."""
+        ratio = self.step / FIRST_SCORE
+        if self.step < self.steps and ratio >= 1 and math.log2(ratio).is_integer():
+            self.monitor.score(stage, self.step, sum(self.seconds.values()), self._snapshot(final=False))
+        if time.monotonic() - self.saved >= self.settings.checkpoint_seconds and self.step < self.steps:
+            self.monitor.save(self._state())
+            self.saved = time.monotonic()
+
+    def _snapshot(self, *, final: bool) -> Fit:
+        albedo, roughness = (self.parameters[name].detach().clone() for name in ("albedo", "roughness"))
+        if final:
+            albedo, roughness = (fill_unobserved(t, self._observed > 0) for t in (albedo, roughness))
+        light = torch.exp(self.parameters["log_light"].detach())
+        return Fit(Material(albedo, roughness), light, dict(self.seconds))
+
+    def _state(self) -> dict[str, Any]:
+        return {
+            "step": self.step,
+            "seconds": dict(self.seconds),
+            "generator": self.generator.get_state(),
+            "parameters": {name: parameter.detach() for name, parameter in self.parameters.items()},
+            "optimizer": self.optimizer.state_dict(),
+            "targets": self.supervision.targets,
+            "alignment": self.supervision.alignment_state(),
+        }
+
+    def _restore(self, state: dict[str, Any]) -> None:
+        self.step, self.seconds = state["step"], state["seconds"]
+        self.generator.set_state(state["generator"])
+        with torch.no_grad():
+            for name, parameter in self.parameters.items():
+                parameter.copy_(state["parameters"][name])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.supervision = Supervision(self.problem, self.prior, self.settings.ssi, state["targets"])
+        self.supervision.restore_alignment(state["alignment"])
+        self.monitor.note(f"resumed at step {self.step} of {self.steps}")
+
+
+def _check(settings: FitSettings) -> None:
+    choices = {"image_loss": ("l1", "squared"), "ssi": ("scale_shift", "scale", "none")}
+    for key, allowed in choices.items():
+        if getattr(settings, key) not in allowed:
+            raise InputError(f"fit.{key}: expected one of {', '.join(allowed)}, found {getattr(settings, key)!r}")
+    if settings.stage1_steps < 0 or settings.stage2_steps < 0 or settings.pixels < 1:
+        raise InputError("fit: stage1_steps and stage2_steps must be >= 0 and pixels >= 1")

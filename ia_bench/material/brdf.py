@@ -1,0 +1,118 @@
+"""The simplified Disney BRDF of the paper (its equation 2): Lambert plus GGX, as pure functions of torch tensors.
+
+``f = albedo / pi + D G F / (4 (n.o)(n.i))`` with the GGX distribution, alpha = roughness^2, the *height-correlated*
+Smith term (Heitz 2014), and Schlick's Fresnel with F0 = 0.04. There is no energy compensation and no coupling between
+the lobes (a Principled BSDF takes from the diffuse part what the coat reflects; docs/forward_check.md measures that).
+Vectors are unit length with a last axis of 3; roughness and cosines have a last axis of 1 or none, and broadcast.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+F0 = 0.04  # reflectance at normal incidence of a dielectric with IOR 1.5
+MIN_ROUGHNESS = 0.03  # alpha = 9e-4: the narrowest lobe that float32 resolves without loss
+NO_HALF = 1e-8  # below every spread of a unit half vector (alpha^2); a zero one (incident = -view) has a finite gradient
+MIN_COSINE = 1e-4  # grazing cosines are held here; GBuffer counts how often that happens
+
+
+def dot(a: Tensor, b: Tensor) -> Tensor:
+    """Inner product over the last axis, which is kept with length 1."""
+    return (a * b).sum(-1, keepdim=True)
+
+
+def normalize(a: Tensor) -> Tensor:
+    """Unit vectors over the last axis; a zero vector stays zero."""
+    return a * torch.rsqrt(dot(a, a).clamp_min(1e-20))
+
+
+def ggx_ndf(normal: Tensor, half: Tensor, alpha: Tensor) -> Tensor:
+    """GGX distribution of normals D(h), per steradian; zero below the horizon.
+
+    1 - (n.h)^2 is taken as |h - (n.h) n|^2, so that narrow lobes keep their precision where n.h is within an ulp of 1.
+    """
+    cos_h = dot(normal, half)
+    tangential = half - cos_h * normal
+    alpha2 = alpha * alpha
+    spread = (dot(tangential, tangential) + alpha2 * cos_h * cos_h).clamp_min(NO_HALF)
+    return torch.where(cos_h > 0, alpha2 / (math.pi * spread * spread), torch.zeros_like(spread))
+
+
+def smith_visibility(cos_i: Tensor, cos_o: Tensor, alpha: Tensor) -> Tensor:
+    """Height-correlated Smith masking-shadowing divided by 4 (n.i)(n.o)."""
+    alpha2 = alpha * alpha
+    towards_i = cos_o * torch.sqrt(alpha2 + (1 - alpha2) * cos_i * cos_i)
+    towards_o = cos_i * torch.sqrt(alpha2 + (1 - alpha2) * cos_o * cos_o)
+    return 0.5 / (towards_i + towards_o)
+
+
+def smith_g1(cosine: Tensor, alpha: Tensor) -> Tensor:
+    """Smith masking of one direction, in [0, 1]."""
+    alpha2 = alpha * alpha
+    return 2 * cosine / (cosine + torch.sqrt(alpha2 + (1 - alpha2) * cosine * cosine))
+
+
+def fresnel_schlick(cosine: Tensor) -> Tensor:
+    """Schlick's approximation with F0 = 0.04; ``cosine`` is (o.h), in [0, 1]."""
+    return F0 + (1 - F0) * (1 - cosine) ** 5
+
+
+def specular_brdf_cosine(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tensor) -> Tensor:
+    """Specular BRDF times (n.i), per steradian; zero for incident directions below the horizon.
+
+    ``roughness`` is perceptual, in [MIN_ROUGHNESS, 1]. Differentiable in all arguments.
+    """
+    alpha = roughness * roughness
+    half = normalize(view + incident)
+    cos_i = dot(normal, incident)
+    lit = cos_i > 0
+    cos_i, cos_o = cos_i.clamp_min(MIN_COSINE), dot(normal, view).clamp_min(MIN_COSINE)
+    value = (
+        ggx_ndf(normal, half, alpha)
+        * smith_visibility(cos_i, cos_o, alpha)
+        * fresnel_schlick(dot(view, half).clamp(0, 1))
+        * cos_i
+    )
+    return torch.where(lit, value, torch.zeros_like(value))
+
+
+def tangent_frame(normal: Tensor) -> tuple[Tensor, Tensor]:
+    """Two unit tangents that complete ``normal`` to a right-handed frame (Duff et al. 2017; no branch, no pole)."""
+    x, y, z = normal.unbind(-1)
+    sign = torch.where(z >= 0, 1.0, -1.0)
+    a = -1 / (sign + z)
+    b = x * y * a
+    tangent = torch.stack([1 + sign * x * x * a, sign * b, -sign * x], -1)
+    return tangent, torch.stack([b, sign + y * y * a, -y], -1)
+
+
+def sample_visible_ggx(normal: Tensor, view: Tensor, roughness: Tensor, u: Tensor) -> Tensor:
+    """Incident directions from the visible normals (Dupuy and Benyoub 2023, spherical caps).
+
+    ``u`` (..., 2) uniform in [0, 1). The direction may fall below the horizon; its density is :func:`visible_ggx_pdf`.
+    """
+    alpha = roughness * roughness
+    tangent, bitangent = tangent_frame(normal)
+    local_z = dot(normal, view).clamp_min(MIN_COSINE)
+    local = torch.cat([dot(tangent, view) * alpha, dot(bitangent, view) * alpha, local_z], -1)
+    local = normalize(local)
+    azimuth = 2 * math.pi * u[..., 0:1]
+    cos_cap = (1 - u[..., 1:2]) * (1 + local[..., 2:3]) - local[..., 2:3]
+    sin_cap = torch.sqrt((1 - cos_cap * cos_cap).clamp(0, 1))
+    cap = torch.cat([sin_cap * torch.cos(azimuth), sin_cap * torch.sin(azimuth), cos_cap], -1)
+    stretched = cap + local
+    micro = normalize(torch.cat([stretched[..., :2] * alpha, stretched[..., 2:3].clamp_min(0)], -1))
+    half = micro[..., 0:1] * tangent + micro[..., 1:2] * bitangent + micro[..., 2:3] * normal
+    return 2 * dot(view, half) * half - view
+
+
+def visible_ggx_pdf(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tensor) -> Tensor:
+    """Density per steradian of :func:`sample_visible_ggx`."""
+    alpha = roughness * roughness
+    half = normalize(view + incident)
+    cos_o = dot(normal, view).clamp_min(MIN_COSINE)
+    density = ggx_ndf(normal, half, alpha) * smith_g1(cos_o, alpha) / (4 * cos_o)
+    return torch.where(dot(view, half) > 0, density, torch.zeros_like(density))

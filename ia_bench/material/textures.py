@@ -1,0 +1,78 @@
+"""Albedo and roughness as textures over the mesh's UV."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass
+class Material:
+    """``albedo`` (T, T, 3) in [0, 1], linear; ``roughness`` (T', T', 1) in [MIN_ROUGHNESS, 1], perceptual. Row 0 is v = 1."""
+
+    albedo: Tensor
+    roughness: Tensor
+
+
+def bilinear_taps(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """The four texels around each UV and their weights: (..., 4) int64 indices into the flattened texture, (..., 4) floats.
+
+    Beyond the border the nearest texel is repeated.
+    """
+    column = uv[..., 0] * width - 0.5
+    row = (1 - uv[..., 1]) * height - 0.5
+    left, top = torch.floor(column), torch.floor(row)
+    right_weight, bottom_weight = column - left, row - top
+    left, top = left.long(), top.long()
+    columns = torch.stack([left, left + 1], -1).clamp(0, width - 1)
+    rows = torch.stack([top, top + 1], -1).clamp(0, height - 1)
+    index = (rows[..., :, None] * width + columns[..., None, :]).flatten(-2)
+    across = torch.stack([1 - right_weight, right_weight], -1)
+    down = torch.stack([1 - bottom_weight, bottom_weight], -1)
+    return index, (down[..., :, None] * across[..., None, :]).flatten(-2)
+
+
+def fetch(texture: Tensor, uv: Tensor) -> Tensor:
+    """Bilinear lookup of (H, W, C) at (..., 2) UV: (..., C). Differentiable in the texture only."""
+    height, width, channels = texture.shape
+    index, weight = bilinear_taps(uv, height, width)
+    return (texture.reshape(-1, channels)[index] * weight[..., None]).sum(-2)
+
+
+def splat(uv: Tensor, values: Tensor, size: int) -> tuple[Tensor, Tensor]:
+    """Average (N, C) values into a texture by the bilinear weights of their (N, 2) UV, the transpose of :func:`fetch`.
+
+    Returns the (size, size, C) averages, 0 where nothing fell, and the (size, size) total weights.
+    """
+    index, weight = bilinear_taps(uv, size, size)
+    total = torch.zeros(size * size, device=uv.device).index_add_(0, index.reshape(-1), weight.reshape(-1))
+    weighted = (values[:, None] * weight[..., None]).flatten(0, 1)
+    summed = torch.zeros(size * size, values.shape[-1], device=uv.device).index_add_(0, index.reshape(-1), weighted)
+    average = summed / total.clamp_min(1e-12)[:, None]
+    return average.reshape(size, size, values.shape[-1]), total.reshape(size, size)
+
+
+def fill_unobserved(texture: Tensor, observed: Tensor) -> Tensor:
+    """Replace texels outside ``observed`` (T, T) bool by pull-push interpolation of the observed ones.
+
+    Observed texels are returned unchanged. With nothing observed the texture itself is returned.
+    """
+    if bool(observed.all()) or not bool(observed.any()):
+        return texture
+    filled = _pull_push(texture.permute(2, 0, 1)[None] * observed, observed[None, None].to(texture.dtype))
+    return torch.where(observed[..., None], texture, filled[0].permute(1, 2, 0))
+
+
+def _pull_push(values: Tensor, weight: Tensor) -> Tensor:
+    """Average premultiplied ``values`` down to one texel, then fill holes on the way up (Gortler et al. 1996)."""
+    mean = values / weight.clamp_min(1e-12)
+    if min(values.shape[-2:]) == 1:
+        return mean
+    pool = torch.nn.functional.avg_pool2d
+    coarse_weight = pool(weight, 2, ceil_mode=True)
+    coarse = _pull_push(pool(values, 2, ceil_mode=True) , coarse_weight)
+    up = torch.nn.functional.interpolate(coarse, size=values.shape[-2:], mode="bilinear", align_corners=False)
+    confidence = weight.clamp(0, 1)
+    return confidence * mean + (1 - confidence) * up

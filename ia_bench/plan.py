@@ -1,0 +1,189 @@
+"""What this scene needs and what it leaves out: measured before work starts, printed, stored, each overridable.
+
+A setting that is not "auto" is taken as it is and recorded as the user's choice. Nothing here sees ground truth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.material.brdf import dot, normalize
+from ia_bench.priors.contract import Prior
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.rays import RayCaster
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.scene import Scene
+
+PROBE_VIEWS = 8
+PROBE_RAYS = 20_000
+TEXTURE_SIZES = (64, 128, 256, 512, 1024, 2048)
+LIGHT_HEIGHTS = (16, 32, 64, 128, 256)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One choice: ``what`` was chosen, the ``value`` taken, ``why``, and the measurement behind it (None: the user's choice)."""
+
+    what: str
+    value: Any
+    why: str
+    measured: dict[str, float] | None
+    left_out: str | None = None  # what the choice saves, None if nothing is left out
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Resolved settings of one run."""
+
+    samples: int
+    subsamples: int
+    texture: int
+    light_height: int
+    shadows: str
+    decisions: tuple[Decision, ...] = field(default=())
+
+    def lines(self) -> list[str]:
+        """One printable line per decision."""
+        return [f"plan: {d.what} = {d.value}: {d.why}" for d in self.decisions]
+
+    def record(self) -> dict[str, list[Any]]:
+        """The ``plan`` entry of metrics.json."""
+        needed = [{"what": d.what, "value": d.value, "why": d.why, "measured": d.measured} for d in self.decisions]
+        left_out = [
+            {"what": d.left_out, "why": d.why, "measured": d.measured} for d in self.decisions if d.left_out is not None
+        ]
+        return {"needed": needed, "left_out": left_out}
+
+
+@torch.no_grad()
+def make_plan(
+    scene: Scene, surface: SurfaceInterpolator, rays: RayCaster, settings: RenderSettings, prior: Prior, device: torch.device
+) -> Plan:
+    """Measure a few training views and decide. ``rays`` must be able to trace the real mesh."""
+    step = max(1, len(scene.train) // PROBE_VIEWS)
+    views = scene.train[::step]
+    gbuffer = trace_gbuffer([view.camera for view in views], rays, 2, device)
+    footprint = _footprints(surface, gbuffer)
+    decisions = [
+        _shadows(surface, rays, settings, gbuffer, device),
+        _subsamples(settings, gbuffer, footprint),
+        _texture(settings, footprint),
+        _light(settings, footprint),
+        _patches(prior, gbuffer),
+    ]
+    by_name = {decision.what: decision.value for decision in decisions}
+    return Plan(
+        samples=settings.samples,
+        subsamples=by_name["render.subsamples"],
+        texture=by_name["render.texture"],
+        light_height=by_name["render.light_height"],
+        shadows=by_name["render.shadows"],
+        decisions=tuple(decisions),
+    )
+
+
+def _users(what: str, value: Any) -> Decision:
+    return Decision(what, value, "set by the user", None)
+
+
+def _footprints(surface: SurfaceInterpolator, gbuffer: GBuffer) -> dict[str, Tensor]:
+    """How far apart two neighbouring points of a pixel (half a pixel) are: in UV, and in angle of normal and mirror direction."""
+    left, right = gbuffer.face[:, 0], gbuffer.face[:, 1]
+    camera = gbuffer.origin[gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])]
+    both = (left >= 0) & (right >= 0)
+    a, b = (surface(gbuffer.face[both, i].long(), gbuffer.barycentric[both, i], camera[both]) for i in (0, 1))
+    extent = (a.position - b.position).norm(dim=-1)
+    continuous = extent < 4 * extent.median()  # a jump to another part of the object is no footprint
+    uv = (a.uv - b.uv).norm(dim=-1)
+    same_island = continuous & (uv < 4 * uv[continuous].median())
+    mirror_a, mirror_b = (normalize(2 * dot(p.normal, p.view) * p.normal - p.view) for p in (a, b))
+    return {
+        "uv": 2 * uv[same_island],
+        "normal": 2 * _angle(a.normal, b.normal)[continuous],
+        "mirror": 2 * _angle(mirror_a, mirror_b)[continuous],
+    }
+
+
+def _angle(a: Tensor, b: Tensor) -> Tensor:
+    return 2 * torch.asin((0.5 * (a - b).norm(dim=-1)).clamp(max=1))
+
+
+def _shadows(
+    surface: SurfaceInterpolator, rays: RayCaster, settings: RenderSettings, gbuffer: GBuffer, device: torch.device
+) -> Decision:
+    what = "render.shadows"
+    if settings.shadows != "auto":
+        return _users(what, settings.shadows)
+    generator = torch.Generator(device=device).manual_seed(0)
+    hit = gbuffer.face[:, 0] >= 0
+    chosen = torch.nonzero(hit)[:, 0]
+    chosen = chosen[torch.randint(len(chosen), (PROBE_RAYS,), generator=generator, device=device)]
+    camera = gbuffer.origin[gbuffer.pixel[chosen] // (gbuffer.shape[1] * gbuffer.shape[2])]
+    points = surface(gbuffer.face[chosen, 0].long(), gbuffer.barycentric[chosen, 0], camera)
+    scattered = torch.randn(PROBE_RAYS, 3, generator=generator, device=device)
+    directions = normalize(points.geometric + normalize(scattered))  # cosine-distributed
+    share = float(rays.occluded(points.position + surface.offset * points.geometric, directions).double().mean())
+    measured = {"occluded_share": share, "probe_rays": float(PROBE_RAYS)}
+    if share == 0:
+        why = f"none of {PROBE_RAYS} cosine-distributed probe rays hit the object: no shadows to trace"
+        return Decision(what, "none", why, measured, left_out="shadow rays")
+    return Decision(what, "traced", f"{100 * share:.1f} % of cosine-distributed probe rays hit the object itself", measured)
+
+
+def _subsamples(settings: RenderSettings, gbuffer: GBuffer, footprint: dict[str, Tensor]) -> Decision:
+    what = "render.subsamples"
+    if settings.subsamples != "auto":
+        return _users(what, int(settings.subsamples))
+    hits = (gbuffer.face >= 0).float().mean(1)
+    edge = float((hits < 1).double().mean())
+    bend = math.degrees(float(footprint["normal"].mean())) if len(footprint["normal"]) else 0.0
+    measured = {"edge_pixel_share": edge, "mean_normal_change_degrees": bend}
+    why = f"{100 * edge:.1f} % of pixels are partly covered, normals change by {bend:.1f} degrees across a pixel"
+    if edge < 0.02 and bend < 1.0:
+        return Decision(what, 1, why, measured, left_out="pixel sub-samples")
+    return Decision(what, 2, why, measured)
+
+
+def _texture(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
+    what = "render.texture"
+    if settings.texture != "auto":
+        return _users(what, int(settings.texture))
+    if len(footprint["uv"]) == 0:
+        return Decision(what, TEXTURE_SIZES[0], "no pixel has two neighbouring points on one UV island", None)
+    pixel = float(footprint["uv"].double().quantile(0.25))  # the closer quarter of the surface decides
+    size = next((s for s in TEXTURE_SIZES if pixel * s >= 1), TEXTURE_SIZES[-1])
+    why = f"a pixel spans {pixel * size:.2f} texels at {size} (closest quarter of the surface)"
+    left_out = f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None
+    return Decision(what, size, why, {"pixel_footprint_uv": pixel}, left_out=left_out)
+
+
+def _light(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
+    what = "render.light_height"
+    if settings.light_height != "auto":
+        return _users(what, int(settings.light_height))
+    if len(footprint["mirror"]) == 0:
+        return Decision(what, LIGHT_HEIGHTS[0], "no pixel has two neighbouring points", None)
+    angle = float(footprint["mirror"].double().quantile(0.25))
+    rows = math.pi / max(angle, 1e-6)
+    size = min(LIGHT_HEIGHTS, key=lambda height: abs(math.log2(height / rows)))
+    why = f"mirror directions of a pixel span {math.degrees(angle):.1f} degrees, a texel {180 / size:.1f}"
+    left_out = f"light rows above {size}" if size < LIGHT_HEIGHTS[-1] else None
+    return Decision(what, size, why, {"mirror_footprint_degrees": math.degrees(angle)}, left_out=left_out)
+
+
+def _patches(prior: Prior, gbuffer: GBuffer) -> Decision:
+    what = "prior.patches"
+    side = max(gbuffer.shape[1:])
+    if not prior.provides:
+        return Decision(what, False, "there is no prior to sample", None, left_out="prior sampling")
+    if prior.resolution is None or side <= prior.resolution:
+        limit = "any size" if prior.resolution is None else f"{prior.resolution} pixels"
+        why = f"images of {side} pixels fit into the prior ({limit})"
+        return Decision(what, False, why, {"image_side": float(side)}, left_out="patch-wise sampling")
+    why = f"images of {side} pixels exceed the prior's {prior.resolution}"
+    return Decision(what, True, why, {"image_side": float(side), "prior_side": float(prior.resolution)})

@@ -1,0 +1,54 @@
+"""What a prior of albedo and specular shading must be and do; a third party's prior is one class with these members."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
+
+from torch import Tensor
+
+from ia_bench.scenes.scene import View
+
+COMPONENTS = ("albedo", "specular")
+
+
+@runtime_checkable
+class Prior(Protocol):
+    """A distribution over the albedo and / or the specular shading behind an image (the paper's section 3.2).
+
+    ``provides``: the components it samples, a subset of {"albedo", "specular"} (empty: no prior at all).
+    ``stochastic``: whether two seeds may give two samples. ``guidable``: whether :meth:`sample` takes ``guidance``; one
+    that does not is asked only once, in stage 1. ``resolution``: side in pixels it works at, None for any.
+    ``encoding``: component -> "linear" or "srgb", the space its errors are even in; the trainer compares there, while
+    :meth:`sample` always speaks linear. ``sees_truth``: it is handed the scene's ground truth through ``reveal``; such a
+    prior is marked in every table. ``network_calls``: network evaluations so far.
+    """
+
+    provides: frozenset[str]
+    stochastic: bool
+    guidable: bool
+    resolution: int | None
+    encoding: Mapping[str, str]
+    sees_truth: bool
+    network_calls: int
+
+    def sample(
+        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+    ) -> dict[str, Tensor]:
+        """One sample per image of every component in ``provides``: linear, premultiplied by the mask, (V, H, W, 3).
+
+        ``images`` (V, H, W, 3) linear radiance premultiplied by ``masks`` (V, H, W) in [0, 1]. ``guidance`` maps a
+        component to its current render (V, H, W, 3), likewise premultiplied; the sample is drawn toward it (the paper's
+        equation 8). The same seed and input give the same sample, whatever else was sampled before, and an image's
+        sample does not depend on the images beside it.
+        """
+        ...
+
+
+@runtime_checkable
+class TruthSeer(Protocol):
+    """A prior with ``sees_truth``: run.py hands it the training views with ground truth before the first sample."""
+
+    def reveal(self, views: tuple[View, ...]) -> None:
+        """Receive the training views, in order, with ``albedo`` and ``specular`` filled in."""
+        ...

@@ -1,0 +1,143 @@
+"""Ground truth behind the prior's contract, with dials that spoil it in the ways in which learned priors fail.
+
+It is the only component that may see ground truth, and every table marks it. With all dials at zero it is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+import torch
+from scipy.ndimage import gaussian_filter
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.contract import COMPONENTS
+from ia_bench.scenes.scene import View
+
+
+class OraclePrior:
+    """Per view, sample = blur((exp(a) truth + b) baked + inconsistency) + noise, inside the mask.
+
+    ``scale``: standard deviation of the log scale a, one draw per view. ``shift``: of the shift b, one draw per view (in
+    units of the component's mean over the scene). ``noise``: of white pixel noise (same units). ``blur``: standard
+    deviation of a Gaussian blur in pixels. ``baked``: exponent beta of shading left in the albedo, which is multiplied by
+    (luminance / mean luminance of the image)^beta. ``inconsistency``: standard deviation (same units) of smooth patches,
+    drawn anew per view, of ``patch`` pixels.
+
+    Guidance has a closed form, because the random part is Gaussian: with per-pixel prior variance
+    v = noise^2 + inconsistency^2 + shift^2 + (scale truth)^2 and ``guidance_strength`` s (an inverse variance), the sample
+    moves to (sample / v + s render) / (1 / v + s), the mean of the product of the two Gaussians around the sample drawn.
+    s = 0 returns the unguided sample to the bit, and so does an exact oracle (v = 0) at any strength.
+    """
+
+    guidable = True
+    resolution: int | None = None
+    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
+    sees_truth = True
+    network_calls = 0
+
+    def __init__(
+        self,
+        *,
+        components: Iterable[str] = COMPONENTS,
+        scale: float = 0.0,
+        shift: float = 0.0,
+        noise: float = 0.0,
+        blur: float = 0.0,
+        baked: float = 0.0,
+        inconsistency: float = 0.0,
+        patch: float = 8.0,
+        guidance_strength: float = 100.0,
+    ) -> None:
+        self.provides = frozenset(components)
+        if not self.provides <= set(COMPONENTS):
+            unknown = ", ".join(sorted(self.provides - set(COMPONENTS)))
+            raise InputError(f"prior.options.components: expected some of {', '.join(COMPONENTS)}, found {unknown}")
+        dials = {
+            "scale": scale,
+            "shift": shift,
+            "noise": noise,
+            "blur": blur,
+            "inconsistency": inconsistency,
+            "guidance_strength": guidance_strength,
+        }
+        for name, value in dials.items():
+            if not (math.isfinite(value) and value >= 0):
+                raise InputError(f"prior.options.{name}: expected a finite number >= 0, found {value}")
+        self.scale, self.shift, self.noise, self.blur = scale, shift, noise, blur
+        self.baked, self.inconsistency, self.patch = baked, inconsistency, patch
+        self.guidance_strength = guidance_strength
+        self.stochastic = any((scale, shift, noise, inconsistency))
+        self._truth: dict[str, np.ndarray] = {}
+        self._unit: dict[str, float] = {}  # mean of the component over the scene
+
+    def reveal(self, views: tuple[View, ...]) -> None:
+        """Receive the training views with ground truth. Raises InputError when a view lacks a component."""
+        for component in sorted(self.provides):
+            truths = [getattr(view, component) for view in views]
+            for view, truth in zip(views, truths, strict=True):
+                if truth is None:
+                    raise InputError(f"prior=oracle: training view {view.name} has no ground-truth {component}")
+            stacked = np.stack(truths)
+            self._truth[component] = stacked
+            lit = (stacked.sum(-1) > 0).sum()
+            self._unit[component] = float(stacked.sum() / max(3 * int(lit), 1))
+
+    def sample(
+        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+    ) -> dict[str, Tensor]:
+        """See :meth:`ia_bench.priors.contract.Prior.sample`; images must be the revealed training views, in order."""
+        if not bool(torch.isfinite(images).all()):
+            raise InputError("prior=oracle: expected finite images, found NaN or Inf")
+        samples = {}
+        for component in sorted(self.provides):
+            truth = self._truth.get(component)
+            if truth is None or truth.shape != tuple(images.shape):
+                found = "nothing" if truth is None else f"views of shape {truth.shape}"
+                raise InputError(f"prior=oracle: asked for images of shape {tuple(images.shape)}, was revealed {found}")
+            render = None if guidance is None else guidance.get(component)
+            samples[component] = torch.stack(
+                [
+                    self._sample_view(component, view, truth[view], images[view], masks[view], seed, None if render is None else render[view])
+                    for view in range(len(images))
+                ]
+            )
+        return samples
+
+    def _sample_view(
+        self, component: str, view: int, truth: np.ndarray, image: Tensor, mask: Tensor, seed: int, render: Tensor | None
+    ) -> Tensor:
+        random = np.random.default_rng([seed, view, COMPONENTS.index(component)])
+        coverage = mask.numpy()[..., None]
+        unit = self._unit[component]
+        spoiled = truth * math.exp(self.scale * random.standard_normal())
+        spoiled = spoiled + coverage * unit * self.shift * random.standard_normal()
+        if component == "albedo" and self.baked:
+            luminance = image.numpy() @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+            mean = luminance.sum() / max(float(coverage.sum()), 1e-12)
+            if mean > 0:
+                spoiled = spoiled * (np.maximum(luminance, 1e-6 * mean) / mean)[..., None] ** self.baked
+        if self.inconsistency:
+            spoiled = spoiled + coverage * unit * self.inconsistency * _smooth_field(random, truth.shape, self.patch)
+        if self.blur:
+            weight = gaussian_filter(coverage[..., 0], self.blur)[..., None]
+            blurred = gaussian_filter(spoiled, (self.blur, self.blur, 0))
+            spoiled = coverage * blurred / np.maximum(weight, 1e-6)
+        if self.noise:
+            spoiled = spoiled + coverage * unit * self.noise * random.standard_normal(truth.shape)
+        sample = torch.from_numpy(np.maximum(spoiled, 0).astype(np.float32))
+        if render is None or self.guidance_strength == 0:
+            return sample
+        even = unit**2 * (self.noise**2 + self.inconsistency**2 + self.shift**2)
+        variance = torch.from_numpy((even + (self.scale * truth) ** 2).astype(np.float32))
+        gain = variance * self.guidance_strength / (1 + variance * self.guidance_strength)
+        return sample + gain * (render - sample)
+
+
+def _smooth_field(random: np.random.Generator, shape: tuple[int, ...], patch: float) -> np.ndarray:
+    """A smooth random field of zero mean and unit standard deviation with features of about ``patch`` pixels."""
+    field = gaussian_filter(random.standard_normal(shape), (patch, patch, 0))
+    return (field - field.mean()) / max(float(field.std()), 1e-12)

@@ -1,0 +1,121 @@
+"""Progress of long work: Rich bars on a terminal, plain lines every few seconds when the output goes elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TaskID, TextColumn
+from rich.progress import Progress as RichProgress
+
+LINE_SECONDS = 5.0
+"""Piped output gets at most one line of progress in this time."""
+
+
+class Task:
+    """One piece of work of ``total`` steps. Made by :meth:`Progress.task`."""
+
+    def __init__(self, progress: Progress, name: str, total: int, done: int) -> None:
+        """Start the clock; ``done`` steps were made before (by a run that this one resumes) and count in no rate."""
+        self.name = name
+        self.total = total
+        self.done = done
+        self.values: dict[str, float] = {}
+        self._progress = progress
+        self._first = done
+        self._start = time.monotonic()
+
+    def advance(self, amount: int = 1, **values: float) -> None:
+        """Count steps done, and show ``values`` (the current loss, say) beside them until others replace them."""
+        self.done += amount
+        self.values |= values
+        self._progress._show(self)
+
+    @property
+    def status(self) -> str:
+        """Values, rate and time left as they are shown, e.g. ``loss 0.123, 28 steps/s, 12 s left``."""
+        shown = [f"{name} {value:.4g}" for name, value in self.values.items()]
+        elapsed, made = time.monotonic() - self._start, self.done - self._first
+        if made and elapsed > 0:
+            rate = made / elapsed
+            shown.append(f"{rate:.3g} steps/s" if rate >= 1 else f"{duration(1 / rate)}/step")
+            shown.append(f"{duration((self.total - self.done) / rate)} left" if self.done < self.total else "done")
+        return ", ".join(shown)
+
+
+class Progress:
+    """Shows tasks and notes on ``stream`` (standard error by default, so that results alone go to standard output).
+
+    >>> with Progress() as progress:  # doctest: +SKIP
+    ...     task = progress.task("stage 1", total=400)
+    ...     task.advance(1, loss=0.123)
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        """Bars if ``stream`` is a terminal, else lines."""
+        self._stream = stream if stream is not None else sys.stderr
+        self._rich: RichProgress | None = None
+        self._bars: dict[Task, TaskID] = {}
+        self._last_line = -LINE_SECONDS
+        if self._stream.isatty():
+            columns = (
+                SpinnerColumn(),
+                TextColumn("{task.description}", markup=False),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[status]}", markup=False),
+            )
+            self._rich = RichProgress(*columns, console=Console(file=self._stream), refresh_per_second=4)
+
+    def __enter__(self) -> Progress:
+        """Start drawing."""
+        if self._rich is not None:
+            self._rich.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the last state of every bar on the screen."""
+        if self._rich is not None:
+            self._rich.stop()
+
+    def task(self, name: str, total: int, done: int = 0) -> Task:
+        """Begin a task of ``total`` steps, of which ``done`` are made already."""
+        task = Task(self, name, total, done)
+        if self._rich is not None:
+            self._bars[task] = self._rich.add_task(name, total=total, completed=done, status="")
+        return task
+
+    def note(self, text: str) -> None:
+        """Say something in one line: a decision of the plan, a fallback."""
+        if self._rich is not None:
+            self._rich.console.print(text, markup=False, highlight=False, soft_wrap=True)
+        else:
+            print(text, file=self._stream, flush=True)
+
+    def _show(self, task: Task) -> None:
+        if self._rich is not None:
+            self._rich.update(self._bars[task], completed=task.done, status=task.status)
+            return
+        now = time.monotonic()
+        if task.done >= task.total or now - self._last_line >= LINE_SECONDS:
+            self._last_line = now
+            self.note(f"{task.name}: {task.done}/{task.total}, {task.status}")
+
+
+def duration(seconds: float) -> str:
+    """A time in the two largest units that matter: ``8 s``, ``3 min 20 s``, ``2 h 5 min``.
+
+    >>> duration(200)
+    '3 min 20 s'
+    """
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s" if whole >= 10 or whole == seconds else f"{seconds:.1f} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

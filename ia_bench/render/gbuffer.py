@@ -1,0 +1,144 @@
+"""What every pixel sees: triangle and barycentrics of a few points per pixel, found once, interpolated on use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.material.brdf import MIN_COSINE, dot, normalize
+from ia_bench.render.rays import RayCaster
+from ia_bench.scenes.scene import Camera, Mesh
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points on the surface as seen by a camera. All (N, ...): ``position``, unit ``normal`` (shading normal on the
+    viewer's side), unit ``view`` toward the camera, ``uv``, ``geometric`` unit normal of the triangle, viewer's side."""
+
+    position: Tensor
+    normal: Tensor
+    view: Tensor
+    uv: Tensor
+    geometric: Tensor
+
+
+@dataclass(frozen=True)
+class GBuffer:
+    """Hits of ``subsamples`` stratified points in every pixel that sees the mesh at all.
+
+    ``face`` (P, S) int32 with -1 where a point of the pixel misses; ``barycentric`` (P, S, 2); ``pixel`` (P,) int64 flat
+    index into the stacked views (view, row, column); ``origin`` (V, 3) camera centres; ``shape`` (V, H, W).
+    """
+
+    face: Tensor
+    barycentric: Tensor
+    pixel: Tensor
+    origin: Tensor
+    shape: tuple[int, int, int]
+
+    @property
+    def subsamples(self) -> int:
+        """Points per pixel (S)."""
+        return self.face.shape[1]
+
+    def coverage(self) -> Tensor:
+        """Fraction of each pixel's points that hit, as images (V, H, W)."""
+        image = torch.zeros(self.shape).flatten()
+        image[self.pixel] = (self.face >= 0).float().mean(1)
+        return image.reshape(self.shape)
+
+
+def primary_rays(camera: Camera, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rays through the centres of a ``side`` x ``side`` grid in each pixel: origins and unit directions, (H, W, S, 3)."""
+    offsets = (np.arange(side) + 0.5) / side
+    rows, columns, down, across = np.meshgrid(
+        np.arange(camera.height), np.arange(camera.width), offsets, offsets, indexing="ij"
+    )
+    local = np.stack(
+        [
+            (columns + across - camera.centre[0]) / camera.focal[0],
+            -(rows + down - camera.centre[1]) / camera.focal[1],
+            -np.ones_like(rows, dtype=np.float64),
+        ],
+        -1,
+    )
+    directions = local @ camera.to_world[:3, :3].T
+    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+    directions = directions.reshape(camera.height, camera.width, side * side, 3).astype(np.float32)
+    origins = np.broadcast_to(camera.to_world[:3, 3].astype(np.float32), directions.shape)
+    return np.ascontiguousarray(origins), directions
+
+
+def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: torch.device) -> GBuffer:
+    """Trace ``side`` x ``side`` points in every pixel of every camera (all of one size)."""
+    faces, barycentrics, pixels = [], [], []
+    height, width = cameras[0].height, cameras[0].width
+    for view, camera in enumerate(cameras):
+        if (camera.height, camera.width) != (height, width):
+            raise ValueError(f"view {view} is {camera.height} x {camera.width}, the first is {height} x {width}")
+        origins, directions = (torch.from_numpy(a).reshape(-1, 3).to(device) for a in primary_rays(camera, side))
+        face, barycentric, _ = rays.intersect(origins, directions)
+        face = face.reshape(height * width, side * side)
+        seen = (face >= 0).any(1)
+        faces.append(face[seen].int())
+        barycentrics.append(barycentric.reshape(height * width, side * side, 2)[seen])
+        pixels.append(torch.nonzero(seen)[:, 0] + view * height * width)
+    centres = np.stack([camera.to_world[:3, 3] for camera in cameras]).astype(np.float32)
+    return GBuffer(
+        face=torch.cat(faces),
+        barycentric=torch.cat(barycentrics),
+        pixel=torch.cat(pixels),
+        origin=torch.from_numpy(centres).to(device),
+        shape=(len(cameras), height, width),
+    )
+
+
+class SurfaceInterpolator:
+    """Turns (face, barycentric, camera) into shaded points over one mesh."""
+
+    def __init__(self, mesh: Mesh, device: torch.device) -> None:
+        corners = torch.from_numpy(mesh.faces).long()
+        position = torch.from_numpy(mesh.vertices)[corners]
+        normal = torch.from_numpy(mesh.normals)[corners]
+        uv = torch.from_numpy(mesh.uv)[corners]
+        geometric = torch.linalg.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0])
+        self.device = device
+        self._corners = torch.cat([position, normal, uv], -1).to(device)  # (F, 3, 8)
+        self._geometric = normalize(geometric).to(device)
+        extent = position.reshape(-1, 3)
+        self.offset = 1e-4 * float((extent.amax(0) - extent.amin(0)).norm())  # of shadow rays, in scene units
+        self.bent_normals = 0  # how many shading normals faced away from the viewer and were bent to grazing
+        self.points = 0
+
+    def uv(self, face: Tensor, barycentric: Tensor) -> Tensor:
+        """Texture coordinates (..., 2) of (...,) faces >= 0 and (..., 2) barycentrics."""
+        weights = torch.cat([1 - barycentric.sum(-1, keepdim=True), barycentric], -1)
+        return (self._corners[face][..., 6:8] * weights[..., None]).sum(-2)
+
+    def geometry(self, face: Tensor, barycentric: Tensor) -> tuple[Tensor, Tensor]:
+        """Unit normal of the triangle (as it is wound) and position of (N,) points, each (N, 3)."""
+        weights = torch.cat([1 - barycentric.sum(-1, keepdim=True), barycentric], -1)
+        return self._geometric[face], (self._corners[face][..., :3] * weights[..., None]).sum(-2)
+
+    def __call__(self, face: Tensor, barycentric: Tensor, camera_centre: Tensor) -> SurfacePoints:
+        """Points of (N,) faces >= 0, (N, 2) barycentrics, seen from (N, 3) camera centres.
+
+        A triangle seen from behind is turned over. A shading normal that faces away from the viewer although its
+        triangle does not (a silhouette of a coarse mesh) is bent to grazing; ``bent_normals`` counts these.
+        """
+        first = 1 - barycentric.sum(-1, keepdim=True)
+        weights = torch.cat([first, barycentric], -1)[..., None]
+        position, normal, uv = (self._corners[face] * weights).sum(1).split([3, 3, 2], -1)
+        view = normalize(camera_centre - position)
+        geometric = self._geometric[face]
+        side = torch.where(dot(geometric, view) < 0, -1.0, 1.0)
+        geometric, normal = geometric * side, normalize(normal) * side
+        cosine = dot(normal, view)
+        bent = cosine < MIN_COSINE
+        self.bent_normals += int(bent.sum())
+        self.points += len(face)
+        normal = torch.where(bent, normalize(normal + (10 * MIN_COSINE - cosine) * view), normal)
+        return SurfacePoints(position=position, normal=normal, view=view, uv=uv, geometric=geometric)

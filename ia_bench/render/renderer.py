@@ -1,0 +1,180 @@
+"""The renderer used for training, scoring and relighting alike: G-buffer in, diffuse and specular radiance out."""
+
+from __future__ import annotations
+
+import shutil
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.latlong import LatLongSampler
+from ia_bench.material.textures import Material, fetch
+from ia_bench.render.estimator import lattice, sample_directions, shade_directions
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
+from ia_bench.render.visibility import Visibility
+
+CHUNK = 4096  # pixels at a time where no gradient is needed ...
+PASS_SAMPLES = 32  # ... with this many samples, repeated as often as needed: one shape, so that it compiles once
+
+
+@dataclass(frozen=True)
+class Light:
+    """A lat-long map: ``radiance`` (H, W, 3), differentiable, and the tables that sample it (no gradient)."""
+
+    radiance: Tensor
+    sampler: LatLongSampler
+
+    @classmethod
+    def of(cls, radiance: Tensor, *, uniform_fraction: float = 0.0) -> Light:
+        """A light with its sampling tables made from the current radiance."""
+        return cls(radiance, LatLongSampler.build(radiance, uniform_fraction=uniform_fraction))
+
+
+@dataclass(frozen=True)
+class PixelRadiance:
+    """Premultiplied values of P pixels, each (P, 3): ``diffuse`` and ``specular`` radiance, ``albedo``."""
+
+    diffuse: Tensor
+    specular: Tensor
+    albedo: Tensor
+
+    @property
+    def radiance(self) -> Tensor:
+        """Everything that reaches the camera, (P, 3)."""
+        return self.diffuse + self.specular
+
+
+class Renderer:
+    """One mesh and its shadows. ``shading`` is "compiled" or "eager"; a compiler that fails falls back to eager once."""
+
+    def __init__(
+        self,
+        surface: SurfaceInterpolator,
+        visibility: Visibility,
+        *,
+        shading: str = "eager",
+        notice: Callable[[str], None] = warnings.warn,
+    ) -> None:
+        self.surface = surface
+        self.visibility = visibility
+        self._notice = notice
+        self._sample: Callable[..., Any] = sample_directions
+        self._shade: Callable[..., Any] = shade_directions
+        self.shading = shading
+        if shading == "compiled":
+            try:
+                self._sample = torch.compile(sample_directions, dynamic=False)
+                self._shade = torch.compile(shade_directions, dynamic=False)
+            except Exception as error:  # a Python or a platform that torch cannot compile for
+                self._fall_back(error)
+
+    def render_pixels(
+        self, gbuffer: GBuffer, pixels: Tensor, material: Material, light: Light, samples: int, generator: torch.Generator
+    ) -> PixelRadiance:
+        """Estimate the premultiplied radiance of (P,) entries of the G-buffer with ``samples`` directions a pixel."""
+        points = gbuffer.subsamples
+        count = max(1, round(samples / (2 * points)))
+        face, barycentric = gbuffer.face[pixels], gbuffer.barycentric[pixels]
+        hit = (face >= 0).reshape(-1)
+        camera = gbuffer.origin[gbuffer.pixel[pixels] // (gbuffer.shape[1] * gbuffer.shape[2])]
+        with torch.no_grad():
+            surface = self.surface(
+                face.clamp_min(0).reshape(-1).long(),
+                barycentric.reshape(-1, 2),
+                camera[:, None].expand(-1, points, -1).reshape(-1, 3),
+            )
+            shift = torch.rand(2, len(pixels), 3, generator=generator, dtype=torch.float64, device=face.device)
+            light_lattice, brdf_lattice = (lattice(s, points, count).reshape(-1, count, 3) for s in shift)
+            direction, texel, weight = self._run(
+                "_sample",
+                surface.normal,
+                surface.view,
+                fetch(material.roughness.detach(), surface.uv),
+                light_lattice,
+                brdf_lattice,
+                light.sampler.cumulative,
+                light.sampler.density,
+                light.sampler.height,
+                light.sampler.width,
+            )
+            weight = weight * self._visible(surface, direction, weight, hit)
+        diffuse, specular, albedo = self._run(
+            "_shade",
+            surface.normal,
+            surface.view,
+            surface.uv,
+            direction,
+            texel,
+            weight,
+            material.albedo,
+            material.roughness,
+            light.radiance.reshape(-1, 3),
+        )
+        pool = hit.reshape(-1, points, 1) / points
+        return PixelRadiance(*((part.reshape(-1, points, 3) * pool).sum(1) for part in (diffuse, specular, albedo)))
+
+    def _visible(self, surface: SurfacePoints, direction: Tensor, weight: Tensor, hit: Tensor) -> Tensor:
+        """1 where a sample that counts sees the light, else 0: (N, K, 1)."""
+        counts = (weight[..., 0] > 0) & hit[:, None]
+        index = torch.nonzero(counts.reshape(-1))[:, 0]
+        blocked = self.visibility.blocked(surface, index // direction.shape[1], direction.reshape(-1, 3)[index])
+        visible = torch.zeros(counts.numel(), dtype=direction.dtype, device=direction.device)
+        visible[index] = (~blocked).to(direction.dtype)
+        return visible.reshape(*counts.shape, 1)
+
+    def _run(self, name: str, *arguments: Any) -> Any:
+        try:
+            return getattr(self, name)(*arguments)
+        except Exception as error:
+            if self.shading != "compiled":
+                raise
+            self._fall_back(error)
+            return getattr(self, name)(*arguments)
+
+    def _fall_back(self, error: Exception) -> None:
+        self.shading = "eager"
+        self._sample, self._shade = sample_directions, shade_directions
+        self._notice(f"shading runs eagerly: torch.compile failed ({type(error).__name__})")
+
+    @torch.no_grad()
+    def render_images(
+        self, gbuffer: GBuffer, material: Material, light: Light, samples: int, generator: torch.Generator
+    ) -> dict[str, Tensor]:
+        """Whole images of all views, premultiplied: "radiance", "diffuse", "specular", "albedo", each (V, H, W, 3)."""
+        parts = ("diffuse", "specular", "albedo")
+        images = {name: torch.zeros(*gbuffer.shape, 3, device=gbuffer.face.device).reshape(-1, 3) for name in parts}
+        every = torch.arange(len(gbuffer.pixel), device=gbuffer.face.device)
+        passes = max(1, round(samples / PASS_SAMPLES))
+        for chunk in every.split(CHUNK):
+            padded = torch.cat([chunk, chunk[:1].expand(CHUNK - len(chunk))])
+            for _ in range(passes):
+                rendered = self.render_pixels(gbuffer, padded, material, light, min(samples, PASS_SAMPLES), generator)
+                for name in parts:
+                    images[name][gbuffer.pixel[chunk]] += getattr(rendered, name)[: len(chunk)] / passes
+        images["radiance"] = images["diffuse"] + images["specular"]
+        return {name: image.reshape(*gbuffer.shape, 3) for name, image in images.items()}
+
+
+def texture_images(surface: SurfaceInterpolator, gbuffer: GBuffer, texture: Tensor) -> Tensor:
+    """Premultiplied box-filtered pictures (V, H, W, C) of a texture (T, T, C) mapped onto the surface."""
+    points = gbuffer.subsamples
+    hit = gbuffer.face >= 0
+    uv = surface.uv(gbuffer.face.clamp_min(0).long(), gbuffer.barycentric)
+    values = (fetch(texture, uv) * hit[..., None]).sum(1) / points
+    image = torch.zeros(*gbuffer.shape, texture.shape[-1], device=texture.device).reshape(-1, texture.shape[-1])
+    image[gbuffer.pixel] = values
+    return image.reshape(*gbuffer.shape, -1)
+
+
+def choose_shading(wanted: str, notice: Callable[[str], None]) -> str:
+    """Resolve ``render.shading``: "auto" compiles where a C++ compiler is found, else says so in one line."""
+    if wanted != "auto":
+        return wanted
+    if shutil.which("g++") or shutil.which("clang++") or torch.cuda.is_available():
+        return "compiled"
+    notice("shading runs eagerly: no C++ compiler found for torch.compile")
+    return "eager"

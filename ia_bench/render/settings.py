@@ -1,0 +1,24 @@
+"""Settings of the renderer; ``auto`` leaves the choice to the plan, which measures the scene first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """How much work one pixel gets.
+
+    ``samples``: light-plus-BRDF samples per pixel in an optimisation step. ``subsamples``: G-buffer points along one
+    side of a pixel (2 means 2 x 2) or "auto". ``texture``: side of the material textures in texels or "auto".
+    ``light_height``: rows of the lat-long light (it has twice as many columns) or "auto".
+    ``shadows``: "traced" (exact), "baked" (visibility baked once per mesh), "none" or "auto".
+    ``shading``: "compiled" (torch.compile), "eager" or "auto" (compiled where a C++ compiler is found).
+    """
+
+    samples: int = 32
+    subsamples: int | str = "auto"
+    texture: int | str = "auto"
+    light_height: int | str = "auto"
+    shadows: str = "auto"
+    shading: str = "auto"

@@ -1,0 +1,105 @@
+"""One figure per scene: every metric over seconds of optimisation, all rows, seeds as bands, the ceiling dashed.
+
+matplotlib is imported when a figure is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ia_bench.report.collect import Run
+from ia_bench.report.columns import CURVE_METRICS, Metric
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))  # a new style each time the ten colours are used up
+
+
+def draw_scene(runs: Sequence[Run], scene: str, rows: Sequence[str]) -> Figure | None:
+    """Draw the curves of one scene; None where no run of it has a curve.
+
+    A row keeps its colour in every scene, by its place in ``rows``. A line is the mean of its seeds, its band reaches
+    from the lowest to the highest of them. The time axis is logarithmic, so points at 0 seconds are not shown.
+    """
+    curves = {row: [r for r in runs if (r.row, r.scene) == (row, scene) and r.curve is not None] for row in rows}
+    if not any(curves.values()):
+        return None
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(13, 7.2), layout="constrained")
+    axes = figure.subplots(2, 3).ravel()
+    for panel, metric in zip(axes, CURVE_METRICS, strict=False):
+        _draw_metric(panel, metric, curves)
+    handles = {text: handle for panel in axes for handle, text in zip(*panel.get_legend_handles_labels(), strict=True)}
+    ordered = [row for row in rows if row in handles]
+    axes[-1].axis("off")
+    axes[-1].legend([handles[row] for row in ordered], ordered, loc="center left", frameon=False, fontsize=11)
+    figure.suptitle(f"{scene}: error against run time (scoring time not counted)")
+    return figure
+
+
+def save(figure: Figure, path: Path) -> list[Path]:
+    """Write PNG and SVG beside each other (``path`` without its ending); the same figure gives the same bytes."""
+    import matplotlib
+
+    files = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "svg")]
+    with matplotlib.rc_context({"svg.hashsalt": "ia_bench"}):
+        figure.savefig(files[0], dpi=130)
+        figure.savefig(files[1], metadata={"Date": None})
+    return files
+
+
+def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Run]]) -> None:
+    from matplotlib import color_sequences
+
+    colours = color_sequences["petroff10"]  # told apart by colour-blind readers too
+    for index, (row, runs) in enumerate(curves.items()):
+        measured = [(run.curve.is_ceiling, *run.curve.measured(metric.column)) for run in runs if run.curve]
+        levels = [values[-1] for is_ceiling, _, _, values in measured if is_ceiling and len(values)]
+        optimised = [(seconds, values) for is_ceiling, _, seconds, values in measured if not is_ceiling]
+        points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in optimised if (seconds > 0).any()]
+        style = {"color": colours[index % 10], "linestyle": DASHES[index // 10 % len(DASHES)], "label": row}
+        if points:
+            _draw_seeds(panel, points, style)
+        if levels:
+            panel.axhline(float(np.mean(levels)), color="0.25", linestyle="--", linewidth=1.2, label=row)
+    panel.set_xscale("log")
+    _label_plainly(panel.xaxis)
+    panel.set_title(metric.title, fontsize=11)
+    panel.set_xlabel("seconds of optimisation")
+    panel.set_ylabel("dB" if metric.name == "psnr" else "squared error")
+    if metric.name == "mse":
+        panel.set_yscale("log")
+        _label_plainly(panel.yaxis)
+    panel.grid(which="major", color="0.9", linewidth=0.8)
+    panel.spines[["top", "right"]].set_visible(False)
+    if not panel.has_data():
+        panel.text(0.5, 0.5, "not measured", transform=panel.transAxes, ha="center", color="0.5")
+
+
+def _label_plainly(axis: Axis) -> None:
+    """Label a logarithmic axis 1, 2, 5, 10, ... instead of powers of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _draw_seeds(panel: Axes, points: list[tuple[np.ndarray, np.ndarray]], style: dict) -> None:
+    """Draw one row: its only seed as it was measured, or the mean of the seeds at common times and their range."""
+    if len(points) == 1:
+        panel.plot(*points[0], marker="o", markersize=3, linewidth=1.5, **style)
+        return
+    first, last = max(seconds[0] for seconds, _ in points), min(seconds[-1] for seconds, _ in points)
+    times = np.geomspace(first, last, 64) if last > first else np.array([first])
+    values = np.array([np.interp(np.log(times), np.log(seconds), seen) for seconds, seen in points])
+    panel.plot(times, values.mean(axis=0), linewidth=1.5, **style)
+    panel.fill_between(times, values.min(axis=0), values.max(axis=0), color=style["color"], alpha=0.2, linewidth=0)

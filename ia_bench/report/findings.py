@@ -1,0 +1,101 @@
+"""Everything that the report says, gathered once and printed in several formats."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from ia_bench.report.collect import Collection, Run
+from ia_bench.report.columns import METRICS
+from ia_bench.report.curves import TimeToError, Worsening, time_to_error, worsening
+from ia_bench.report.statistics import Estimate, paired_difference
+from ia_bench.report.table import Results, summarise
+
+
+@dataclass(frozen=True)
+class Findings:
+    """``runs`` of one protocol in the order of ``rows`` and ``scenes``, and what follows from them.
+
+    ``differences``: row -> metric -> row minus ``reference``, scenes paired. ``failures`` and ``notes`` are sentences.
+    """
+
+    runs: tuple[Run, ...]
+    rows: tuple[str, ...]
+    scenes: tuple[str, ...]
+    results: Results
+    reference: str | None
+    differences: dict[str, dict[str, Estimate | None]]
+    times: tuple[TimeToError, ...]
+    worsening: tuple[Worsening, ...]
+    failures: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def analyse(
+    collection: Collection, rows_order: Sequence[str], scenes_order: Sequence[str], reference: str | None
+) -> Findings:
+    """Gather the findings. Numbers of different protocols do not mix: the most frequent one is kept, the rest is named.
+
+    Raises ValueError where ``reference`` is no row.
+    """
+    counted = Counter(run.protocol for run in collection.runs if run.protocol is not None)
+    protocol = counted.most_common(1)[0][0] if counted else "(no finished run)"
+    runs = tuple(run for run in collection.runs if run.protocol in (None, protocol))
+    rows, scenes = _ordered(rows_order, (run.row for run in runs)), _ordered(scenes_order, (run.scene for run in runs))
+    if reference is not None and reference not in rows:
+        raise ValueError(f"reference: expected one of the rows {', '.join(rows)}, found {reference}")
+    return Findings(
+        runs=runs,
+        rows=rows,
+        scenes=scenes,
+        results=summarise(runs, rows, scenes, protocol),
+        reference=reference,
+        differences=_differences(runs, rows, reference),
+        times=tuple(time_to_error(runs)),
+        worsening=tuple(worsening(runs)),
+        failures=(
+            *(f"{_cell(run)}: {run.problem}" for run in runs if run.problem is not None),
+            *(f"unknown cell: {problem}" for _, problem in collection.unreadable),
+        ),
+        notes=tuple(_notes(collection.runs, runs, protocol)),
+    )
+
+
+def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
+    """The names asked for, in their order, then the others that were found, by name."""
+    return (*first, *sorted(set(found) - set(first)))
+
+
+def _differences(
+    runs: Sequence[Run], rows: Sequence[str], reference: str | None
+) -> dict[str, dict[str, Estimate | None]]:
+    if reference is None:
+        return {}
+    others = [row for row in rows if row != reference]
+    return {row: {m.key: paired_difference(runs, row, reference, m) for m in METRICS} for row in others}
+
+
+def _notes(found: Sequence[Run], kept: Sequence[Run], protocol: str) -> list[str]:
+    """Runs left out, unreadable curves, and the reason of every null, each reason once with how many runs gave it."""
+    notes = [
+        f"{_cell(run)}: left out, scored under {run.protocol} and not {protocol} ({run.folder})"
+        for run in found
+        if run.protocol not in (None, protocol)
+    ]
+    notes += [f"{_cell(run)}: no curve: {run.curve_problem}" for run in kept if run.curve_problem]
+    nulls: dict[str, list[tuple[str, Run]]] = {}
+    for run in kept:
+        for key, value in run.metrics.items():
+            if value is None:
+                nulls.setdefault(run.reasons.get(key, "no reason given"), []).append((key, run))
+    for reason, where in nulls.items():
+        keys = ", ".join(dict.fromkeys(key for key, _ in where))
+        cells = list(dict.fromkeys(_cell(run) for _, run in where))
+        named = "; ".join(cells) if len(cells) <= 3 else f"{len(cells)} runs"
+        notes.append(f"{keys} undefined in {named}: {reason}")
+    return notes
+
+
+def _cell(run: Run) -> str:
+    return f"{run.row}, {run.scene}, seed {run.seed}"

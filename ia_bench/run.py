@@ -1,0 +1,131 @@
+"""The whole story of one run: load, plan, bake, fit, score, save."""
+
+from __future__ import annotations
+
+import math
+import resource
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+
+from ia_bench.assets import write_assets
+from ia_bench.config import RunConfig, resolve_scene_folder, scene_reader
+from ia_bench.environment import environment
+from ia_bench.fit.problem import Fit, Monitor, Problem
+from ia_bench.plan import make_plan
+from ia_bench.progress import Progress
+from ia_bench.records import SCHEMA, RunFolder
+from ia_bench.registry import create
+from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.rays import make_rays
+from ia_bench.render.renderer import Renderer, choose_shading
+from ia_bench.render.visibility import make_visibility
+from ia_bench.scores.predict import Scorer
+from ia_bench.scores.protocol import Protocol
+
+
+def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, Any]:
+    """Do one run (or finish an interrupted one) and return its metrics, which are then in ``folder``."""
+    torch.use_deterministic_algorithms(True)  # the same configuration gives the same numbers
+    torch.utils.deterministic.fill_uninitialized_memory = False
+    seconds: dict[str, float] = {}
+    with _clock(seconds, "total"):
+        # ---- load ------------------------------------------------------------------------------------------------
+        device = torch.device(config.device)
+        protocol = Protocol.from_config(config.protocol)
+        scene = scene_reader(config.scene)(resolve_scene_folder(config.scene), truth=True, uv=config.geometry.uv)
+        for note in scene.notes:
+            progress.note(note)
+        blind = scene.for_training()
+        prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
+        method = create("method", config.method.name, config.method.target, config.method.options)
+        if prior.sees_truth:
+            prior.reveal(scene.train)
+        if getattr(method, "sees_truth", False):
+            method.reveal_scene(scene.truth)
+
+        # ---- plan and bake ---------------------------------------------------------------------------------------
+        with _clock(seconds, "bake"):
+            surface = SurfaceInterpolator(scene.mesh, device)
+            rays = make_rays(scene.mesh, device)
+            plan = make_plan(blind, surface, rays, config.render, prior, device)
+            for line in plan.lines():
+                progress.note(line)
+            shading = choose_shading(config.render.shading, progress.note)
+            visibility = make_visibility(plan.shadows, scene.mesh, surface, rays)
+            renderer = Renderer(surface, visibility, shading=shading, notice=progress.note)
+            gbuffer = trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, device)
+
+        # ---- fit -------------------------------------------------------------------------------------------------
+        scorer = Scorer(scene, renderer, rays, protocol, seed=config.seed)
+        curve = Curve(folder, scorer)
+        monitor = Monitor(
+            task=progress.task,
+            note=progress.note,
+            score=curve.score,
+            save=lambda state: folder.save_checkpoint({"fit": state, "curve": curve.rows}),
+            load=lambda: curve.resume(folder.load_checkpoint()),
+        )
+        result: Fit = method.fit(
+            Problem(blind, gbuffer, renderer, plan), prior, config.fit, seed=config.seed, monitor=monitor
+        )
+        seconds.update(result.seconds)
+
+        # ---- score and save --------------------------------------------------------------------------------------
+        with _clock(seconds, "score"):
+            steps = config.fit.stage1_steps + config.fit.stage2_steps
+            curve.score("final", steps, sum(result.seconds.values()), result)
+            scores = scorer.full(result.material, result.light)
+        write_assets(folder, scene.mesh, result)
+    metrics = {
+        "schema": SCHEMA,
+        "row": config.row_name,
+        "scene": config.scene.name,
+        "seed": config.seed,
+        "config_hash": folder.config_hash,
+        "status": "ok",
+        "sees_truth": bool(prior.sees_truth or getattr(method, "sees_truth", False)),
+        **scores.as_dict(),
+        "time_s": {"bake": 0.0, "prior": 0.0, "stage1": 0.0, "stage2": 0.0, "score": 0.0, **seconds},
+        "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        "rays": rays.rays,
+        "network_calls": prior.network_calls,
+        "counters": {"points": surface.points, "bent_normals": surface.bent_normals, **result.counters},
+        "plan": plan.record(),
+        "environment": environment(config.device, config.threads or 1),
+    }
+    folder.write_metrics(metrics)
+    return metrics
+
+
+@contextmanager
+def _clock(seconds: dict[str, float], phase: str) -> Iterator[None]:
+    started = time.perf_counter()
+    yield
+    seconds[phase] = time.perf_counter() - started
+
+
+class Curve:
+    """Error against run time: scored off the clock, kept across interruptions."""
+
+    def __init__(self, folder: RunFolder, scorer: Scorer) -> None:
+        self._folder, self._scorer = folder, scorer
+        self.rows: list[dict[str, Any]] = []
+
+    def score(self, stage: str, step: int, seconds: float, fit: Fit) -> None:
+        """Add a row and write the file."""
+        quick = self._scorer.quick(fit.material, fit.light)
+        quick = {key: value if value is None or math.isfinite(value) else None for key, value in quick.items()}
+        self.rows.append({"stage": stage, "step": step, "seconds": seconds, **quick})
+        self._folder.write_curve(self.rows)
+
+    def resume(self, checkpoint: dict[str, Any] | None) -> dict[str, Any] | None:
+        """Take the rows of a checkpoint over and hand on the method's own state."""
+        if checkpoint is None:
+            return None
+        self.rows = checkpoint["curve"]
+        state: dict[str, Any] = checkpoint["fit"]
+        return state

@@ -1,0 +1,21 @@
+"""The sRGB transfer function (IEC 61966-2-1), for numpy arrays and torch tensors alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+
+def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
+    """Encode linear values >= 0 (negative ones continue the linear segment); 1 maps to 1."""
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    """Decode sRGB values; the inverse of :func:`linear_to_srgb`."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4)
+
+
+def linear_to_srgb_torch(linear: torch.Tensor) -> torch.Tensor:
+    """:func:`linear_to_srgb` with gradients that stay finite at zero."""
+    return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)

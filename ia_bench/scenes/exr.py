@@ -1,0 +1,59 @@
+"""OpenEXR images as float32 arrays, with the checks that every reader wants."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from ia_bench.errors import InputError
+
+
+def read_exr(path: Path, channels: int) -> np.ndarray:
+    """Read an image of exactly ``channels`` channels (1: Y, 3: RGB, 4: RGBA) as (H, W, channels) float32.
+
+    Raises InputError, naming the file, when it is missing, unreadable, of another channel layout, or holds NaN or Inf.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such image")
+    if path.suffix.lower() != ".exr":
+        raise InputError(f"{path}: expected a linear OpenEXR image, got a {path.suffix or 'suffixless'} file (LDR is not linear)")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            found = {name: channel.pixels for name, channel in file.channels().items()}
+    except (RuntimeError, OSError, ValueError) as error:
+        raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
+    names = {1: "Y", 3: "RGB", 4: "RGBA"}[channels]
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise InputError(f"{path}: expected channels {', '.join(names)}, found {', '.join(sorted(found))}")
+    image = np.stack([found[name] for name in names], axis=-1).astype(np.float32)
+    if not np.isfinite(image).all():
+        row, column = np.argwhere(~np.isfinite(image).all(axis=-1))[0]
+        bad = int((~np.isfinite(image)).any(axis=-1).sum())
+        raise InputError(f"{path}: {bad} pixel(s) are NaN or Inf, the first at row {row}, column {column}")
+    return image
+
+
+def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
+    """Write (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) values; the file appears whole or not at all.
+
+    ``half`` halves the size and holds values up to 65504; larger ones need ``half=False``, so they raise ValueError,
+    as do NaN and Inf, which :func:`read_exr` would refuse.
+    """
+    pixels = image[..., None] if image.ndim == 2 else image
+    names = {1: "Y", 3: "RGB", 4: "RGBA"}[pixels.shape[-1]]
+    if not np.isfinite(pixels).all():
+        raise ValueError(f"{path}: {int((~np.isfinite(pixels)).sum())} values are NaN or infinite")
+    if half and np.abs(pixels).max(initial=0) > np.finfo(np.float16).max:
+        raise ValueError(f"{path}: value {np.abs(pixels).max():g} does not fit into half float")
+    dtype = np.float16 if half else np.float32
+    channels = {name: np.ascontiguousarray(pixels[..., i].astype(dtype)) for i, name in enumerate(names)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.exr")
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(partial))
+    os.replace(partial, path)

@@ -1,0 +1,71 @@
+"""Measure one view of one component: encode both images the same way, then take every metric inside the mask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from ia_bench.scores import metrics
+from ia_bench.scores.metrics import Undefined
+from ia_bench.scores.perceptual import lpips
+from ia_bench.scores.predictions import Pair
+from ia_bench.scores.protocol import Encoding, Protocol
+from ia_bench.scores.reduction import Value
+
+
+@dataclass(frozen=True)
+class Measured:
+    """``values`` by metric name, and how many values in scored pixels were clipped to [0, 1] in either image."""
+
+    values: dict[str, Value]
+    clipped_prediction: int = 0
+    clipped_truth: int = 0
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The metrics ``names`` of one view: the function ``of``."""
+
+    names: tuple[str, ...]
+    of: Callable[[Pair], Measured]
+
+
+def image_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]) -> Measure:
+    """Those of psnr, ssim and lpips that ``names`` asks for, on images in ``encoding``."""
+    functions: dict[str, Callable[..., float]] = {
+        "psnr": metrics.psnr,
+        "ssim": partial(metrics.ssim, settings=protocol.ssim),
+        "lpips": partial(lpips, settings=protocol.lpips),
+    }
+
+    def of(view: Pair) -> Measured:
+        if view.broken:
+            return Measured(dict.fromkeys(names, _not_finite(view)))
+        predicted, clipped_prediction = metrics.encode(view.predicted, encoding, view.mask)
+        true, clipped_truth = metrics.encode(view.true, encoding, view.mask)
+        values = {name: _value(functions[name], predicted, true, view.mask) for name in names}
+        return Measured(values, clipped_prediction, clipped_truth)
+
+    return Measure(names, of)
+
+
+def _roughness_error(view: Pair) -> Measured:
+    if view.broken:
+        return Measured({"mse": _not_finite(view)})
+    return Measured({"mse": _value(metrics.squared_error, view.predicted, view.true, view.mask)})
+
+
+ROUGHNESS_MEASURE = Measure(("mse",), _roughness_error)
+
+
+def _not_finite(view: Pair) -> Undefined:
+    return Undefined(f"the prediction is not finite in {view.broken} scored pixels")
+
+
+def _value(metric: Callable[..., float], *arguments: object) -> Value:
+    """Return the number, or the exception that says why there is none: it is the value of that image."""
+    try:
+        return metric(*arguments)
+    except Undefined as reason:
+        return reason

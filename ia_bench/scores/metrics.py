@@ -1,0 +1,81 @@
+"""PSNR, SSIM and squared error of one pair of images inside a mask.
+
+Images are (H, W, 3) in [0, 1], already encoded and un-premultiplied; ``mask`` is (H, W) bool. Pixels outside the mask
+never matter: they are left out (PSNR) or painted white in both images (SSIM, LPIPS), whose windows reach over the edge.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from skimage.metrics import structural_similarity
+
+from ia_bench.scores.protocol import Encoding, SsimSettings
+
+
+class Undefined(Exception):
+    """A number that does not exist for this input; the message is the reason that is stored beside the null."""
+
+
+class NoScoredPixel(Undefined):
+    """The mask is empty: there is nothing to compare, whatever the prediction."""
+
+    def __init__(self) -> None:
+        """Carry the one reason there is."""
+        super().__init__("no scored pixel")
+
+
+def srgb_encode(linear: np.ndarray) -> np.ndarray:
+    """Encode linear values by the exact sRGB curve (IEC 61966-2-1), unclipped: its linear foot goes on below 0."""
+    curve = 1.055 * np.power(np.maximum(linear, 0.0031308), 1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, curve)
+
+
+def encode(linear: np.ndarray, encoding: Encoding, inside: np.ndarray) -> tuple[np.ndarray, int]:
+    """Encode (H, W, 3) linear values and clip them to [0, 1]; also the number of values ``inside`` (H, W) clipped."""
+    values = srgb_encode(linear) if encoding == "srgb" else linear
+    clipped = ((values < 0) | (values > 1)) & inside[..., None]
+    return np.clip(values, 0.0, 1.0), int(clipped.sum())
+
+
+def white_outside(image: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Return the image with everything outside ``inside`` (H, W) painted white."""
+    return np.where(inside[..., None], image, 1.0)
+
+
+def squared_error(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float:
+    """Mean of (predicted - true)^2 over the mask's pixels (and channels).
+
+    Raises :class:`NoScoredPixel` on an empty mask.
+    """
+    if not mask.any():
+        raise NoScoredPixel
+    return float(np.square(predicted[mask].astype(np.float64) - true[mask].astype(np.float64)).mean())
+
+
+def psnr(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float:
+    """Peak signal-to-noise ratio -10 log10(MSE) in dB, peak 1; +inf for images that are identical inside the mask."""
+    error = squared_error(predicted, true, mask)
+    return float("inf") if error == 0 else -10.0 * float(np.log10(error))
+
+
+def ssim(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: SsimSettings) -> float:
+    """Structural similarity map of the white-filled images, averaged over the mask's pixels and channels.
+
+    Raises :class:`Undefined` on an image smaller than the window, :class:`NoScoredPixel` on an empty mask.
+    """
+    if not mask.any():
+        raise NoScoredPixel
+    if min(mask.shape) < settings.window:
+        size = f"{mask.shape[1]} x {mask.shape[0]}"
+        raise Undefined(f"image of {size} pixels is smaller than the window of {settings.window}")
+    _, full = structural_similarity(
+        white_outside(predicted, mask).astype(np.float64),
+        white_outside(true, mask).astype(np.float64),
+        data_range=1.0,
+        channel_axis=-1,
+        gaussian_weights=True,
+        sigma=settings.sigma,
+        use_sample_covariance=False,
+        full=True,
+    )
+    return float(full[mask].mean())

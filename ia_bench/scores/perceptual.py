@@ -1,0 +1,107 @@
+"""LPIPS of one pair of images inside a mask. torch, torchvision and lpips are imported for the first value only."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import socket
+import sys
+import warnings
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ia_bench.scores.metrics import NoScoredPixel, Undefined, white_outside
+from ia_bench.scores.protocol import LpipsSettings
+
+if TYPE_CHECKING:
+    import lpips as lpips_package
+
+SMALLEST = 32  # pixels; AlexNet's deepest features vanish below 31
+DOWNLOAD_SECONDS = 10.0  # of silence before a download is given up; torch.hub itself would wait for minutes
+
+
+def lpips(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: LpipsSettings) -> float:
+    """LPIPS map (Zhang et al. 2018) of the white-filled images, averaged over the mask's pixels.
+
+    ``predicted`` and ``true`` (H, W, 3) in [0, 1]; ``mask`` (H, W) bool. The map is the network's own ``spatial``
+    output: each layer's distance, bilinearly enlarged to the image. Raises :class:`NoScoredPixel` on an empty mask,
+    :class:`Undefined` on an image below 32 pixels, or where the package or its weights are not to be had.
+    """
+    if not mask.any():
+        raise NoScoredPixel
+    if min(mask.shape) < SMALLEST:
+        raise Undefined(f"image of {mask.shape[1]} x {mask.shape[0]} pixels is smaller than {SMALLEST}")
+    network = load(settings)
+    if isinstance(network, str):
+        raise Undefined(network)
+
+    import torch
+
+    batch = [
+        torch.from_numpy(white_outside(image, mask).astype(np.float32)).permute(2, 0, 1)[None]
+        for image in (predicted, true)
+    ]
+    with torch.inference_mode(), _one_thread():
+        distances = network(*batch, normalize=True)  # normalize: from [0, 1] to the network's [-1, 1]
+    return float(distances[0, 0].numpy()[mask].mean(dtype=np.float64))
+
+
+@functools.cache
+def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
+    """Return the network, or the reason why there is none. Tried once per process, for a failed download is slow."""
+    try:
+        from ia_bench.scores.torchvision_shim import import_torchvision
+
+        import_torchvision()
+        import lpips as package
+        import torch
+    except Exception as error:  # a broken installation raises anything, and costs this one metric only
+        return f"the lpips package cannot be imported: {_first_line(error)}"
+    own = settings.weights is None
+    try:
+        with torch.random.fork_rng(devices=[]), _quiet_and_impatient():  # random weights are drawn before ours are read
+            network = package.LPIPS(net=settings.net, spatial=True, pnet_rand=not own, pretrained=own, verbose=False)
+    except (OSError, RuntimeError) as error:  # no connection; a download that does not match its checksum
+        return f"weights of lpips net {settings.net} are not cached and cannot be downloaded: {_first_line(error)}"
+    if settings.weights is not None:
+        from safetensors import SafetensorError
+        from safetensors.torch import load_file
+
+        try:
+            network.load_state_dict(load_file(settings.weights), strict=True)
+        except (OSError, RuntimeError, SafetensorError) as error:
+            return f"{settings.weights} is no full state dict of lpips net {settings.net}: {_first_line(error)}"
+    return network.eval().requires_grad_(False)
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Run small networks on one thread: on a busy machine, threads waiting for each other cost a hundred times more."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextlib.contextmanager
+def _quiet_and_impatient() -> Iterator[None]:
+    """Keep torch.hub's chatter off stdout, its deprecation warnings away, and its download from hanging."""
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(DOWNLOAD_SECONDS)
+    try:
+        with contextlib.redirect_stdout(sys.stderr), warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            yield
+    finally:
+        socket.setdefaulttimeout(before)
+
+
+def _first_line(error: Exception) -> str:
+    text = str(error) or type(error).__name__
+    return text.splitlines()[0]

@@ -1,0 +1,106 @@
+"""What is compared with what: images with their coverage, and the un-premultiplied pairs that the metrics see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+ROUNDING = 1e-3  # a coverage summed in float32 or stored in half precision may exceed 1 by this much
+
+
+@dataclass(frozen=True)
+class Images:
+    """Linear images premultiplied by coverage, one per view: ``images`` (H, W[, 3]), ``coverage`` (H, W) in [0, 1].
+
+    Raises ValueError where counts or shapes disagree, or a coverage leaves [0, 1].
+    """
+
+    images: tuple[np.ndarray, ...]
+    coverage: tuple[np.ndarray, ...]
+
+    def __post_init__(self) -> None:
+        """Check counts, shapes and the range of coverage."""
+        if len(self.images) != len(self.coverage):
+            raise ValueError(f"expected a coverage per image, found {len(self.coverage)} for {len(self.images)} images")
+        for index, (image, coverage) in enumerate(zip(self.images, self.coverage, strict=True)):
+            if coverage.ndim != 2 or image.shape not in (coverage.shape, (*coverage.shape, 3)):
+                raise ValueError(
+                    f"view {index}: expected an image (H, W, 3) or (H, W) with coverage (H, W), "
+                    f"found {image.shape} with {coverage.shape}"
+                )
+            if not ((coverage >= 0) & (coverage <= 1 + ROUNDING)).all():
+                found = f"{coverage.min()} to {coverage.max()}"
+                raise ValueError(f"view {index}: expected coverage in [0, 1], found {found}")
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self.images)
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Everything that is scored of one scene; ground truth has the same form. None stands for "not predicted".
+
+    ``albedo`` (H, W, 3) and ``roughness`` (H, W) of the test views; ``view_synthesis`` (H, W, 3) radiance under the
+    training light; ``relighting`` radiance per novel light, rendered by the caller with the *aligned* albedo
+    (:func:`ia_bench.scores.evaluate.albedo_scale`).
+    """
+
+    albedo: Images | None = None
+    roughness: Images | None = None
+    view_synthesis: Images | None = None
+    relighting: Mapping[str, Images] | None = None
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One view, un-premultiplied: ``predicted`` and ``true`` linear (H, W[, 3]); ``mask`` (H, W) is True where scored.
+
+    ``uncovered``: scored pixels that the prediction does not cover at all, which count as black.
+    ``broken``: scored pixels with a NaN or an infinity in the prediction.
+    """
+
+    predicted: np.ndarray
+    true: np.ndarray
+    mask: np.ndarray
+    uncovered: int
+    broken: int
+
+
+def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> list[Pair]:
+    """Pair the views by position. ``what`` names the component in errors.
+
+    Raises ValueError where the two sets differ in number or shape, or the truth is not finite in a scored pixel.
+    """
+    if len(predicted) != len(true):
+        raise ValueError(f"{what}: expected {len(true)} views, found {len(predicted)}")
+    result = []
+    for index in range(len(true)):
+        theirs, ours = true.images[index], predicted.images[index]
+        if theirs.shape != ours.shape:
+            raise ValueError(f"{what}, view {index}: expected shape {theirs.shape}, found {ours.shape}")
+        mask = true.coverage[index] > mask_threshold
+        truth = _unpremultiplied(theirs, true.coverage[index])
+        if not np.isfinite(truth[mask]).all():
+            raise ValueError(f"{what}, view {index}: the ground truth is not finite")
+        guess = _unpremultiplied(ours, predicted.coverage[index])
+        broken = ~np.isfinite(guess) if guess.ndim == 2 else ~np.isfinite(guess).all(axis=-1)
+        uncovered = predicted.coverage[index] == 0
+        result.append(Pair(guess, truth, mask, int((uncovered & mask).sum()), int((broken & mask).sum())))
+    return result
+
+
+def stacked(views: list[Pair]) -> tuple[np.ndarray, np.ndarray]:
+    """All scored pixels of all views, predicted and true, each (N, 3): what an alignment is computed from."""
+    empty = np.zeros((0, 3))
+    predicted = np.concatenate([empty, *(view.predicted[view.mask] for view in views)])
+    return predicted, np.concatenate([empty, *(view.true[view.mask] for view in views)])
+
+
+def _unpremultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    """Divide by coverage; black where nothing is covered (whatever the image holds there)."""
+    share = coverage if image.ndim == 2 else coverage[..., None]
+    covered = np.broadcast_to(share > 0, image.shape)
+    return np.divide(image, share, out=np.zeros(image.shape), where=covered)

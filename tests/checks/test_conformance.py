@@ -1,0 +1,367 @@
+"""The conformance check finds what is wrong: for every rule a prior that breaks it first.
+
+Each broken prior is a small change of ``Sound``, which passes everything. A new rule needs a new entry in ``BROKEN``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from ia_bench.check import main
+from ia_bench.checks.conformance import check_prior
+from ia_bench.checks.finding import Finding
+from ia_bench.checks.stack import Stack, example_stack, painted_ball
+
+
+class Sound:
+    """Keeps the contract: the image and half of it, plus a little noise, drawn toward the guidance."""
+
+    provides = frozenset({"albedo", "specular"})
+    stochastic = True
+    guidable = True
+    resolution: int | None = 64
+    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "linear"}
+    sees_truth = False
+    network_calls = 0
+
+    def __init__(self, *, guidance_strength: float = 1.0) -> None:
+        self.guidance_strength = guidance_strength
+
+    def sample(
+        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+    ) -> dict[str, Tensor]:
+        if images.shape[-1] != 3 or masks.shape != images.shape[:-1]:
+            raise ValueError(f"expected (V, H, W, 3) and (V, H, W), found {images.shape} and {masks.shape}")
+        if not bool(torch.isfinite(images).all()):
+            raise ValueError("expected finite images")
+        generator = torch.Generator().manual_seed(seed)
+        noise = 0.05 * torch.rand(images.shape[1:], generator=generator) * masks[..., None]
+        samples = {"albedo": (images + noise).clamp(0, 1) * masks[..., None], "specular": 0.5 * images + noise}
+        for name, render in (guidance or {}).items():
+            gain = self.guidance_strength / (1 + self.guidance_strength)
+            if gain:
+                samples[name] = samples[name] + gain * (render - samples[name])
+        return samples
+
+
+def changed(**members: object) -> type[Sound]:
+    return type("Changed", (Sound,), members)
+
+
+def spoiled(spoil: Callable[..., None]) -> type[Sound]:
+    """A prior whose samples pass through ``spoil(samples, images, masks, seed, guidance)``."""
+
+    def sample(self: Sound, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
+        samples = Sound.sample(self, images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
+        spoil(samples, images, masks, seed, guidance)
+        return samples
+
+    return changed(sample=sample)
+
+
+def without(name: str) -> type:
+    """A class like Sound that lacks one member."""
+    members = {key: value for key, value in vars(Sound).items() if key != name and not key.startswith("__")}
+    return type("Lacking", (), {**members, "__init__": Sound.__init__})
+
+
+def edit(**changes: Callable[[Tensor], object]) -> type[Sound]:
+    """Samples whose components are replaced by ``changes[component](sample)``."""
+    return spoiled(lambda samples, *_: samples.update({name: f(samples[name]) for name, f in changes.items()}))
+
+
+def put(component: str, value: float) -> type[Sound]:
+    """One inner pixel of every sample gets this value."""
+    return edit(**{component: lambda s: s.index_fill(1, torch.tensor(s.shape[1] // 2), value)})
+
+
+def dark_nan(samples: dict, images: Tensor, masks: Tensor, *_: object) -> None:
+    brightest = images.amax((1, 2, 3), keepdim=True)
+    samples["albedo"] = samples["albedo"] * (brightest / brightest)
+
+
+def lonely_nan(samples: dict, images: Tensor, masks: Tensor, *_: object) -> None:
+    if bool((masks.sum((1, 2)) == 0).any()):
+        samples["albedo"] = samples["albedo"] * torch.nan
+
+
+def square_only(samples: dict, images: Tensor, *_: object) -> None:
+    if images.shape[1] != images.shape[2]:
+        raise RuntimeError("mat1 and mat2 shapes cannot be multiplied")
+
+
+def from_global_state(samples: dict, images: Tensor, *_: object) -> None:
+    samples["specular"] = samples["specular"] * torch.rand(1)
+
+
+def from_numpys_global_state(samples: dict, images: Tensor, *_: object) -> None:
+    samples["specular"] = samples["specular"] * float(np.random.rand())
+
+
+def from_the_batch(samples: dict, images: Tensor, *_: object) -> None:
+    samples["specular"] = samples["specular"] / (0.1 + images.mean())
+
+
+def writes_images(samples: dict, images: Tensor, *_: object) -> None:
+    images *= 0.5
+
+
+def writes_guidance(samples: dict, images: Tensor, masks: Tensor, seed: int, guidance: Mapping | None) -> None:
+    if guidance:
+        guidance["albedo"].zero_()
+
+
+def away_from_guidance(samples: dict, images: Tensor, masks: Tensor, seed: int, guidance: Mapping | None) -> None:
+    if guidance:
+        samples["specular"] = 2 * samples["specular"] + 1.0 * masks[..., None]
+
+
+def guided_outside(samples: dict, images: Tensor, masks: Tensor, seed: int, guidance: Mapping | None) -> None:
+    if guidance:
+        samples["albedo"] = samples["albedo"] + 0.1 * (masks == 0)[..., None]
+
+
+class Forgets(Sound):
+    """Remembers guidance that it was given once."""
+
+    seen = False
+
+    def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
+        self.seen |= guidance is not None
+        samples = super().sample(images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
+        return {name: 0.9 * value if self.seen and guidance is None else value for name, value in samples.items()}
+
+
+class Counting(Sound):
+    """Every sample depends on how many were drawn before."""
+
+    drawn = 0
+
+    def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
+        self.drawn += 1
+        samples = super().sample(images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
+        return {name: value / self.drawn for name, value in samples.items()}
+
+
+class Unequal(Sound):
+    """Two instances differ."""
+
+    made = 0
+
+    def __init__(self) -> None:
+        super().__init__()
+        Unequal.made += 1
+        self.factor = 1 / Unequal.made
+
+    def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
+        samples = super().sample(images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
+        return {name: self.factor * value for name, value in samples.items()}
+
+
+class WeakStill(Sound):
+    """Moves even at strength 0."""
+
+    def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping | None = None) -> dict[str, Tensor]:
+        samples = super().sample(images, masks, seed=seed)
+        return {n: 0.5 * (v + guidance[n]) if guidance else v for n, v in samples.items()}
+
+
+class Uncounted(Sound):
+    """Holds a network and never counts its calls."""
+
+    def __init__(self, *, guidance_strength: float = 1.0) -> None:
+        super().__init__(guidance_strength=guidance_strength)
+        self.network = torch.nn.Linear(1, 1)
+
+
+class Lenient(Sound):
+    """Replaces NaN by black and goes on."""
+
+    def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
+        return super().sample(images.nan_to_num(), masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
+
+
+class Obscure(Sound):
+    """Fails deep inside on a wrong shape."""
+
+    def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
+        if images.shape[-1] != 3:
+            raise RuntimeError("Given groups=1, weight of size [8, 3, 3, 3], expected input[3, 1, 32, 32]")
+        return super().sample(images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
+
+
+class Stretching(Sound):
+    """Accepts any mask."""
+
+    def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
+        if masks.shape != images.shape[:-1]:
+            masks = torch.ones(images.shape[:-1])
+        return super().sample(images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
+
+
+BROKEN: dict[str, tuple[Callable[[], object], str]] = {
+    # what is wrong: a prior that does it, the first line that must fail (later ones may follow from it)
+    "raises when made": (lambda: 1 / 0, "construction"),
+    "provides a set": (changed(provides={"albedo"}), "provides"),
+    "provides normals": (changed(provides=frozenset({"normals"})), "provides"),
+    "stochastic is a word": (changed(stochastic="yes"), "stochastic"),
+    "guidable is None": (changed(guidable=None), "guidable"),
+    "resolution is a float": (changed(resolution=64.0), "resolution"),
+    "resolution is zero": (changed(resolution=0), "resolution"),
+    "an unknown encoding": (changed(encoding={"albedo": "log", "specular": "srgb"}), "encoding"),
+    "an encoding is missing": (changed(encoding={"albedo": "srgb"}), "encoding"),
+    "sees_truth is 1": (changed(sees_truth=1), "sees_truth"),
+    "network_calls is True": (changed(network_calls=True), "network_calls"),
+    "no network_calls": (without("network_calls"), "network_calls"),
+    "no sample": (without("sample"), "sample"),
+    "sample takes no seed": (changed(sample=lambda self, images, masks: {}), "sample"),
+    "sees truth and has no reveal": (changed(sees_truth=True), "reveal"),
+    "one component is not sampled": (spoiled(lambda samples, *_: samples.pop("specular")), "components"),
+    "channels first": (edit(albedo=lambda s: s.permute(0, 3, 1, 2)), "albedo: shape"),
+    "numpy": (edit(albedo=lambda s: s.numpy()), "albedo: shape"),
+    "double": (edit(specular=lambda s: s.double()), "specular: type"),
+    "with gradient": (edit(specular=lambda s: s * torch.ones(1, requires_grad=True)), "specular: type"),
+    "NaN": (put("specular", torch.nan), "specular: finite"),
+    "albedo above 1": (put("albedo", 1.1), "albedo: range"),
+    "albedo below 0": (edit(albedo=lambda s: s - 0.01 * (s > 0)), "albedo: range"),
+    "negative light": (edit(specular=lambda s: -s), "specular: range"),
+    "not premultiplied": (edit(specular=lambda s: s + 0.1), "specular: premultiplied"),
+    "square images only": (spoiled(square_only), "other images"),
+    "NaN in the dark": (spoiled(dark_nan), "all-black images"),
+    "NaN for an empty mask": (spoiled(lonely_nan), "a view with an empty mask"),
+    "stochastic but is not": (edit(albedo=lambda s: 0 * s, specular=lambda s: 0 * s), "another seed"),
+    "stochastic undeclared": (changed(stochastic=False), "another seed"),
+    "torch's global generator": (spoiled(from_global_state), "same seed again"),
+    "numpy's global generator": (spoiled(from_numpys_global_state), "same seed again"),
+    "counts its samples": (Counting, "same seed again"),
+    "instances differ": (Unequal, "same seed, new instance"),
+    "normalised by the batch": (spoiled(from_the_batch), "an image on its own"),
+    "away from the guidance": (spoiled(away_from_guidance), "guided specular"),
+    "guided outside the mask": (spoiled(guided_outside), "guided sample"),
+    "remembers guidance": (Forgets, "guidance = None afterwards"),
+    "guided at strength 0": (WeakStill, "guidance of strength 0"),
+    "NaN swallowed": (Lenient, "a NaN pixel"),
+    "obscure about shapes": (Obscure, "images of one channel"),
+    "any mask will do": (Stretching, "masks of another size"),
+    "writes to images": (spoiled(writes_images), "inputs"),
+    "writes to guidance": (spoiled(writes_guidance), "inputs"),
+    "network not counted": (Uncounted, "network_calls over all samples"),
+}
+
+
+@pytest.fixture(scope="module")
+def ball() -> Stack:
+    return painted_ball(20, 20, 3)
+
+
+def failures(make: Callable[[], object], stack: Stack) -> list[Finding]:
+    return [finding for finding in check_prior(make, stack) if finding.status == "fail"]
+
+
+def test_sound_prior_passes_everything(ball: Stack) -> None:
+    findings = list(check_prior(Sound, ball))
+    assert {finding.status for finding in findings} == {"pass"}
+    assert len({finding.what for finding in findings}) == len(findings)
+    shown = {expected for _, expected in BROKEN.values()}
+    never_broken = {f.what for f in findings} - shown
+    # Lines without an entry of their own: the same rule as another line, for the other component or another image.
+    assert never_broken == {
+        "albedo: type", "albedo: finite", "albedo: premultiplied", "specular: shape", "guided albedo", "37 x 31 images"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_prior_is_caught(name: str, ball: Stack) -> None:
+    make, expected = BROKEN[name]
+    found = failures(make, ball)
+    assert found, "nothing failed"
+    assert found[0].what == expected
+    assert found[0].expected
+    assert "\n" not in found[0].found
+
+
+def test_nothing_that_a_prior_raises_gets_out(ball: Stack) -> None:
+    def explode(*_: object, **__: object) -> None:
+        raise SystemError("deep\ninside")
+
+    findings = list(check_prior(changed(sample=lambda self, images, masks, *, seed, guidance=None: explode()), ball))
+    assert [f.found for f in findings if f.status == "fail"] == ["SystemError: deep"]
+
+
+def test_global_state_is_put_back(ball: Stack) -> None:
+    torch.manual_seed(3)
+    np.random.seed(3)
+    expected = torch.rand(2), np.random.rand(2)
+    torch.manual_seed(3)
+    np.random.seed(3)
+    list(check_prior(Sound, ball))
+    assert torch.equal(torch.rand(2), expected[0])
+    assert np.array_equal(np.random.rand(2), expected[1])
+    assert not torch.are_deterministic_algorithms_enabled()
+
+
+def test_not_guidable_is_never_guided(ball: Stack) -> None:
+    def refuse(samples: dict, images: Tensor, masks: Tensor, seed: int, guidance: Mapping | None) -> None:
+        assert guidance is None
+
+    blind = type("Blind", (spoiled(refuse),), {"guidable": False})
+    findings = list(check_prior(blind, ball))
+    assert [finding.what for finding in findings if finding.status == "skip"] == ["guidance"]
+    assert "fail" not in {finding.status for finding in findings}
+
+
+def test_example_stack_without_the_shipped_scene(monkeypatch: pytest.MonkeyPatch, tmp_path: object) -> None:
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path))
+    stack, what = example_stack()
+    assert "painted ball" in what
+    assert stack.images.shape == (3, 32, 32, 3)
+
+
+def test_painted_ball_is_what_it_says() -> None:
+    stack = painted_ball(37, 31, 3)
+    images, masks = stack.images, stack.masks
+    assert images.shape == (3, 37, 31, 3)
+    assert images.dtype == masks.dtype == torch.float32
+    assert 0.3 < float((masks > 0.5).float().mean()) < 0.9
+    assert set(torch.unique(masks).tolist()) <= {0, 0.25, 0.5, 0.75, 1}
+    assert float(stack.truth("albedo").max()) <= 1
+    assert bool((images[masks == 0] == 0).all())
+    # closed form: image - specular = albedo x irradiance, so the quotient is grey
+    shading = (images - stack.truth("specular"))[masks == 1] / stack.truth("albedo")[masks == 1]
+    assert float((shading.amax(-1) - shading.amin(-1)).abs().max()) < 0.3
+    assert not torch.equal(images[0], images[1])
+
+
+def test_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    here = f"{__name__}:Sound"
+    assert main([f"prior={here}", "prior.options.guidance_strength=2"]) == 0
+    shown = capsys.readouterr().out
+    assert shown.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
+    assert main([f"prior={__name__}:Lenient"]) == 1
+    assert "a NaN pixel: expected a ValueError" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "expected prior=NAME"),
+        (["prior=orcale"], "unknown prior 'orcale'; did you mean 'oracle'?"),
+        (["proir=oracle"], "did you mean 'prior'?"),
+        (["prior=oracle", "scene=hat"], "unknown setting of ia_bench.check 'scene'"),
+        (["prior=oracle", "prior.options.noize=1"], "did you mean 'prior.options.noise'?"),
+        (["prior=oracle", "prior.options.noise=-1"], "prior.options.noise: expected a finite number >= 0, found -1"),
+        (["prior=no_such_module:Prior"], "importing no_such_module:Prior raised ModuleNotFoundError"),
+        (["prior=[", "prior.x"], "cannot read"),
+    ],
+)
+def test_mistakes(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert err.count("\n") == 1

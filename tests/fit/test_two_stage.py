@@ -1,0 +1,341 @@
+"""The two-stage trainer on scene tiny: it recovers, repeats, resumes to the same bits, and sees no truth.
+
+Small and eager (8 samples, 64 texels, tens of steps): the numbers say that learning happens, not how good it gets.
+"""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from small_fit import Record, make_problem
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.fit.problem import Fit, Problem
+from ia_bench.fit.settings import FitSettings, LossWeights
+from ia_bench.fit.two_stage import FIRST_SCORE, TwoStage
+from ia_bench.light.latlong import resize_light
+from ia_bench.material.textures import Material
+from ia_bench.plan import make_plan
+from ia_bench.priors.contract import Prior
+from ia_bench.priors.none import NoPrior
+from ia_bench.priors.oracle import OraclePrior
+from ia_bench.render.renderer import Light, texture_images
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.scene import Scene
+
+SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256, checkpoint_seconds=1e9)
+
+
+def oracle(scene: Scene, **dials: Any) -> OraclePrior:
+    prior = OraclePrior(**dials)
+    prior.reveal(scene.train)
+    return prior
+
+
+def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, seed: int = 0, **resume: bytes) -> Fit:
+    return TwoStage().fit(problem, prior, settings, seed=seed, monitor=record.monitor(**resume))
+
+
+def same(a: Fit, b: Fit) -> bool:
+    pairs = (a.material.albedo, b.material.albedo), (a.material.roughness, b.material.roughness), (a.light, b.light)
+    return all(torch.equal(x, y) for x, y in pairs)
+
+
+def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
+    """RMS of sRGB albedo over the training views' inner pixels, after one scale for the scene has made means equal."""
+    picture = texture_images(problem.renderer.surface, problem.gbuffer, albedo).numpy()
+    truth = np.stack([view.albedo for view in scene.train])
+    inside = np.stack([view.mask for view in scene.train]) > 0.99
+    picture, truth = picture[inside], truth[inside]
+    aligned = picture * (truth.mean() / picture.mean())
+    return float(np.sqrt(((linear_to_srgb(aligned.clip(0, 1)) - linear_to_srgb(truth)) ** 2).mean()))
+
+
+# ---- it recovers -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def long_fits(problem: Problem, scene: Scene) -> dict[str, Fit]:
+    """The exact oracle and no prior, long enough to tell them apart."""
+    settings = replace(SETTINGS, stage1_steps=120, stage2_steps=60, pixels=1024)
+    return {
+        "oracle": fit(problem, oracle(scene), settings, Record()),
+        "none": fit(problem, NoPrior(), settings, Record()),
+    }
+
+
+def test_exact_oracle_recovers_the_albedo(problem: Problem, scene: Scene, long_fits: dict[str, Fit]) -> None:
+    start = albedo_error(problem, scene, torch.full((64, 64, 3), 0.5))
+    errors = {name: albedo_error(problem, scene, one.material.albedo) for name, one in long_fits.items()}
+    assert errors["oracle"] < 0.3 * start
+    assert errors["oracle"] < 0.5 * errors["none"]
+
+
+def test_result_is_valid(long_fits: dict[str, Fit]) -> None:
+    for one in long_fits.values():
+        assert one.material.albedo.shape == (64, 64, 3)
+        assert one.material.roughness.shape == (64, 64, 1)
+        assert one.light.shape == (16, 32, 3)
+        assert 0 <= one.material.albedo.min() <= one.material.albedo.max() <= 1
+        assert 0 < one.material.roughness.min() <= one.material.roughness.max() <= 1
+        assert bool(torch.isfinite(one.light).all() & (one.light > 0).all())
+        assert not one.material.albedo.requires_grad
+        assert set(one.seconds) == {"prior", "stage1", "stage2"}
+        assert min(one.seconds.values()) >= 0
+
+
+def test_light_is_found_with_the_exact_oracle(scene: Scene, long_fits: dict[str, Fit]) -> None:
+    """Correlation with the true light in log radiance: what reflects from the object has to be where it was."""
+    truth = np.log(resize_light(scene.truth.lights["train"], 16).mean(-1) + 1e-3).ravel()
+    found = np.log(long_fits["oracle"].light.numpy().mean(-1) + 1e-3).ravel()
+    assert np.corrcoef(truth, found)[0, 1] > 0.5
+
+
+def test_squared_loss_recovers_too(problem: Problem, scene: Scene, record: Record) -> None:
+    settings = replace(SETTINGS, image_loss="squared", stage1_steps=60, stage2_steps=20, pixels=512)
+    found = fit(problem, oracle(scene), settings, record)
+    assert albedo_error(problem, scene, found.material.albedo) < 0.5 * albedo_error(
+        problem, scene, torch.full((64, 64, 3), 0.5)
+    )
+
+
+# ---- it repeats and resumes ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=["guided", "unguided", "squared"])
+def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene) -> tuple[Fit, Record, FitSettings]:
+    """A whole fit that has kept its state after every step."""
+    changes = {"guided": {}, "unguided": {"guided": False}, "squared": {"image_loss": "squared"}}[request.param]
+    settings = replace(SETTINGS, checkpoint_seconds=0.0, **changes)
+    record = Record()
+    torch.use_deterministic_algorithms(True)
+    return fit(problem, oracle(scene, noise=0.1, scale=0.2), settings, record), record, settings
+
+
+@pytest.mark.parametrize("step", [7, 20, 26], ids=["in stage 1", "at the boundary", "in stage 2"])
+def test_resumed_fit_ends_with_the_same_bits(
+    uninterrupted: tuple[Fit, Record, FitSettings], step: int, problem: Problem, scene: Scene, record: Record
+) -> None:
+    whole, kept, settings = uninterrupted
+    torch.manual_seed(1234)  # the global generator has moved on when a run is resumed
+    prior = oracle(scene, noise=0.1, scale=0.2)
+    resumed = fit(problem, prior, settings, record, resume=kept.states[step])
+    assert len(record.losses) == 30 - step
+    assert record.losses == kept.losses[step:]
+    assert same(resumed, whole)
+    assert record.notes == [f"resumed at step {step} of 30"]
+    assert [score[:2] for score in record.scores] == [score[:2] for score in kept.scores if score[1] > step]
+    assert resumed.seconds["stage1"] > 0
+
+
+def test_interrupted_twice(problem: Problem, scene: Scene) -> None:
+    settings = replace(SETTINGS, checkpoint_seconds=0.0)
+    whole, first, second = Record(), Record(), Record()
+    expected = fit(problem, oracle(scene, noise=0.1), settings, whole)
+    fit(problem, oracle(scene, noise=0.1), settings, first, resume=whole.states[5])
+    found = fit(problem, oracle(scene, noise=0.1), settings, second, resume=first.states[23])
+    assert same(found, expected)
+
+
+def test_states_are_kept_by_time(problem: Problem) -> None:
+    every, never = Record(), Record()
+    fit(problem, NoPrior(), replace(SETTINGS, checkpoint_seconds=0.0), every)
+    fit(problem, NoPrior(), SETTINGS, never)
+    assert sorted(every.states) == list(range(1, 30))  # a finished fit needs none
+    assert never.states == {}
+
+
+def test_same_seed_same_numbers(problem: Problem, scene: Scene) -> None:
+    results = []
+    for seed in (0, 0, 1):
+        torch.manual_seed(len(results))
+        results.append(fit(problem, oracle(scene, noise=0.1), SETTINGS, Record(), seed))
+    assert same(results[0], results[1])
+    assert not same(results[0], results[2])
+
+
+def test_scores_come_at_doubling_steps(problem: Problem, record: Record) -> None:
+    fit(problem, NoPrior(), replace(SETTINGS, stage1_steps=60, stage2_steps=60, pixels=32), record)
+    assert [(stage, step) for stage, step, _ in record.scores] == [
+        ("stage1", FIRST_SCORE), ("stage1", 2 * FIRST_SCORE), ("stage2", 4 * FIRST_SCORE)
+    ]  # fmt: skip
+    seconds = [second for *_, second in record.scores]
+    assert seconds == sorted(seconds)
+    assert len(record.losses) == 120
+
+
+# ---- the prior is asked as the paper says ----------------------------------------------------------------------------
+
+
+class Asked(OraclePrior):
+    """An oracle that remembers its questions."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.questions: list[tuple[int, Mapping[str, Tensor] | None]] = []
+
+    def sample(
+        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+    ) -> dict[str, Tensor]:
+        self.questions.append((seed, guidance))
+        return super().sample(images, masks, seed=seed, guidance=guidance)
+
+
+def asked(problem: Problem, scene: Scene, settings: FitSettings, **members: object) -> tuple[Asked, Fit]:
+    prior = Asked(noise=0.1)
+    for name, value in members.items():
+        setattr(prior, name, value)
+    prior.reveal(scene.train)
+    return prior, fit(problem, prior, settings, Record(), seed=5)
+
+
+def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
+    prior, _ = asked(problem, scene, SETTINGS)
+    assert [(seed, guidance is not None) for seed, guidance in prior.questions] == [(5, False), (5, True)]
+    guidance = prior.questions[1][1]
+    assert guidance is not None
+    assert set(guidance) == {"albedo", "specular"}
+    coverage = problem.gbuffer.coverage()
+    for render in guidance.values():
+        assert render.shape == (16, 32, 32, 3)
+        assert bool((render >= 0).all())
+        assert float(render[coverage == 0].abs().max()) == 0
+    # The albedo that guides is the texture of that moment, seen from the training cameras.
+    constant = replace(SETTINGS.rates, final=1.0)  # nothing of stage 1 may depend on the length of the whole
+    settings = replace(SETTINGS, rates=constant, albedo_start=0.0, roughness_start=1.0)
+    whole, _ = asked(problem, scene, settings)
+    half, found = asked(problem, scene, replace(settings, stage2_steps=0))
+    assert len(half.questions) == 1
+    picture = texture_images(problem.renderer.surface, problem.gbuffer, found.material.albedo)
+    guide = whole.questions[1][1]
+    assert guide is not None
+    torch.testing.assert_close(guide["albedo"], picture, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(("changes", "members"), [({"guided": False}, {}), ({}, {"guidable": False})])
+def test_no_second_draw_without_guidance(problem: Problem, scene: Scene, changes: dict, members: dict) -> None:
+    prior, _ = asked(problem, scene, replace(SETTINGS, **changes), **members)
+    assert [guidance for _, guidance in prior.questions] == [None]
+
+
+def test_weights_switch_components_off(problem: Problem, scene: Scene) -> None:
+    """Without a component's weight its sample has no influence; the ablation rows of the table rest on this."""
+    for name in ("albedo", "specular"):
+        settings = replace(SETTINGS, guided=False, weights=LossWeights(**{name: 0.0}))
+        exact = fit(problem, oracle(scene), settings, Record())
+        noisy = oracle(scene)
+        noisy._truth[name] = noisy._truth[name] * 0.1
+        assert same(exact, fit(problem, noisy, settings, Record()))
+        assert not same(exact, fit(problem, noisy, replace(settings, weights=LossWeights()), Record()))
+
+
+def test_roughness_waits(problem: Problem) -> None:
+    settings = replace(SETTINGS, checkpoint_seconds=0.0, roughness_start=0.5)
+    record = Record()
+    fit(problem, NoPrior(), settings, record)
+    states = {step: record.monitor(state).load() for step, state in record.states.items()}
+    roughness = {step: state["parameters"]["roughness"] for step, state in states.items() if state is not None}
+    assert bool((roughness[15] == settings.roughness_initial).all())
+    assert not torch.equal(roughness[16], roughness[15])
+
+
+def test_initial_light_explains_the_mean_image(problem: Problem, record: Record) -> None:
+    found = fit(problem, NoPrior(), replace(SETTINGS, stage1_steps=0, stage2_steps=0), record)
+    assert torch.equal(found.light, found.light[:1, :1].expand(16, 32, 3))
+    generator = torch.Generator().manual_seed(0)
+    material = Material(torch.full((8, 8, 3), 0.5), torch.full((8, 8, 1), 0.5))
+    images = problem.renderer.render_images(problem.gbuffer, material, Light.of(found.light), 32, generator)
+    photographs = np.stack([view.image for view in problem.scene.train])
+    np.testing.assert_allclose(images["radiance"].numpy().mean((0, 1, 2)), photographs.mean((0, 1, 2)), rtol=0.03)
+
+
+# ---- what goes wrong is said -----------------------------------------------------------------------------------------
+
+
+def test_nan_in_an_image_stops_with_step_and_tensor(scene: Scene, record: Record) -> None:
+    blind = scene.for_training()
+    spoiled = replace(blind, train=tuple(replace(v, image=np.full_like(v.image, np.nan)) for v in blind.train))
+    with pytest.raises(FloatingPointError, match="^step 0: the gradient of albedo is NaN or Inf in [1-9]"):
+        fit(make_problem(spoiled), NoPrior(), SETTINGS, record)
+
+
+def test_nan_in_a_later_step_names_that_step(problem: Problem, record: Record) -> None:
+    renderer = problem.renderer
+    calls = 0
+
+    class Failing:
+        surface = renderer.surface
+
+        def render_pixels(self, *arguments: Any) -> Any:
+            nonlocal calls
+            calls += 1
+            rendered = renderer.render_pixels(*arguments)
+            return replace(rendered, specular=rendered.specular * torch.nan) if calls == 5 else rendered
+
+    with pytest.raises(FloatingPointError, match="^step 3: the gradient of .* is NaN or Inf"):  # one call for the light
+        fit(replace(problem, renderer=Failing()), NoPrior(), SETTINGS, record)  # type: ignore[arg-type]
+    assert len(record.losses) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"image_loss": "l2"}, "fit.image_loss: expected one of l1, squared, found 'l2'"),
+        ({"ssi": "affine"}, "fit.ssi: expected one of scale_shift, scale, none, found 'affine'"),
+        ({"pixels": 0}, "pixels >= 1"),
+        ({"stage1_steps": -1}, "must be >= 0"),
+    ],
+)
+def test_impossible_settings(problem: Problem, record: Record, changes: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fit(problem, NoPrior(), replace(SETTINGS, **changes), record)
+
+
+# ---- it sees no truth ------------------------------------------------------------------------------------------------
+
+
+def trap(allowed: dict[str, Any], what: str) -> types.SimpleNamespace:
+    """An object with these attributes alone; reading any other one fails the test."""
+
+    class Trap(types.SimpleNamespace):
+        def __getattr__(self, name: str) -> Any:
+            raise AssertionError(f"training read {what}.{name}")
+
+    return Trap(**allowed)
+
+
+def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Record) -> None:
+    views = tuple(
+        trap({"name": v.name, "camera": v.camera, "image": v.image, "mask": v.mask, "light": v.light}, "view")
+        for v in scene.train
+    )
+    blind = trap({"name": scene.name, "folder": scene.folder, "mesh": scene.mesh, "train": views, "notes": ()}, "scene")
+    with pytest.raises(AssertionError, match="training read view.albedo"):
+        _ = views[0].albedo
+    with pytest.raises(AssertionError, match="training read scene.truth"):
+        _ = blind.truth
+    trapped = make_problem(blind)  # type: ignore[arg-type]
+    rays = trapped.renderer.visibility._rays  # type: ignore[attr-defined]
+    surface = trapped.renderer.surface
+    plan = make_plan(blind, surface, rays, RenderSettings(), NoPrior(), torch.device("cpu"))  # type: ignore[arg-type]
+    assert plan.decisions
+    found = fit(trapped, oracle(scene, noise=0.1), SETTINGS, record)
+    expected = fit(make_problem(scene.for_training()), oracle(scene, noise=0.1), SETTINGS, Record())
+    assert same(found, expected)
+
+
+def test_for_training_leaves_nothing_else(scene: Scene) -> None:
+    blind = scene.for_training()
+    assert (blind.truth, blind.test, blind.novel) == (None, (), ())
+    assert scene.truth is not None
+    assert all(view.albedo is not None for view in scene.train)
+    for view in blind.train:
+        assert [view.albedo, view.specular, view.roughness, view.normal, view.depth] == [None] * 5

@@ -1,0 +1,244 @@
+"""The lat-long map: its geometry against closed forms written out here, its sampling against chi-square tests."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from chi_square import assert_frequencies
+
+from ia_bench.light.latlong import (
+    LatLongSampler,
+    direction_to_texel,
+    resize_light,
+    row_solid_angles,
+    sample_texels,
+    texel_centres,
+    texel_to_direction,
+)
+
+SIZES = [(1, 1), (1, 2), (2, 4), (16, 32), (37, 31), (256, 512)]
+
+
+# ---------------------------------------------------------------- geometry
+@pytest.mark.parametrize(("height", "width"), SIZES)
+def test_solid_angles_fill_the_sphere(height: int, width: int) -> None:
+    angles = row_solid_angles(height, width)
+    assert angles.dtype == torch.float64
+    assert float(angles.sum()) * width == pytest.approx(4 * math.pi, rel=1e-12)
+    assert (angles > 0).all()
+
+
+def test_solid_angle_of_a_cap() -> None:
+    """The first k of H rows are the cap of half angle pi k / H: 2 pi (1 - cos)."""
+    cap = row_solid_angles(12, 24)[:5].sum() * 24
+    assert float(cap) == pytest.approx(2 * math.pi * (1 - math.cos(5 * math.pi / 12)), rel=1e-12)
+
+
+@pytest.mark.parametrize(("height", "width"), SIZES)
+def test_centres_come_back_to_their_texels(height: int, width: int) -> None:
+    centres = texel_centres(height, width)
+    torch.testing.assert_close(centres.norm(dim=-1), torch.ones(height, width))
+    expected = torch.arange(height * width).reshape(height, width)
+    assert torch.equal(direction_to_texel(centres, height, width), expected)
+
+
+@pytest.mark.parametrize(("height", "width"), [(16, 32), (37, 31), (256, 512)])
+def test_every_point_of_a_texel_comes_back_to_it(height: int, width: int) -> None:
+    """Corners are taken a little inside: 0.1 % of a texel is above what float32 resolves."""
+    every = torch.arange(height * width)
+    for u in (1e-3, 0.5, 1 - 1e-3):
+        for v in (1e-3, 0.5, 1 - 1e-3):
+            inside = torch.full((len(every),), u), torch.full((len(every),), v)
+            direction = texel_to_direction(every, *inside, height, width)
+            torch.testing.assert_close(direction.norm(dim=-1), torch.ones(len(every)))
+            assert torch.equal(direction_to_texel(direction, height, width), every)
+
+
+@pytest.mark.parametrize(
+    ("direction", "row", "column"),
+    [
+        ((0, 0, 1), 0, None),  # poles: any column
+        ((0, 0, -1), 7, None),
+        ((0, 0, 1.0000001), 0, None),  # a unit vector in float32 may be an ulp too long
+        ((1, 0, 0), 4, 8),  # phi = 0: the middle of the picture, on the border of columns 7 and 8
+        ((0, 1, 0), 4, 4),  # phi = 90 degrees: left of the middle
+        ((0, -1, 0), 4, 12),
+        ((-1, 1e-4, 0), 4, 0),  # the seam from both sides
+        ((-1, -1e-4, 0), 4, 15),
+        ((-1, 0.0, 0), 4, 0),
+        ((-1, -0.0, 0), 4, 15),
+    ],
+)
+def test_poles_and_seam(direction: tuple[float, float, float], row: int, column: int | None) -> None:
+    texel = int(direction_to_texel(torch.tensor(direction, dtype=torch.float32), 8, 16))
+    assert texel // 16 == row
+    assert column is None or texel % 16 == column
+
+
+def written_convention(row: int, column: int, height: int, width: int) -> np.ndarray:
+    """scene.json: theta = pi (r+0.5)/H from +z, phi = pi - 2 pi (c+0.5)/W from +x toward +y."""
+    theta = math.pi * (row + 0.5) / height
+    phi = math.pi - 2 * math.pi * (column + 0.5) / width
+    return np.array([math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)])
+
+
+def test_mirror_ball_sees_a_single_bright_texel_where_it_is() -> None:
+    """A mirror ball at the origin, seen along -x: the reflection of each texel's centre is on the ball's normal half-way.
+
+    For a texel toward d and a viewer toward o the highlight sits at the normal (o + d) / |o + d|; mirroring the view
+    there must fetch this texel of the map and no other.
+    """
+    height, width = 8, 16
+    viewer = np.array([1.0, 0.0, 0.0])
+    for row in range(height):
+        for column in range(width):
+            one_hot = torch.zeros(height, width)
+            one_hot[row, column] = 1
+            toward = written_convention(row, column, height, width)
+            normal = (viewer + toward) / np.linalg.norm(viewer + toward)
+            mirrored = 2 * (viewer @ normal) * normal - viewer
+            texel = direction_to_texel(torch.from_numpy(mirrored), height, width)
+            assert one_hot.flatten()[texel] == 1
+            centre = texel_centres(height, width)[row, column].numpy()
+            np.testing.assert_allclose(centre, toward, atol=1e-6)
+
+
+# ---------------------------------------------------------------- sampling
+def one_bright() -> torch.Tensor:
+    radiance = torch.full((16, 32, 3), 0.1)
+    radiance[5, 20] = 5000.0
+    return radiance
+
+
+def bright_pole() -> torch.Tensor:
+    radiance = torch.full((16, 32, 3), 0.05)
+    radiance[0] = 30.0
+    return radiance
+
+
+def random_map() -> torch.Tensor:
+    return torch.rand(9, 14, 3, generator=torch.Generator().manual_seed(1)) ** 6
+
+
+def holes() -> torch.Tensor:
+    """A random map with black texels, the first and the last among them."""
+    radiance = random_map()
+    radiance[torch.rand(9, 14, generator=torch.Generator().manual_seed(2)) < 0.5] = 0
+    radiance[0, 0] = radiance[-1, -1] = 0
+    return radiance
+
+
+MAPS: dict[str, Callable[[], torch.Tensor]] = {
+    "one bright texel among dark": one_bright,
+    "black": lambda: torch.zeros(8, 16, 3),
+    "random": random_map,
+    "with black texels": holes,
+    "bright pole row": bright_pole,
+    "1 x 2": lambda: torch.tensor([[[1.0, 2.0, 3.0], [0.5, 0.5, 0.5]]]),
+    "1 x 1": lambda: torch.ones(1, 1, 3),
+    "one channel only": lambda: random_map() * torch.tensor([0.0, 1.0, 0.0]),
+}
+
+
+def texel_probability(radiance: torch.Tensor, uniform_fraction: float) -> np.ndarray:
+    """Independent of the code: mean of the channels times the texel's share of the sphere."""
+    height, width, _ = radiance.shape
+    z = np.cos(np.pi * np.arange(height + 1) / height)
+    share = np.repeat((z[:-1] - z[1:])[:, None], width, axis=1) / (2 * width)
+    power = radiance.numpy().astype(np.float64).mean(-1) * share
+    if power.sum() == 0:
+        return share
+    return (1 - uniform_fraction) * power / power.sum() + uniform_fraction * share
+
+
+@pytest.mark.parametrize("uniform_fraction", [0.0, 0.25])
+@pytest.mark.parametrize("name", MAPS)
+def test_texels_are_drawn_in_proportion_to_their_power(name: str, uniform_fraction: float) -> None:
+    """Chi-square over all texels, 200 000 draws; false alarms in chi_square.py."""
+    radiance = MAPS[name]()
+    sampler = LatLongSampler.build(radiance, uniform_fraction=uniform_fraction)
+    u = torch.rand(200_000, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+    counts = np.bincount(sample_texels(sampler.cumulative, u).numpy(), minlength=radiance[..., 0].numel())
+    expected = texel_probability(radiance, uniform_fraction).ravel()
+    assert (counts[expected == 0] == 0).all()
+    assert_frequencies(counts, len(u) * expected)
+
+
+@pytest.mark.parametrize("uniform_fraction", [0.0, 0.25])
+@pytest.mark.parametrize("name", MAPS)
+def test_density_is_per_steradian_and_integrates_to_one(name: str, uniform_fraction: float) -> None:
+    radiance = MAPS[name]()
+    height, width, _ = radiance.shape
+    sampler = LatLongSampler.build(radiance, uniform_fraction=uniform_fraction)
+    solid_angle = row_solid_angles(height, width).repeat_interleave(width)
+    assert float((sampler.density.double() * solid_angle).sum()) == pytest.approx(1, rel=1e-6)
+    expected = texel_probability(radiance, uniform_fraction).ravel() / solid_angle.numpy()
+    np.testing.assert_allclose(sampler.density.numpy(), expected, rtol=1e-5)
+    assert float(sampler.cumulative[-1]) == 1
+
+
+@pytest.mark.parametrize("name", ["random", "bright pole row", "1 x 2", "1 x 1"])
+def test_directions_follow_the_density_within_texels_too(name: str) -> None:
+    """Draws are counted in a grid four times as fine in cos(theta) and phi, cells of equal solid angle in each texel."""
+    radiance = MAPS[name]()
+    height, width, _ = radiance.shape
+    sampler = LatLongSampler.build(radiance)
+    rng = torch.Generator().manual_seed(4)
+    texel = sample_texels(sampler.cumulative, torch.rand(200_000, dtype=torch.float64, generator=rng))
+    direction = texel_to_direction(texel, *torch.rand(2, 200_000, generator=rng), height, width).double().numpy()
+    z = np.cos(np.pi * np.arange(height + 1) / height)
+    edges = np.concatenate([np.linspace(a, b, 4, endpoint=False) for a, b in zip(z[:-1], z[1:], strict=True)] + [z[-1:]])
+    row = np.clip(np.searchsorted(-edges, -direction[:, 2], side="right") - 1, 0, 4 * height - 1)
+    phi = np.arctan2(direction[:, 1], direction[:, 0])
+    column = np.clip(((np.pi - phi) / (2 * np.pi) * 4 * width).astype(int), 0, 4 * width - 1)
+    counts = np.bincount(row * 4 * width + column, minlength=16 * height * width)
+    fine = np.repeat(np.repeat(texel_probability(radiance, 0.0), 4, axis=0), 4, axis=1) / 16
+    assert_frequencies(counts, 200_000 * fine)
+
+
+def test_dark_texels_beside_a_sun_keep_their_share() -> None:
+    """A sun of 1e7 beside texels of 1: in float32 the running sum would swallow them."""
+    radiance = torch.ones(128, 256, 3)
+    radiance[60, 60] = 1e7
+    sampler = LatLongSampler.build(radiance)
+    steps = torch.diff(sampler.cumulative, prepend=torch.zeros(1, dtype=torch.float64)).numpy()
+    np.testing.assert_allclose(steps, texel_probability(radiance, 0.0).ravel(), rtol=1e-6)
+
+
+def test_sampling_tables_carry_no_gradient() -> None:
+    radiance = torch.rand(4, 8, 3, requires_grad=True)
+    sampler = LatLongSampler.build(radiance)
+    assert not sampler.cumulative.requires_grad
+    assert not sampler.density.requires_grad
+
+
+# ---------------------------------------------------------------- resizing
+def power(radiance: np.ndarray) -> np.ndarray:
+    height, width, _ = radiance.shape
+    return (radiance.astype(np.float64) * row_solid_angles(height, width).numpy()[:, None, None]).sum((0, 1))
+
+
+@pytest.mark.parametrize("height", [1, 2, 8, 16])
+def test_resizing_keeps_power(height: int) -> None:
+    radiance = np.random.default_rng(0).pareto(1.0, (16, 32, 3)).astype(np.float32)
+    small = resize_light(radiance, height)
+    assert small.shape == (height, 2 * height, 3)
+    np.testing.assert_allclose(power(small), power(radiance), rtol=1e-5)
+
+
+def test_resizing_averages_where_the_light_is() -> None:
+    radiance = np.zeros((16, 32, 3), np.float32)
+    radiance[12:14, 20:22] = (3.0, 2.0, 1.0)
+    small = resize_light(radiance, 8)
+    np.testing.assert_allclose(small[6, 10], (3, 2, 1), rtol=1e-6)
+    assert np.count_nonzero(small.sum(-1)) == 1
+
+
+@pytest.mark.parametrize(("shape", "height"), [((16, 32), 5), ((16, 32), 32), ((12, 20), 6), ((1, 1), 1)])
+def test_only_whole_reductions(shape: tuple[int, int], height: int) -> None:
+    with pytest.raises(ValueError, match="not a whole factor"):
+        resize_light(np.ones((*shape, 3), np.float32), height)

@@ -1,0 +1,102 @@
+"""Texture lookup against scipy and by the written convention; filling of what no pixel saw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import map_coordinates
+
+from ia_bench.material.textures import bilinear_taps, fetch, fill_unobserved, splat
+
+
+def numbers(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+@pytest.mark.parametrize(("height", "width"), [(37, 31), (64, 64), (1, 5), (1, 1)])
+def test_bilinear_lookup_against_scipy(height: int, width: int) -> None:
+    """scipy counts from the centre of texel (0, 0), rows down; UV are drawn beyond the border too."""
+    texture, uv = numbers(height, width, 3), 1.2 * numbers(500, 2, seed=1) - 0.1
+    row, column = (1 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5
+    expected = [
+        map_coordinates(texture[..., c].numpy(), [row.numpy(), column.numpy()], order=1, mode="nearest") for c in range(3)
+    ]
+    np.testing.assert_allclose(fetch(texture, uv).numpy(), np.stack(expected, -1), atol=1e-12)
+
+
+def test_texel_centres_return_the_texel_and_row_0_is_the_top() -> None:
+    texture = numbers(5, 7, 2)
+    for row in range(5):
+        for column in range(7):
+            uv = torch.tensor([[(column + 0.5) / 7, 1 - (row + 0.5) / 5]], dtype=torch.float64)
+            torch.testing.assert_close(fetch(texture, uv)[0], texture[row, column])
+    corners = torch.tensor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=torch.float64)
+    torch.testing.assert_close(fetch(texture, corners), torch.stack([texture[-1, 0], texture[-1, -1], texture[0, 0], texture[0, -1]]))
+
+
+def test_weights_are_a_partition_and_follow_the_shape() -> None:
+    uv = numbers(4, 6, 2, seed=2)
+    index, weight = bilinear_taps(uv, 9, 11)
+    assert index.shape == weight.shape == (4, 6, 4)
+    torch.testing.assert_close(weight.sum(-1), torch.ones(4, 6, dtype=torch.float64))
+    assert (weight >= 0).all()
+    assert 0 <= int(index.min()) <= int(index.max()) < 99
+    assert fetch(numbers(9, 11, 3), uv).shape == (4, 6, 3)
+
+
+def test_gradient_of_the_texture() -> None:
+    texture = numbers(4, 5, 2).requires_grad_()
+    uv = numbers(11, 2, seed=3)
+    assert torch.autograd.gradcheck(lambda t: fetch(t, uv), (texture,))
+
+
+def test_splatting_is_the_transpose_of_the_lookup() -> None:
+    """<fetch(T), v> = <T, sum of splatted v> for any texture T and values v."""
+    texture, uv, values = numbers(16, 16, 3).float(), numbers(200, 2, seed=4).float(), numbers(200, 3, seed=5).float()
+    average, weight = splat(uv, values, 16)
+    assert float((fetch(texture, uv) * values).sum()) == pytest.approx(
+        float((texture * average * weight[..., None]).sum()), rel=1e-5
+    )
+    assert float(weight.sum()) == pytest.approx(200, rel=1e-5)
+    assert (average[weight == 0] == 0).all()
+    assert (weight == 0).any()
+
+
+def test_splatting_a_constant_gives_it_back() -> None:
+    average, weight = splat(numbers(300, 2, seed=7).float(), torch.tensor([0.2, 0.7]).expand(300, 2), 8)
+    assert (weight > 0).all()
+    torch.testing.assert_close(average, torch.tensor([0.2, 0.7]).expand(8, 8, 2))
+
+
+@pytest.mark.parametrize("size", [1, 2, 8, 13, 64])
+def test_filling_leaves_the_observed_and_stays_within_their_range(size: int) -> None:
+    texture = numbers(size, size, 3, seed=5)
+    observed = numbers(size, size, seed=6) > 0.8
+    observed[0, 0] = True
+    seen = texture[observed]
+    filled = fill_unobserved(torch.where(observed[..., None], texture, 1e6), observed)
+    torch.testing.assert_close(filled[observed], seen)
+    assert float(filled.min()) >= float(seen.min()) - 1e-9
+    assert float(filled.max()) <= float(seen.max()) + 1e-9
+
+
+def test_filling_takes_the_nearer_of_two_regions() -> None:
+    """Left border 0, right border 1: what lies between rises from one to the other, the same from both sides."""
+    texture, observed = torch.zeros(32, 32, 1), torch.zeros(32, 32, dtype=torch.bool)
+    texture[:, -1] = 1
+    observed[:, [0, -1]] = True
+    filled = fill_unobserved(texture, observed)[..., 0]
+    assert (filled[:, :16] < 0.5).all()
+    assert (torch.diff(filled, dim=1) > 0).all()
+    torch.testing.assert_close(filled, 1 - filled.flip(1), atol=1e-5, rtol=0)
+
+
+def test_filling_all_or_nothing() -> None:
+    texture = numbers(8, 8, 3)
+    observed = torch.ones(8, 8, dtype=torch.bool)
+    assert torch.equal(fill_unobserved(texture, observed), texture)
+    assert torch.equal(fill_unobserved(texture, ~observed), texture)
+    one = torch.zeros(8, 8, dtype=torch.bool)
+    one[3, 5] = True
+    torch.testing.assert_close(fill_unobserved(texture, one), texture[3, 5].expand(8, 8, 3))

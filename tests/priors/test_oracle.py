@@ -1,0 +1,252 @@
+"""Every dial of the oracle against its docstring: exactly where it is deterministic, statistically where it is random.
+
+Random dials are judged over many views, with tolerances of about four standard errors; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import gaussian_filter
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.oracle import OraclePrior
+from ia_bench.scenes.scene import Camera, View
+
+CAMERA = Camera(np.eye(4), (20.0, 20.0), (8.0, 6.0), 16, 12)
+HEIGHT, WIDTH = 12, 16
+
+
+def views_of(count: int, *, height: int = HEIGHT, width: int = WIDTH, seed: int = 0) -> tuple[View, ...]:
+    """Random pictures with a soft-edged disc as coverage; albedo stays within [0.2, 0.6]."""
+    random = np.random.default_rng(seed)
+    row, column = np.mgrid[:height, :width]
+    mask = np.clip(0.42 * min(height, width) + 0.5 - np.hypot(row - height / 2, column - width / 2), 0, 1)
+    mask = mask.astype(np.float32)
+
+    def picture(low: float, high: float) -> np.ndarray:
+        return (mask[..., None] * random.uniform(low, high, (height, width, 3))).astype(np.float32)
+
+    return tuple(
+        View(f"{i}", CAMERA, picture(0.1, 2.0), mask, albedo=picture(0.2, 0.6), specular=picture(0.0, 3.0))
+        for i in range(count)
+    )
+
+
+def tensors(views: tuple[View, ...]) -> tuple[Tensor, Tensor]:
+    return torch.from_numpy(np.stack([v.image for v in views])), torch.from_numpy(np.stack([v.mask for v in views]))
+
+
+def draw(prior: OraclePrior, views: tuple[View, ...], seed: int = 0, **guidance: Tensor) -> dict[str, Tensor]:
+    prior.reveal(views)
+    return prior.sample(*tensors(views), seed=seed, guidance=guidance or None)
+
+
+def truth_of(views: tuple[View, ...], component: str) -> np.ndarray:
+    return np.stack([getattr(view, component) for view in views]).astype(np.float64)
+
+
+def unit_of(views: tuple[View, ...], component: str) -> float:
+    """Mean of the component over the pixels of the scene where it is not zero."""
+    truth = truth_of(views, component)
+    return float(truth[truth.sum(-1) > 0].mean())
+
+
+def test_exact_by_default() -> None:
+    views = views_of(3)
+    for seed in (0, 5):
+        samples = draw(OraclePrior(), views, seed)
+        assert set(samples) == {"albedo", "specular"}
+        for name, sample in samples.items():
+            assert sample.dtype == torch.float32
+            np.testing.assert_array_equal(sample.numpy(), truth_of(views, name).astype(np.float32))
+
+
+def test_components() -> None:
+    prior = OraclePrior(components=["specular"])
+    assert prior.provides == {"specular"}
+    assert set(draw(prior, views_of(2))) == {"specular"}
+
+
+def test_stochastic_only_with_a_random_dial() -> None:
+    assert not OraclePrior(blur=1.0, baked=0.5).stochastic
+    assert all(OraclePrior(**{dial: 0.1}).stochastic for dial in ("scale", "shift", "noise", "inconsistency"))
+
+
+def test_scale_is_one_log_normal_factor_per_view() -> None:
+    views = views_of(400, height=4, width=5)
+    truth, inside = truth_of(views, "albedo"), truth_of(views, "albedo") > 0.01
+    sample = draw(OraclePrior(scale=0.3), views)["albedo"].numpy()
+    factors = np.array([s[i] / t[i] for s, t, i in zip(sample, truth, inside, strict=True)])
+    assert np.abs(factors / factors[:, :1] - 1).max() < 1e-5
+    logs = np.log(factors[:, 0])
+    assert abs(logs.mean()) < 4 * 0.3 / math.sqrt(400)
+    assert abs(logs.std() / 0.3 - 1) < 4 / math.sqrt(800)
+
+
+def test_shift_is_one_offset_per_view_in_units_of_the_mean() -> None:
+    views = views_of(400, height=6, width=5)
+    prior = OraclePrior(shift=0.05)
+    for name in ("albedo", "specular"):
+        truth, unit = truth_of(views, name), unit_of(views, name)
+        difference = draw(prior, views)[name].numpy() - truth
+        counts = (views[0].mask == 1)[None, :, :, None] & (truth > 0.25 * unit)  # five deviations above the cut at 0
+        offsets = [d[c] for d, c in zip(difference, counts, strict=True)]
+        assert max(np.ptp(values) for values in offsets) < 1e-5 * unit
+        per_view = np.array([values[0] for values in offsets]) / (0.05 * unit)
+        assert abs(per_view.std() - 1) < 4 / math.sqrt(800)
+        assert abs(per_view.mean()) < 4 / math.sqrt(400)
+
+
+def test_noise_is_white_with_the_stated_deviation() -> None:
+    views = views_of(40, height=24, width=31)
+    sample = draw(OraclePrior(noise=0.1), views)["albedo"].numpy()
+    full = views[0].mask == 1
+    noise = ((sample - truth_of(views, "albedo")) / unit_of(views, "albedo"))[:, full]
+    assert abs(noise.std() / 0.1 - 1) < 4 / math.sqrt(2 * noise.size)
+    assert abs(noise.mean()) < 4 * 0.1 / math.sqrt(noise.size)
+    correlation = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
+    assert abs(correlation) < 4 / math.sqrt(noise.size)
+
+
+def test_blur_is_a_gaussian_mean_inside_the_mask() -> None:
+    views = views_of(2, height=25, width=31)
+    sample = draw(OraclePrior(blur=1.5), views)["specular"].numpy()
+    for view, blurred in zip(views, sample, strict=True):
+        mask = view.mask.astype(np.float64)
+        weight = gaussian_filter(mask, 1.5)
+        inside = mask > 0
+        channels = [gaussian_filter(view.specular[..., c].astype(np.float64), 1.5) for c in range(3)]
+        expected = (mask / np.where(inside, weight, 1))[..., None] * np.stack(channels, -1)
+        np.testing.assert_allclose(blurred, expected, rtol=1e-4, atol=1e-5)
+        assert blurred[inside].std() < 0.5 * view.specular[inside].std()
+    constant = tuple(View(v.name, CAMERA, v.image, v.mask, albedo=0.4 * v.mask[..., None].repeat(3, -1)) for v in views)
+    kept = draw(OraclePrior(components=["albedo"], blur=1.5), constant)["albedo"].numpy()
+    np.testing.assert_allclose(kept, truth_of(constant, "albedo"), atol=1e-6)  # the background bleeds in nowhere
+
+
+def test_baked_shading_multiplies_the_albedo_alone() -> None:
+    views = views_of(2)
+    samples = draw(OraclePrior(baked=0.5), views)
+    np.testing.assert_array_equal(samples["specular"].numpy(), truth_of(views, "specular").astype(np.float32))
+    for view, sample in zip(views, samples["albedo"].numpy(), strict=True):
+        luminance = view.image.astype(np.float64) @ [0.2126, 0.7152, 0.0722]
+        factor = np.sqrt(luminance / (luminance.sum() / view.mask.sum()))
+        np.testing.assert_allclose(sample, view.albedo * factor[..., None], rtol=1e-4, atol=1e-6)
+
+
+def test_inconsistency_is_smooth_and_differs_between_views() -> None:
+    views = views_of(6, height=48, width=64)
+    sample = draw(OraclePrior(inconsistency=0.1, patch=4.0), views)["albedo"].numpy()
+    full = views[0].mask == 1
+    field = (sample - truth_of(views, "albedo")) / unit_of(views, "albedo")
+    assert abs(field[:, full].std() / 0.1 - 1) < 0.35  # few patches per view, hence the wide band
+    near, far = (np.corrcoef(field[:, 24, 20:36].ravel(), field[:, 24 + d, 20:36].ravel())[0, 1] for d in (1, 12))
+    assert near > 0.9
+    assert abs(far) < 0.5
+    between = np.corrcoef(field[0][full].ravel(), field[1][full].ravel())[0, 1]
+    assert abs(between) < 0.5
+
+
+@pytest.mark.parametrize("strength", [0.5, 100.0, 1e6])
+def test_guidance_is_the_gaussian_posterior_mean(strength: float) -> None:
+    views = views_of(2)
+    dials = {"scale": 0.1, "shift": 0.2, "noise": 0.05, "inconsistency": 0.3}
+    generator, coverage = torch.Generator().manual_seed(3), tensors(views)[1][..., None]
+    render = {n: coverage * torch.rand(2, HEIGHT, WIDTH, 3, generator=generator) for n in ("albedo", "specular")}
+    free = draw(OraclePrior(**dials), views, 4)
+    guided = draw(OraclePrior(**dials, guidance_strength=strength), views, 4, **render)
+    inside = tensors(views)[1].numpy() > 0
+    for name in ("albedo", "specular"):
+        truth = truth_of(views, name)
+        variance = unit_of(views, name) ** 2 * (0.05**2 + 0.3**2 + 0.2**2) + (0.1 * truth) ** 2
+        x, r = free[name].double().numpy(), render[name].double().numpy()
+        expected = (x / variance + strength * r) / (1 / variance + strength)
+        np.testing.assert_allclose(guided[name].numpy()[inside], expected[inside], rtol=2e-5, atol=2e-6)
+
+
+def test_strength_zero_and_no_variance_return_the_sample_to_the_bit() -> None:
+    views = views_of(2)
+    render = {name: torch.ones(2, HEIGHT, WIDTH, 3) for name in ("albedo", "specular")}
+    noisy = {"noise": 0.3, "scale": 0.2}
+    for options, same in (({**noisy, "guidance_strength": 0.0}, noisy), ({"guidance_strength": 1e9}, {})):
+        guided, free = draw(OraclePrior(**options), views, 7, **render), draw(OraclePrior(**same), views, 7)
+        assert all(torch.equal(guided[name], free[name]) for name in free)
+
+
+def test_guidance_of_one_component_leaves_the_other() -> None:
+    views = views_of(2)
+    prior = OraclePrior(noise=0.3)
+    guided, free = draw(prior, views, albedo=torch.zeros(2, HEIGHT, WIDTH, 3)), draw(prior, views)
+    assert torch.equal(guided["specular"], free["specular"])
+    assert guided["albedo"].abs().mean() < free["albedo"].abs().mean()
+
+
+def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
+    first, more = views_of(2), views_of(5)
+    assert np.array_equal(first[1].albedo, more[1].albedo)
+    dials = {"scale": 0.2, "shift": 0.1, "noise": 0.1}
+    few, many = draw(OraclePrior(**dials), first), draw(OraclePrior(**dials), more)
+    # one view more changes the unit (the scene's mean) a little, and no random number at all
+    assert float((few["albedo"] - many["albedo"][:2]).abs().max()) < 0.02 * float(few["albedo"].max())
+    prior = OraclePrior(**dials)
+    again = [draw(prior, more, seed)["albedo"] for seed in (0, 1, 0)]
+    assert torch.equal(again[0], again[2])
+    assert not torch.equal(again[0], again[1])
+    same = tuple(more[0] for _ in range(3))  # equal views get different draws ...
+    sample = draw(OraclePrior(noise=0.1), same)
+    noise = [(sample[name].numpy() - truth_of(same, name))[:, 5:7, 6:10].ravel() for name in ("albedo", "specular")]
+    assert not np.allclose(sample["albedo"][0], sample["albedo"][1])
+    assert abs(np.corrcoef(*noise)[0, 1]) < 0.5  # ... and so do the components
+
+
+def test_single_component_draws_like_both() -> None:
+    views = views_of(3)
+    both, one = OraclePrior(noise=0.2), OraclePrior(components=["albedo"], noise=0.2)
+    assert torch.equal(draw(both, views)["albedo"], draw(one, views)["albedo"])
+
+
+def test_dark_image_and_empty_mask_stay_finite() -> None:
+    view = views_of(1)[0]
+    nothing = np.zeros_like(view.image)
+    dark = View("dark", CAMERA, nothing, view.mask, albedo=view.albedo, specular=nothing)
+    empty = View("empty", CAMERA, nothing, nothing[..., 0], albedo=nothing, specular=nothing)
+    dials = {"scale": 0.2, "shift": 0.2, "noise": 0.2, "blur": 1.0, "baked": 0.5, "inconsistency": 0.2}
+    samples = draw(OraclePrior(**dials), (dark, empty))
+    assert all(bool(torch.isfinite(sample).all()) and bool((sample[1] == 0).all()) for sample in samples.values())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"components": ["albedo", "normals"]}, "components: expected some of albedo, specular, found normals"),
+        ({"noise": -0.1}, "noise: expected a finite number >= 0, found -0.1"),
+        ({"scale": math.nan}, "scale: expected a finite number >= 0, found nan"),
+        ({"blur": math.inf}, "blur: expected"),
+        ({"guidance_strength": -1}, "guidance_strength: expected"),
+    ],
+)
+def test_wrong_options(options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=f"prior.options.{message}"):
+        OraclePrior(**options)
+
+
+def test_wrong_inputs() -> None:
+    views = views_of(2)
+    prior = OraclePrior()
+    with pytest.raises(InputError, match=r"images of shape \(2, 12, 16, 3\), was revealed nothing"):
+        prior.sample(*tensors(views), seed=0)
+    prior.reveal(views)
+    with pytest.raises(InputError, match=r"of shape \(1, 12, 16, 3\), was revealed views of shape \(2, 12, 16, 3\)"):
+        prior.sample(*tensors(views[:1]), seed=0)
+    images, masks = tensors(views)
+    images[1, 3, 3, 0] = torch.inf
+    with pytest.raises(InputError, match="expected finite images, found NaN or Inf"):
+        prior.sample(images, masks, seed=0)
+    lacking = View("images/train/0007", CAMERA, views[0].image, views[0].mask, albedo=views[0].albedo)
+    with pytest.raises(InputError, match="training view images/train/0007 has no ground-truth specular"):
+        prior.reveal((lacking,))

@@ -1,0 +1,113 @@
+"""Both ray tracers against Moeller and Trumbore's test of every ray with every triangle, in float64."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from shapes import disk, mesh_of, plate, soup, sphere, together
+
+from ia_bench.render.rays import EmbreeRays, RayCaster, make_rays
+from ia_bench.scenes.scene import Mesh
+
+CPU = torch.device("cpu")
+TRACERS = ("embree", "warp")
+
+
+def tracer(name: str, mesh: Mesh) -> RayCaster:
+    if name == "embree":
+        return EmbreeRays(mesh)
+    pytest.importorskip("warp", reason="warp-lang is not installed (it comes with the extra `cuda`)")
+    from ia_bench.render.warp_rays import WarpRays
+
+    return WarpRays(mesh, CPU)
+
+
+def brute_force(mesh: Mesh, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Nearest face, barycentrics of corners 1 and 2, distance, and how near an edge the decision was, per ray."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) for i in range(3))
+    first, second = b - a, c - a
+    cross = np.cross(directions[:, None], second)
+    determinant = (cross * first).sum(-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = origins[:, None] - a
+        u = (offset * cross).sum(-1) / determinant
+        turned = np.cross(offset, first)
+        v = (directions[:, None] * turned).sum(-1) / determinant
+        distance = (second * turned).sum(-1) / determinant
+        margin = np.minimum(np.minimum(u, v), 1 - u - v)  # >= 0 inside
+    hit = (margin >= 0) & (distance > 0)
+    nearest = np.where(hit, distance, np.inf)
+    face = nearest.argmin(1)
+    every = np.arange(len(origins))
+    missed = ~hit.any(1)
+    doubtful = ((np.abs(margin) < 1e-4) & (distance > 0)).any(1)
+    uv = np.stack([u[every, face], v[every, face]], -1)
+    return np.where(missed, -1, face), uv, nearest[every, face], doubtful
+
+
+def rays_through(seed: int, count: int = 1500) -> tuple[np.ndarray, np.ndarray]:
+    """Random rays that start in and around [-1, 1]^3, float32 values in float64."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return rng.uniform(-1.5, 1.5, (count, 3)).astype(np.float32).astype(np.float64), directions.astype(np.float32).astype(np.float64)
+
+
+MESHES = {
+    "random triangles": soup(60, 3),
+    "one triangle": mesh_of(np.eye(3), [(0, 1, 2)]),
+    "sphere": sphere(1),
+    "disk over a plate": together(plate(1.0), disk(0.5, height=0.5, segments=16)),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("kind", TRACERS)
+def test_nearest_hits(kind: str, name: str) -> None:
+    mesh = MESHES[name]
+    origins, directions = rays_through(1)
+    face, uv, distance, doubtful = brute_force(mesh, origins, directions)
+    assert doubtful.mean() < 0.02  # rays within 1e-4 of an edge may go either way
+    assert (face >= 0).mean() > 0.02
+    assert (face < 0).mean() > 0.02
+    rays = tracer(kind, mesh)
+    found = rays.intersect(*(torch.from_numpy(a).float() for a in (origins, directions)))
+    clear = ~doubtful
+    np.testing.assert_array_equal(found[0].numpy()[clear], face[clear])
+    hit = clear & (face >= 0)
+    np.testing.assert_allclose(found[1].numpy()[hit], uv[hit], atol=2e-4)
+    np.testing.assert_allclose(found[2].numpy()[hit], distance[hit], rtol=1e-3, atol=1e-4)
+    assert np.isinf(found[2].numpy()[clear & (face < 0)]).all()
+    assert found[0].dtype == torch.int64
+    assert rays.rays == len(origins)
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("kind", TRACERS)
+def test_occlusion(kind: str, name: str) -> None:
+    mesh = MESHES[name]
+    origins, directions = rays_through(2)
+    face, _, _, doubtful = brute_force(mesh, origins, directions)
+    rays = tracer(kind, mesh)
+    blocked = rays.occluded(*(torch.from_numpy(a).float() for a in (origins, directions)))
+    assert blocked.dtype == torch.bool
+    np.testing.assert_array_equal(blocked.numpy()[~doubtful], face[~doubtful] >= 0)
+    assert rays.rays == len(origins)
+
+
+@pytest.mark.parametrize("kind", TRACERS)
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_few_rays(kind: str, count: int) -> None:
+    """None is a number of rays too: a batch may have no sample that counts."""
+    rays = tracer(kind, MESHES["sphere"])
+    origins = torch.tensor([[3.0, 0.0, 0.0]]).expand(count, 3).contiguous()
+    directions = torch.tensor([[-1.0, 0.01, 0.02]]).expand(count, 3).contiguous()
+    face, barycentric, distance = rays.intersect(origins, directions)
+    assert (face.shape, barycentric.shape, distance.shape) == ((count,), (count, 2), (count,))
+    assert (face >= 0).all()
+    assert rays.occluded(origins, directions).tolist() == [True] * count
+
+
+def test_the_cpu_gets_embree() -> None:
+    assert isinstance(make_rays(MESHES["sphere"], CPU), EmbreeRays)

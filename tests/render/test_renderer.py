@@ -1,0 +1,174 @@
+"""The renderer around the estimator: pictures, compilation and its fall-back, and Cycles' direct light as a whole."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from shapes import camera_at, plate, sphere
+from stage import Stage
+
+from ia_bench.material.textures import Material
+from ia_bench.render.renderer import Light, PixelRadiance, Renderer, choose_shading, texture_images
+from ia_bench.render.visibility import NoShadows
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.scene import Scene
+
+
+def test_ground_truth_through_the_renderer_is_cycles_direct_light(tiny: Scene, tiny_folder: Path, tiny_sun: torch.Tensor) -> None:
+    """Against direct-only Cycles renders of `tiny`: 32 dB (sRGB, mask) and 7 % of mean radiance, 4 x 4 points a pixel.
+
+    The gap is the Principled BSDF, which takes from the diffuse part what it reflects, noise of both, and the pixel's
+    footprint: with 2 x 2 points it is 30 dB, whatever the samples.
+    """
+    assert tiny.truth is not None
+    stage = Stage.of(tiny.mesh, [view.camera for view in tiny.test], side=4)
+    albedo, roughness = (torch.from_numpy(t).float() for t in (tiny.truth.albedo, tiny.truth.roughness))
+    material = Material(albedo, roughness[..., None].clamp(0.03, 1))
+    ours = stage.renderer().render_images(stage.gbuffer, material, Light.of(tiny_sun), 256, torch.Generator().manual_seed(0))
+    theirs = np.stack([read_exr(tiny_folder / "direct" / "test" / f"{i:04d}.exr", 4) for i in range(4)])
+    mask = theirs[..., 3] > 0.5
+    a, b = (linear_to_srgb(image[mask].clip(0, 1)) for image in (ours["radiance"].numpy(), theirs[..., :3]))
+    psnr = -10 * np.log10(np.mean((a - b) ** 2))
+    assert psnr > 32, f"{psnr:.1f} dB"
+    assert ours["radiance"].numpy()[mask].mean() / theirs[..., :3][mask].mean() == pytest.approx(1.0, abs=0.07)
+    true_albedo = np.stack([view.albedo for view in tiny.test])
+    assert np.abs(ours["albedo"].numpy() - true_albedo)[mask].mean() < 0.02
+
+
+def test_texture_images_are_box_filtered_and_premultiplied() -> None:
+    """A plate with columns of texels, two texels a pixel and four points a pixel, seen from straight above."""
+    camera = camera_at((0, 0, 5), pixels=8)
+    stage = Stage.of(plate(5 * np.tan(np.radians(20)) * 6 / 8), [camera], side=2)
+    texture = torch.rand(12, 12, 2, generator=torch.Generator().manual_seed(1))
+    image = texture_images(stage.surface, stage.gbuffer, texture)
+    assert image.shape == (1, 8, 8, 2)
+    expected = torch.zeros(8, 8, 2)
+    expected[1:7, 1:7] = texture.reshape(6, 2, 6, 2, 2).mean((1, 3))
+    torch.testing.assert_close(image[0], expected, atol=1e-3, rtol=0)
+
+
+def test_the_same_generator_gives_the_same_picture(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
+    def once(seed: int) -> torch.Tensor:
+        light, rng = Light.of(soft_light), torch.Generator().manual_seed(seed)
+        return tiny_stage.renderer().render_images(tiny_stage.gbuffer, tiny_material, light, 32, rng)["radiance"]
+
+    assert torch.equal(once(1), once(1))
+    assert not torch.equal(once(1), once(2))
+
+
+def test_a_picture_does_not_depend_on_its_chunks(
+    tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chunks that do not divide the pixels are padded; every pixel is there once. Means agree, draws differ."""
+    light = Light.of(soft_light)
+    pictures = []
+    for chunk in (4096, 100):
+        monkeypatch.setattr("ia_bench.render.renderer.CHUNK", chunk)
+        rng = torch.Generator().manual_seed(2)
+        pictures.append(tiny_stage.renderer().render_images(tiny_stage.gbuffer, tiny_material, light, 64, rng))
+    torch.testing.assert_close(pictures[0]["albedo"], pictures[1]["albedo"])
+    whole, parts = (p["radiance"] for p in pictures)
+    assert float((whole - parts).mean().abs() / whole.mean()) < 0.01
+    assert float(((whole - parts) ** 2).mean().sqrt() / whole.mean()) < 0.3
+
+
+def test_points_that_miss_count_as_nothing() -> None:
+    """At half covered pixels the radiance is half that of the plate's inside."""
+    camera = camera_at((0, 0, 5), pixels=12)
+    stage = Stage.of(plate(5 * np.tan(np.radians(20)) * 7 / 12), [camera], side=2)
+    material = Material(torch.full((2, 2, 3), 0.5), torch.ones(2, 2, 1))
+    images = stage.renderer().render_images(
+        stage.gbuffer, material, Light.of(torch.ones(8, 16, 3)), 512, torch.Generator().manual_seed(3)
+    )
+    assert float(images["diffuse"][0, 4:8, 4:8].mean()) == pytest.approx(0.5, rel=0.02)
+    assert float(images["diffuse"][0, 2, 3:9].mean()) == pytest.approx(0.25, rel=0.05)
+    assert float(images["radiance"][0, 0].max()) == 0
+
+
+# ---------------------------------------------------------------- compilation
+def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[torch.Tensor, ...]]:
+    stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=16)])
+    rng = torch.Generator().manual_seed(4)
+    leaves = (torch.rand(8, 8, 3, generator=rng), 0.2 + 0.8 * torch.rand(8, 8, 1, generator=rng), torch.rand(8, 16, 3, generator=rng))
+    for leaf in leaves:
+        leaf.requires_grad_()
+
+    def render(renderer: Renderer) -> PixelRadiance:
+        pixels = torch.arange(len(stage.gbuffer.pixel))
+        material, light = Material(leaves[0], leaves[1]), Light.of(leaves[2])
+        return renderer.render_pixels(stage.gbuffer, pixels, material, light, 16, torch.Generator().manual_seed(5))
+
+    return stage, render, leaves
+
+
+@pytest.mark.slow
+def test_compiled_shading_gives_the_same_numbers_and_gradients() -> None:
+    if choose_shading("auto", lambda _: None) != "compiled":
+        pytest.skip("no C++ compiler found")
+    stage, render, leaves = small_setup()
+    notices: list[str] = []
+    results = []
+    for shading in ("eager", "compiled"):
+        renderer = Renderer(stage.surface, NoShadows(), shading=shading, notice=notices.append)
+        part = render(renderer)
+        gradients = torch.autograd.grad((part.radiance**2).sum(), leaves)
+        assert renderer.shading == shading
+        results.append((part.diffuse, part.specular, part.albedo, *gradients))
+    assert notices == []
+    for eager, compiled in zip(*results, strict=True):
+        torch.testing.assert_close(compiled, eager, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("fails", ["when asked", "when run"])
+def test_a_compiler_that_fails_is_noticed_once(monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
+    """Whether torch.compile raises itself (a Python it does not know) or the first call does (a broken compiler)."""
+    stage, render, leaves = small_setup()
+    expected = render(Renderer(stage.surface, NoShadows()))
+
+    def broken(*_: object, **__: object) -> object:
+        raise RuntimeError("no such compiler")
+
+    monkeypatch.setattr(torch, "compile", broken if fails == "when asked" else lambda *_, **__: broken)
+    notices: list[str] = []
+    renderer = Renderer(stage.surface, NoShadows(), shading="compiled", notice=notices.append)
+    for _ in range(2):
+        part = render(renderer)
+        torch.testing.assert_close(part.radiance, expected.radiance, rtol=0, atol=0)
+    assert renderer.shading == "eager"
+    assert notices == ["shading runs eagerly: torch.compile failed (RuntimeError)"]
+    assert all(torch.isfinite(g).all() for g in torch.autograd.grad(part.radiance.sum(), leaves))
+
+
+def test_an_error_that_is_not_the_compilers_is_raised() -> None:
+    stage, _, _ = small_setup()
+    renderer = Renderer(stage.surface, NoShadows())
+    material = Material(torch.zeros(4, 4, 3), torch.full((4, 4), 0.5))  # roughness without its last axis
+    with pytest.raises(ValueError, match="unpack"):
+        renderer.render_pixels(
+            stage.gbuffer, torch.arange(3), material, Light.of(torch.ones(2, 4, 3)), 4, torch.Generator().manual_seed(0)
+        )
+
+
+@pytest.mark.parametrize(
+    ("wanted", "compilers", "chosen"),
+    [("eager", ["g++"], "eager"), ("compiled", [], "compiled"), ("auto", ["g++"], "compiled"), ("auto", ["clang++"], "compiled")],
+)
+def test_choice_of_shading(monkeypatch: pytest.MonkeyPatch, wanted: str, compilers: list[str], chosen: str) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: name if name in compilers else None)
+    notices: list[str] = []
+    assert choose_shading(wanted, notices.append) == chosen
+    assert notices == []
+
+
+def test_without_a_compiler_shading_is_eager_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    notices: list[str] = []
+    assert choose_shading("auto", notices.append) == "eager"
+    assert notices == ["shading runs eagerly: no C++ compiler found for torch.compile"]

@@ -1,0 +1,50 @@
+"""Synthetic run folders, written as a run writes them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
+HEADER = "stage,step,seconds,albedo_psnr,aligned_albedo_psnr,view_synthesis_psnr,relighting_psnr,roughness_mse"
+
+
+@pytest.fixture(scope="session")
+def write_run_below() -> Callable[..., Path]:
+    """A function that writes one run folder below ROOT/runs and returns it."""
+
+    def write(root: Path, row: str, scene: str, seed: int = 0, psnr: float | None = 20.0, **changes: object) -> Path:
+        """``changes`` replace top-level keys of metrics.json; ``curve`` is the text of curve.csv below its header."""
+        folder = root / "runs" / f"{row}-{scene}-{seed}".replace("/", "_")
+        folder.mkdir(parents=True)
+        curve = changes.pop("curve", None)
+        metrics = {name: {"psnr": psnr, "ssim": 0.9, "lpips": 0.1} for name in TRIPLES} | {"roughness": {"mse": 0.05}}
+        data = {
+            "schema": 1,
+            "row": row,
+            "scene": scene,
+            "seed": seed,
+            "protocol": "paper-v1",
+            "config_hash": "0" * 8,
+            "status": "ok",
+            "metrics": metrics,
+            "reasons": {},
+            "time_s": {"total": 60.0, "bake": 5.0, "prior": 0.0, "stage1": 30.0, "stage2": 15.0, "score": 10.0},
+            "peak_memory_bytes": 2**30,
+        }
+        (folder / "metrics.json").write_text(json.dumps(data | changes))
+        if curve is not None:
+            (folder / "curve.csv").write_text(f"{HEADER}\n{curve}")
+        return folder
+
+    return write
+
+
+@pytest.fixture
+def write_run(write_run_below: Callable[..., Path], tmp_path: Path) -> Callable[..., Path]:
+    """The same, below tmp_path/runs."""
+    return partial(write_run_below, tmp_path)

@@ -1,0 +1,154 @@
+"""Reading run folders: what is there arrives, what is broken is named and becomes a failure."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ia_bench.report.collect import BadRecord, collect, find_run_folders, read_curve, read_run
+from ia_bench.report.columns import METRICS
+
+Write = Callable[..., Path]
+
+
+def test_a_finished_run_arrives_whole(write_run: Write) -> None:
+    folder = write_run("ours", "hat", 3, sees_truth=True, curve="stage1,0,0.5,,12,,,\nstage2,40,2.5,14,,inf,16,0.05\n")
+    run = read_run(folder)
+    assert (run.row, run.scene, run.seed, run.problem, run.protocol) == ("ours", "hat", 3, None, "paper-v1")
+    assert run.metrics["albedo.psnr"] == 20.0
+    assert run.metrics["roughness.mse"] == 0.05
+    assert set(run.metrics) == {metric.key for metric in METRICS}
+    assert run.seconds == 50.0  # 60 in all, 10 of them for scoring
+    assert run.peak_memory_bytes == 2**30
+    assert run.sees_truth
+    assert run.curve.stages == ("stage1", "stage2")
+    np.testing.assert_array_equal(run.curve.values["albedo_psnr"], [np.nan, 14.0])
+    np.testing.assert_array_equal(run.curve.measured("relighting_psnr"), [[40], [2.5], [16]])
+    assert len(run.curve.measured("view_synthesis_psnr")[0]) == 0  # infinite: nothing to draw
+    assert not run.curve.is_ceiling
+
+
+def test_null_and_its_reason_arrive(write_run: Write) -> None:
+    run = read_run(write_run("ours", "hat", psnr=None, reasons={"albedo.psnr": "identical"}))
+    assert run.metrics["albedo.psnr"] is None
+    assert run.reasons == {"albedo.psnr": "identical"}
+
+
+def test_a_failed_run_says_why(write_run: Write) -> None:
+    assert (
+        read_run(write_run("ours", "hat", status="failed", metrics=None, error="out of memory")).problem
+        == "out of memory"
+    )
+    assert read_run(write_run("ours", "ship", status="failed")).problem == "failed, no reason given"
+
+
+def test_a_run_without_a_curve(write_run: Write) -> None:
+    run = read_run(write_run("ours", "hat"))
+    assert run.curve is None
+    assert run.curve_problem is None
+
+
+def test_the_ceiling_is_known_by_its_only_stage(write_run: Write) -> None:
+    assert read_run(write_run("ceiling", "hat", curve="ceiling,0,0,,,30,31,0.001\n")).curve.is_ceiling
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"schema": 2}, r"metrics\.json: schema: expected 1, found 2"),
+        ({"status": "done"}, r"metrics\.json: status: expected ok or failed, found 'done'"),
+        ({"metrics": None}, r"metrics\.json: metrics: expected dict, found None"),
+        ({"metrics": {}}, r"metrics\.json: albedo: expected dict, found nothing"),
+        ({"time_s": {"total": "long"}}, r"metrics\.json: time_s\.total: expected a number or null, found 'long'"),
+        ({"peak_memory_bytes": True}, r"metrics\.json: peak_memory_bytes: expected a number or null, found True"),
+        ({"protocol": None}, r"metrics\.json: protocol: expected str, found None"),
+        ({"sees_truth": 1}, r"metrics\.json: sees_truth: expected bool, found 1"),
+        ({"reasons": []}, r"metrics\.json: reasons: expected dict, found \[\]"),
+    ],
+)
+def test_a_broken_record_makes_its_cell_a_failed_one(write_run: Write, changes: dict, problem: str) -> None:
+    run = read_run(write_run("ours", "hat", **changes))
+    assert (run.row, run.scene, run.seed) == ("ours", "hat", 0)
+    assert re.search(problem, run.problem or "finished")
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ('{"schema": 1, ', "expected a JSON file"),
+        ("[]", "expected an object, found list"),
+        ('{"row": "a", "scene": "b"}', "seed: expected int, found nothing"),
+        ('{"row": "a", "scene": "b", "seed": true}', "seed: expected int, found True"),
+        ('{"row": "a", "scene": "b", "seed": 0, "peak_memory_bytes": NaN}', "NaN, which is no JSON number"),
+    ],
+)
+def test_a_record_that_names_no_cell_is_unreadable(tmp_path: Path, text: str, problem: str) -> None:
+    (tmp_path / "metrics.json").write_text(text)
+    with pytest.raises(BadRecord, match=problem):
+        read_run(tmp_path)
+
+
+def test_folders_are_found_and_grouped_and_the_unreadable_ones_kept(write_run: Write, tmp_path: Path) -> None:
+    for seed in (0, 1):
+        write_run("ours", "hat", seed)
+    (tmp_path / "runs" / "broken").mkdir()
+    (tmp_path / "runs" / "broken" / "metrics.json").write_text("{")
+    found = collect(find_run_folders(tmp_path))
+    assert [(run.row, run.scene, run.seed) for run in found.runs] == [("ours", "hat", 0), ("ours", "hat", 1)]
+    assert [folder.name for folder, _ in found.unreadable] == ["broken"]
+    assert collect([tmp_path / "never ran"]).unreadable[0][0] == tmp_path / "never ran"
+
+
+def test_two_folders_of_one_cell_are_refused(write_run: Write, tmp_path: Path) -> None:
+    first = write_run("ours", "hat")
+    second = tmp_path / "copy"
+    second.mkdir()
+    (second / "metrics.json").write_text((first / "metrics.json").read_text())
+    with pytest.raises(ValueError, match="row ours, scene hat, seed 0 is in .* and in .*copy: expected one run folder"):
+        collect([first, second])
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("stage,step\nstage1,0\n", "line 2: expected a column seconds, found stage, step"),
+        ("stage,step,seconds,albedo_psnr\nstage1,0,1,high\n", "line 2, albedo_psnr: expected a number, found 'high'"),
+        ("stage,step,seconds\nstage1,0,2\nstage1,1,1\n", "expected a step and rising seconds"),
+        ("stage,step,seconds\nstage1,,2\n", "expected a step and rising seconds"),
+    ],
+)
+def test_a_broken_curve_is_named_and_does_not_fail_the_run(
+    write_run: Write, tmp_path: Path, text: str, problem: str
+) -> None:
+    path = tmp_path / "curve.csv"
+    path.write_text(text)
+    with pytest.raises(BadRecord, match=problem):
+        read_curve(path)
+    folder = write_run("ours", "hat")
+    path.rename(folder / "curve.csv")
+    run = read_run(folder)
+    assert run.problem is None
+    assert run.curve is None
+    assert "curve.csv" in run.curve_problem
+
+
+def test_a_curve_with_a_header_only_is_no_curve(write_run: Write) -> None:
+    assert read_run(write_run("ours", "hat", curve="")).curve is None
+
+
+def test_the_columns_are_those_of_metrics_json_and_point_the_right_way() -> None:
+    assert [metric.key for metric in METRICS if not metric.higher_is_better] == [
+        "albedo.lpips",
+        "aligned_albedo.lpips",
+        "view_synthesis.lpips",
+        "relighting.lpips",
+        "roughness.mse",
+    ]
+    assert json.dumps([metric.title for metric in METRICS[:3]], ensure_ascii=False) == (
+        '["Albedo PSNR ↑", "Albedo SSIM ↑", "Albedo LPIPS ↓"]'
+    )

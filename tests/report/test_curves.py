@@ -1,0 +1,127 @@
+"""Times to reach an error, where a curve gets worse, and what the figures draw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ia_bench.report.collect import Run, read_run
+from ia_bench.report.columns import CURVE_METRICS
+from ia_bench.report.curves import LEVELS, time_to_error, worsening
+from ia_bench.report.figures import draw_scene, save
+
+Write = Callable[..., Path]
+RISES = "stage1,0,0,10,10,10,10,0.1\nstage1,50,5,16,16,16,16,0.05\nstage2,100,20,24,24,24,24,0.01\n"
+FALLS = "stage1,0,0,10,10,10,10,0.02\nstage1,50,5,18,18,18,18,0.05\nstage2,100,20,16,16,17.95,16,0.08\n"
+CEILING = "ceiling,0,0,,,30,31,0.001\n"
+
+
+@pytest.fixture
+def runs(write_run: Write) -> list[Run]:
+    """Two seeds of ours, one that rises more slowly, a falling none and a ceiling, all on hat."""
+    slow = RISES.replace(",5,16", ",8,14.9").replace(",20,24,", ",30,19,")
+    folders = [
+        write_run("ours", "hat", 0, curve=RISES),
+        write_run("ours", "hat", 1, curve=slow),
+        write_run("none", "hat", 0, curve=FALLS),
+        write_run("ceiling", "hat", 0, curve=CEILING),
+        write_run("quiet", "hat", 0),
+    ]
+    return [read_run(folder) for folder in folders]
+
+
+def test_times_are_of_the_first_measured_point_and_never_says_so(runs: list[Run]) -> None:
+    times = {(one.row, one.metric.column, one.level): one for one in time_to_error(runs)}
+    assert times["ours", "albedo_psnr", 15.0].seconds.mean == (5 + 30) / 2
+    assert times["ours", "albedo_psnr", 15.0].text == "17.5 s"
+    assert times["ours", "albedo_psnr", 20.0].text == "20.0 s (1 of 2 seeds)"
+    assert times["ours", "albedo_psnr", 25.0].text == "never"
+    assert times["none", "albedo_psnr", 15.0].text == "5.0 s"  # reached, though not kept
+    assert times["ours", "roughness_mse", 0.05].seconds.mean == (5 + 8) / 2  # at most, for an error
+    assert times["none", "roughness_mse", 0.01].text == "never"
+
+
+def test_rows_without_an_optimisation_have_no_times(runs: list[Run]) -> None:
+    assert {one.row for one in time_to_error(runs)} == {"ours", "none"}
+    assert set(LEVELS) == {metric.column for metric in CURVE_METRICS}
+
+
+def test_a_metric_that_was_never_measured_is_not_called_never(write_run: Write) -> None:
+    run = read_run(write_run("ours", "hat", curve="stage1,0,1,20,,,,\n"))
+    assert {one.metric.column for one in time_to_error([run])} == {"albedo_psnr"}
+
+
+def test_where_more_time_makes_it_worse(runs: list[Run]) -> None:
+    found = {(one.row, one.metric.column): one for one in worsening(runs)}
+    assert set(found) == {
+        ("none", m) for m in ("albedo_psnr", "aligned_albedo_psnr", "relighting_psnr", "roughness_mse")
+    }
+    albedo = found["none", "albedo_psnr"]  # view synthesis loses 0.05 dB, which is below the threshold
+    assert (albedo.best, albedo.best_step, albedo.best_seconds, albedo.final, albedo.loss_db) == (18, 50, 5, 16, 2)
+    assert albedo.text == (
+        "none on hat: albedo PSNR is best with 18.00 dB at 5.0 s (step 50) "
+        "and ends with 16.00 dB at 20.0 s: 2.00 dB lost"
+    )
+    assert found["none", "roughness_mse"].loss_db == pytest.approx(10 * np.log10(4))  # from .02 to .08
+    assert worsening(runs)[0].metric.column == "roughness_mse"  # the largest loss first
+
+
+def test_worsening_is_the_mean_of_seeds(write_run: Write) -> None:
+    folders = [write_run("none", "hat", 0, curve=FALLS), write_run("none", "hat", 1, curve=RISES)]
+    albedo = next(
+        one for one in worsening([read_run(folder) for folder in folders]) if one.metric.column == "albedo_psnr"
+    )
+    assert (albedo.loss_db, albedo.final, albedo.seeds) == (1.0, 20.0, 2)
+    assert "(mean of 2 seeds)" in albedo.text
+
+
+def test_the_figure_shows_lines_bands_and_the_dashed_ceiling(runs: list[Run]) -> None:
+    figure = draw_scene(runs, "hat", ["ceiling", "none", "ours", "quiet"])
+    panels = {panel.get_title(): panel for panel in figure.axes}
+    for metric in CURVE_METRICS:
+        assert panels[metric.title].get_xscale() == "log"
+    synthesis = panels["View synthesis PSNR ↑"]
+    lines = {one.get_label(): one for one in synthesis.get_lines()}
+    assert set(lines) == {"ceiling", "none", "ours"}
+    assert lines["ceiling"].get_linestyle() == "--"
+    assert set(lines["ceiling"].get_ydata()) == {30.0}
+    np.testing.assert_array_equal(lines["none"].get_xdata(), [5, 20])  # the point at 0 s has no place on a log axis
+    assert len(synthesis.collections) == 1  # the band of the two seeds
+    shared = lines["ours"].get_xdata()
+    assert (shared[0], shared[-1]) == pytest.approx((8, 20))  # where both seeds have been measured
+    assert "ceiling" not in {one.get_label() for one in panels["Albedo PSNR ↑"].get_lines()}
+    legend = [text.get_text() for text in figure.axes[-1].get_legend().get_texts()]
+    assert legend == ["ceiling", "none", "ours"]
+
+
+def test_the_mean_of_a_band_lies_between_its_seeds(runs: list[Run]) -> None:
+    figure = draw_scene(runs, "hat", ["ours"])
+    line = figure.axes[0].get_lines()[0]
+    last = line.get_ydata()[-1]  # at 20 s: 24 of one seed, the other on its way from 14.9 at 8 s to 19 at 30 s
+    other = 14.9 + (19 - 14.9) * np.log(20 / 8) / np.log(30 / 8)
+    assert last == pytest.approx((24 + other) / 2, abs=0.01)
+
+
+def test_rows_keep_their_colours_whatever_is_missing(runs: list[Run]) -> None:
+    rows = ["ceiling", "none", "ours"]
+    all_of = draw_scene(runs, "hat", rows).axes[0].get_lines()
+    fewer = draw_scene([run for run in runs if run.row != "none"], "hat", rows).axes[0].get_lines()
+    assert all_of[-1].get_label() == fewer[-1].get_label() == "ours"
+    assert all_of[-1].get_color() == fewer[-1].get_color()
+
+
+def test_a_scene_without_curves_has_no_figure(runs: list[Run]) -> None:
+    assert draw_scene(runs, "ship", ["ours"]) is None
+
+
+def test_png_and_svg_are_the_same_bytes_each_time(runs: list[Run], tmp_path: Path) -> None:
+    contents = []
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        files = save(draw_scene(runs, "hat", ["none", "ours"]), tmp_path / name / "hat")
+        assert [file.name for file in files] == ["hat.png", "hat.svg"]
+        contents.append([file.read_bytes() for file in files])
+    assert contents[0] == contents[1]

@@ -1,0 +1,181 @@
+"""LPIPS against a direct call of the network, and whatever may be missing: weights, package, internet, operators."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+import urllib.error
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.draw import disk
+
+from ia_bench.scores import perceptual
+from ia_bench.scores.metrics import NoScoredPixel, Undefined
+from ia_bench.scores.protocol import LpipsSettings
+from ia_bench.scores.torchvision_shim import import_torchvision
+
+ROOT = Path(__file__).parents[2]
+WEIGHTS = ROOT.parent / "shared" / "weights" / "lpips_squeeze.safetensors"
+needs_weights = pytest.mark.skipif(not WEIGHTS.is_file(), reason="needs ../shared/weights/lpips_squeeze.safetensors")
+SETTINGS = LpipsSettings(net="squeeze", weights=str(WEIGHTS)) if WEIGHTS.is_file() else LpipsSettings(net="squeeze")
+
+HEIGHT, WIDTH = 37, 43  # larger than the smallest image that LPIPS takes, and not square
+RANDOM = np.random.default_rng(0)
+TRUE, GUESS = RANDOM.random((HEIGHT, WIDTH, 3)), RANDOM.random((HEIGHT, WIDTH, 3))
+DISC, EVERYWHERE = np.zeros((HEIGHT, WIDTH), bool), np.ones((HEIGHT, WIDTH), bool)
+DISC[disk((18, 21), 12)] = True
+
+
+@pytest.fixture(autouse=True)
+def nothing_remembered() -> None:
+    perceptual.load.cache_clear()
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")  # torchvision deprecates how lpips calls it
+@needs_weights
+def test_a_masked_value_is_the_networks_own_map_averaged_over_the_mask() -> None:
+    import torch
+
+    import_torchvision()
+    import lpips
+    from safetensors.torch import load_file
+
+    network = lpips.LPIPS(net="squeeze", spatial=True, pnet_rand=True, pretrained=False, verbose=False)
+    network.load_state_dict(load_file(WEIGHTS))
+    white = [torch.tensor(np.where(DISC[..., None], image, 1.0)).float() for image in (GUESS, TRUE)]
+    with torch.no_grad():
+        spatial = network(*(2 * image.permute(2, 0, 1)[None] - 1 for image in white))[0, 0].numpy()
+    assert perceptual.lpips(GUESS, TRUE, DISC, SETTINGS) == pytest.approx(float(spatial[DISC].mean()), rel=1e-5)
+
+
+@needs_weights
+def test_identical_and_litter_outside_and_order() -> None:
+    assert perceptual.lpips(TRUE, TRUE, DISC, SETTINGS) == 0.0
+    value = perceptual.lpips(GUESS, TRUE, DISC, SETTINGS)
+    assert value > 0.05
+    littered = np.where(DISC[..., None], GUESS, np.nan)
+    assert perceptual.lpips(littered, TRUE, DISC, SETTINGS) == value
+    slight = TRUE + 0.02 * (GUESS - TRUE)
+    assert perceptual.lpips(slight, TRUE, DISC, SETTINGS) < 0.1 * value
+
+
+@needs_weights
+def test_loading_leaves_the_global_random_state_alone() -> None:
+    import torch
+
+    torch.manual_seed(0)
+    before = torch.get_rng_state()
+    assert not isinstance(perceptual.load(SETTINGS), str)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+@needs_weights
+def test_weights_of_another_network_are_named_not_used() -> None:
+    with pytest.raises(Undefined, match="lpips_squeeze.safetensors is no full state dict of lpips net alex"):
+        perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings(net="alex", weights=str(WEIGHTS)))
+
+
+def test_a_file_that_holds_no_weights_is_named(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.safetensors"
+    broken.write_text("not weights")
+    with pytest.raises(Undefined, match="broken.safetensors is no full state dict of lpips net squeeze"):
+        perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings(net="squeeze", weights=str(broken)))
+
+
+def test_empty_masks_and_small_images_have_no_number() -> None:
+    with pytest.raises(NoScoredPixel):
+        perceptual.lpips(GUESS, TRUE, ~EVERYWHERE, SETTINGS)
+    with pytest.raises(Undefined, match="image of 43 x 31 pixels is smaller than 32"):
+        perceptual.lpips(GUESS[:31], TRUE[:31], EVERYWHERE[:31], SETTINGS)
+
+
+def test_without_internet_there_is_a_reason_and_it_is_remembered(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    attempts = []
+
+    def unreachable(*_: object, **__: object) -> None:
+        attempts.append(perceptual.socket.getdefaulttimeout())
+        raise urllib.error.URLError("Name or service not known")
+
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path))  # nothing cached
+    monkeypatch.setattr("torch.hub.urlopen", unreachable)
+    for _ in range(2):
+        with pytest.raises(Undefined, match="net alex are not cached and cannot be downloaded: .*not known"):
+            perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings(net="alex"))
+    assert attempts == [perceptual.DOWNLOAD_SECONDS]
+    assert perceptual.socket.getdefaulttimeout() is None
+
+
+def test_a_server_that_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with perceptual.socket.create_server(("127.0.0.1", 0)) as silent:  # accepts (in its backlog) and says nothing
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}/alexnet-00000000.pth"
+        import_torchvision()
+        import torchvision
+
+        monkeypatch.setenv("TORCH_HOME", str(tmp_path))
+        monkeypatch.setenv("no_proxy", "127.0.0.1")
+        monkeypatch.setattr(perceptual, "DOWNLOAD_SECONDS", 0.2)
+        known = torchvision.models.AlexNet_Weights.IMAGENET1K_V1.value
+        moved = type(known)(url=url, transforms=known.transforms, meta=known.meta)
+        monkeypatch.setattr(torchvision.models.AlexNet_Weights.IMAGENET1K_V1, "_value_", moved)
+        start = time.monotonic()
+        reason = perceptual.load(LpipsSettings(net="alex"))
+    assert "timed out" in reason
+    assert time.monotonic() - start < 5
+
+
+def test_a_missing_package_costs_lpips_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "lpips", None)  # makes the import fail
+    with pytest.raises(Undefined, match="the lpips package cannot be imported"):
+        perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings())
+
+
+def run_python(code: str) -> str:
+    """Run code in a fresh interpreter: what is imported there, and in which order, is the test's own."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_torchvision_imports_whether_or_not_its_operators_load() -> None:
+    output = run_python(
+        "from ia_bench.scores import torchvision_shim as shim; shim.import_torchvision(); shim.import_torchvision()\n"
+        "import lpips, torchvision, torch\n"
+        "print(len(shim._declared), torchvision.extension._has_ops())"
+    )
+    declared, has_operators = output.split()
+    assert (declared, has_operators) in {("0", "True"), ("1", "False")}  # declared only where they are missing
+
+
+def test_a_torchvision_that_imports_is_left_alone() -> None:
+    output = run_python(
+        "import sys, types; sys.modules['torchvision'] = types.ModuleType('torchvision')\n"
+        "from ia_bench.scores import torchvision_shim as shim; shim.import_torchvision(); print(shim._declared)"
+    )
+    assert output.strip() == "[]"
+
+
+def test_other_failures_of_torchvision_are_not_hidden() -> None:
+    output = run_python(
+        "import sys\n"
+        "class Broken:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'torchvision': raise RuntimeError('broken wheel')\n"
+        "sys.meta_path.insert(0, Broken())\n"
+        "from ia_bench.scores.torchvision_shim import import_torchvision\n"
+        "try: import_torchvision()\n"
+        "except RuntimeError as error: print(error)"
+    )
+    assert output.strip() == "broken wheel"
+
+
+def test_scoring_imports_no_network_package_until_it_is_asked_to() -> None:
+    output = run_python(
+        "import sys, ia_bench.scores.evaluate\n"
+        "print([name for name in ('torch', 'torchvision', 'lpips') if name in sys.modules])"
+    )
+    assert output.strip() == "[]"

@@ -1,0 +1,207 @@
+"""Every shipped configuration composes, and the hash changes with what decides numbers and with nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib
+import inspect
+import json
+import os
+import shlex
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ia_bench import config as configuration
+from ia_bench.composition import compose
+from ia_bench.config import RunConfig, SceneConfig, config_hash, identity, resolve_scene_folder, run_folder, slug
+from ia_bench.errors import InputError
+from ia_bench.fit.settings import FitSettings
+from ia_bench.paths import conf_folder
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scores.protocol import Protocol
+
+CONF = conf_folder()
+GROUP_FILES = sorted(path for path in CONF.glob("*/*.yaml") if path.parent.name != "table")
+
+
+@pytest.fixture(autouse=True)
+def scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Scene folders of every shipped name, with just enough in them to be told apart."""
+    root = tmp_path / "datasets" / "scenes"
+    for path in CONF.glob("scene/*.yaml"):
+        (root / path.stem).mkdir(parents=True)
+        (root / path.stem / "scene.json").write_text(json.dumps({"name": path.stem}))
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
+    return root
+
+
+def hash_with(*overrides: str) -> str:
+    return config_hash(compose(["device=cpu", *overrides]))
+
+
+@pytest.mark.parametrize("path", GROUP_FILES, ids=lambda path: f"{path.parent.name}={path.stem}")
+def test_shipped_choice_composes_and_says_how(path: Path) -> None:
+    config = compose(["device=cpu", f"{path.parent.name}={path.stem}"])
+    chosen = getattr(config, path.parent.name)
+    name = chosen if isinstance(chosen, str) else chosen["name"] if isinstance(chosen, dict) else chosen.name
+    assert name == path.stem
+    commands = [line for line in path.read_text().splitlines()[:2] if line.startswith("# python -m ia_bench ")]
+    assert len(commands) == 1, "opens with the command that uses it"
+    words = shlex.split(commands[0].removeprefix("# python -m ia_bench "))
+    overrides = [word for word in words if word != "device=cuda"]
+    assert f"{path.parent.name}={path.stem}" in overrides
+    compose([*overrides, "device=cpu"])
+
+
+@pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "method")], ids=lambda p: p.stem)
+def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
+    settings = yaml.safe_load(path.read_text())
+    module, _, name = settings["target"].partition(":")
+    parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters
+    defaults = {key: list(p.default) if isinstance(p.default, tuple) else p.default for key, p in parameters.items()}
+    assert settings.get("options", {}) == defaults
+
+
+def test_quick_is_the_defaults_and_paper_is_the_paper() -> None:
+    quick = compose(["device=cpu", "preset=quick"])
+    assert (quick.fit, quick.render) == (FitSettings(), RenderSettings())
+    assert Protocol.from_config(quick.protocol) == Protocol()
+    paper = compose(["device=cpu", "preset=paper"])
+    assert (paper.render.texture, paper.render.light_height, paper.render.samples) == (2048, 256, 144)
+    assert (paper.fit.stage1_steps, paper.fit.stage2_steps) == (20_000, 15_000)
+
+
+def test_result_is_typed_and_frozen_again() -> None:
+    fit = compose(["device=cpu", "fit.weights.albedo=2"]).fit
+    assert fit.weights.albedo == 2.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        fit.pixels = 1  # type: ignore[misc]
+
+
+def test_command_line_beats_preset() -> None:
+    assert compose(["device=cpu", "render.samples=7", "preset=paper"]).render.samples == 7
+
+
+def test_hash_is_sha256_of_canonical_json() -> None:
+    config = compose(["device=cpu"])
+    text = json.dumps(identity(config), sort_keys=True, separators=(",", ":"))
+    assert config_hash(config) == hashlib.sha256(text.encode()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("out=elsewhere",),
+        ("row=another",),
+        ("preset=quick",),
+        ("fit.checkpoint_seconds=99",),
+        ("fit.pixels=4096",),
+        (f"threads={len(os.sched_getaffinity(0))}",),
+    ],
+    ids=str,
+)
+def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None:
+    assert hash_with(*overrides) == hash_with()
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "seed=1",
+        "threads=63",
+        "scene=ship",
+        "prior=oracle",
+        "method=ceiling",
+        "geometry.uv=xatlas",
+        "preset=smoke",
+        "protocol.lpips.net=squeeze",
+        "protocol.ssim.sigma=2",
+        "protocol.samples_per_pixel=65",
+        "render.shadows=baked",
+        "fit.rates.light=0.2",
+    ],
+)
+def test_hash_changes_with_what_decides_numbers(override: str) -> None:
+    assert hash_with(override) != hash_with()
+
+
+def test_hash_changes_with_every_setting_of_fit_and_render() -> None:
+    config = compose(["device=cpu"])
+    hashes = [config_hash(config)]
+    for section in ("fit", "render"):
+        for changed in _variations(getattr(config, section)):
+            hashes.append(config_hash(dataclasses.replace(config, **{section: changed})))
+    assert len(hashes) > 15
+    assert len(set(hashes)) == len(hashes)
+
+
+def test_hash_distinguishes_oracle_dials() -> None:
+    assert hash_with("prior=oracle", "prior.options.noise=0.1") != hash_with("prior=oracle")
+
+
+def test_hash_follows_the_scene_content_and_not_its_place(scenes: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere" / "hat"
+    elsewhere.mkdir(parents=True)
+    (elsewhere / "scene.json").write_bytes((scenes / "hat" / "scene.json").read_bytes())
+    before = hash_with("scene=hat")
+    assert hash_with(f"scene.path={elsewhere}") == before
+    (scenes / "hat" / "mesh.ply").write_bytes(b"ply")
+    assert hash_with("scene=hat") != before
+
+
+def test_lpips_weights_path_is_no_part_of_the_hash(tmp_path: Path) -> None:
+    paths = [tmp_path / "a.safetensors", tmp_path / "b.safetensors"]
+    for path in paths:
+        path.write_bytes(b"weights")
+    assert len({hash_with(f"protocol.lpips.weights={path}") for path in paths}) == 1
+
+
+def test_folder_is_named_by_scene_row_and_hash() -> None:
+    config = compose(["device=cpu", "prior=oracle", "row='oracle w/o guided'"])
+    assert run_folder(config) == Path("runs", "hat", f"oracle-w-o-guided-{config_hash(config)[:8]}")
+    assert run_folder(compose(["device=cpu", "out=some/where"])) == Path("some/where")
+    assert run_folder(compose(["device=cpu", "method=ceiling"])).name.startswith("ceiling-")
+    assert slug("../x y") == "..-x-y"
+
+
+def test_own_scene_is_called_after_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "mug").mkdir()
+    config = compose(["device=cpu", f"scene.path={tmp_path / 'mug'}"])
+    assert config.scene.name == "mug"
+    assert resolve_scene_folder(config.scene) == tmp_path / "mug"
+
+
+def test_no_shipped_scenes_names_both_ways_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "nothing"))
+    with pytest.raises(InputError, match=r"(?s)IA_BENCH_DATASETS.*scene\.path=FOLDER"):
+        resolve_scene_folder(SceneConfig(name="hat"))
+
+
+def test_scene_plugin_needs_no_folder() -> None:
+    scene = SceneConfig(name="theirs", reader="their_package:read")
+    assert resolve_scene_folder(scene) is None
+
+
+def test_device_auto_is_resolved() -> None:
+    assert compose([]).device in ("cpu", "cuda")
+    assert configuration.resolved(compose(["device=cpu"])).device == "cpu"
+
+
+def _variations(settings):
+    """The same settings with one leaf changed, for every leaf but those that decide no number."""
+    found = []
+    for leaf in dataclasses.fields(settings):
+        value = getattr(settings, leaf.name)
+        if dataclasses.is_dataclass(value):
+            found += [dataclasses.replace(settings, **{leaf.name: changed}) for changed in _variations(value)]
+        elif leaf.name != "checkpoint_seconds":
+            other = value + "x" if isinstance(value, str) else not value if isinstance(value, bool) else value + 1
+            found.append(dataclasses.replace(settings, **{leaf.name: other}))
+    return found
+
+
+def test_variations_cover_a_nested_setting() -> None:
+    assert len(_variations(RunConfig().fit)) >= 10

@@ -1,0 +1,92 @@
+"""The example of a third party's prior, installed as its README says, beside a distribution that is broken."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ia_bench.checks.stack import painted_ball
+from ia_bench.scenes.exr import read_exr
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLE = ROOT / "examples" / "grey_world_prior"
+TINY = ROOT / "datasets" / "scenes" / "tiny"
+
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("hatchling") is None, reason="building it needs hatchling")
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for PYTHONPATH with the example, and with a distribution whose prior raises on import."""
+    folder = tmp_path_factory.mktemp("installed")
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([sys.executable, "-m", "pip", "install", *options, "--target", folder, EXAMPLE], check=True)
+    (folder / "shaky_prior.py").write_text("raise OSError('libshaky.so: cannot open shared object file')")
+    info = folder / "shaky-0.3.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: shaky\nVersion: 0.3\n")
+    (info / "entry_points.txt").write_text("[ia_bench.priors]\nshaky = shaky_prior:Prior\n")
+    return folder
+
+
+def call(installed: Path, module: str, *arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    paths = os.pathsep.join([str(installed), str(ROOT)])
+    variables = {**os.environ, "PYTHONPATH": paths, "IA_BENCH_DATASETS": str(ROOT / "datasets"), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", module, *arguments]
+    return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=120)
+
+
+def test_example_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
+    done = call(installed, "ia_bench.check", "prior=grey_world", folder=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert " 0 failed, " in done.stdout.splitlines()[-1]
+    assert done.stdout.count("✓") > 25
+    assert "\x1b" not in done.stdout
+
+
+@pytest.mark.skipif(not TINY.is_dir(), reason="the scene tiny has not been rendered here")
+def test_example_runs(installed: Path, tmp_path: Path) -> None:
+    settings = ["preset=smoke", "scene=tiny", "device=cpu", "threads=1", "out=result"]
+    (tmp_path / "no_network.safetensors").touch()  # leaves LPIPS undefined, so that nothing is downloaded
+    settings.append("protocol.lpips.weights=no_network.safetensors")
+    done = call(installed, "ia_bench", "prior=grey_world", "prior.options.highlight=2", *settings, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((tmp_path / "result" / "metrics.json").read_text())
+    assert (metrics["row"], metrics["status"], metrics["sees_truth"]) == ("grey_world", "ok", False)
+    assert np.isfinite(metrics["metrics"]["aligned_albedo"]["psnr"])
+    assert read_exr(tmp_path / "result" / "albedo.exr", 3).std() > 0
+
+
+def test_broken_neighbour_is_named_and_skipped(installed: Path, tmp_path: Path) -> None:
+    listed = call(installed, "ia_bench.check", "--help", folder=tmp_path)
+    assert listed.returncode == 0
+    assert "grey_world      grey_world_prior:GreyWorldPrior of grey_world_prior 0.1.0" in listed.stdout
+    cause = "importing shaky_prior:Prior raised OSError: libshaky.so"
+    assert f"prior 'shaky' of shaky 0.3 is skipped: {cause}" in listed.stdout
+    asked = call(installed, "ia_bench.check", "prior=shaky", folder=tmp_path)
+    assert (asked.returncode, asked.stdout) == (2, "")
+    assert "prior 'shaky' of shaky 0.3 cannot be used" in asked.stderr
+
+
+def test_example_is_nearer_to_the_truth_than_the_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(EXAMPLE)
+    from grey_world_prior import GreyWorldPrior
+
+    stack = painted_ball(48, 64, 3)
+    albedo = GreyWorldPrior().sample(stack.images, stack.masks, seed=0)["albedo"]
+    inside = stack.masks > 0.5
+    truth = stack.truth("albedo")[inside]
+
+    def error(guess: np.ndarray) -> float:
+        """Squared error after one common scale has made the means equal."""
+        return float(((guess * (truth.mean() / guess.mean()) - truth) ** 2).mean())
+
+    assert error(albedo[inside]) < 0.5 * error(stack.images[inside])
+    monkeypatch.delitem(sys.modules, "grey_world_prior")
