@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ia_bench.errors import InputError
 from ia_bench.material.brdf import dot, normalize
 from ia_bench.priors.contract import Prior
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
@@ -68,6 +69,11 @@ def make_plan(
     step = max(1, len(scene.train) // PROBE_VIEWS)
     views = scene.train[::step]
     gbuffer = trace_gbuffer([view.camera for view in views], rays, 2, device)
+    if not bool((gbuffer.face[:, 0] >= 0).any()):
+        raise InputError(
+            f"{scene.folder}: no training camera sees the mesh: expected transform_matrix to be camera-to-world in the "
+            "OpenGL convention (the camera looks along its -z axis, +y is up), in the units of mesh.ply"
+        )
     footprint = _footprints(surface, gbuffer)
     decisions = [
         _shadows(surface, rays, settings, gbuffer, device),
@@ -113,6 +119,11 @@ def _angle(a: Tensor, b: Tensor) -> Tensor:
     return 2 * torch.asin((0.5 * (a - b).norm(dim=-1)).clamp(max=1))
 
 
+def _closest_quarter(footprint: Tensor) -> float:
+    """The lower quartile of (N,) values, N >= 1; torch.quantile takes no more than 16 million."""
+    return float(footprint.sort().values[(len(footprint) - 1) // 4])
+
+
 def _shadows(
     surface: SurfaceInterpolator, rays: RayCaster, settings: RenderSettings, gbuffer: GBuffer, device: torch.device
 ) -> Decision:
@@ -155,7 +166,7 @@ def _texture(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision
         return _users(what, int(settings.texture))
     if len(footprint["uv"]) == 0:
         return Decision(what, TEXTURE_SIZES[0], "no pixel has two neighbouring points on one UV island", None)
-    pixel = float(footprint["uv"].double().quantile(0.25))  # the closer quarter of the surface decides
+    pixel = _closest_quarter(footprint["uv"])  # the closer quarter of the surface decides
     size = next((s for s in TEXTURE_SIZES if pixel * s >= 1), TEXTURE_SIZES[-1])
     why = f"a pixel spans {pixel * size:.2f} texels at {size} (closest quarter of the surface)"
     left_out = f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None
@@ -168,7 +179,7 @@ def _light(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
         return _users(what, int(settings.light_height))
     if len(footprint["mirror"]) == 0:
         return Decision(what, LIGHT_HEIGHTS[0], "no pixel has two neighbouring points", None)
-    angle = float(footprint["mirror"].double().quantile(0.25))
+    angle = _closest_quarter(footprint["mirror"])
     rows = math.pi / max(angle, 1e-6)
     size = min(LIGHT_HEIGHTS, key=lambda height: abs(math.log2(height / rows)))
     why = f"mirror directions of a pixel span {math.degrees(angle):.1f} degrees, a texel {180 / size:.1f}"

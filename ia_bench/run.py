@@ -77,7 +77,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         # ---- score and save --------------------------------------------------------------------------------------
         with _clock(seconds, "score"):
             steps = config.fit.stage1_steps + config.fit.stage2_steps
-            curve.score("final", steps, sum(result.seconds.values()), result)
+            curve.score(result.stage, steps, sum(result.seconds.values()), result)
             scores = scorer.full(result.material, result.light)
         write_assets(folder, scene.mesh, result)
     metrics = {

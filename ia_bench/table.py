@@ -215,7 +215,7 @@ def make_table(request: Request) -> int:
         progress.note(f"{results}: {len(cells)} cells, {jobs} at a time, {threads} threads each")
         failed = run_cells(cells, jobs, results / "logs", progress)
     report = write_report(
-        [cell.folder for cell in cells],
+        {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells},
         results,
         [row.name for row in table.rows],
         scenes_order=list(dict.fromkeys(cell.config.scene.name for cell in cells)),

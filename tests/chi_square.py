@@ -18,7 +18,9 @@ def assert_frequencies(observed: np.ndarray, expected: np.ndarray) -> None:
     (almost) nothing must be (almost) empty: it is joined with its neighbour, never dropped.
     """
     observed, expected = np.asarray(observed, np.float64).ravel(), np.asarray(expected, np.float64).ravel()
-    assert abs(expected.sum() / observed.sum() - 1) < 1e-3, f"expected {expected.sum():g} samples, drew {observed.sum():g}"
+    assert abs(expected.sum() / observed.sum() - 1) < 1e-3, (
+        f"expected {expected.sum():g} samples, drew {observed.sum():g}"
+    )
     expected = expected * observed.sum() / expected.sum()
     order = np.argsort(expected)
     pools, pool = [], np.zeros(2)
@@ -36,4 +38,6 @@ def assert_frequencies(observed: np.ndarray, expected: np.ndarray) -> None:
         return
     statistic = float(((counts[:, 0] - counts[:, 1]) ** 2 / counts[:, 1]).sum())
     probability = float(chi2.sf(statistic, len(counts) - 1))
-    assert probability > FALSE_ALARM, f"chi-square {statistic:.1f} on {len(counts) - 1} degrees of freedom, p = {probability:.2g}"
+    assert probability > FALSE_ALARM, (
+        f"chi-square {statistic:.1f} on {len(counts) - 1} degrees of freedom, p = {probability:.2g}"
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,7 +14,6 @@ from ia_bench.scenes.scene import Scene
 torch.set_num_threads(1)  # the arrays here are small: more threads only wait for each other
 
 TINY = Path(__file__).resolve().parents[1] / "datasets" / "scenes" / "tiny"
-CPU = torch.device("cpu")
 
 
 @pytest.fixture(scope="session")
@@ -34,9 +32,3 @@ def tiny() -> Scene:
 def tiny_copy(tmp_path: Path) -> Path:
     """A copy of `tiny` to break in one place; what it looks like before is checked by the test of the shipped scene."""
     return Path(shutil.copytree(TINY, tmp_path / "tiny"))
-
-
-@pytest.fixture
-def generator() -> Callable[[int], torch.Generator]:
-    """A seeded generator by number."""
-    return lambda seed: torch.Generator().manual_seed(seed)

@@ -10,7 +10,9 @@ import trimesh
 from ia_bench.scenes.scene import Camera, Mesh
 
 
-def mesh_of(vertices: np.ndarray, faces: np.ndarray, *, normals: np.ndarray | None = None, uv: np.ndarray | None = None) -> Mesh:
+def mesh_of(
+    vertices: np.ndarray, faces: np.ndarray, *, normals: np.ndarray | None = None, uv: np.ndarray | None = None
+) -> Mesh:
     """A mesh; without ``normals`` every triangle is flat, for which vertices are split. UV default to the middle."""
     vertices, faces = np.asarray(vertices, np.float64), np.asarray(faces)
     if normals is None:
@@ -30,7 +32,7 @@ def sphere(subdivisions: int = 3, *, radius: float = 1.0, smooth: bool = True) -
 
 
 def plate(half: float, *, height: float = 0.0, uv_scale: float = 1.0) -> Mesh:
-    """A square of side 2 ``half`` at z = ``height``, facing +z; u runs along +x, v along +y, both over [0, uv_scale]."""
+    """A square of side 2 ``half`` at z = ``height``, facing +z; u runs along +x, v along +y, over [0, uv_scale]."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     vertices = np.column_stack([half * corners, np.full(4, height)])
     normals = np.tile([0.0, 0.0, 1.0], (4, 1))

@@ -109,7 +109,7 @@ def corners(mesh: bpy.types.Mesh) -> Corners:
 
 
 def add_atlas(mesh: bpy.types.Mesh, found: Corners, uv: NDArray[np.float32]) -> None:
-    """Give the Blender mesh a UV layer "atlas" from uv (F, 3, 2), active for baking; textures keep reading the old one."""
+    """Add uv (F, 3, 2) as UV layer "atlas", active for baking; the paints keep reading the layer they had."""
     values = np.zeros((len(mesh.loops), 2), dtype=np.float32)
     values[found.loop.ravel()] = uv.reshape(-1, 2)
     layer = mesh.uv_layers.new(name="atlas", do_init=False)

@@ -60,7 +60,7 @@ def glow(d: Array, axis: Array, width: float) -> Array:
 
 
 def panel(d: Array, axis: Array, width: float, height: float, edge: float) -> Array:
-    """Weight (...) of an upright rectangle of `width` x `height` degrees facing the origin, seen in direction `axis`."""
+    """Weight (...) of an upright rectangle of `width` x `height` degrees around `axis`."""
     right = np.cross((0.0, 0.0, 1.0), axis)
     right /= np.linalg.norm(right)
     depth = d @ axis

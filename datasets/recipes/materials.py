@@ -1,5 +1,6 @@
 """Baking the modelled materials to two textures, and the one material that Cycles then renders with."""
 
+import contextlib
 from pathlib import Path
 
 import bpy
@@ -31,7 +32,7 @@ GENERATED_BY_DEFAULT = {
 
 
 def encode_srgb(linear: NDArray[np.floating]) -> NDArray[np.float64]:
-    """sRGB transfer function (IEC 61966-2-1), linear [0, 1] to encoded [0, 1]."""
+    """Encode by the sRGB transfer function (IEC 61966-2-1), linear [0, 1] to encoded [0, 1]."""
     linear = np.asarray(linear, dtype=np.float64)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
 
@@ -63,7 +64,8 @@ def bake(item: bpy.types.Object, size: int) -> tuple[NDArray[np.float32], NDArra
 
 
 def _principled(material: bpy.types.Material) -> bpy.types.ShaderNode:
-    found = [n for n in material.node_tree.nodes if n.bl_idname == "ShaderNodeBsdfPrincipled"] if material.use_nodes else []
+    nodes = material.node_tree.nodes if material.use_nodes else []
+    found = [node for node in nodes if node.bl_idname == "ShaderNodeBsdfPrincipled"]
     if len(found) != 1:
         raise RuntimeError(f"material {material.name!r}: expected exactly one Principled BSDF, found {len(found)}")
     return found[0]
@@ -108,7 +110,9 @@ def _bake_input(materials: set[bpy.types.Material], name: str, size: int) -> NDA
         canvas.image = target
         tree.nodes.active = canvas
     target.pixels.foreach_set(np.zeros(size * size * 4, dtype=np.float32))
-    bpy.ops.object.bake(type="EMIT", margin=0, use_clear=False)  # clearing would set alpha to 1; baked texels set it
+    # Clearing would set alpha to 1, by which the baked texels are told. Blender's report "not saved" is not shown.
+    with contextlib.redirect_stdout(None):
+        bpy.ops.object.bake(type="EMIT", margin=0, use_clear=False)
     pixels = np.empty(size * size * 4, dtype=np.float32)
     target.pixels.foreach_get(pixels)
     pixels = pixels.reshape(size, size, 4)[::-1]  # Blender's images start at the bottom
@@ -148,18 +152,19 @@ def textured_material(folder: Path) -> bpy.types.Material:
     rough = _texture(tree, "roughness", roughness).outputs["Color"]
     tree.links.new(colour, shader.inputs["Base Color"])
     tree.links.new(rough, shader.inputs["Roughness"])
+    add_aovs(material, {"albedo": colour, "roughness": rough})
+    return material
+
+
+def add_aovs(material: bpy.types.Material, values: dict[str, bpy.types.NodeSocket]) -> None:
+    """Write `values`, the shading normal (world space) and the depth along the camera's axis to AOVs of their names."""
+    tree = material.node_tree
     normal = tree.nodes.new("ShaderNodeNewGeometry").outputs["Normal"]
     depth = tree.nodes.new("ShaderNodeCameraData").outputs["View Z Depth"]
-    for name, socket, kind in (
-        ("albedo", colour, "Color"),
-        ("normal", normal, "Color"),
-        ("roughness", rough, "Value"),
-        ("depth", depth, "Value"),
-    ):
+    for name, socket in (values | {"normal": normal, "depth": depth}).items():
         aov = tree.nodes.new("ShaderNodeOutputAOV")
         aov.aov_name = name
-        tree.links.new(socket, aov.inputs[kind])
-    return material
+        tree.links.new(socket, aov.inputs["Color" if name in ("albedo", "normal") else "Value"])
 
 
 def _texture(tree: bpy.types.NodeTree, name: str, image: NDArray[np.floating]) -> bpy.types.ShaderNode:

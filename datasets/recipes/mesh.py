@@ -27,7 +27,7 @@ def face_normals(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> ND
 
 
 def weld(positions: NDArray[np.float32], normals: NDArray[np.float32], uv: NDArray[np.float32]) -> Mesh:
-    """Mesh with one vertex per distinct (position, normal, uv); all given per corner: (F, 3, 3), (F, 3, 3), (F, 3, 2)."""
+    """One vertex per distinct (position, normal, uv), given per corner: (F, 3, 3), (F, 3, 3), (F, 3, 2)."""
     rows = np.concatenate([positions, normals, uv], axis=-1).reshape(-1, 8).astype(np.float32)
     vertices, inverse = np.unique(np.round(rows, 6), axis=0, return_inverse=True)
     unit = vertices[:, 3:6] / np.linalg.norm(vertices[:, 3:6], axis=1, keepdims=True)

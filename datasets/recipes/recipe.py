@@ -15,12 +15,17 @@ class Recipe:
     views: dict[str, int]
     size: int = 128
     light_height: int = 256
-    texture_size: int = 1024
+    texture_size: int = 512
 
     @property
     def lights(self) -> dict[str, str]:
         """Model of every light by its name in the scene: `train`, then the novel ones."""
         return {"train": self.light} | {name: name for name in NOVEL_LIGHTS}
+
+    def at_size(self, size: int) -> "Recipe":
+        """The same recipe for images of another size; textures grow with larger images, up to 2048."""
+        factor = max(1, size // self.size)
+        return replace(self, size=size, texture_size=min(2048, self.texture_size * factor))
 
     def with_samples(self, samples: int) -> "Recipe":
         """The same recipe with another number of paths a pixel, for every light."""
@@ -32,15 +37,15 @@ PAPER_VIEWS = {"train": 100, "test": 20, "novel": 20}
 
 TINY_VIEWS = {"train": 16, "test": 4, "novel": 4}
 
-NOVEL_SAMPLES = {"studio": 448, "sunset": 320, "night": 512}
+NOVEL_SAMPLES = {"studio": 224, "sunset": 192, "night": 256}
 
 TINY_SAMPLES = dict.fromkeys(("train", *NOVEL_LIGHTS), 2048)
 
 RECIPES = {
-    "hat": Recipe("hat", "garden", {"train": 320} | NOVEL_SAMPLES, PAPER_VIEWS),
-    "ship": Recipe("ship", "harbour", {"train": 384} | NOVEL_SAMPLES, PAPER_VIEWS),
-    "console": Recipe("console", "lamp_room", {"train": 512} | NOVEL_SAMPLES, PAPER_VIEWS),
-    "figurine": Recipe("figurine", "spotlight", {"train": 384} | NOVEL_SAMPLES, PAPER_VIEWS),
+    "hat": Recipe("hat", "garden", {"train": 192} | NOVEL_SAMPLES, PAPER_VIEWS),
+    "ship": Recipe("ship", "harbour", {"train": 192} | NOVEL_SAMPLES, PAPER_VIEWS),
+    "console": Recipe("console", "lamp_room", {"train": 256} | NOVEL_SAMPLES, PAPER_VIEWS),
+    "figurine": Recipe("figurine", "spotlight", {"train": 192} | NOVEL_SAMPLES, PAPER_VIEWS),
     "tiny": Recipe("tiny", "snowfield", TINY_SAMPLES, TINY_VIEWS, size=32, light_height=64, texture_size=128),
     "tiny_full": Recipe("tiny", "snowfield", {"train": 384} | NOVEL_SAMPLES, PAPER_VIEWS),  # for tuning; not shipped
 }

@@ -20,7 +20,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 from atlas import unwrap
-from exr import round_mantissa, write_exr
+from exr import STORED_BITS, round_mantissa, write_exr
 from geometry import add_atlas, corners, join_scene, to_blender
 from lights import make_light
 from materials import bake, textured_material, write_textures
@@ -30,8 +30,8 @@ from recipe import RECIPES, Recipe
 from renderer import BOUNCES, Passes, Renderer
 from scene_folder import View, byte_totals, direct_views, views, write_scene, write_transforms
 
-DEPTH_BITS = 10
-"""Depth keeps all mantissa bits of a half: rounding to 8 would move a surface by 0.4 % of its distance."""
+ATLAS_SCALE = 2
+"""Charts are packed for twice the texture's resolution: closer together, more of the texture used."""
 
 
 @contextlib.contextmanager
@@ -51,16 +51,18 @@ def make_geometry(recipe: Recipe, out: Path) -> None:
 
     A second process that comes here meanwhile waits for the first; the lock is released even if its owner is killed.
     """
+    if (out / "mesh.ply").exists():
+        return
     out.mkdir(parents=True, exist_ok=True)
     with (out / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        if (out / "mesh.ply").exists():
+        if (out / "mesh.ply").exists():  # made while this process waited
             return
         bpy.ops.wm.read_factory_settings(use_empty=True)
         importlib.import_module(f"objects.{recipe.object}").build()
         item = join_scene()
         found = corners(item.data)
-        uv, statistics = unwrap(found.positions, found.vertex, recipe.texture_size)
+        uv, statistics = unwrap(found.positions, found.vertex, ATLAS_SCALE * recipe.texture_size)
         print(f"atlas: {statistics}", flush=True)
         add_atlas(item.data, found, uv)
         mesh = weld(found.positions[found.vertex], found.normals, uv)
@@ -68,24 +70,26 @@ def make_geometry(recipe: Recipe, out: Path) -> None:
         write_textures(out / "truth", *bake(item, recipe.texture_size))
         write_ply(out / "mesh.ply.part", mesh)
         (out / "mesh.ply.part").rename(out / "mesh.ply")
+        (out / ".lock").unlink()
 
 
-def load(recipe: Recipe, out: Path, size: int, *, direct_only: bool) -> Renderer:
+def load(recipe: Recipe, out: Path, *, direct_only: bool) -> Renderer:
     """Renderer of exactly what the scene folder holds: mesh.ply, the two textures, the lights."""
     for name, model in recipe.lights.items():
         if not (out / "lights" / f"{name}.exr").exists():
-            write_exr(out / "lights" / f"{name}.exr", round_mantissa(make_light(model, recipe.light_height)))
+            light = round_mantissa(make_light(model, recipe.light_height), STORED_BITS["light"])
+            write_exr(out / "lights" / f"{name}.exr", light)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     item = to_blender(read_ply(out / "mesh.ply"))
     item.data.materials.append(textured_material(out / "truth"))
-    return Renderer(size, direct_only=direct_only)
+    return Renderer(recipe.size, direct_only=direct_only)
 
 
 def write_view(out: Path, view: View, passes: Passes) -> None:
     """Write the image of a view and its ground truth, the image last."""
     for kind, path in view.truth.items():
-        write_exr(out / path, round_mantissa(getattr(passes, kind), DEPTH_BITS if kind == "depth" else 8))
-    write_exr(out / view.image, round_mantissa(passes.rgba))
+        write_exr(out / path, round_mantissa(getattr(passes, kind), STORED_BITS[kind]))
+    write_exr(out / view.image, round_mantissa(passes.rgba, STORED_BITS["image"]))
 
 
 def render_views(recipe: Recipe, out: Path, renderer: Renderer, wanted: list[View]) -> None:
@@ -115,46 +119,50 @@ def main(arguments: list[str]) -> None:
     recipe = RECIPES[options.name]
     if options.samples:
         recipe = recipe.with_samples(options.samples)
-    size = options.size or recipe.size
+    if options.size:
+        recipe = recipe.at_size(options.size)
     out: Path = options.out
     make_geometry(recipe, out)
-    renderer = load(recipe, out, size, direct_only=options.direct_only)
+    renderer = load(recipe, out, direct_only=options.direct_only)
     if options.direct_only:
         renderer.set_light(out / "lights" / "train.exr")
         for view in direct_views(recipe):
             path = out / "direct" / view.split / f"{view.index:04d}.exr"
             if not path.exists():
-                write_exr(path, round_mantissa(renderer.render(view.pose, recipe.samples["train"]).rgba))
+                passes = renderer.render(view.pose, recipe.samples["train"])
+                write_exr(path, round_mantissa(passes.rgba, STORED_BITS["image"]))
                 print(path.relative_to(out), flush=True)
         return
 
-    write_transforms(out, recipe, size)
+    write_transforms(out, recipe)
     everything = views(recipe)
     render_views(recipe, out, renderer, everything[options.views_from : options.views_to])
     if not all((out / path).exists() for view in everything for path in view.files):
         print("other views are missing: scene.json is written by the run that finds all of them", flush=True)
         return
+    for abandoned in out.rglob(".*.exr"):  # half-written by a run that was killed
+        abandoned.unlink()
     if not (out / "scene.json").exists():
-        write_scene(out, options.name, recipe, describe(recipe, out, renderer, size))
-    (out / ".lock").unlink(missing_ok=True)
+        write_scene(out, options.name, recipe, describe(recipe, out, renderer))
     totals = byte_totals(out)
     for kind, count in totals.items():
         print(f"{count:>10,} bytes  {kind}")
     print(f"{sum(totals.values()):>10,} bytes  in all", flush=True)
 
 
-def describe(recipe: Recipe, out: Path, renderer: Renderer, size: int) -> dict[str, object]:
+def describe(recipe: Recipe, out: Path, renderer: Renderer) -> dict[str, object]:
     """How the images were made, with the measured noise of each light, for scene.json."""
     noise = measure(recipe, out, renderer)
-    print("noise:", ", ".join(f"{light} {value:.2%}" for light, value in noise.items()), flush=True)
+    for light, value in noise.items():
+        print(f"noise under {light}: {value['all']:.2%}, in 99 % of the pixels {value['99_percent']:.2%}", flush=True)
     return {
         "renderer": f"Blender {bpy.app.version_string} Cycles, CPU",
-        "size": size,
+        "size": recipe.size,
         "samples": recipe.samples,
         "bounces": BOUNCES,
         "pixel_filter": "box, 1 pixel",
-        "noise": {light: round(value, 5) for light, value in noise.items()},
-        "noise_definition": "RMS difference of two seeds / sqrt(2) / mean, foreground pixels of RGB, one image each",
+        "noise": noise,
+        "noise_definition": "RMS difference of two seeds / sqrt(2) / mean over foreground pixels; RMS over 3 views",
         "numpy": np.__version__,
     }
 

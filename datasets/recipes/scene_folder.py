@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from cameras import FIELD_OF_VIEW, split_poses
-from exr import MANTISSA_BITS
+from exr import STORED_BITS
 from latlong import CONVENTION
 from numpy.typing import NDArray
 from recipe import Recipe
@@ -70,7 +70,7 @@ def direct_views(recipe: Recipe) -> list[View]:
     return test[:: max(1, len(test) // DIRECT_VIEWS)][:DIRECT_VIEWS]
 
 
-def write_transforms(out: Path, recipe: Recipe, size: int) -> None:
+def write_transforms(out: Path, recipe: Recipe) -> None:
     """Write transforms_{train,test,novel}.json."""
     for split in recipe.views:
         frames = []
@@ -81,7 +81,7 @@ def write_transforms(out: Path, recipe: Recipe, size: int) -> None:
             frame["transform_matrix"] = view.pose.round(8).tolist()
             frame |= {f"{kind}_path": path for kind, path in view.truth.items()}
             frames.append(frame)
-        data = {"camera_angle_x": FIELD_OF_VIEW, "w": size, "h": size, "frames": frames}
+        data = {"camera_angle_x": FIELD_OF_VIEW, "w": recipe.size, "h": recipe.size, "frames": frames}
         write_json(out / f"transforms_{split}.json", data)
 
 
@@ -96,7 +96,7 @@ def write_scene(out: Path, name: str, recipe: Recipe, render: dict[str, Any]) ->
         "splits": recipe.views,
         "lights": {light: f"lights/{light}.exr" for light in recipe.lights},
         "truth_textures": {"albedo": "truth/albedo.png", "roughness": "truth/roughness.png"},
-        "render": render | {"stored_mantissa_bits": MANTISSA_BITS},
+        "render": render | {"stored_mantissa_bits": STORED_BITS},
     }
     write_json(out / "scene.json", scene)
 

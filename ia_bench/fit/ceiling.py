@@ -37,4 +37,4 @@ class Ceiling:
         albedo = torch.from_numpy(truth.albedo).float().to(device)
         roughness = torch.from_numpy(truth.roughness).float().clamp(MIN_ROUGHNESS, 1)[..., None].to(device)
         light = torch.from_numpy(truth.lights["train"]).to(device)
-        return Fit(Material(albedo, roughness), light, {"prior": 0.0, "stage1": 0.0, "stage2": 0.0})
+        return Fit(Material(albedo, roughness), light, stage="ceiling")

@@ -33,19 +33,23 @@ class Problem:
 
     def images_of(self, pixels: Tensor) -> Tensor:
         """The inverse of :meth:`pixels_of`; pixels that miss the mesh are zero: (P, C) -> (V, H, W, C)."""
-        images = torch.zeros(self.gbuffer.shape[0] * self.gbuffer.shape[1] * self.gbuffer.shape[2], pixels.shape[-1])
-        images[self.gbuffer.pixel] = pixels
-        return images.reshape(*self.gbuffer.shape, pixels.shape[-1])
+        images = torch.zeros(*self.gbuffer.shape, pixels.shape[-1], device=pixels.device)
+        images.reshape(-1, pixels.shape[-1])[self.gbuffer.pixel] = pixels
+        return images
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The result: ``material`` textures, ``light`` (H, W, 3) radiance, seconds per phase, counters worth recording."""
+    """The result: ``material`` textures, ``light`` (H, W, 3) radiance, seconds per phase, counters worth recording.
+
+    ``stage`` names the last row of the curve: "final", or "ceiling" where nothing was optimised.
+    """
 
     material: Material
     light: Tensor
     seconds: dict[str, float] = field(default_factory=dict)
     counters: dict[str, int] = field(default_factory=dict)
+    stage: str = "final"
 
 
 class Task(Protocol):

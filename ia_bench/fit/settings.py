@@ -28,7 +28,7 @@ class LearningRates:
 
     albedo: float = 0.03
     roughness: float = 0.1
-    light: float = 0.1
+    light: float = 0.2
     final: float = 0.05
 
 
@@ -39,10 +39,12 @@ class FitSettings:
     ``guided``: stage 2 draws samples again with the current renders as guidance; otherwise it goes on with stage 1's.
     ``image_loss``: "l1" of tone-mapped radiance (value and gradient from the same samples: biased, robust) or "squared"
     (the residual from an independent second estimate: unbiased gradient, twice the samples).
-    ``ssi``: how a prior's albedo is aligned with the prediction, per view: "scale_shift" (the paper), "scale", "none".
+    ``ssi``: how a prior's albedo is aligned with the prediction, per view: "scale", "scale_shift"
+    (mean and spread, as in Ranftl et al.) or "none".
     ``albedo_start``: fraction of all steps in which the albedo stays as it is and the light alone explains the images.
     ``roughness_start``: fraction of all steps after which roughness is optimised; until the light is right it would
-    only learn the light's error. ``roughness_initial``, ``albedo_initial``: constant start of the textures.
+    only learn the light's error. ``roughness_initial``, ``albedo_initial``: constant start of the textures (of
+    the albedo only where no prior gives a better one).
     ``smooth_scale``: colour difference (log radiance) at which a pair of neighbouring pixels stops being smoothed.
     ``light_uniform``: fraction of light samples spread over the sphere, so that dark texels are visited too.
     """
@@ -54,7 +56,7 @@ class FitSettings:
     rates: LearningRates = field(default_factory=LearningRates)
     guided: bool = True
     image_loss: str = "l1"
-    ssi: str = "scale_shift"
+    ssi: str = "scale"
     albedo_start: float = 0.1
     roughness_start: float = 0.3
     roughness_initial: float = 0.5

@@ -5,11 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ia_bench.fit.losses import Alignment, align_views, tone_map
+from ia_bench.fit.losses import Alignment, align_views, linear_to_srgb, tone_map
 from ia_bench.fit.problem import Problem
 from ia_bench.material.textures import fetch
 from ia_bench.priors.contract import Prior
-from ia_bench.scenes.color import linear_to_srgb_torch
 
 ALIGNMENT_PIXELS = 65_536  # at most this many pixels estimate the per-view alignment
 ALIGNMENT_PERIOD = 10  # steps between two estimates
@@ -29,7 +28,8 @@ class Supervision:
         self._view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
         self._coverage = (gbuffer.face >= 0).float().mean(1, keepdim=True)
         stride = max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)
-        self._subset = torch.arange(0, len(gbuffer.pixel), stride, device=gbuffer.pixel.device)
+        covered = torch.nonzero(self._coverage[:, 0] == 1)[:, 0]  # a pixel on the edge mixes in a background
+        self._subset = (covered if len(covered) else torch.arange(len(gbuffer.pixel), device=covered.device))[::stride]
         points = gbuffer.face[self._subset]
         self._hit = (points >= 0)[..., None]
         self._uv = problem.renderer.surface.uv(points.clamp_min(0).long(), gbuffer.barycentric[self._subset])
@@ -67,7 +67,7 @@ class Supervision:
         return (tone_map(prediction) - tone_map(self.targets["specular"][pixels])).abs().mean()
 
     def _encode(self, component: str, values: Tensor) -> Tensor:
-        return linear_to_srgb_torch(values) if self._encoding[component] == "srgb" else values
+        return linear_to_srgb(values) if self._encoding[component] == "srgb" else values
 
 
 def draw_targets(problem: Problem, prior: Prior, *, seed: int, guidance: dict[str, Tensor] | None) -> dict[str, Tensor]:
@@ -78,7 +78,7 @@ def draw_targets(problem: Problem, prior: Prior, *, seed: int, guidance: dict[st
     views = problem.scene.train
     images = torch.stack([torch.from_numpy(view.image) for view in views])
     masks = torch.stack([torch.from_numpy(view.mask) for view in views])
-    guide = None if guidance is None else {name: problem.images_of(value) for name, value in guidance.items()}
+    guide = None if guidance is None else {name: problem.images_of(value).cpu() for name, value in guidance.items()}
     samples = prior.sample(images, masks, seed=seed, guidance=guide)
     if set(samples) != set(prior.provides):
         raise ValueError(f"the prior provides {sorted(prior.provides)} but sampled {sorted(samples)}")
@@ -87,4 +87,5 @@ def draw_targets(problem: Problem, prior: Prior, *, seed: int, guidance: dict[st
             raise ValueError(f"the prior's {name} has shape {tuple(sample.shape)}, expected {tuple(images.shape)}")
         if not bool(torch.isfinite(sample).all()):
             raise ValueError(f"the prior's {name} has NaN or Inf in {int((~torch.isfinite(sample)).sum())} values")
-    return {name: problem.pixels_of(sample) for name, sample in samples.items()}
+    device = problem.gbuffer.face.device
+    return {name: problem.pixels_of(sample.to(device)) for name, sample in samples.items()}

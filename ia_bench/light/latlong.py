@@ -6,6 +6,7 @@ measured from +x toward +y. Radiance is constant inside a texel; inside it, dire
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -53,37 +54,84 @@ def resize_light(radiance: np.ndarray, height: int) -> np.ndarray:
     return (power / area).astype(np.float32)
 
 
+BIN_SIDE = 8  # surface normals fall into an octahedral grid of 8 x 8 cells, each with its own sampling table
+BIN_RADIUS = math.radians(29.4)  # the farthest normal of a cell is this far from its centre
+
+
+def normal_bin(normal: Tensor) -> Tensor:
+    """Octahedral cell (...,) int64 in [0, BIN_SIDE^2) of unit normals (..., 3)."""
+    x, y, z = (normal / normal.abs().sum(-1, keepdim=True)).unbind(-1)
+    folded_x = torch.where(z >= 0, x, (1 - y.abs()) * torch.where(x >= 0, 1.0, -1.0))
+    folded_y = torch.where(z >= 0, y, (1 - x.abs()) * torch.where(y >= 0, 1.0, -1.0))
+    column, row = (((0.5 + 0.5 * c) * BIN_SIDE).long().clamp(0, BIN_SIDE - 1) for c in (folded_x, folded_y))
+    return row * BIN_SIDE + column
+
+
+@functools.cache
+def bin_centres() -> Tensor:
+    """Unit normal at the centre of every octahedral cell, (BIN_SIDE^2, 3) float64."""
+    line = (torch.arange(BIN_SIDE, dtype=torch.float64) + 0.5) / BIN_SIDE * 2 - 1
+    y, x = torch.meshgrid(line, line, indexing="ij")
+    z = 1 - x.abs() - y.abs()
+    folded_x = torch.where(z >= 0, x, (1 - y.abs()) * torch.sign(x))
+    folded_y = torch.where(z >= 0, y, (1 - x.abs()) * torch.sign(y))
+    centres = torch.stack([folded_x, folded_y, z], -1).reshape(-1, 3)
+    return centres / centres.norm(dim=-1, keepdim=True)
+
+
+@functools.cache
+def _bin_weights(height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Cosine bound of each cell toward each texel and its integral over the sphere: (B, H W), (B, 1), float32.
+
+    Normals lie up to BIN_RADIUS off their cell's centre and directions half a texel off theirs, so a lit direction may be
+    that much farther than 90 degrees from the centre; texels too large for that get the same bound everywhere.
+    """
+    cosine = bin_centres() @ texel_centres(height, width).double().reshape(-1, 3).T
+    reach = BIN_RADIUS + 0.5 * math.hypot(math.pi / height, 2 * math.pi / width)
+    bound = (cosine + math.sin(reach)).clamp_min(0) if reach < math.pi / 2 else torch.ones_like(cosine)
+    total = (bound * row_solid_angles(height, width).repeat_interleave(width)).sum(1, keepdim=True)
+    return bound.float(), total.float()
+
+
 @dataclass(frozen=True)
 class LatLongSampler:
-    """Sampling tables of one map: cumulative texel probabilities and the density of each texel per steradian."""
+    """Exact sampling of radiance times a bound of the cosine, one table per octahedral cell of surface normals.
 
-    cumulative: Tensor  # (H W,) float64 (float32 would misplace dark texels beside a sun), last entry 1
-    density: Tensor  # (H W,) per steradian
+    ``cumulative`` (B H W,) float64 (float32 would misplace dark texels beside a sun): cell b's cumulative texel
+    probabilities plus b, so that one sorted search serves all cells; ``density`` (B H W,) per steradian.
+    """
+
+    cumulative: Tensor
+    density: Tensor
     height: int
     width: int
 
     @classmethod
     def build(cls, radiance: Tensor, *, uniform_fraction: float = 0.0) -> LatLongSampler:
-        """Tables proportional to the mean over channels of ``radiance`` (H, W, 3) times solid angle.
+        """Tables proportional to the mean over channels of ``radiance`` (H, W, 3), solid angle, and the cosine bound.
 
-        ``uniform_fraction`` of the samples is spread evenly over the sphere, so that dark texels that must still learn
-        are visited. A map without any power is sampled uniformly.
+        ``uniform_fraction`` of the samples ignores the radiance, so that dark texels that must still learn are visited.
+        A cell that sees no light at all is sampled that way altogether.
         """
         height, width, _ = radiance.shape
-        solid_angle = row_solid_angles(height, width)[:, None].expand(height, width)
-        power = radiance.detach().double().mean(-1).clamp_min(0) * solid_angle
-        total = power.sum()
-        even = solid_angle / (4 * math.pi)
-        probability = even if total <= 0 else (1 - uniform_fraction) * power / total + uniform_fraction * even
-        cumulative = probability.flatten().cumsum(0)
-        cumulative = cumulative / cumulative[-1]
-        density = (probability / solid_angle).flatten()
-        return cls(cumulative, density.float(), height, width)
+        bound, total_bound = (table.to(radiance.device) for table in _bin_weights(height, width))
+        solid_angle = row_solid_angles(height, width).to(radiance.device).float().repeat_interleave(width)
+        brightness = radiance.detach().mean(-1).clamp_min(0).reshape(-1)
+        power = ((bound * brightness) @ solid_angle)[:, None]
+        lit = power > 0
+        share = torch.where(lit, 1 - uniform_fraction, torch.zeros_like(power)) / torch.where(lit, power, 1.0)
+        evenly = torch.where(lit, uniform_fraction, torch.ones_like(power)) / total_bound
+        density = bound * (brightness * share + evenly)
+        cumulative = (density * solid_angle).double().cumsum(1)
+        cumulative = cumulative / cumulative[:, -1:]
+        offset = torch.arange(len(bound), dtype=torch.float64, device=radiance.device)[:, None]
+        return cls((cumulative + offset).reshape(-1), density.reshape(-1), height, width)
 
 
-def sample_texels(cumulative: Tensor, u: Tensor) -> Tensor:
-    """Texel indices for uniform ``u`` in [0, 1) by inverting the cumulative table."""
-    return torch.searchsorted(cumulative, u, right=True).clamp(max=len(cumulative) - 1)
+def sample_texels(cumulative: Tensor, cell: Tensor, u: Tensor, texels: int) -> Tensor:
+    """Texel indices for uniform ``u`` (..., K) in [0, 1) and normal cells (..., 1), by inverting the cumulative tables."""
+    found = torch.searchsorted(cumulative, (cell + u).contiguous(), right=True) - cell * texels
+    return found.clamp(0, texels - 1)
 
 
 def texel_to_direction(texel: Tensor, u: Tensor, v: Tensor, height: int, width: int) -> Tensor:

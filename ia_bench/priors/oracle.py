@@ -61,7 +61,9 @@ class OraclePrior:
             "shift": shift,
             "noise": noise,
             "blur": blur,
+            "baked": baked,
             "inconsistency": inconsistency,
+            "patch": patch,
             "guidance_strength": guidance_strength,
         }
         for name, value in dials.items():
@@ -101,18 +103,20 @@ class OraclePrior:
             render = None if guidance is None else guidance.get(component)
             samples[component] = torch.stack(
                 [
-                    self._sample_view(component, view, truth[view], images[view], masks[view], seed, None if render is None else render[view])
+                    self._sample_view(
+                        component, view, images[view], masks[view], seed, None if render is None else render[view]
+                    )
                     for view in range(len(images))
                 ]
             )
         return samples
 
     def _sample_view(
-        self, component: str, view: int, truth: np.ndarray, image: Tensor, mask: Tensor, seed: int, render: Tensor | None
+        self, component: str, view: int, image: Tensor, mask: Tensor, seed: int, render: Tensor | None
     ) -> Tensor:
         random = np.random.default_rng([seed, view, COMPONENTS.index(component)])
         coverage = mask.numpy()[..., None]
-        unit = self._unit[component]
+        truth, unit = self._truth[component][view], self._unit[component]
         spoiled = truth * math.exp(self.scale * random.standard_normal())
         spoiled = spoiled + coverage * unit * self.shift * random.standard_normal()
         if component == "albedo" and self.baked:
@@ -128,13 +132,14 @@ class OraclePrior:
             spoiled = coverage * blurred / np.maximum(weight, 1e-6)
         if self.noise:
             spoiled = spoiled + coverage * unit * self.noise * random.standard_normal(truth.shape)
-        sample = torch.from_numpy(np.maximum(spoiled, 0).astype(np.float32))
+        limit = coverage if component == "albedo" else np.inf  # a sample keeps to the physical range
+        sample = torch.from_numpy(np.clip(spoiled, 0, limit).astype(np.float32))
         if render is None or self.guidance_strength == 0:
             return sample
         even = unit**2 * (self.noise**2 + self.inconsistency**2 + self.shift**2)
         variance = torch.from_numpy((even + (self.scale * truth) ** 2).astype(np.float32))
         gain = variance * self.guidance_strength / (1 + variance * self.guidance_strength)
-        return sample + gain * (render - sample)
+        return sample + gain * (mask > 0)[..., None] * (render - sample)
 
 
 def _smooth_field(random: np.random.Generator, shape: tuple[int, ...], patch: float) -> np.ndarray:

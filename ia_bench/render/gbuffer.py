@@ -46,9 +46,9 @@ class GBuffer:
 
     def coverage(self) -> Tensor:
         """Fraction of each pixel's points that hit, as images (V, H, W)."""
-        image = torch.zeros(self.shape).flatten()
-        image[self.pixel] = (self.face >= 0).float().mean(1)
-        return image.reshape(self.shape)
+        image = torch.zeros(self.shape, device=self.face.device)
+        image.reshape(-1)[self.pixel] = (self.face >= 0).float().mean(1)
+        return image
 
 
 def primary_rays(camera: Camera, side: int) -> tuple[np.ndarray, np.ndarray]:

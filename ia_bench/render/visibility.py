@@ -120,7 +120,10 @@ def _texel_points(mesh: Mesh) -> tuple[np.ndarray, Tensor, Tensor]:
 
 
 def _trace_bits(surface: SurfaceInterpolator, rays: RayCaster, face: Tensor, barycentric: Tensor) -> np.ndarray:
-    """Blocked bits (N, cells / 8) of every covered texel; a cell below a texel's horizon stays 0 (it is never asked)."""
+    """Blocked bits (N, cells / 8) of every covered texel, traced from the side of the triangle that the direction is on.
+
+    Both sides: a sheet may be seen from behind, and a cell on the horizon is asked from above it.
+    """
     cells = torch.arange(2 * BAKE_ROWS * BAKE_ROWS)
     generator = torch.Generator().manual_seed(0)
     packed = []
@@ -128,10 +131,9 @@ def _trace_bits(surface: SurfaceInterpolator, rays: RayCaster, face: Tensor, bar
         normal, position = surface.geometry(face[texel], barycentric[texel])
         inside = torch.rand(2, len(texel), len(cells), generator=generator)
         direction = texel_to_direction(cells.expand(len(texel), -1), *inside, BAKE_ROWS, 2 * BAKE_ROWS).to(surface.device)
-        above = (direction * normal[:, None]).sum(-1) > 0
-        origin = (position + surface.offset * normal)[:, None].expand_as(direction)
-        blocked = torch.zeros(above.shape, dtype=torch.bool, device=surface.device)
-        blocked[above] = rays.occluded(origin[above], direction[above])
+        side = torch.where((direction * normal[:, None]).sum(-1, keepdim=True) > 0, 1.0, -1.0)
+        origin = position[:, None] + surface.offset * side * normal[:, None]
+        blocked = rays.occluded(origin.reshape(-1, 3), direction.reshape(-1, 3)).reshape(direction.shape[:2])
         packed.append(np.packbits(blocked.cpu().numpy(), axis=1))
     return np.concatenate(packed)
 

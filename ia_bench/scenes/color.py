@@ -1,9 +1,8 @@
-"""The sRGB transfer function (IEC 61966-2-1), for numpy arrays and torch tensors alike."""
+"""The sRGB transfer function (IEC 61966-2-1), for numpy arrays."""
 
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 
 def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
@@ -14,8 +13,3 @@ def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
 def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
     """Decode sRGB values; the inverse of :func:`linear_to_srgb`."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4)
-
-
-def linear_to_srgb_torch(linear: torch.Tensor) -> torch.Tensor:
-    """:func:`linear_to_srgb` with gradients that stay finite at zero."""
-    return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)

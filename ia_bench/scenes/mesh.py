@@ -20,7 +20,7 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     if not path.is_file():
         raise InputError(f"{path}: no such mesh")
     try:
-        loaded = trimesh.load(path, process=False, maintain_order=True, **_ply_options(path))
+        loaded = trimesh.load(path, process=False, fix_texture=_uv_per_face(path))
         if isinstance(loaded, trimesh.Scene):  # a file of several parts
             loaded = loaded.to_mesh()
     except Exception as error:  # trimesh raises whatever its parsers raise
@@ -61,13 +61,12 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     return mesh, tuple(notes)
 
 
-def _ply_options(path: Path) -> dict[str, bool]:
-    """With UV per vertex, trimesh's splitting by UV must stay off: it drops vertices, and the stored normals with them."""
+def _uv_per_face(path: Path) -> bool:
+    """Whether trimesh must split vertices by UV. Elsewhere it must not: it drops vertices, and all stored normals."""
     if path.suffix.lower() != ".ply":
-        return {}
+        return False
     with path.open("rb") as file:
-        header = file.read(65536).split(b"end_header")[0]
-    return {"fix_texture": b" texcoord" in header}
+        return b" texcoord" in file.read(65536).split(b"end_header")[0]
 
 
 def _without_degenerate(vertices: np.ndarray, faces: np.ndarray, path: Path, notes: list[str]) -> np.ndarray:

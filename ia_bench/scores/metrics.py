@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from skimage.metrics import structural_similarity
 
+from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scores.protocol import Encoding, SsimSettings
 
 
@@ -24,15 +25,9 @@ class NoScoredPixel(Undefined):
         super().__init__("no scored pixel")
 
 
-def srgb_encode(linear: np.ndarray) -> np.ndarray:
-    """Encode linear values by the exact sRGB curve (IEC 61966-2-1), unclipped: its linear foot goes on below 0."""
-    curve = 1.055 * np.power(np.maximum(linear, 0.0031308), 1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curve)
-
-
 def encode(linear: np.ndarray, encoding: Encoding, inside: np.ndarray) -> tuple[np.ndarray, int]:
     """Encode (H, W, 3) linear values and clip them to [0, 1]; also the number of values ``inside`` (H, W) clipped."""
-    values = srgb_encode(linear) if encoding == "srgb" else linear
+    values = linear_to_srgb(linear) if encoding == "srgb" else linear
     clipped = ((values < 0) | (values > 1)) & inside[..., None]
     return np.clip(values, 0.0, 1.0), int(clipped.sum())
 

@@ -26,12 +26,15 @@ def problem(scene: Scene) -> Problem:
     return make_problem(scene.for_training())
 
 
-@pytest.fixture(autouse=True)
-def deterministic() -> Iterator[None]:
-    """As in a run."""
+@pytest.fixture(autouse=True, scope="module")
+def as_in_a_run() -> Iterator[None]:
+    """Deterministic algorithms, and one thread: work this small only waits for a second one."""
+    threads = torch.get_num_threads()
     torch.use_deterministic_algorithms(True)
+    torch.set_num_threads(1)
     yield
     torch.use_deterministic_algorithms(False)
+    torch.set_num_threads(threads)
 
 
 @pytest.fixture

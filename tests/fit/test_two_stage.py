@@ -5,9 +5,11 @@ Small and eager (8 samples, 64 texels, tens of steps): the numbers say that lear
 
 from __future__ import annotations
 
+import io
 import types
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ import torch
 from small_fit import Record, make_problem
 from torch import Tensor
 
+from ia_bench.composition import compose
 from ia_bench.errors import InputError
 from ia_bench.fit.problem import Fit, Problem
 from ia_bench.fit.settings import FitSettings, LossWeights
@@ -26,8 +29,11 @@ from ia_bench.plan import make_plan
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
+from ia_bench.progress import Progress
+from ia_bench.records import RunFolder
 from ia_bench.render.renderer import Light, texture_images
 from ia_bench.render.settings import RenderSettings
+from ia_bench.run import run
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
 
@@ -116,7 +122,6 @@ def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene
     changes = {"guided": {}, "unguided": {"guided": False}, "squared": {"image_loss": "squared"}}[request.param]
     settings = replace(SETTINGS, checkpoint_seconds=0.0, **changes)
     record = Record()
-    torch.use_deterministic_algorithms(True)
     return fit(problem, oracle(scene, noise=0.1, scale=0.2), settings, record), record, settings
 
 
@@ -330,6 +335,29 @@ def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Reco
     found = fit(trapped, oracle(scene, noise=0.1), SETTINGS, record)
     expected = fit(make_problem(scene.for_training()), oracle(scene, noise=0.1), SETTINGS, Record())
     assert same(found, expected)
+
+
+class Reached(Exception):
+    """Carries what a method was given out of run.py."""
+
+
+class Spying:
+    """A method that stops the run and shows what it was given."""
+
+    def fit(self, *given: Any, **named: Any) -> Fit:
+        raise Reached(*given)
+
+
+def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
+    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"method={__name__}:Spying"])
+    folder, progress = RunFolder.open(tmp_path / "run", {}, "0"), Progress(io.StringIO())
+    with folder, progress, pytest.raises(Reached) as reached:
+        run(config, folder, progress)
+    problem, prior, settings = reached.value.args
+    assert (problem.scene.truth, problem.scene.test, problem.scene.novel) == (None, (), ())
+    assert {view.albedo is None and view.specular is None for view in problem.scene.train} == {True}
+    assert isinstance(prior, NoPrior)
+    assert settings == config.fit
 
 
 def test_for_training_leaves_nothing_else(scene: Scene) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -11,8 +12,12 @@ import torch
 from chi_square import assert_frequencies
 
 from ia_bench.light.latlong import (
+    BIN_RADIUS,
+    BIN_SIDE,
     LatLongSampler,
+    bin_centres,
     direction_to_texel,
+    normal_bin,
     resize_light,
     row_solid_angles,
     sample_texels,
@@ -87,7 +92,7 @@ def written_convention(row: int, column: int, height: int, width: int) -> np.nda
 
 
 def test_mirror_ball_sees_a_single_bright_texel_where_it_is() -> None:
-    """A mirror ball at the origin, seen along -x: the reflection of each texel's centre is on the ball's normal half-way.
+    """A mirror ball at the origin, seen along -x, shows each texel's centre at the normal half-way to it.
 
     For a texel toward d and a viewer toward o the highlight sits at the normal (o + d) / |o + d|; mirroring the view
     there must fetch this texel of the map and no other.
@@ -144,69 +149,134 @@ MAPS: dict[str, Callable[[], torch.Tensor]] = {
 }
 
 
-def texel_probability(radiance: torch.Tensor, uniform_fraction: float) -> np.ndarray:
-    """Independent of the code: mean of the channels times the texel's share of the sphere."""
-    height, width, _ = radiance.shape
+NORMALS = torch.nn.functional.normalize(
+    torch.tensor([[0.0, 0.1, 1.0], [0.2, 0.1, -1.0], [1.0, 0.05, 0.03], [-0.7, -0.7, 0.4], [-1.0, 0.02, -0.01]]), dim=-1
+)
+DRAWS = 100_000
+
+
+def solid_angles(height: int, width: int) -> np.ndarray:
     z = np.cos(np.pi * np.arange(height + 1) / height)
-    share = np.repeat((z[:-1] - z[1:])[:, None], width, axis=1) / (2 * width)
-    power = radiance.numpy().astype(np.float64).mean(-1) * share
-    if power.sum() == 0:
-        return share
-    return (1 - uniform_fraction) * power / power.sum() + uniform_fraction * share
+    return np.repeat((z[:-1] - z[1:]) * 2 * np.pi / width, width)
+
+
+def table(sampler: LatLongSampler, normal: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
+    """Density and cumulative probability (H W,) of the texels for one surface normal."""
+    texels, cell = sampler.height * sampler.width, int(normal_bin(normal))
+    rows = slice(cell * texels, (cell + 1) * texels)
+    return sampler.density[rows].double().numpy(), (sampler.cumulative[rows] - cell).numpy()
+
+
+def draw(sampler: LatLongSampler, normal: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+    cell = normal_bin(normal).expand(len(u), 1)
+    return sample_texels(sampler.cumulative, cell, u[:, None], sampler.height * sampler.width)[:, 0]
+
+
+def test_cells_of_normals_are_as_small_as_the_margin_assumes() -> None:
+    normals = torch.randn(200_000, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
+    normals = torch.cat([normals, torch.eye(3).double(), -torch.eye(3).double()])
+    normals = normals / normals.norm(dim=-1, keepdim=True)
+    cells = normal_bin(normals)
+    assert torch.equal(cells.unique(), torch.arange(BIN_SIDE**2))
+    centres = bin_centres()
+    assert torch.equal(normal_bin(centres), torch.arange(BIN_SIDE**2))
+    angle = torch.acos((normals * centres[cells]).sum(-1).clamp(-1, 1))
+    assert BIN_RADIUS - 0.03 < float(angle.max()) < BIN_RADIUS  # as large as 200 000 normals find it, and no larger
 
 
 @pytest.mark.parametrize("uniform_fraction", [0.0, 0.25])
 @pytest.mark.parametrize("name", MAPS)
-def test_texels_are_drawn_in_proportion_to_their_power(name: str, uniform_fraction: float) -> None:
-    """Chi-square over all texels, 200 000 draws; false alarms in chi_square.py."""
-    radiance = MAPS[name]()
-    sampler = LatLongSampler.build(radiance, uniform_fraction=uniform_fraction)
-    u = torch.rand(200_000, dtype=torch.float64, generator=torch.Generator().manual_seed(3))
-    counts = np.bincount(sample_texels(sampler.cumulative, u).numpy(), minlength=radiance[..., 0].numel())
-    expected = texel_probability(radiance, uniform_fraction).ravel()
-    assert (counts[expected == 0] == 0).all()
-    assert_frequencies(counts, len(u) * expected)
-
-
-@pytest.mark.parametrize("uniform_fraction", [0.0, 0.25])
-@pytest.mark.parametrize("name", MAPS)
-def test_density_is_per_steradian_and_integrates_to_one(name: str, uniform_fraction: float) -> None:
+def test_density_integrates_to_one_for_every_normal(name: str, uniform_fraction: float) -> None:
     radiance = MAPS[name]()
     height, width, _ = radiance.shape
     sampler = LatLongSampler.build(radiance, uniform_fraction=uniform_fraction)
-    solid_angle = row_solid_angles(height, width).repeat_interleave(width)
-    assert float((sampler.density.double() * solid_angle).sum()) == pytest.approx(1, rel=1e-6)
-    expected = texel_probability(radiance, uniform_fraction).ravel() / solid_angle.numpy()
-    np.testing.assert_allclose(sampler.density.numpy(), expected, rtol=1e-5)
-    assert float(sampler.cumulative[-1]) == 1
+    density = sampler.density.double().reshape(BIN_SIDE**2, -1)
+    assert (density >= 0).all()
+    mass = (density.numpy() * solid_angles(height, width)).sum(1)
+    np.testing.assert_allclose(mass, 1, rtol=1e-5)
+    cumulative = sampler.cumulative.reshape(BIN_SIDE**2, -1) - torch.arange(BIN_SIDE**2)[:, None]
+    assert (torch.diff(cumulative, dim=1) >= 0).all()
+    torch.testing.assert_close(cumulative[:, -1], torch.ones(BIN_SIDE**2, dtype=torch.float64))
+
+
+@pytest.mark.parametrize("uniform_fraction", [0.0, 0.25])
+@pytest.mark.parametrize("name", MAPS)
+def test_texels_are_drawn_by_their_density(name: str, uniform_fraction: float) -> None:
+    """Chi-square over all texels for five normals, 100 000 draws each; false alarms in chi_square.py."""
+    radiance = MAPS[name]()
+    height, width, _ = radiance.shape
+    sampler = LatLongSampler.build(radiance, uniform_fraction=uniform_fraction)
+    for seed, normal in enumerate(NORMALS):
+        u = torch.rand(DRAWS, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
+        counts = np.bincount(draw(sampler, normal, u).numpy(), minlength=height * width)
+        expected = table(sampler, normal)[0] * solid_angles(height, width)
+        assert (counts[expected == 0] == 0).all()
+        assert_frequencies(counts, DRAWS * expected)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_density_is_proportional_to_radiance(name: str) -> None:
+    """Over a constant map the density is the bound of the cosine alone; what remains is the mean of the channels."""
+    radiance = MAPS[name]()
+    height, width, _ = radiance.shape
+    brightness = radiance.double().mean(-1).flatten().numpy()
+    for normal in NORMALS:
+        bound = table(LatLongSampler.build(torch.ones(height, width, 3)), normal)[0]
+        expected = bound * brightness if (bound * brightness).sum() > 0 else bound
+        expected = expected / (expected * solid_angles(height, width)).sum()
+        found = table(LatLongSampler.build(radiance), normal)[0]
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=0)
+        mixed = table(LatLongSampler.build(radiance, uniform_fraction=0.25), normal)[0]
+        np.testing.assert_allclose(mixed, 0.75 * found + 0.25 * bound, rtol=1e-4, atol=0)
+
+
+@pytest.mark.parametrize("height", [1, 2, 16, 32, 64])
+def test_every_direction_that_can_light_a_normal_can_be_drawn(height: int) -> None:
+    """Wherever n.d > 0 in a lit texel the density is at least a share of what cosine-weighted sampling would give.
+
+    The texel is judged by its centre, the normal by its cell's: both distances must be allowed for.
+    """
+    sampler = LatLongSampler.build(torch.ones(height, 2 * height, 3))
+    rng = torch.Generator().manual_seed(5)
+    normal, direction = (
+        torch.nn.functional.normalize(torch.randn(200_000, 3, dtype=torch.float64, generator=rng), dim=-1)
+        for _ in range(2)
+    )
+    cosine = (normal * direction).sum(-1)
+    texel = direction_to_texel(direction, height, 2 * height)
+    density = sampler.density[normal_bin(normal) * (2 * height**2) + texel].double()
+    ratio = (density * math.pi / cosine)[cosine > 1e-3]
+    assert float(ratio.min()) > 0.2
 
 
 @pytest.mark.parametrize("name", ["random", "bright pole row", "1 x 2", "1 x 1"])
 def test_directions_follow_the_density_within_texels_too(name: str) -> None:
-    """Draws are counted in a grid four times as fine in cos(theta) and phi, cells of equal solid angle in each texel."""
+    """Draws are counted in a grid four times as fine in cos(theta) and phi: equal solid angles in each texel."""
     radiance = MAPS[name]()
     height, width, _ = radiance.shape
     sampler = LatLongSampler.build(radiance)
     rng = torch.Generator().manual_seed(4)
-    texel = sample_texels(sampler.cumulative, torch.rand(200_000, dtype=torch.float64, generator=rng))
-    direction = texel_to_direction(texel, *torch.rand(2, 200_000, generator=rng), height, width).double().numpy()
+    texel = draw(sampler, NORMALS[0], torch.rand(DRAWS, dtype=torch.float64, generator=rng))
+    direction = texel_to_direction(texel, *torch.rand(2, DRAWS, generator=rng), height, width).double().numpy()
     z = np.cos(np.pi * np.arange(height + 1) / height)
-    edges = np.concatenate([np.linspace(a, b, 4, endpoint=False) for a, b in zip(z[:-1], z[1:], strict=True)] + [z[-1:]])
+    edges = np.concatenate([np.linspace(a, b, 4, endpoint=False) for a, b in itertools.pairwise(z)] + [z[-1:]])
     row = np.clip(np.searchsorted(-edges, -direction[:, 2], side="right") - 1, 0, 4 * height - 1)
     phi = np.arctan2(direction[:, 1], direction[:, 0])
     column = np.clip(((np.pi - phi) / (2 * np.pi) * 4 * width).astype(int), 0, 4 * width - 1)
     counts = np.bincount(row * 4 * width + column, minlength=16 * height * width)
-    fine = np.repeat(np.repeat(texel_probability(radiance, 0.0), 4, axis=0), 4, axis=1) / 16
-    assert_frequencies(counts, 200_000 * fine)
+    expected = (table(sampler, NORMALS[0])[0] * solid_angles(height, width)).reshape(height, width)
+    assert_frequencies(counts, DRAWS * np.repeat(np.repeat(expected, 4, axis=0), 4, axis=1) / 16)
 
 
 def test_dark_texels_beside_a_sun_keep_their_share() -> None:
-    """A sun of 1e7 beside texels of 1: in float32 the running sum would swallow them."""
-    radiance = torch.ones(128, 256, 3)
-    radiance[60, 60] = 1e7
+    """A sun of 1e7 beside texels of 1: a running sum in float32 would swallow them."""
+    radiance = torch.ones(64, 128, 3)
+    radiance[20, 60] = 1e7
     sampler = LatLongSampler.build(radiance)
-    steps = torch.diff(sampler.cumulative, prepend=torch.zeros(1, dtype=torch.float64)).numpy()
-    np.testing.assert_allclose(steps, texel_probability(radiance, 0.0).ravel(), rtol=1e-6)
+    for normal in NORMALS:
+        density, cumulative = table(sampler, normal)
+        expected = density * solid_angles(64, 128)
+        np.testing.assert_allclose(np.diff(cumulative, prepend=0), expected, rtol=1e-4, atol=1e-14)
 
 
 def test_sampling_tables_carry_no_gradient() -> None:

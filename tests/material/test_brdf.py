@@ -1,8 +1,8 @@
 """The BRDF against closed forms, quadrature in float64, and chi-square tests of its sampling.
 
-Quadrature is over half vectors h with slope(h) = alpha tan(q) (cos a, sin a): GGX is sin(2q) in (q, a) whatever alpha is,
-so that a grid resolves every lobe, however narrow. Solid angles follow from d omega_h = cos^3 d slope and, for the mirrored
-direction, d omega_i = 4 (o.h) d omega_h.
+Quadrature is over half vectors h with slope(h) = alpha tan(q) (cos a, sin a): GGX is sin(2q) in (q, a) for any alpha,
+so that a grid resolves every lobe, however narrow. Solid angles follow from d omega_h = cos^3 d slope and, for the
+mirrored direction, d omega_i = 4 (o.h) d omega_h.
 """
 
 from __future__ import annotations
@@ -58,7 +58,9 @@ def half_vector_grid(roughness: float) -> tuple[Tensor, Tensor]:
     angle = a[None, :, None, :].expand(shape)
     half = normalize(torch.stack([across * angle.cos(), across * angle.sin(), torch.ones(shape)], -1).double())
     area = alpha**2 * torch.tan(q) / torch.cos(q) ** 2  # slope d slope = alpha^2 tan(q) / cos(q)^2 dq
-    cell = (area * weight * (math.pi / 2 / RINGS))[:, None, :, None] * (weight * 2 * math.pi / SECTORS)[None, None, None, :]
+    cell = (area * weight * (math.pi / 2 / RINGS))[:, None, :, None] * (weight * 2 * math.pi / SECTORS)[
+        None, None, None, :
+    ]
     return half, half[..., 2] ** 3 * cell
 
 
@@ -255,7 +257,9 @@ def test_reciprocity(roughness: float) -> None:
 
 
 def test_fresnel_ends() -> None:
-    assert float(fresnel_schlick(torch.tensor(1.0))) == pytest.approx(((1.5 - 1) / (1.5 + 1)) ** 2)  # exact Fresnel, IOR 1.5
+    assert float(fresnel_schlick(torch.tensor(1.0))) == pytest.approx(
+        ((1.5 - 1) / (1.5 + 1)) ** 2
+    )  # exact Fresnel, IOR 1.5
     assert float(fresnel_schlick(torch.tensor(0.0))) == pytest.approx(1)
     assert F0 == 0.04
     falling = fresnel_schlick(torch.linspace(0, 1, 100, dtype=torch.float64))

@@ -20,7 +20,8 @@ def test_bilinear_lookup_against_scipy(height: int, width: int) -> None:
     texture, uv = numbers(height, width, 3), 1.2 * numbers(500, 2, seed=1) - 0.1
     row, column = (1 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5
     expected = [
-        map_coordinates(texture[..., c].numpy(), [row.numpy(), column.numpy()], order=1, mode="nearest") for c in range(3)
+        map_coordinates(texture[..., c].numpy(), [row.numpy(), column.numpy()], order=1, mode="nearest")
+        for c in range(3)
     ]
     np.testing.assert_allclose(fetch(texture, uv).numpy(), np.stack(expected, -1), atol=1e-12)
 
@@ -32,7 +33,9 @@ def test_texel_centres_return_the_texel_and_row_0_is_the_top() -> None:
             uv = torch.tensor([[(column + 0.5) / 7, 1 - (row + 0.5) / 5]], dtype=torch.float64)
             torch.testing.assert_close(fetch(texture, uv)[0], texture[row, column])
     corners = torch.tensor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=torch.float64)
-    torch.testing.assert_close(fetch(texture, corners), torch.stack([texture[-1, 0], texture[-1, -1], texture[0, 0], texture[0, -1]]))
+    torch.testing.assert_close(
+        fetch(texture, corners), torch.stack([texture[-1, 0], texture[-1, -1], texture[0, 0], texture[0, -1]])
+    )
 
 
 def test_weights_are_a_partition_and_follow_the_shape() -> None:

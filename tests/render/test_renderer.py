@@ -20,7 +20,9 @@ from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
 
 
-def test_ground_truth_through_the_renderer_is_cycles_direct_light(tiny: Scene, tiny_folder: Path, tiny_sun: torch.Tensor) -> None:
+def test_ground_truth_through_the_renderer_is_cycles_direct_light(
+    tiny: Scene, tiny_folder: Path, tiny_sun: torch.Tensor
+) -> None:
     """Against direct-only Cycles renders of `tiny`: 32 dB (sRGB, mask) and 7 % of mean radiance, 4 x 4 points a pixel.
 
     The gap is the Principled BSDF, which takes from the diffuse part what it reflects, noise of both, and the pixel's
@@ -30,7 +32,9 @@ def test_ground_truth_through_the_renderer_is_cycles_direct_light(tiny: Scene, t
     stage = Stage.of(tiny.mesh, [view.camera for view in tiny.test], side=4)
     albedo, roughness = (torch.from_numpy(t).float() for t in (tiny.truth.albedo, tiny.truth.roughness))
     material = Material(albedo, roughness[..., None].clamp(0.03, 1))
-    ours = stage.renderer().render_images(stage.gbuffer, material, Light.of(tiny_sun), 256, torch.Generator().manual_seed(0))
+    ours = stage.renderer().render_images(
+        stage.gbuffer, material, Light.of(tiny_sun), 256, torch.Generator().manual_seed(0)
+    )
     theirs = np.stack([read_exr(tiny_folder / "direct" / "test" / f"{i:04d}.exr", 4) for i in range(4)])
     mask = theirs[..., 3] > 0.5
     a, b = (linear_to_srgb(image[mask].clip(0, 1)) for image in (ours["radiance"].numpy(), theirs[..., :3]))
@@ -53,7 +57,9 @@ def test_texture_images_are_box_filtered_and_premultiplied() -> None:
     torch.testing.assert_close(image[0], expected, atol=1e-3, rtol=0)
 
 
-def test_the_same_generator_gives_the_same_picture(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
+def test_the_same_generator_gives_the_same_picture(
+    tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor
+) -> None:
     def once(seed: int) -> torch.Tensor:
         light, rng = Light.of(soft_light), torch.Generator().manual_seed(seed)
         return tiny_stage.renderer().render_images(tiny_stage.gbuffer, tiny_material, light, 32, rng)["radiance"]
@@ -95,7 +101,11 @@ def test_points_that_miss_count_as_nothing() -> None:
 def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[torch.Tensor, ...]]:
     stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=16)])
     rng = torch.Generator().manual_seed(4)
-    leaves = (torch.rand(8, 8, 3, generator=rng), 0.2 + 0.8 * torch.rand(8, 8, 1, generator=rng), torch.rand(8, 16, 3, generator=rng))
+    leaves = (
+        torch.rand(8, 8, 3, generator=rng),
+        0.2 + 0.8 * torch.rand(8, 8, 1, generator=rng),
+        torch.rand(8, 16, 3, generator=rng),
+    )
     for leaf in leaves:
         leaf.requires_grad_()
 
@@ -107,7 +117,6 @@ def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[tor
     return stage, render, leaves
 
 
-@pytest.mark.slow
 def test_compiled_shading_gives_the_same_numbers_and_gradients() -> None:
     if choose_shading("auto", lambda _: None) != "compiled":
         pytest.skip("no C++ compiler found")
@@ -157,7 +166,12 @@ def test_an_error_that_is_not_the_compilers_is_raised() -> None:
 
 @pytest.mark.parametrize(
     ("wanted", "compilers", "chosen"),
-    [("eager", ["g++"], "eager"), ("compiled", [], "compiled"), ("auto", ["g++"], "compiled"), ("auto", ["clang++"], "compiled")],
+    [
+        ("eager", ["g++"], "eager"),
+        ("compiled", [], "compiled"),
+        ("auto", ["g++"], "compiled"),
+        ("auto", ["clang++"], "compiled"),
+    ],
 )
 def test_choice_of_shading(monkeypatch: pytest.MonkeyPatch, wanted: str, compilers: list[str], chosen: str) -> None:
     monkeypatch.setattr(shutil, "which", lambda name: name if name in compilers else None)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from shapes import camera_at, plate, sphere
+from shapes import camera_at, disk, plate, sphere, together
 from stage import Stage
 
 from ia_bench.errors import InputError
@@ -29,7 +30,9 @@ def picture(stage: Stage, shadows: visibility.Visibility, material: Material, ra
     pixels = torch.arange(len(stage.gbuffer.pixel))
     light = Light.of(radiance)
     renderer = stage.renderer(visibility=shadows)
-    return renderer.render_pixels(stage.gbuffer, pixels, material, light, 64, torch.Generator().manual_seed(0)).radiance
+    return renderer.render_pixels(
+        stage.gbuffer, pixels, material, light, 256, torch.Generator().manual_seed(0)
+    ).radiance
 
 
 @pytest.fixture
@@ -60,9 +63,10 @@ def test_no_shadows_is_close_on_a_convex_mesh_with_smooth_normals(grey: Material
 def test_baked_against_traced_on_tiny(
     tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor, tmp_path: Path
 ) -> None:
-    """The bake's coarse edges: 95 % of the questions get the traced answer, pixels are off by 6 % RMS, the mean by 2 %.
+    """The bake's coarse edges: 94 % of the questions get the traced answer; 10 % RMS a pixel, 1.5 % in the mean.
 
-    Measured at 128 texels and 16 rows; a run bakes 256 texels and 32 rows.
+    Bounds for 128 texels and 16 rows, where 95.4 %, 8.5 % and -0.8 % were measured; a run bakes 256 texels and 32 rows,
+    where it was 97.9 %, 4.6 % and -0.2 %, 12 times slower.
     """
     traced = TracedShadows(tiny_stage.rays, tiny_stage.surface.offset)
     baked = bake(tiny_stage.mesh, tiny_stage.surface, tiny_stage.rays, tmp_path)
@@ -75,15 +79,48 @@ def test_baked_against_traced_on_tiny(
     asked, looked_up = traced.blocked(points, index, direction), baked.blocked(points, index, direction)
     assert 0.1 < float(asked.float().mean()) < 0.6
     agreement = float((asked == looked_up).float().mean())
-    assert agreement > 0.9, f"{agreement:.3f}"
-    pictures = [picture(tiny_stage, shadows, tiny_material, soft_light) for shadows in (traced, baked, NoShadows())]
-    error = [float(((p - pictures[0]) ** 2).mean().sqrt() / pictures[0].mean()) for p in pictures]
-    bias = [float(p.mean() / pictures[0].mean() - 1) for p in pictures]
-    print(visibility.BAKE_SIZE, agreement, error, bias)
+    assert agreement > 0.94, f"{agreement:.3f}"
+    exact, coarse, none = (picture(tiny_stage, s, tiny_material, soft_light) for s in (traced, baked, NoShadows()))
+
+    def difference(other: torch.Tensor) -> tuple[float, float]:
+        """RMS over pixels and mean, relative to the mean of the exact picture."""
+        return float(((other - exact) ** 2).mean().sqrt() / exact.mean()), float(other.mean() / exact.mean() - 1)
+
+    rms, bias = difference(coarse)
+    assert rms < 0.1, f"{rms:.3f}"
+    assert abs(bias) < 0.015, f"{bias:.4f}"
+    rms, bias = difference(none)
+    assert rms > 0.4  # so there is something to get wrong
+    assert bias > 0.15
 
 
 @pytest.mark.usefixtures("small_bake")
-def test_the_bake_is_kept_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, generator) -> None:
+def test_a_sheet_is_baked_from_both_sides(tmp_path: Path) -> None:
+    """A plate with a disk below it, seen from below: its back is in the shade, though it is wound to face up."""
+    lid = disk(0.9, height=-0.5)
+    mesh = together(plate(1.0), replace(lid, uv=np.full_like(lid.uv, 2.0)))  # the atlas is the plate's alone
+    stage = Stage.of(mesh, [camera_at((1.6, 0, -0.25), pixels=32, field_of_view=30.0)])
+    points = stage.points(torch.nonzero(stage.gbuffer.face[:, 0] < 2)[:, 0])
+    assert len(points.position) > 300
+    assert (points.geometric[:, 2] < -0.99).all()
+    index = torch.arange(len(points.position)).repeat(50)
+    scattered = torch.nn.functional.normalize(
+        torch.randn(len(index), 3, generator=torch.Generator().manual_seed(4)), dim=-1
+    )
+    direction = torch.nn.functional.normalize(points.geometric[index] + scattered, dim=-1)
+    shares = [
+        float(shadows.blocked(points, index, direction).float().mean())
+        for shadows in (
+            TracedShadows(stage.rays, stage.surface.offset),
+            bake(stage.mesh, stage.surface, stage.rays, tmp_path),
+        )
+    ]
+    assert 0.4 < shares[0] < 0.6
+    assert shares[1] == pytest.approx(shares[0], abs=0.02)
+
+
+@pytest.mark.usefixtures("small_bake")
+def test_the_bake_is_kept_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, 3.0))])
     first = bake(stage.mesh, stage.surface, stage.rays, tmp_path / "cache")
     (path,) = (tmp_path / "cache").iterdir()
@@ -97,11 +134,11 @@ def test_the_bake_is_kept_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert stage.rays.rays == traced
     points = stage.points(torch.arange(len(stage.gbuffer.pixel)))
     index = torch.arange(len(points.position))
-    direction = points.normal + 0.5 * torch.rand(len(index), 3, generator=generator(3))
+    direction = points.normal + 0.5 * torch.rand(len(index), 3, generator=torch.Generator().manual_seed(3))
     direction = torch.nn.functional.normalize(direction, dim=-1)
     assert torch.equal(first.blocked(points, index, direction), again.blocked(points, index, direction))
+    other = Stage.of(plate(1.1), [camera_at((0.5, 0.5, 3.0))])
     with pytest.raises(AssertionError, match="traced again"):  # another mesh is another bake
-        other = Stage.of(plate(1.1), [camera_at((0.5, 0.5, 3.0))])
         bake(other.mesh, other.surface, other.rays, tmp_path / "cache")
     assert list((tmp_path / "cache").iterdir()) == [path]
 

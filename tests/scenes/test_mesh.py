@@ -203,3 +203,51 @@ v 0 0 1\nv 1 0 1\nv 0 1 1\nvt .5 .5\nvt .9 .5\nvt .5 .9\nf 4/4 5/5 6/6
     heights = mesh.vertices[mesh.faces][..., 2].mean(1)
     assert sorted(heights) == [0, 1]
     assert mesh.uv[mesh.faces[heights == 1]].min() == pytest.approx(0.5)
+
+
+def test_a_vertex_with_two_uv_is_split(tmp_path: Path) -> None:
+    """OBJ names UV per corner: two triangles of one square on two islands share positions but no UV."""
+    obj = """
+v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1
+vt 0 0\nvt .4 0\nvt .4 .4\nvt .5 .5\nvt .9 .9\nvt .5 .9
+f 1/1/1 2/2/1 3/3/1\nf 1/4/1 3/5/1 4/6/1
+"""
+    (tmp_path / "mesh.obj").write_text(obj)
+    mesh, notes = load_mesh(tmp_path / "mesh.obj")
+    assert notes == ()  # normals are the file's
+    expected = {
+        (0, 0): [(0, 0), (0.5, 0.5)],
+        (1, 1): [(0.4, 0.4), (0.9, 0.9)],
+        (1, 0): [(0.4, 0)],
+        (0, 1): [(0.5, 0.9)],
+    }
+    for position, uvs in expected.items():
+        here = (mesh.vertices[:, :2] == position).all(1)
+        np.testing.assert_allclose(sorted(map(tuple, mesh.uv[here])), uvs, atol=1e-6)
+
+
+def test_ply_with_uv_per_corner(tmp_path: Path) -> None:
+    """The other way to write UV into a PLY: a list of six numbers in each face."""
+    ply = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+property list uchar float texcoord
+end_header
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+3 0 1 2 6 0 0 .4 0 .4 .4
+3 0 2 3 6 .5 .5 .9 .9 .5 .9
+"""
+    (tmp_path / "mesh.ply").write_text(ply)
+    mesh, _ = load_mesh(tmp_path / "mesh.ply")
+    corner = mesh.uv[mesh.faces].reshape(2, 6)
+    np.testing.assert_allclose(
+        corner[corner[:, 0].argsort()], [[0, 0, 0.4, 0, 0.4, 0.4], [0.5, 0.5, 0.9, 0.9, 0.5, 0.9]]
+    )

@@ -7,7 +7,8 @@ import pytest
 from skimage.draw import disk
 from skimage.metrics import mean_squared_error, peak_signal_noise_ratio, structural_similarity
 
-from ia_bench.scores.metrics import NoScoredPixel, Undefined, encode, psnr, squared_error, srgb_encode, ssim
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scores.metrics import NoScoredPixel, Undefined, encode, psnr, squared_error, ssim
 from ia_bench.scores.protocol import SsimSettings
 
 HEIGHT, WIDTH = 37, 43  # larger than the SSIM window, and not square
@@ -22,12 +23,12 @@ SETTINGS = SsimSettings()
 def test_srgb_meets_its_published_values() -> None:
     # The standard's 8-bit codes of linear 0, the joint of the two pieces, 0.5 (code 188) and 1.
     linear = np.array([0.0, 0.0031308, 0.5, 1.0])
-    np.testing.assert_allclose(srgb_encode(linear), [0.0, 0.0404499, 0.7353570, 1.0], atol=1e-6)
-    assert round(float(srgb_encode(np.array(0.5))) * 255) == 188
+    np.testing.assert_allclose(linear_to_srgb(linear), [0.0, 0.0404499, 0.7353570, 1.0], atol=1e-6)
+    assert round(float(linear_to_srgb(np.array(0.5))) * 255) == 188
 
 
 def test_srgb_is_undone_by_the_standards_inverse() -> None:
-    encoded = srgb_encode(np.linspace(0, 1, 1001))
+    encoded = linear_to_srgb(np.linspace(0, 1, 1001))
     decoded = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     np.testing.assert_allclose(decoded, np.linspace(0, 1, 1001), atol=1e-7)
 

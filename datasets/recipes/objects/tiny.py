@@ -144,8 +144,8 @@ def _house(
     wall: bpy.types.Material, roof: bpy.types.Material, wood: bpy.types.Material, trim: bpy.types.Material
 ) -> None:
     """Stem, cap with a hollow underside, door in a deep frame, two round windows, chimney."""
-    stem = [(0.0, -0.56), (0.37, -0.56), (0.365, -0.45), (0.33, -0.30), (0.29, -0.10), (0.265, 0.10), (0.26, 0.29), (0.0, 0.31)]
-    lathe("stem", stem, wall, steps=28)
+    foot = [(0.0, -0.56), (0.37, -0.56), (0.365, -0.45), (0.33, -0.30)]
+    lathe("stem", [*foot, (0.29, -0.10), (0.265, 0.10), (0.26, 0.29), (0.0, 0.31)], wall, steps=28)
     angle = np.radians(np.linspace(4.0, 90.0, 10))
     dome = [(0.70 * np.cos(a), 0.12 + 0.74 * np.sin(a) ** 1.1) for a in angle[:-1]]
     under = [(r, CEILING - SLOPE * r) for r in (0.0, 0.2, 0.36, 0.52, 0.66)]
@@ -156,7 +156,8 @@ def _house(
     tube_along_curve("door frame", frame, np.full(len(frame), 0.035), wood, sides=7)
     leaf = np.array([(0.345, 0.12, -0.55), *[(0.345, y * 0.92, z) for _, y, z in arch], (0.345, -0.12, -0.55)])
     plate("door", leaf, (0.03, 0.0, 0.0), trim)
-    lathe("knob", [(0.0, 0.0), (0.014, 0.0), (0.022, 0.02), (0.012, 0.035), (0.0, 0.038)], wood, 8, (0.358, -0.07, -0.40), (1, 0, 0))
+    knob = [(0.0, 0.0), (0.014, 0.0), (0.022, 0.02), (0.012, 0.035), (0.0, 0.038)]
+    lathe("knob", knob, wood, 8, (0.358, -0.07, -0.40), (1, 0, 0))
     ring = [(0.0, -0.03), (0.10, -0.03), (0.105, 0.02), (0.085, 0.03), (0.07, 0.005), (0.0, 0.002)]
     for azimuth in (1.9, -2.1):
         out = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))

@@ -1,0 +1,215 @@
+"""The numpy parts of the scene recipes: lights, cameras, rounding, views. Compared with closed forms and brute force.
+
+What needs Blender is checked by `datasets/recipes/check_conventions.py`.
+"""
+
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+RECIPES = Path(__file__).resolve().parents[2] / "datasets" / "recipes"
+
+HEIGHT = 256
+TRAINING_LIGHTS = ("garden", "harbour", "lamp_room", "spotlight", "snowfield")
+NOVEL_LIGHTS = ("studio", "sunset", "night")
+SUNS = ("harbour", "spotlight", "snowfield", "sunset")
+"""Lights with one small source that is hundreds of times brighter than anything else."""
+
+
+def load(name: str) -> ModuleType:
+    """A module of the recipes, which are scripts beside each other, not a package."""
+    sys.path.insert(0, str(RECIPES))
+    try:
+        return importlib.import_module(name)
+    finally:
+        sys.path.remove(str(RECIPES))
+
+
+latlong, lights, cameras, exr, recipe, scene_folder = (
+    load(name) for name in ("latlong", "lights", "cameras", "exr", "recipe", "scene_folder")
+)
+
+
+@pytest.fixture(scope="module")
+def rendered_lights() -> dict[str, np.ndarray]:
+    """Every light at full resolution, as it is stored."""
+    return {name: exr.round_mantissa(lights.make_light(name, HEIGHT), 8) for name in lights.MODELS}
+
+
+# -- lat-long ----------------------------------------------------------------------------------------------------------
+def test_texels_look_along_their_axes() -> None:
+    """Frozen convention: row 0 is up; the middle column looks along +x, a quarter to its left along +y."""
+    directions = latlong.texel_directions(64)
+    tolerance = np.pi / 64
+    np.testing.assert_allclose(directions[0].mean(axis=0), (0, 0, 1), atol=1e-2)
+    np.testing.assert_allclose(directions[32, 64], (1, 0, 0), atol=tolerance)
+    np.testing.assert_allclose(directions[32, 32], (0, 1, 0), atol=tolerance)
+    np.testing.assert_allclose(directions[32, 96], (0, -1, 0), atol=tolerance)
+    np.testing.assert_allclose(directions[32, 0], (-1, 0, 0), atol=tolerance)
+
+
+def test_direction_to_texel_inverts_texel_directions() -> None:
+    row, column = latlong.direction_to_texel(latlong.texel_directions(37), 37)
+    np.testing.assert_array_equal(row, np.arange(37)[:, None] * np.ones(74, int))
+    np.testing.assert_array_equal(column, np.arange(74)[None] * np.ones((37, 1), int))
+
+
+def test_solid_angles_cover_the_sphere_and_match_the_sine() -> None:
+    omega = latlong.solid_angles(37)
+    assert omega.sum() * 74 == pytest.approx(4 * np.pi, rel=1e-12)
+    theta = np.pi * (np.arange(37) + 0.5) / 37
+    np.testing.assert_allclose(omega[5:-5, 0], (np.sin(theta) * (np.pi / 37) ** 2)[5:-5], rtol=1e-3)
+
+
+def test_mean_luminance_is_what_a_white_diffuse_sphere_averages() -> None:
+    """Brute force: radiosity / pi of a Lambertian sphere, averaged over its normals, under a one-sided light."""
+    directions = latlong.texel_directions(24)
+    light = np.repeat(1 + 5 * np.maximum(directions @ np.array([0.6, 0.0, 0.8]), 0)[..., None], 3, axis=-1)
+    weights = (latlong.solid_angles(24) * np.ones(48)).ravel()
+    cosines = np.maximum(directions.reshape(-1, 3) @ directions.reshape(-1, 3).T, 0)
+    radiosity = cosines @ (weights * light[..., 0].ravel()) / np.pi
+    assert latlong.mean_luminance(light) == pytest.approx((radiosity * weights).sum() / weights.sum(), rel=0.01)
+
+
+def test_rasterise_refuses_negative_radiance() -> None:
+    with pytest.raises(ValueError, match="non-negative, got minimum -1"):
+        latlong.rasterise(lambda d: -np.ones_like(d), 8, 0.6)
+
+
+# -- lights ------------------------------------------------------------------------------------------------------------
+def test_there_are_five_training_and_three_novel_lights() -> None:
+    assert set(lights.MODELS) == {*TRAINING_LIGHTS, *NOVEL_LIGHTS}
+    assert {r.light for r in recipe.RECIPES.values()} == set(TRAINING_LIGHTS)
+    with pytest.raises(ValueError, match="light must be one of garden, .* got 'moon'"):
+        lights.make_light("moon", 8)
+
+
+@pytest.mark.parametrize("name", [*TRAINING_LIGHTS, *NOVEL_LIGHTS])
+def test_stored_lights_are_normalised_and_structured(name: str, rendered_lights: dict[str, np.ndarray]) -> None:
+    light = rendered_lights[name]
+    assert light.shape == (HEIGHT, 2 * HEIGHT, 3)
+    assert light.min() > 0
+    assert light.max() < exr.HALF_MAX / 10
+    assert latlong.mean_luminance(light) == pytest.approx(lights.BRIGHTNESS, rel=2e-3)
+    assert len(np.unique(light)) > 300  # no plain constants
+
+
+@pytest.mark.parametrize("name", SUNS)
+def test_small_sources_span_several_texels(name: str, rendered_lights: dict[str, np.ndarray]) -> None:
+    luminance = rendered_lights[name].astype(float) @ latlong.LUMINANCE
+    assert luminance.max() > 500 * np.median(luminance)
+    core = luminance > luminance.max() / 2
+    rows, columns = np.nonzero(core)
+    assert 4 <= np.ptp(rows) + 1 <= 10
+    directions = latlong.texel_directions(HEIGHT)[core]
+    diameter = 2 * np.degrees(np.arccos(np.clip(directions @ directions.mean(axis=0), -1, 1)).max())
+    assert 3.0 < diameter < 7.5
+
+
+def test_the_lamp_room_is_yellow(rendered_lights: dict[str, np.ndarray]) -> None:
+    light = rendered_lights["lamp_room"].astype(float)
+    red, green, blue = (light * latlong.solid_angles(HEIGHT)[..., None]).sum(axis=(0, 1))
+    assert red > green > 2.5 * blue
+    assert (light[..., 2] < 0.5 * light[..., 0]).all()
+
+
+def test_lights_do_not_depend_on_resolution() -> None:
+    coarse, fine = lights.make_light("harbour", 32), lights.make_light("harbour", 64)
+    pooled = fine.reshape(32, 2, 64, 2, 3).mean(axis=(1, 3))
+    mask = pooled.max(axis=-1) < 3  # away from the sun's rim
+    assert mask.mean() > 0.95
+    assert np.abs(coarse - pooled)[mask].mean() < 0.05 * pooled[mask].mean()
+
+
+# -- cameras -----------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("split", "count"), [("train", 100), ("test", 20), ("novel", 20), ("train", 16)])
+def test_poses_are_rigid_and_frame_the_unit_sphere(split: str, count: int) -> None:
+    poses = cameras.split_poses(split, count)
+    rotation, position = poses[:, :3, :3], poses[:, :3, 3]
+    np.testing.assert_allclose(rotation @ rotation.transpose(0, 2, 1), np.tile(np.eye(3), (count, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(rotation), 1, atol=1e-12)
+    assert (rotation[:, 2, 1] > 0).all()  # z is up in the image
+    # Every point of the unit sphere projects into the frame, which it nearly fills.
+    sphere = latlong.texel_directions(24).reshape(-1, 3)
+    local = np.einsum("nji,pnj->npi", rotation, sphere[:, None] - position)
+    extent = np.abs(local[..., :2] / -local[..., 2:]).max() / np.tan(cameras.FIELD_OF_VIEW / 2)
+    assert local[..., 2].max() < 0
+    assert 0.95 < extent <= 1.0
+
+
+def test_elevations_cover_the_band_and_no_two_cameras_coincide() -> None:
+    train, test, novel = (cameras.split_poses(s, n)[:, :3, 3] for s, n in (("train", 100), ("test", 20), ("novel", 20)))
+    elevations = np.degrees(np.arcsin(train[:, 2] / cameras.DISTANCE))
+    assert elevations.min() == pytest.approx(-25, abs=2)
+    assert elevations.max() == pytest.approx(80, abs=5)
+    positions = np.concatenate([train, test, novel]) / cameras.DISTANCE
+    cosines = positions @ positions.T - 2 * np.eye(len(positions))
+    assert np.degrees(np.arccos(cosines.max())) > 1.0
+
+
+def test_straight_up_is_refused() -> None:
+    with pytest.raises(ValueError, match="off the z axis"):
+        cameras.camera_to_world(np.array([0.0, 0.0, 3.0]))
+    with pytest.raises(ValueError, match="got 'validation'"):
+        cameras.split_poses("validation", 3)
+
+
+# -- rounding ----------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("bits", [6, 8, 10])
+def test_rounding_error_is_bounded_and_nearest(bits: int) -> None:
+    rng = np.random.default_rng(0)
+    values = (rng.choice([-1, 1], 50_000) * 2.0 ** rng.uniform(-14, 15.9, 50_000)).astype(np.float32)
+    rounded = exr.round_mantissa(values, bits)
+    error = np.abs(rounded.astype(np.float64) - values)
+    assert (error <= 2.0 ** -(bits + 1) * np.abs(values)).all()
+    # Independent: round the significand that frexp gives, half to even.
+    significand, exponent = np.frexp(values.astype(np.float64))
+    np.testing.assert_array_equal(
+        rounded.astype(np.float64), np.ldexp(np.rint(significand * 2 ** (bits + 1)) / 2 ** (bits + 1), exponent)
+    )
+
+
+def test_rounding_keeps_zero_and_is_idempotent() -> None:
+    values = np.concatenate([np.zeros(3), np.geomspace(1e-9, 6e4, 5000)]).astype(np.float32)
+    rounded = exr.round_mantissa(values, 8)
+    assert (rounded[:3] == 0).all()
+    np.testing.assert_array_equal(exr.round_mantissa(rounded, 8), rounded)
+    assert (np.abs(rounded.astype(float) - values) <= 2.0**-9 * values + 2.0**-25).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 7e4])
+def test_rounding_refuses_what_a_half_cannot_hold(bad: float) -> None:
+    with pytest.raises(ValueError, match=r"finite and below 65504"):
+        exr.round_mantissa(np.array([1.0, bad]), 8)
+
+
+def test_exr_round_trip(tmp_path: Path) -> None:
+    image = exr.round_mantissa(np.random.default_rng(1).uniform(0, 2, (31, 37, 4)), 7)
+    exr.write_exr(tmp_path / "deep" / "image.exr", image)
+    planes = exr.read_planes(tmp_path / "deep" / "image.exr")
+    np.testing.assert_array_equal(np.stack([planes[c] for c in "RGBA"], axis=-1), image)
+    assert [p.name for p in (tmp_path / "deep").iterdir()] == ["image.exr"]  # no temporary file stays
+    with pytest.raises(ValueError, match=r"expected a half image .* got float32"):
+        exr.write_exr(tmp_path / "image.exr", np.zeros((3, 4, 3), np.float32))
+
+
+# -- scene folder ------------------------------------------------------------------------------------------------------
+def test_every_view_has_its_own_files_and_only_test_has_all_truth() -> None:
+    views = scene_folder.views(recipe.RECIPES["hat"])
+    assert len(views) == 100 + 20 + 20 * 4
+    files = [path for view in views for path in view.files]
+    assert len(set(files)) == len(files) == 100 * 3 + 20 * 6 + 80
+    assert {v.light for v in views if v.split == "novel"} == {"train", *NOVEL_LIGHTS}
+    assert all(v.light == "train" for v in views if v.split != "novel")
+    assert [v.split for v in scene_folder.direct_views(recipe.RECIPES["hat"])] == ["test"] * 4
+
+
+def test_larger_images_get_larger_textures() -> None:
+    hat = recipe.RECIPES["hat"]
+    assert hat.at_size(128) == hat
+    assert (hat.at_size(512).size, hat.at_size(512).texture_size) == (512, 2048)
+    assert hat.at_size(64).texture_size == hat.texture_size

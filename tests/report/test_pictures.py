@@ -1,0 +1,113 @@
+"""The contact sheet of a run that recovered the truth shows the same picture twice; what is missing is named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ia_bench.errors import InputError
+from ia_bench.paths import scenes_folder
+from ia_bench.report.pictures import CELL, COLUMNS, LINE, MARGIN, main, write_contact_sheet
+from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.native import load_scene
+
+SCALE = 1.25
+
+
+@pytest.fixture
+def scene_folder() -> Path:
+    return scenes_folder() / "tiny"
+
+
+@pytest.fixture
+def perfect_run(tmp_path: Path, scene_folder: Path) -> Path:
+    """The folder of a run that recovered everything up to the one scale that cannot be known."""
+    truth = load_scene(scene_folder, truth=True).truth
+    assert truth is not None
+    folder = tmp_path / "run"
+    write_exr(folder / "albedo.exr", truth.albedo / SCALE, half=False)
+    write_exr(folder / "roughness.exr", truth.roughness, half=False)
+    write_exr(folder / "light.exr", truth.lights["train"] * SCALE, half=False)
+    psnr = {"psnr": 40.0, "ssim": 1.0, "lpips": None}
+    metrics = {
+        "status": "ok",
+        "row": "perfect",
+        "scene": "tiny",
+        "seed": 0,
+        "protocol_description": {"alignment": "mean_rgb"},
+        "albedo_scales": {"mean_rgb": [SCALE] * 3},
+        "metrics": {"aligned_albedo": psnr, "view_synthesis": psnr, "relighting": {"psnr": None}},
+    }
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    (folder / "config.json").write_text(json.dumps({"config": {"geometry": {"uv": "mesh"}}}))
+    return folder
+
+
+def cells(sheet: Path, row: int) -> list[np.ndarray]:
+    """The pictures of one row, each (CELL, CELL, 3) in [0, 1]."""
+    pixels = np.asarray(Image.open(sheet)).astype(float) / 255
+    top = 2 * LINE + row * (CELL + MARGIN)
+    return [pixels[top : top + CELL, MARGIN + c * (CELL + MARGIN) :][:, :CELL] for c in range(len(COLUMNS))]
+
+
+def test_perfect_run_shows_the_truth_twice(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "sheet.png"
+    assert main([str(perfect_run), "--scene", str(scene_folder), "--out", str(out), "--views", "2"]) == 0
+    for row in range(2):
+        photograph, render, albedo, found_albedo, roughness, found_roughness = cells(out, row)
+        assert all(picture.std() > 0.02 for picture in (photograph, render, albedo, roughness))
+        assert np.abs(albedo - found_albedo).mean() < 0.02
+        assert np.abs(roughness - found_roughness).mean() < 0.02
+        assert np.abs(photograph - render).mean() < 0.05  # noise and indirect light
+        assert np.abs(photograph - albedo).mean() > 0.02
+        assert photograph[0, 0].tolist() == [1, 1, 1]
+    assert not np.array_equal(cells(out, 0)[0], cells(out, 1)[0])
+    pixels = np.asarray(Image.open(out)).astype(float)
+    top, width = 2 * LINE + 2 * (CELL + MARGIN) + LINE, (pixels.shape[1] - 3 * MARGIN) // 2
+    true, found = (pixels[top : top + width // 2, left : left + width] for left in (MARGIN, 2 * MARGIN + width))
+    assert true.std() > 10
+    assert np.abs(true - found).max() <= 1  # of 255
+
+
+def test_scale_of_the_run_is_applied(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+    metrics = json.loads((perfect_run / "metrics.json").read_text())
+    metrics["albedo_scales"]["mean_rgb"] = None  # undefined: shown as it is
+    (perfect_run / "metrics.json").write_text(json.dumps(metrics))
+    write_contact_sheet(perfect_run, scene_folder, tmp_path / "sheet.png", views=1)
+    _, _, albedo, found, *_ = cells(tmp_path / "sheet.png", 0)
+    assert (albedo - found).mean() > 0.01
+
+
+def test_mistakes(perfect_run: Path, scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "sheet.png"
+    with pytest.raises(InputError, match="nowhere/metrics.json: expected a run's results"):
+        write_contact_sheet(tmp_path / "nowhere", scene_folder, out)
+    with pytest.raises(InputError, match="at least one view, found 0"):
+        write_contact_sheet(perfect_run, scene_folder, out, views=0)
+    (perfect_run / "roughness.exr").unlink()
+    assert main([str(perfect_run), "--scene", str(scene_folder), "--out", str(out)]) == 2
+    assert "roughness.exr: no such image" in capsys.readouterr().err
+    (perfect_run / "metrics.json").write_text('{"status": "failed"}')
+    with pytest.raises(InputError, match="expected a finished run, found status 'failed'"):
+        write_contact_sheet(perfect_run, scene_folder, out)
+    assert not out.exists()
+
+
+def test_scene_without_truth(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "scene"
+    copy.mkdir()
+    for name in ("images", "mesh.ply", "transforms_train.json", "lights"):
+        (copy / name).symlink_to(scene_folder / name)
+    description = json.loads((scene_folder / "scene.json").read_text())
+    (copy / "scene.json").write_text(json.dumps({k: v for k, v in description.items() if k != "truth_textures"}))
+    train = json.loads((scene_folder / "transforms_train.json").read_text())
+    for frame in train["frames"]:
+        frame.pop("albedo_path"), frame.pop("specular_path")
+    (copy / "transforms_train.json").unlink()
+    (copy / "transforms_train.json").write_text(json.dumps(train))
+    with pytest.raises(InputError, match="expected test views with true albedo and roughness"):
+        write_contact_sheet(perfect_run, copy, tmp_path / "sheet.png")

@@ -1,0 +1,241 @@
+"""What the plan decides, from made-up scenes whose answer is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from shapes import camera_at, disk, plate, sphere, together
+
+from ia_bench.errors import InputError
+from ia_bench.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Decision, Plan, _closest_quarter, make_plan
+from ia_bench.priors.none import NoPrior
+from ia_bench.priors.oracle import OraclePrior
+from ia_bench.render.gbuffer import SurfaceInterpolator
+from ia_bench.render.rays import make_rays
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.scene import Camera, Mesh, Scene, View
+
+CPU = torch.device("cpu")
+FROM_ABOVE = camera_at((0, 0, 5), pixels=32)
+VIEW_WIDTH = 2 * 5 * math.tan(math.radians(20))  # of FROM_ABOVE, at the origin
+FILLING = VIEW_WIDTH / 2 * 1.05  # half a side of a plate that fills FROM_ABOVE
+
+
+class Limited(NoPrior):
+    """A prior of albedo that works at 64 pixels."""
+
+    provides = frozenset({"albedo"})
+    resolution = 64
+
+
+def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
+    views = tuple(
+        View(str(i), camera, np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)))
+        for i, camera in enumerate(cameras)
+    )
+    return Scene("made-up", Path("made-up"), mesh, views)
+
+
+def plan_of(mesh: Mesh, *cameras: Camera, prior: object = None, **settings: object) -> Plan:
+    surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
+    return make_plan(scene_of(mesh, *cameras), surface, rays, RenderSettings(**settings), prior or NoPrior(), CPU)
+
+
+def decision(plan: Plan, what: str) -> Decision:
+    (found,) = [d for d in plan.decisions if d.what == what]
+    return found
+
+
+# ---------------------------------------------------------------- shadows
+@pytest.mark.parametrize("smooth", [True, False])
+def test_a_convex_sphere_needs_no_shadow_rays(smooth: bool) -> None:
+    plan = plan_of(sphere(3, smooth=smooth), camera_at((3, 2, 1)), camera_at((-3, 2, 1)))
+    assert plan.shadows == "none"
+    found = decision(plan, "render.shadows")
+    assert found.measured is not None
+    assert found.measured["occluded_share"] == 0
+    assert found.left_out == "shadow rays"
+
+
+def test_a_plate_under_a_disk_needs_them() -> None:
+    """The disk hides R^2 / (R^2 + h^2) of the cosine-weighted sky of a small plate; the camera sees only the plate."""
+    radius, height = 0.7, 0.6
+    mesh = together(plate(0.01), disk(radius, height=height))
+    camera = camera_at((0.3, 0.0, 0.05), pixels=16, field_of_view=1.0)
+    plan = plan_of(mesh, camera)
+    assert plan.shadows == "traced"
+    found = decision(plan, "render.shadows")
+    assert found.measured is not None
+    share = radius**2 / (radius**2 + height**2)
+    assert found.measured["occluded_share"] == pytest.approx(
+        share, abs=5 * math.sqrt(0.25 / found.measured["probe_rays"])
+    )
+    assert found.left_out is None
+
+
+def test_a_rare_shadow_is_a_shadow() -> None:
+    """A small disk far above a plate hides one in a thousand directions: no longer none."""
+    mesh = together(plate(0.01), disk(0.05, height=1.5))
+    plan = plan_of(mesh, camera_at((0.3, 0.0, 0.05), pixels=16, field_of_view=1.0))
+    assert plan.shadows == "traced"
+
+
+# ---------------------------------------------------------------- sub-samples
+def test_a_flat_plate_that_fills_the_view_needs_one_point_a_pixel() -> None:
+    plan = plan_of(plate(FILLING), FROM_ABOVE)
+    assert plan.subsamples == 1
+    found = decision(plan, "render.subsamples")
+    assert found.measured == {"edge_pixel_share": 0.0, "mean_normal_change_degrees": 0.0}
+    assert found.left_out == "pixel sub-samples"
+
+
+def test_edges_need_more() -> None:
+    """A flat plate of 7 by 7 pixels plus half a pixel all around: 32 of its 81 pixels are partly covered."""
+    plan = plan_of(plate(VIEW_WIDTH / 2 * 8 / 32), camera_at((0, 0, 5), pixels=31))
+    assert plan.subsamples == 2
+    measured = decision(plan, "render.subsamples").measured
+    assert measured is not None
+    assert measured["edge_pixel_share"] > 0.2
+    assert measured["mean_normal_change_degrees"] == 0
+
+
+def test_curvature_needs_more() -> None:
+    """A sphere that fills the view: no edges, but a pixel spans 2.6 degrees of it in the middle, more outside."""
+    near = camera_at((0, 2, 0), pixels=16)
+    plan = plan_of(sphere(4), near)
+    assert plan.subsamples == 2
+    measured = decision(plan, "render.subsamples").measured
+    assert measured is not None
+    assert measured["edge_pixel_share"] == 0
+    smallest = math.degrees(1 * 2 * math.tan(math.radians(20)) / 16)
+    assert smallest < measured["mean_normal_change_degrees"] < 3 * smallest
+
+
+# ---------------------------------------------------------------- texture
+@pytest.mark.parametrize(
+    ("uv_scale", "pixels", "size"),
+    [(1.0, 32, 64), (0.25, 32, 256), (0.1, 32, 512), (1.0, 200, 256), (1e-3, 32, 2048), (1.0, 8, 64)],
+)
+def test_texture_follows_the_footprint_of_a_pixel(uv_scale: float, pixels: int, size: int) -> None:
+    """A plate's pixel spans uv_scale / pixels of the texture (a little less: it fills more than the view)."""
+    plan = plan_of(plate(FILLING, uv_scale=uv_scale), camera_at((0, 0, 5), pixels=pixels))
+    found = decision(plan, "render.texture")
+    assert found.measured is not None
+    assert found.measured["pixel_footprint_uv"] == pytest.approx(uv_scale / 1.05 / pixels, rel=1e-3)
+    assert plan.texture == size
+    assert found.left_out == (f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None)
+
+
+def test_footprints_of_many_large_images() -> None:
+    """Fifteen probed views of 2048 x 2048 have more pixels than torch.quantile takes."""
+    footprint = torch.arange(17_000_000, dtype=torch.float32).flip(0)
+    assert _closest_quarter(footprint) == pytest.approx(4_250_000, rel=1e-6)
+    assert _closest_quarter(torch.tensor([3.0])) == 3
+
+
+def test_jumps_to_another_island_are_no_footprint() -> None:
+    """Two plates side by side on opposite corners of the atlas: their common border does not count."""
+    left, right = plate(FILLING / 2, uv_scale=0.1), plate(FILLING / 2, uv_scale=0.1)
+    shift = np.array([FILLING / 2, 0, 0], np.float32)
+    left = replace(left, vertices=left.vertices - shift)
+    right = replace(right, vertices=right.vertices + shift, uv=right.uv + 0.9)
+    one = plan_of(left, FROM_ABOVE)
+    both = plan_of(together(left, right), FROM_ABOVE)
+    footprints = [decision(p, "render.texture").measured for p in (one, both)]
+    assert footprints[0] is not None
+    assert footprints[1] is not None
+    assert footprints[1]["pixel_footprint_uv"] == pytest.approx(footprints[0]["pixel_footprint_uv"], rel=1e-3)
+    assert both.texture == one.texture == 256
+
+
+# ---------------------------------------------------------------- light
+def test_light_of_a_flat_mirror() -> None:
+    """On a plate, mirror directions turn by as much as view directions do: 40 degrees over 32 pixels."""
+    plan = plan_of(plate(FILLING), FROM_ABOVE)
+    found = decision(plan, "render.light_height")
+    assert found.measured is not None
+    middle = math.degrees(VIEW_WIDTH / 32 / 5)  # 1.30 degrees in the middle, less toward the corners
+    assert 0.8 * middle < found.measured["mirror_footprint_degrees"] < middle
+    assert plan.light_height == 128  # 180 / 1.2 = 150 rows
+    assert found.left_out == "light rows above 128"
+
+
+def test_light_of_a_small_ball() -> None:
+    """A ball that is 10 pixels wide reflects half of the sphere in a few pixels: the coarsest light will do."""
+    plan = plan_of(sphere(3), camera_at((0, 18, 0), pixels=32))
+    assert plan.light_height == LIGHT_HEIGHTS[0]
+
+
+def test_light_of_a_fine_picture_is_the_finest() -> None:
+    plan = plan_of(plate(FILLING), camera_at((0, 0, 5), pixels=200))
+    assert plan.light_height == LIGHT_HEIGHTS[-1]
+    assert decision(plan, "render.light_height").left_out is None
+
+
+# ---------------------------------------------------------------- prior
+@pytest.mark.parametrize(
+    ("prior", "pixels", "patches", "left_out"),
+    [
+        (NoPrior(), 32, False, "prior sampling"),
+        (OraclePrior(), 200, False, "patch-wise sampling"),
+        (Limited(), 64, False, "patch-wise sampling"),
+        (Limited(), 65, True, None),
+    ],
+)
+def test_patches_only_for_a_prior_smaller_than_the_images(
+    prior: object, pixels: int, patches: bool, left_out: str | None
+) -> None:
+    found = decision(plan_of(plate(FILLING), camera_at((0, 0, 5), pixels=pixels), prior=prior), "prior.patches")
+    assert (found.value, found.left_out) == (patches, left_out)
+
+
+# ---------------------------------------------------------------- the whole
+USERS = {"shadows": "baked", "subsamples": 3, "texture": 96, "light_height": 48}
+
+
+@pytest.mark.parametrize("name", USERS)
+def test_a_users_setting_is_taken_and_recorded_as_such(name: str) -> None:
+    """Whatever the measurement would have said; the other decisions stay what they were."""
+    usual = plan_of(plate(FILLING), FROM_ABOVE)
+    plan = plan_of(plate(FILLING), FROM_ABOVE, **{name: USERS[name]})
+    assert getattr(plan, name) == USERS[name] != getattr(usual, name)
+    found = decision(plan, f"render.{name}")
+    assert (found.value, found.why, found.measured, found.left_out) == (USERS[name], "set by the user", None, None)
+    others = [d for d in plan.decisions if d.what != found.what]
+    assert others == [d for d in usual.decisions if d.what != found.what]
+
+
+def test_samples_are_passed_on() -> None:
+    assert plan_of(plate(FILLING), FROM_ABOVE, samples=17).samples == 17
+
+
+def test_every_decision_is_printed_and_recorded_with_its_measurement() -> None:
+    plan = plan_of(plate(FILLING), FROM_ABOVE)
+    whats = ["render.shadows", "render.subsamples", "render.texture", "render.light_height", "prior.patches"]
+    assert [d.what for d in plan.decisions] == whats
+    for line, found in zip(plan.lines(), plan.decisions, strict=True):
+        assert line == f"plan: {found.what} = {found.value}: {found.why}"
+    record = plan.record()
+    assert [entry["what"] for entry in record["needed"]] == whats
+    assert all(entry["measured"] for entry in record["needed"][:4])
+    left_out = {entry["what"] for entry in record["left_out"]}
+    assert {"shadow rays", "pixel sub-samples", "prior sampling"} <= left_out
+
+
+def test_the_plan_is_the_same_every_time() -> None:
+    mesh = together(plate(0.5), disk(0.4, height=0.5))
+    cameras = [camera_at((2, 1, z)) for z in (0.5, 1.0, 2.0)]
+    assert plan_of(mesh, *cameras) == plan_of(mesh, *cameras)
+
+
+def test_cameras_that_do_not_see_the_mesh_are_named() -> None:
+    """The usual cause is a matrix of another convention: the camera looks the other way."""
+    camera = camera_at((0, 0, 5))
+    turned = camera.to_world @ np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV: looks along +z
+    with pytest.raises(InputError, match=r"made-up.*no training camera sees the mesh.*transform_matrix.*-z"):
+        plan_of(sphere(2), replace(camera, to_world=turned))
