@@ -7,6 +7,7 @@ import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -19,10 +20,11 @@ from ia_bench.plan import make_plan
 from ia_bench.progress import Progress
 from ia_bench.records import SCHEMA, RunFolder
 from ia_bench.registry import create
-from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Renderer, choose_shading
+from ia_bench.render.renderer import Renderer, choose_shading, texture_images
 from ia_bench.render.visibility import make_visibility
+from ia_bench.scenes.scene import Scene, View
 from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol
 
@@ -42,8 +44,6 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         blind = scene.for_training()
         prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
         method = create("method", config.method.name, config.method.target, config.method.options)
-        if prior.sees_truth:
-            prior.reveal(scene.train)
         if getattr(method, "sees_truth", False):
             method.reveal_scene(scene.truth)
 
@@ -58,6 +58,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
             visibility = make_visibility(plan.shadows, scene.mesh, surface, rays)
             renderer = Renderer(surface, visibility, shading=shading, notice=progress.note)
             gbuffer = trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, device)
+        if prior.sees_truth:
+            prior.reveal(with_albedo(scene, surface, gbuffer))
 
         # ---- fit -------------------------------------------------------------------------------------------------
         scorer = Scorer(scene, renderer, rays, protocol, seed=config.seed)
@@ -99,6 +101,19 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     }
     folder.write_metrics(metrics)
     return metrics
+
+
+def with_albedo(scene: Scene, surface: SurfaceInterpolator, gbuffer: GBuffer) -> tuple[View, ...]:
+    """The training views with true albedo: their own, or that of the true texture as the views see it."""
+    if scene.truth is None or scene.truth.albedo is None or all(view.albedo is not None for view in scene.train):
+        return scene.train
+    texture = torch.from_numpy(scene.truth.albedo).float().to(surface.device)
+    share = gbuffer.coverage().clamp_min(1e-6)[..., None]
+    albedo = (texture_images(surface, gbuffer, texture) / share).cpu().numpy()
+    return tuple(
+        view if view.albedo is not None else replace(view, albedo=image * view.mask[..., None])
+        for view, image in zip(scene.train, albedo, strict=True)
+    )
 
 
 @contextmanager

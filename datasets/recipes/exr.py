@@ -14,6 +14,12 @@ Images and specular carry some per cent of Monte Carlo noise, so 0.4 and 0.8 % c
 bytes. Depth keeps all bits: rounding would move the surface.
 """
 
+DWA_LEVEL = 100.0
+"""OpenEXR's lossy DWAA level for images and specular: 45 dB of sRGB against the exact file, about the renders' own noise.
+
+Alpha stays exact. Everything else is ZIP, lossless, and so is an image for which DWAA is no smaller.
+"""
+
 HALF_MAX = 65504.0
 
 
@@ -36,8 +42,10 @@ def round_mantissa(values: NDArray[np.floating], bits: int) -> NDArray[np.float1
     return word.view(np.float32).astype(np.float16)
 
 
-def write_exr(path: Path, image: NDArray[np.float16]) -> None:
+def write_exr(path: Path, image: NDArray[np.float16], *, lossy: bool = False) -> None:
     """Write a half image (H, W) as channel Y, (H, W, 3) as RGB or (H, W, 4) as RGBA; atomically, folders made.
+
+    `lossy` takes DWAA at DWA_LEVEL instead of ZIP where that is smaller.
 
     Raises:
         ValueError: if the array is not half or has another shape.
@@ -48,11 +56,17 @@ def write_exr(path: Path, image: NDArray[np.float16]) -> None:
         raise ValueError(f"{path}: expected a half image {shapes}, got {image.dtype} {image.shape}")
     planes = image[..., None] if image.ndim == 2 else image
     channels = {name: np.ascontiguousarray(planes[..., i]) for i, name in enumerate(names)}
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.exr")
+    headers = [{"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}]
+    if lossy:
+        headers.append(headers[0] | {"compression": OpenEXR.DWAA_COMPRESSION, "dwaCompressionLevel": DWA_LEVEL})
     path.parent.mkdir(parents=True, exist_ok=True)
-    OpenEXR.File(header, channels).write(str(temporary))
-    temporary.replace(path)
+    candidates = [path.with_name(f".{path.stem}.{os.getpid()}.{i}.exr") for i in range(len(headers))]
+    for header, candidate in zip(headers, candidates, strict=True):
+        OpenEXR.File(header, channels).write(str(candidate))
+    smallest = min(candidates, key=lambda candidate: candidate.stat().st_size)
+    smallest.replace(path)
+    for candidate in candidates:
+        candidate.unlink(missing_ok=True)
 
 
 def read_planes(path: Path) -> dict[str, NDArray[np.float32]]:

@@ -88,8 +88,8 @@ def load(recipe: Recipe, out: Path, *, direct_only: bool) -> Renderer:
 def write_view(out: Path, view: View, passes: Passes) -> None:
     """Write the image of a view and its ground truth, the image last."""
     for kind, path in view.truth.items():
-        write_exr(out / path, round_mantissa(getattr(passes, kind), STORED_BITS[kind]))
-    write_exr(out / view.image, round_mantissa(passes.rgba, STORED_BITS["image"]))
+        write_exr(out / path, round_mantissa(getattr(passes, kind), STORED_BITS[kind]), lossy=kind == "specular")
+    write_exr(out / view.image, round_mantissa(passes.rgba, STORED_BITS["image"]), lossy=True)
 
 
 def render_views(recipe: Recipe, out: Path, renderer: Renderer, wanted: list[View]) -> None:

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from cameras import FIELD_OF_VIEW, split_poses
-from exr import STORED_BITS
+from exr import DWA_LEVEL, STORED_BITS
 from latlong import CONVENTION
 from numpy.typing import NDArray
 from recipe import Recipe
 
 TRUTH = {
-    "train": ("albedo", "specular"),
+    "train": ("specular",),  # albedo follows exactly from the texture
     "test": ("albedo", "specular", "roughness", "normal", "depth"),
     "novel": (),
 }
@@ -96,7 +96,7 @@ def write_scene(out: Path, name: str, recipe: Recipe, render: dict[str, Any]) ->
         "splits": recipe.views,
         "lights": {light: f"lights/{light}.exr" for light in recipe.lights},
         "truth_textures": {"albedo": "truth/albedo.png", "roughness": "truth/roughness.png"},
-        "render": render | {"stored_mantissa_bits": STORED_BITS},
+        "render": render | {"stored_mantissa_bits": STORED_BITS, "lossy_dwaa_level": {"image": DWA_LEVEL, "specular": DWA_LEVEL}},
     }
     write_json(out / "scene.json", scene)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from ia_bench.scenes.mesh import load_mesh
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
 SPLITS = ("train", "test", "novel")
+RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
 TRUTH_CHANNELS = {"albedo": 3, "roughness": 1, "specular": 3, "normal": 3, "depth": 1}
 
 
@@ -40,6 +42,12 @@ def load_scene(folder: Path, *, truth: bool = False, uv: str = "mesh") -> Scene:
     }
     if not views["train"]:
         raise InputError(f"{folder / 'transforms_train.json'}: a scene needs at least one training view")
+    ringing = sum(int((view.image < 0).sum()) for split in views.values() for view in split)
+    if ringing:
+        notes = (*notes, f"images: {ringing} values just below zero (ringing of lossy compression) set to 0")
+        views = {
+            split: tuple(replace(view, image=view.image.clip(min=0)) for view in found) for split, found in views.items()
+        }
     return Scene(
         name=str(description.get("name", folder.name)),
         folder=folder,
@@ -96,8 +104,9 @@ def _read_view(folder: Path, source: Path, index: int, frame: dict[str, Any], tr
         raise InputError(f"{folder / frame['file_path']}: alpha: expected values in [0, 1], found {mask.min():g} ... {mask.max():g}")
     if not (mask > 0.5).any():
         raise InputError(f"{folder / frame['file_path']}: the mask (alpha) has no pixel above 0.5")
-    if image[..., :3].min() < 0:
-        raise InputError(f"{folder / frame['file_path']}: expected radiance, found the negative value {image[..., :3].min():g}")
+    radiance = image[..., :3]
+    if radiance.min() < -RINGING * radiance.max():
+        raise InputError(f"{folder / frame['file_path']}: expected radiance, found the negative value {radiance.min():g}")
     known: dict[str, np.ndarray] = {}
     for name, channels in TRUTH_CHANNELS.items():
         if truth and f"{name}_path" in frame:
@@ -111,7 +120,7 @@ def _read_view(folder: Path, source: Path, index: int, frame: dict[str, Any], tr
     return View(
         name=Path(frame["file_path"]).with_suffix("").name,
         camera=_read_camera(where, frame, width, height),
-        image=np.ascontiguousarray(image[..., :3]),
+        image=np.ascontiguousarray(radiance),
         mask=mask.clip(0, 1),
         light=str(frame.get("light", "train")),
         **known,
