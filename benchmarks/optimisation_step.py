@@ -124,7 +124,7 @@ def mitsuba_step(mesh: Mesh) -> tuple[Callable[[int], None], float]:
             }
         )
     parameters = mi.traverse(scene)
-    names = [k for k in parameters.keys() if k.endswith(("base_color.data", "roughness.data")) or k == "light.data"]
+    names = [k for k, _ in parameters if k.endswith(("base_color.data", "roughness.data")) or k == "light.data"]
     covered = float((np.array(mi.render(scene, spp=1)).sum(-1) > 0).mean())
     spp = max(1, round(PIXELS * SAMPLES / (SIZE * SIZE * covered * 8)))
 

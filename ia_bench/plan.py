@@ -93,7 +93,7 @@ def make_plan(
     )
 
 
-def _users(what: str, value: Any) -> Decision:
+def _users(what: str, value: int | str) -> Decision:
     return Decision(what, value, "set by the user", None)
 
 

@@ -32,7 +32,7 @@ from ia_bench.scores.protocol import Protocol
 def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, Any]:
     """Do one run (or finish an interrupted one) and return its metrics, which are then in ``folder``."""
     torch.use_deterministic_algorithms(True)  # the same configuration gives the same numbers
-    torch.utils.deterministic.fill_uninitialized_memory = False
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     seconds: dict[str, float] = {}
     with _clock(seconds, "total"):
         # ---- load ------------------------------------------------------------------------------------------------

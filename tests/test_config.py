@@ -62,7 +62,12 @@ def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
     module, _, name = settings["target"].partition(":")
     parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters
     defaults = {key: list(p.default) if isinstance(p.default, tuple) else p.default for key, p in parameters.items()}
-    assert settings.get("options", {}) == defaults
+    options = settings.get("options", {})
+    assert options.keys() <= defaults.keys()
+    if path.stem == "spoiled_oracle":  # the oracle with other dials
+        assert options != defaults
+    else:
+        assert options == defaults
 
 
 def test_quick_is_the_defaults_and_paper_is_the_paper() -> None:
@@ -121,7 +126,7 @@ def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None
         "protocol.ssim.sigma=2",
         "protocol.samples_per_pixel=65",
         "render.shadows=baked",
-        "fit.rates.light=0.2",
+        "fit.rates.light=0.3",
     ],
 )
 def test_hash_changes_with_what_decides_numbers(override: str) -> None:

@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.config import SceneConfig, resolve_scene_folder
+from ia_bench.errors import InputError
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
 from ia_bench.material.textures import Material, fetch
@@ -60,7 +61,7 @@ def check_scene(folder: Path, *, samples: int = SAMPLES) -> ForwardCheck:
         "full": _psnr(ours["radiance"], full, views),
         "direct": _psnr(ours["radiance"], reference, views),
         "direct, coat takes its share": _psnr(ours["coated"], reference, views),
-        "specular part": _psnr(ours["specular"], [view.specular for view in views], views),
+        "specular part": _psnr(ours["specular"], [_specular(scene, view) for view in views], views),
         "1 point a pixel": _psnr(stage.render(views, side=1)["radiance"], reference, views),
         "16 points a pixel": _psnr(stage.render(views, side=4)["radiance"], reference, views),
     }
@@ -81,7 +82,8 @@ class _Stage:
     def __init__(self, scene: Scene, samples: int) -> None:
         assert scene.truth is not None
         albedo, roughness = scene.truth.albedo, scene.truth.roughness
-        assert albedo is not None and roughness is not None, f"{scene.folder}: no true textures"
+        if albedo is None or roughness is None:
+            raise InputError(f"{scene.folder}: the forward check needs the true textures")
         device = torch.device("cpu")
         self._rays: RayCaster = make_rays(scene.mesh, device)
         self._surface = SurfaceInterpolator(scene.mesh, device)
@@ -131,6 +133,12 @@ def coat_reflectance(size: int, samples: int = 4096) -> Tensor:
     density = visible_ggx_pdf(normal, view, incident, rough)
     value = specular_brdf_cosine(normal, view, incident, rough) / density.clamp_min(1e-12)
     return torch.where(density > 0, value, torch.zeros_like(value)).mean(2)[..., 0]
+
+
+def _specular(scene: Scene, view: View) -> np.ndarray:
+    if view.specular is None:
+        raise InputError(f"{scene.folder}: test view {view.name} has no true specular shading")
+    return view.specular
 
 
 def _psnr(rendered: np.ndarray, reference: list[np.ndarray], views: list[View]) -> float:

@@ -8,14 +8,13 @@ import torch
 from torch import Tensor
 
 
-
 def linear_to_srgb(linear: Tensor) -> Tensor:
     """:func:`ia_bench.scenes.color.linear_to_srgb` for tensors, with gradients that stay finite at zero."""
     return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def tone_map(radiance: Tensor) -> Tensor:
-    """sRGB of log(1 + x): compresses highlights, keeps gradients at black finite. For any radiance >= 0."""
+    """Encode log(1 + x) as sRGB: compresses highlights, keeps gradients at black finite. For any radiance >= 0."""
     return linear_to_srgb(torch.log1p(radiance))
 
 

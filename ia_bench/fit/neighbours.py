@@ -25,8 +25,11 @@ class Neighbours:
 
 @torch.no_grad()
 def find_neighbours(problem: Problem, images: Tensor, scale: float) -> Neighbours:
-    """Pairs from (P, 3) training pixels; ``scale`` is the difference of log radiance at which smoothing fades (1/e at
-    ``scale``). Pixels whose normals differ by more than 37 degrees or whose distance jumps are no pair."""
+    """Pair neighbouring pixels of (P, 3) training radiance.
+
+    At a difference of ``scale`` in log radiance the similarity is 1/e. Pixels whose normals differ by more than 37
+    degrees, or whose distance jumps, are no pair.
+    """
     gbuffer, surface = problem.gbuffer, problem.renderer.surface
     views, height, width = gbuffer.shape
     first = (gbuffer.face >= 0).int().argmax(1)

@@ -55,7 +55,9 @@ class Fit:
 class Task(Protocol):
     """One bar of the progress display."""
 
-    def advance(self, amount: int = 1, **values: Any) -> None: ...
+    def advance(self, amount: int = 1, **values: float) -> None:
+        """Count ``amount`` steps and show ``values`` (the current loss, say)."""
+        ...
 
 
 @dataclass(frozen=True)

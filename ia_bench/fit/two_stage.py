@@ -18,7 +18,7 @@ from ia_bench.fit.supervision import Supervision, draw_targets
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch, fill_unobserved, splat
 from ia_bench.priors.contract import Prior
-from ia_bench.render.renderer import Light
+from ia_bench.render.renderer import Light, PixelRadiance
 
 GUIDE_SAMPLES = 32  # per pixel, for the renders that guide stage 2
 FIRST_SCORE = 25  # steps; later scores follow at doubling steps
@@ -138,7 +138,7 @@ class _Run:
             self.parameters["roughness"].clamp_(MIN_ROUGHNESS, 1)
         return float(loss.detach())
 
-    def _render(self, pixels: Tensor, material: Material, light: Light) -> Any:
+    def _render(self, pixels: Tensor, material: Material, light: Light) -> PixelRadiance:
         samples = self.problem.plan.samples
         return self.problem.renderer.render_pixels(self.problem.gbuffer, pixels, material, light, samples, self.generator)
 

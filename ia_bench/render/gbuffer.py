@@ -15,8 +15,11 @@ from ia_bench.scenes.scene import Camera, Mesh
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """Points on the surface as seen by a camera. All (N, ...): ``position``, unit ``normal`` (shading normal on the
-    viewer's side), unit ``view`` toward the camera, ``uv``, ``geometric`` unit normal of the triangle, viewer's side."""
+    """Points on the surface as seen by a camera, (N, ...) each.
+
+    ``position``; unit ``normal`` (shading normal, on the viewer's side); unit ``view`` toward the camera; ``uv``;
+    ``geometric``, the triangle's unit normal, on the viewer's side.
+    """
 
     position: Tensor
     normal: Tensor

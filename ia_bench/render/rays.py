@@ -18,8 +18,11 @@ class RayCaster(Protocol):
     rays: int
 
     def intersect(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Nearest hits of (N, 3) rays: triangle (N,) int64, -1 for a miss; barycentrics (N, 2) of corners 1 and 2;
-        distance (N,), Inf for a miss."""
+        """Nearest hits of (N, 3) rays.
+
+        Returns the triangle (N,) int64, -1 for a miss; the barycentrics (N, 2) of corners 1 and 2; the distance (N,), Inf
+        for a miss.
+        """
         ...
 
     def occluded(self, origins: Tensor, directions: Tensor) -> Tensor:
@@ -41,6 +44,7 @@ class EmbreeRays:
         self.rays = 0
 
     def intersect(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """See :meth:`RayCaster.intersect`."""
         hits = self._scene.run(origins.numpy(), directions.numpy(), query="INTERSECT", output=True)
         self.rays += len(origins)
         face = torch.from_numpy(hits["primID"]).long()
@@ -48,8 +52,11 @@ class EmbreeRays:
         return face, torch.from_numpy(np.stack([hits["u"], hits["v"]], -1)), distance
 
     def occluded(self, origins: Tensor, directions: Tensor) -> Tensor:
+        """See :meth:`RayCaster.occluded`."""
         self.rays += len(origins)
-        parts = zip(np.array_split(origins.numpy(), self._workers), np.array_split(directions.numpy(), self._workers))
+        parts = zip(
+            np.array_split(origins.numpy(), self._workers), np.array_split(directions.numpy(), self._workers), strict=True
+        )
         blocked = list(self._pool.map(lambda part: self._scene.run(*part, query="OCCLUDED") >= 0, parts))
         return torch.from_numpy(np.concatenate(blocked))
 

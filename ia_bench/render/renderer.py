@@ -126,7 +126,7 @@ class Renderer:
         visible[index] = (~blocked).to(direction.dtype)
         return visible.reshape(*counts.shape, 1)
 
-    def _run(self, name: str, *arguments: Any) -> Any:
+    def _run(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 (two functions of different signatures)
         try:
             return getattr(self, name)(*arguments)
         except Exception as error:

@@ -129,8 +129,8 @@ def _trace_bits(surface: SurfaceInterpolator, rays: RayCaster, face: Tensor, bar
     packed = []
     for texel in torch.arange(len(face)).split(BAKE_CHUNK):
         normal, position = surface.geometry(face[texel], barycentric[texel])
-        inside = torch.rand(2, len(texel), len(cells), generator=generator)
-        direction = texel_to_direction(cells.expand(len(texel), -1), *inside, BAKE_ROWS, 2 * BAKE_ROWS).to(surface.device)
+        down, across = torch.rand(2, len(texel), len(cells), generator=generator)
+        direction = texel_to_direction(cells.expand(len(texel), -1), down, across, BAKE_ROWS, 2 * BAKE_ROWS).to(surface.device)
         side = torch.where((direction * normal[:, None]).sum(-1, keepdim=True) > 0, 1.0, -1.0)
         origin = position[:, None] + surface.offset * side * normal[:, None]
         blocked = rays.occluded(origin.reshape(-1, 3), direction.reshape(-1, 3)).reshape(direction.shape[:2])

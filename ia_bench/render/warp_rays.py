@@ -19,7 +19,7 @@ def _nearest(
     faces: wp.array(dtype=wp.int32),
     barycentrics: wp.array(dtype=wp.vec2),
     distances: wp.array(dtype=wp.float32),
-):  # type: ignore[no-untyped-def]  # Warp compiles this function; a return annotation would be compiled too
+):
     i = wp.tid()
     hit = wp.mesh_query_ray(mesh, origins[i], directions[i], FAR)
     if hit.result:
@@ -34,7 +34,7 @@ def _any(
     origins: wp.array(dtype=wp.vec3),
     directions: wp.array(dtype=wp.vec3),
     blocked: wp.array(dtype=wp.uint8),
-):  # type: ignore[no-untyped-def]
+):
     i = wp.tid()
     if wp.mesh_query_ray_anyhit(mesh, origins[i], directions[i], FAR):
         blocked[i] = wp.uint8(1)

@@ -101,7 +101,8 @@ def _read_view(folder: Path, source: Path, index: int, frame: dict[str, Any], tr
             raise InputError(f"{folder / frame['file_path']}: expected {key} = {frame[key]}, found {size}")
     mask = image[..., 3]
     if mask.min() < 0 or mask.max() > 1 + 1e-3:
-        raise InputError(f"{folder / frame['file_path']}: alpha: expected values in [0, 1], found {mask.min():g} ... {mask.max():g}")
+        found = f"{mask.min():g} ... {mask.max():g}"
+        raise InputError(f"{folder / frame['file_path']}: alpha: expected values in [0, 1], found {found}")
     if not (mask > 0.5).any():
         raise InputError(f"{folder / frame['file_path']}: the mask (alpha) has no pixel above 0.5")
     radiance = image[..., :3]

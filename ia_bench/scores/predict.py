@@ -86,7 +86,8 @@ class Scorer:
             rendered = {}
             for name, views in novel.items():
                 shot, radiance = self._shot(views[::stride]), self._light(name)
-                assert shot is not None and radiance is not None
+                assert shot is not None
+                assert radiance is not None
                 rendered[name] = self._render(shot, aligned, radiance, samples)
             predicted["relighting"] = {name: pair[0] for name, pair in rendered.items()}
             true["relighting"] = {name: pair[1] for name, pair in rendered.items()}

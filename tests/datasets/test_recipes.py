@@ -202,7 +202,7 @@ def test_every_view_has_its_own_files_and_only_test_has_all_truth() -> None:
     views = scene_folder.views(recipe.RECIPES["hat"])
     assert len(views) == 100 + 20 + 20 * 4
     files = [path for view in views for path in view.files]
-    assert len(set(files)) == len(files) == 100 * 3 + 20 * 6 + 80
+    assert len(set(files)) == len(files) == 100 * 2 + 20 * 6 + 80
     assert {v.light for v in views if v.split == "novel"} == {"train", *NOVEL_LIGHTS}
     assert all(v.light == "train" for v in views if v.split != "novel")
     assert [v.split for v in scene_folder.direct_views(recipe.RECIPES["hat"])] == ["test"] * 4
