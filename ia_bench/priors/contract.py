@@ -52,3 +52,48 @@ class TruthSeer(Protocol):
     def reveal(self, views: tuple[View, ...]) -> None:
         """Receive the training views, in order, with ``albedo`` and ``specular`` filled in."""
         ...
+
+
+@runtime_checkable
+class Distiller(Protocol):
+    """A prior that can be distilled by score (SDS, Poole et al. 2023; the paper's alternative to sampling)."""
+
+    def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
+        """Noise ``renders`` to a random level and denoise them in one network call: one estimate of every render.
+
+        ``images``, ``masks`` as in :meth:`Prior.sample`; ``renders`` maps components to their current render (V, H, W, 3),
+        linear, premultiplied. The estimates come back for the same components, like samples. The level is drawn from
+        ``seed``, one for each image; the same seed and input give the same estimates.
+        """
+        ...
+
+
+@runtime_checkable
+class GeometryReader(Protocol):
+    """A prior that can look at the geometry behind the images; it must do without it as well.
+
+    ``reads_geometry``: whether it wants to. Where true, the trainer gives the geometry of the views before it asks about
+    them, and again whenever it asks about others.
+    """
+
+    reads_geometry: bool
+
+    def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:
+        """Receive what the next calls' images show, view by view in their order, until other geometry is given.
+
+        ``normals`` (V, H, W, 3): unit shading normals in the camera's frame (x right, y up, z toward the camera).
+        ``visibility`` (V, H, W, 1) in [0, 1]: the cosine-weighted share of the hemisphere around the normal that the
+        object leaves open. Both are premultiplied by the coverage of the pixel and zero where nothing is seen.
+        """
+        ...
+
+
+@runtime_checkable
+class Fingerprinted(Protocol):
+    """A prior whose samples may be kept between runs; one without a fingerprint is asked anew by every run.
+
+    ``fingerprint``: a text that differs whenever its samples could: the class and the version of its code, its options,
+    the content of its weights.
+    """
+
+    fingerprint: str
