@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -56,6 +56,7 @@ def resize_light(radiance: np.ndarray, height: int) -> np.ndarray:
 
 BIN_SIDE = 8  # surface normals fall into an octahedral grid of 8 x 8 cells, each with its own sampling table
 BIN_RADIUS = math.radians(29.4)  # the farthest normal of a cell is this far from its centre
+BLOCK_ROWS = 16  # the cosine is bounded on at most this many rows of blocks of texels, and twice as many columns
 
 
 def normal_bin(normal: Tensor) -> Tensor:
@@ -79,30 +80,65 @@ def bin_centres() -> Tensor:
     return centres / centres.norm(dim=-1, keepdim=True)
 
 
+class SamplingGrid(NamedTuple):
+    """What the tables of a map's size share whatever its radiance: K blocks of neighbouring texels, T = H W texels, B cells.
+
+    ``bound`` (B, K) float32: bound of the cosine between the normals of a cell and the directions of a block; ``total``
+    (B, 1) its integral over the sphere; ``solid_angle`` (T,) float64; ``order`` (T,) the texels, block by block; ``block``
+    (T,) the block of each texel; ``end`` (K,) where each block's texels end in ``order``.
+    """
+
+    bound: Tensor
+    total: Tensor
+    solid_angle: Tensor
+    order: Tensor
+    block: Tensor
+    end: Tensor
+
+
 @functools.cache
-def _bin_weights(height: int, width: int) -> tuple[Tensor, Tensor]:
-    """Cosine bound of each cell toward each texel and its integral over the sphere: (B, H W), (B, 1), float32.
+def sampling_grid(height: int, width: int, device: torch.device) -> SamplingGrid:
+    """Blocks of a ``height`` x ``width`` map, at most BLOCK_ROWS x 2 BLOCK_ROWS of them, and the cosine's bound on each.
 
     Normals lie up to BIN_RADIUS off their cell's centre and directions half a texel off theirs, so a lit direction may be
-    that much farther than 90 degrees from the centre; texels too large for that get the same bound everywhere.
+    that much farther than 90 degrees from the centre; texels too large for that get the same bound everywhere. A block
+    takes the largest bound of its texels.
     """
+    rows, columns = min(height, BLOCK_ROWS), min(width, 2 * BLOCK_ROWS)
+    row, column = torch.arange(height) * rows // height, torch.arange(width) * columns // width
+    block = (row[:, None] * columns + column).reshape(-1)
     cosine = bin_centres() @ texel_centres(height, width).double().reshape(-1, 3).T
     reach = BIN_RADIUS + 0.5 * math.hypot(math.pi / height, 2 * math.pi / width)
-    bound = (cosine + math.sin(reach)).clamp_min(0) if reach < math.pi / 2 else torch.ones_like(cosine)
-    total = (bound * row_solid_angles(height, width).repeat_interleave(width)).sum(1, keepdim=True)
-    return bound.float(), total.float()
+    texel_bound = (cosine + math.sin(reach)).clamp_min(0) if reach < math.pi / 2 else torch.ones_like(cosine)
+    bound = torch.zeros(len(cosine), rows * columns, dtype=torch.float64)
+    bound = bound.scatter_reduce(1, block.expand_as(texel_bound), texel_bound, "amax").float()
+    solid_angle = row_solid_angles(height, width).repeat_interleave(width)
+    total = (bound[:, block] * solid_angle).sum(1, keepdim=True).float()
+    end = torch.bincount(block).cumsum(0)
+    grid = SamplingGrid(bound, total, solid_angle, torch.argsort(block, stable=True), block, end)
+    return SamplingGrid(*(table.to(device) for table in grid))
 
 
-@dataclass(frozen=True)
-class LatLongSampler:
-    """Exact sampling of radiance times a bound of the cosine, one table per octahedral cell of surface normals.
+class LatLongSampler(NamedTuple):
+    """Exact sampling of radiance times a bound of the cosine toward each octahedral cell of surface normals.
 
-    ``cumulative`` (B H W,) float64 (float32 would misplace dark texels beside a sun): cell b's cumulative texel
-    probabilities plus b, so that one sorted search serves all cells; ``density`` (B H W,) per steradian.
+    The density per steradian is ``bound(cell, block) * (share(cell) * brightness(texel) + evenly(cell))``. Since the bound is
+    constant on a block of texels, a draw takes two searches in small tables: an entry (by radiance or evenly, block) of the
+    cell, then a texel of the entry, whose order does not depend on the cell.
+
+    ``entries`` (2 B K + 1,) float64: cell b's cumulative probabilities of its 2 K entries plus b, after a leading 0;
+    ``texels`` (2 T,) float64: cumulative brightness times solid angle, then cumulative solid angle, block by block
+    (float32 would misplace dark texels beside a sun); ``edges`` (2 K + 1,): where the entries begin and end in it;
+    ``brightness`` (T,) float32: mean radiance of the channels over its integral; ``share`` and ``evenly`` (B,) float32.
     """
 
-    cumulative: Tensor
-    density: Tensor
+    entries: Tensor
+    texels: Tensor
+    edges: Tensor
+    brightness: Tensor
+    share: Tensor
+    evenly: Tensor
+    grid: SamplingGrid
     height: int
     width: int
 
@@ -114,24 +150,43 @@ class LatLongSampler:
         A cell that sees no light at all is sampled that way altogether.
         """
         height, width, _ = radiance.shape
-        bound, total_bound = (table.to(radiance.device) for table in _bin_weights(height, width))
-        solid_angle = row_solid_angles(height, width).to(radiance.device).float().repeat_interleave(width)
+        grid = sampling_grid(height, width, radiance.device)
         brightness = radiance.detach().mean(-1).clamp_min(0).reshape(-1)
-        power = ((bound * brightness) @ solid_angle)[:, None]
+        total = brightness.double() @ grid.solid_angle
+        brightness = (brightness / torch.where(total > 0, total, 1.0)).float()
+        texels = torch.cat([(brightness * grid.solid_angle)[grid.order], grid.solid_angle[grid.order]]).cumsum(0)
+        edges = torch.cat([texels.new_zeros(1), texels[grid.end - 1], texels[grid.end - 1 + len(brightness)]])
+        mass = edges.diff().reshape(2, 1, -1)  # radiance times solid angle, and solid angle, of every block
+        power = (grid.bound * mass[0]).sum(1, keepdim=True)
         lit = power > 0
-        share = torch.where(lit, 1 - uniform_fraction, torch.zeros_like(power)) / torch.where(lit, power, 1.0)
-        evenly = torch.where(lit, uniform_fraction, torch.ones_like(power)) / total_bound
-        density = bound * (brightness * share + evenly)
-        cumulative = (density * solid_angle).double().cumsum(1)
-        cumulative = cumulative / cumulative[:, -1:]
-        offset = torch.arange(len(bound), dtype=torch.float64, device=radiance.device)[:, None]
-        return cls((cumulative + offset).reshape(-1), density.reshape(-1), height, width)
+        share = torch.where(lit, 1 - uniform_fraction, 0.0) / torch.where(lit, power, 1.0)
+        evenly = torch.where(lit, uniform_fraction, 1.0) / grid.total
+        probability = torch.cat([grid.bound * share * mass[0], grid.bound * evenly * mass[1]], 1)
+        entries = probability.cumsum(1)
+        entries = entries / entries[:, -1:] + torch.arange(len(entries), device=radiance.device)[:, None]
+        entries = torch.cat([entries.new_zeros(1), entries.reshape(-1)])
+        return cls(
+            entries, texels, edges, brightness, share[:, 0].float(), evenly[:, 0].float(), grid, height, width
+        )
 
+    def sample(self, cell: Tensor, u: Tensor) -> Tensor:
+        """Texel indices for float64 ``u`` (..., K), uniform in [0, 1), and normal cells (..., 1)."""
+        last = len(self.edges) - 2
+        target = cell + u
+        place = torch.searchsorted(self.entries, target.contiguous(), right=True) - 1
+        entry = (place - cell * (last + 1)).clamp(0, last)
+        place = cell * (last + 1) + entry
+        lower, upper = self.entries[place], self.entries[place + 1]
+        rest = ((target - lower) / (upper - lower)).clamp(0, 1 - 2**-40)  # uniform again, inside the entry
+        lower, upper = self.edges[entry], self.edges[entry + 1]
+        found = torch.searchsorted(self.texels, lower + rest * (upper - lower), right=True)
+        first = torch.where(entry <= last // 2, 0, len(self.grid.order))
+        return self.grid.order[(found - first).clamp(0, len(self.grid.order) - 1)]
 
-def sample_texels(cumulative: Tensor, cell: Tensor, u: Tensor, texels: int) -> Tensor:
-    """Texel indices for uniform ``u`` (..., K) in [0, 1) and normal cells (..., 1), by inverting the cumulative tables."""
-    found = torch.searchsorted(cumulative, (cell + u).contiguous(), right=True) - cell * texels
-    return found.clamp(0, texels - 1)
+    def density(self, cell: Tensor, texel: Tensor) -> Tensor:
+        """Density per steradian with which ``texel`` (...,) is drawn for the normals of ``cell``, which broadcasts."""
+        bound = self.grid.bound.reshape(-1)[cell * self.grid.bound.shape[1] + self.grid.block[texel]]
+        return bound * (self.brightness[texel] * self.share[cell] + self.evenly[cell])
 
 
 def texel_to_direction(texel: Tensor, u: Tensor, v: Tensor, height: int, width: int) -> Tensor:

@@ -13,7 +13,7 @@ import math
 import torch
 from torch import Tensor
 
-from ia_bench.light.latlong import direction_to_texel, normal_bin, sample_texels, texel_to_direction
+from ia_bench.light.latlong import LatLongSampler, direction_to_texel, normal_bin, texel_to_direction
 from ia_bench.material.brdf import dot, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
 from ia_bench.material.textures import fetch
 
@@ -38,18 +38,16 @@ def sample_directions(
     roughness: Tensor,
     lattice_light: Tensor,
     lattice_brdf: Tensor,
-    cumulative: Tensor,
-    density: Tensor,
-    height: int,
-    width: int,
+    sampler: LatLongSampler,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Draw K/2 directions by each technique for N points: direction (N, K, 3), light texel (N, K), weight (N, K, 1).
 
     ``normal``, ``view`` (N, 3); ``roughness`` (N, 1); lattices (N, K/2, 3). The weight is the balance heuristic's
     1 / (n_light p_light + n_brdf p_brdf), zero below the horizon; what the mesh occludes is not known here yet.
     """
-    texels, cell = height * width, normal_bin(normal)[:, None]
-    texel = sample_texels(cumulative, cell, lattice_light[..., 0], texels)
+    height, width = sampler.height, sampler.width
+    cell = normal_bin(normal)[:, None]
+    texel = sampler.sample(cell, lattice_light[..., 0])
     inside = lattice_light[..., 1:].float()
     to_light = texel_to_direction(texel, inside[..., 0], inside[..., 1], height, width)
     n, o, r = normal[:, None], view[:, None], roughness[:, None]
@@ -57,7 +55,7 @@ def sample_directions(
     direction = torch.cat([to_light, reflected], 1)
     texel = torch.cat([texel, direction_to_texel(reflected, height, width)], 1)
     count = lattice_light.shape[1]
-    pdf = density[cell * texels + texel][..., None] + visible_ggx_pdf(n, o, direction, r)
+    pdf = sampler.density(cell, texel)[..., None] + visible_ggx_pdf(n, o, direction, r)
     above = dot(n, direction) > 0
     weight = torch.where(above, 1 / (count * pdf.clamp_min(1e-12)), torch.zeros_like(pdf))
     return direction, texel, weight

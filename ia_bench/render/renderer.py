@@ -96,10 +96,7 @@ class Renderer:
                 fetch(material.roughness.detach(), surface.uv),
                 light_lattice,
                 brdf_lattice,
-                light.sampler.cumulative,
-                light.sampler.density,
-                light.sampler.height,
-                light.sampler.width,
+                light.sampler,
             )
             weight = weight * self._visible(surface, direction, weight, hit)
         diffuse, specular, albedo = self._run(

@@ -54,13 +54,13 @@ def test_weights_are_the_balance_heuristic() -> None:
     light = Light.of(torch.rand(8, 16, 3, generator=generator))
     draws = torch.rand(2, 50, 12, 3, dtype=torch.float64, generator=generator)
     direction, texel, weight = sample_directions(
-        normal, view, torch.full((50, 1), 0.4), *draws, light.sampler.cumulative, light.sampler.density, 8, 16
+        normal, view, torch.full((50, 1), 0.4), *draws, light.sampler
     )
     assert direction.shape == (50, 24, 3)
     torch.testing.assert_close(direction.norm(dim=-1), torch.ones(50, 24), atol=1e-5, rtol=0)
     above = (direction * normal[:, None]).sum(-1) > 0
     assert (weight[..., 0] > 0).equal(above)
-    density = light.sampler.density[normal_bin(normal)[:, None] * 128 + texel]
+    density = light.sampler.density(normal_bin(normal)[:, None], texel)
     assert (weight[..., 0] * 12 * density <= 1 + 1e-5).all()
 
 
@@ -259,7 +259,7 @@ def test_gradients_against_finite_differences_with_the_samples_held() -> None:
     light = Light.of(log_light.exp().reshape(height, width, 3))
     draws = torch.rand(2, count, 8, 3, dtype=torch.float64, generator=generator)
     direction, texel, weight = sample_directions(
-        normal, view, fetch(roughness, uv), *draws, light.sampler.cumulative, light.sampler.density, height, width
+        normal, view, fetch(roughness, uv), *draws, light.sampler
     )
     fixed = [t.double() for t in (normal, view, uv, direction)]
 
@@ -337,7 +337,7 @@ def test_detached_sampling_has_an_unbiased_gradient_of_roughness() -> None:
     points = normal.expand(count, 3), view.expand(count, 3)
     with torch.no_grad():
         direction, texel, weight = sample_directions(
-            *points, torch.full((count, 1), roughness), *uniform, sampler.cumulative, sampler.density, height, width
+            *points, torch.full((count, 1), roughness), *uniform, sampler
         )
     albedo = torch.zeros(1, 1, 3)
     _, specular, _ = shade_directions(*points, uv, direction, texel, weight, albedo, texture, radiance.reshape(-1, 3))
