@@ -1,0 +1,138 @@
+"""Noise levels of a diffusion model, which of them a sampler visits, and what a network's raw output means at each.
+
+Notation (variance preserving): x_t = sqrt(alpha_bar_t) x_0 + sqrt(1 - alpha_bar_t) eps, eps ~ N(0, I), t = 0 ... T - 1,
+alpha_bar decreasing in t. The noise level relative to the signal is sigma_t = sqrt(1 / alpha_bar_t - 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.torchvision_shim import import_torchvision
+
+PredictionType = Literal["epsilon", "v_prediction", "sample"]
+Spacing = Literal["trailing", "leading"]
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSchedule:
+    """``alpha_bar`` (T,) float64 on the CPU, strictly decreasing, in [0, 1); 0 (no signal left) can only be its last entry.
+
+    Raises InputError where that is not so.
+    """
+
+    alpha_bar: Tensor
+
+    def __post_init__(self) -> None:
+        levels = torch.as_tensor(self.alpha_bar, dtype=torch.float64, device="cpu")
+        if levels.ndim != 1 or len(levels) == 0:
+            raise InputError(f"noise schedule: expected alpha_bar of shape (T,), T >= 1, found {tuple(levels.shape)}")
+        if not bool(((levels >= 0) & (levels < 1)).all()) or not bool((levels.diff() < 0).all()):
+            raise InputError("noise schedule: expected alpha_bar in [0, 1), strictly decreasing in t")
+        object.__setattr__(self, "alpha_bar", levels)
+
+    def __len__(self) -> int:
+        return len(self.alpha_bar)
+
+    @classmethod
+    def from_diffusers(cls, config: Mapping[str, Any]) -> NoiseSchedule:
+        """The schedule of a ``diffusers`` DDPM or DDIM scheduler with this ``config`` (its ``scheduler_config.json``).
+
+        Only ``num_train_timesteps``, the betas and ``rescale_betas_zero_snr`` are taken; how to sample is the sampler's
+        own setting. Raises InputError for a config that diffusers refuses, and for one with a zero terminal
+        signal-to-noise ratio and ``prediction_type`` "epsilon" (see :meth:`require`).
+        """
+        import_torchvision()
+        from diffusers import DDPMScheduler
+
+        keys = ("num_train_timesteps", "beta_start", "beta_end", "beta_schedule", "trained_betas", "rescale_betas_zero_snr")
+        try:
+            scheduler: Any = DDPMScheduler(**{key: config[key] for key in keys if key in config})
+        except (NotImplementedError, TypeError, ValueError) as error:
+            raise InputError(f"scheduler config: expected one that diffusers' DDPMScheduler takes, found {error}") from error
+        schedule = cls(scheduler.alphas_cumprod)
+        schedule.require(config.get("prediction_type", "epsilon"))
+        return schedule
+
+    @classmethod
+    def from_sigmas(cls, sigmas: Sequence[float] | Tensor) -> NoiseSchedule:
+        """The schedule of noise levels sigma > 0 of x_0 + sigma eps ("variance exploding"), increasing: 1 / (1 + sigma^2)."""
+        return cls(1 / (1 + torch.as_tensor(sigmas, dtype=torch.float64).square()))
+
+    def require(self, prediction_type: str) -> None:
+        """Raise InputError where a network of this prediction type cannot be sampled along this schedule.
+
+        At alpha_bar = 0 ("zero terminal SNR") x_t is noise alone: its noise says nothing of x_0, so "epsilon" is refused
+        there; "v_prediction" and "sample" are defined.
+        """
+        if prediction_type not in get_args(PredictionType):
+            raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
+        if prediction_type == "epsilon" and self.alpha_bar[-1] == 0:
+            raise InputError(
+                'prediction_type: expected "v_prediction" or "sample" for a schedule with zero terminal SNR '
+                "(rescale_betas_zero_snr), where noise does not determine the image; found 'epsilon'"
+            )
+
+    def timesteps(self, steps: int, spacing: Spacing = "trailing") -> list[int]:
+        """``steps`` distinct timesteps of this schedule, descending; ``steps`` is in 1 ... T.
+
+        "trailing" starts at T - 1, so at the noise that the sampler's start is drawn from: round(T (steps - i) / steps) - 1.
+        "leading", as in the original code (steps_offset 1): i floor(T / steps) + 1, which starts below T - 1. Lin et al.,
+        "Common diffusion noise schedules and sample steps are flawed" (2024), table 2. Raises InputError.
+        """
+        count = len(self)
+        if not 1 <= steps <= count:
+            raise InputError(f"steps: expected 1 ... {count} (the schedule's length), found {steps}")
+        if spacing == "trailing":
+            return [round(count * (steps - i) / steps) - 1 for i in range(steps)]
+        if spacing == "leading":
+            stride = count // steps
+            offset = min(1, count - 1 - (steps - 1) * stride)  # all T steps leave no room for an offset
+            return [i * stride + offset for i in reversed(range(steps))]
+        raise InputError(f"spacing: expected one of {', '.join(get_args(Spacing))}, found {spacing!r}")
+
+
+def estimate_x0(prediction_type: PredictionType, output: Tensor, noisy: Tensor, alpha_bar: float | Tensor) -> Tensor:
+    """The estimate of x_0 that a network's raw ``output`` stands for, same shape as ``noisy`` x_t.
+
+    With a = sqrt(alpha_bar), b = sqrt(1 - alpha_bar): "epsilon" (x_t - b output) / a; "v_prediction" (v = a eps - b x_0,
+    Salimans and Ho 2022) a x_t - b output; "sample" output. The last two hold for every alpha_bar in [0, 1]; the first
+    magnifies the network's error by sigma = b / a and is undefined at alpha_bar = 0, which :meth:`NoiseSchedule.require`
+    refuses. ``alpha_bar`` is a number or a tensor that broadcasts to ``noisy``, such as (N, 1, 1, 1).
+    """
+    signal, noise = _signal_and_noise(alpha_bar, noisy)
+    if prediction_type == "epsilon":
+        return (noisy - noise * output) / signal
+    if prediction_type == "v_prediction":
+        return signal * noisy - noise * output
+    if prediction_type == "sample":
+        return output
+    raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
+
+
+def estimate_noise(prediction_type: PredictionType, output: Tensor, noisy: Tensor, alpha_bar: float | Tensor) -> Tensor:
+    """The estimate of eps that a network's raw ``output`` stands for; arguments as in :func:`estimate_x0`.
+
+    "epsilon" output; "v_prediction" b x_t + a output, both for every alpha_bar; "sample" (x_t - a output) / b, which
+    magnifies the network's error by 1 / sigma and is undefined without noise (alpha_bar = 1, which no schedule contains).
+    """
+    signal, noise = _signal_and_noise(alpha_bar, noisy)
+    if prediction_type == "epsilon":
+        return output
+    if prediction_type == "v_prediction":
+        return noise * noisy + signal * output
+    if prediction_type == "sample":
+        return (noisy - signal * output) / noise
+    raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
+
+
+def _signal_and_noise(alpha_bar: float | Tensor, like: Tensor) -> tuple[Tensor, Tensor]:
+    """sqrt(alpha_bar) and sqrt(1 - alpha_bar), the difference taken in double precision: it is 1e-8 at sigma = 1e-4."""
+    level = torch.as_tensor(alpha_bar, dtype=torch.float64, device=like.device)
+    return level.sqrt().to(like.dtype), (1 - level).sqrt().to(like.dtype)
