@@ -1,0 +1,194 @@
+"""Convert the original release's checkpoints once, to safetensors that diffusers and transformers read."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.contract import COMPONENTS
+from ia_bench.priors.original import layout
+from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
+from ia_bench.priors.original.names import Source, clip_source, ema, unet_source, vae_source
+from ia_bench.suggest import unknown
+from ia_bench.torchvision_shim import import_torchvision
+
+USAGE = """\
+python -m ia_bench.priors.original.convert [albedo=CKPT] [specular=CKPT] out=FOLDER
+                                           [albedo_sha256=HEX] [specular_sha256=HEX] [resolution=256]
+
+Reads last.ckpt of the albedo and / or the specular model of IntrinsicAnything and writes, per component,
+FOLDER/<component>/{unet,vae,image_encoder,scheduler}: safetensors in half precision, the moving average of the weights
+alone. Nothing in the checkpoint is executed. Then: prior=intrinsicanything prior.options.weights=FOLDER
+
+*_sha256     refuse a checkpoint with any other hash; without it the hash is printed and recorded as not verified
+resolution   side in pixels of the images that the model was trained on
+"""
+
+RECORD = "source.json"
+"""Written last, so that a folder which holds it is complete: where the weights come from."""
+
+OPTIONS = (*COMPONENTS, "out", *(f"{component}_sha256" for component in COMPONENTS), "resolution")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asks for: checkpoint and expected SHA-256 (None: any) per component."""
+
+    checkpoints: Mapping[str, Path]
+    hashes: Mapping[str, str | None]
+    out: Path
+    resolution: int = layout.RESOLUTION
+
+
+def convert(request: Request, tell: Callable[[str], None] = print) -> None:
+    """Convert every checkpoint asked for; one that was converted before is left alone. ``tell`` receives progress.
+
+    Takes about as much memory as one network in half precision. Raises InputError naming the file, and the key where
+    one tensor is to blame: a wrong hash, a file that is cut off or refused, a tensor that is missing or misshapen.
+    """
+    for component, path in request.checkpoints.items():
+        folder = request.out / component
+        if not path.is_file():
+            raise InputError(f"{component}={path}: no such file")
+        digest, expected = sha256(path), request.hashes.get(component)
+        if expected is not None and digest != expected.lower():
+            raise InputError(f"{path}: expected SHA-256 {expected.lower()}, found {digest}")
+        tell(f"{component}: {path}, SHA-256 {digest}{'' if expected else f' (not verified; {component}_sha256= does)'}")
+        if (folder / RECORD).is_file():
+            found = json.loads((folder / RECORD).read_text(encoding="utf-8"))["sha256"]
+            if found != digest:
+                raise InputError(f"out={request.out}: {component} is there already, converted from another file ({found})")
+            tell(f"{component}: converted before, nothing to do")
+            continue
+        convert_component(open_checkpoint(path), folder, request.resolution, tell)
+        record = {
+            "component": component,
+            "file": path.name,
+            "sha256": digest,
+            "verified": expected is not None,
+            "weights": "exponential moving average, half precision",
+            "written_by": {name: version(name) for name in ("ia_bench", "torch", "diffusers", "transformers")},
+        }
+        with _whole(folder / RECORD) as partial:
+            partial.write_text(json.dumps(record, indent=1), encoding="utf-8")
+
+
+def convert_component(checkpoint: Checkpoint, folder: Path, resolution: int, tell: Callable[[str], None] = print) -> None:
+    """Write the four parts of one model below ``folder``, one after the other. Raises InputError as :func:`convert`."""
+    import_torchvision()
+    from diffusers import AutoencoderKL, DDIMScheduler, UNet2DConditionModel
+    from safetensors.torch import save_file
+    from transformers import CLIPVisionConfig, CLIPVisionModelWithProjection
+
+    vae = layout.vae_config(checkpoint, resolution)
+    levels = len(vae["block_out_channels"])
+    unet = layout.unet_config(checkpoint, resolution >> (levels - 1))
+    attention = [kind.startswith("CrossAttn") for kind in unet["up_block_types"]]
+    clip = CLIPVisionConfig(**layout.clip_config(checkpoint))
+    scheduler: Any = DDIMScheduler(**layout.scheduler_config(checkpoint))
+
+    def averaged(name: str) -> Source:
+        raw = unet_source(name, unet["layers_per_block"], attention)
+        return raw._replace(key=ema(raw.key))
+
+    def of_vae(name: str) -> Source:
+        return vae_source(name, levels)
+
+    with torch.device("meta"):  # names and shapes, no memory
+        parts: list[tuple[str, Any, Callable[[str], Source], str]] = [
+            ("unet", UNet2DConditionModel(**unet), averaged, "diffusion_pytorch_model"),
+            ("vae", AutoencoderKL(**vae), of_vae, "diffusion_pytorch_model"),
+            ("image_encoder", CLIPVisionModelWithProjection(clip), clip_source, "model"),
+        ]
+    for name, model, source, stem in parts:
+        shapes = {key: tuple(value.shape) for key, value in model.state_dict().items()}
+        tensors = half_precision(checkpoint, shapes, source)
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        with _whole(folder / name / f"{stem}.safetensors") as partial:
+            save_file(tensors, partial, metadata={"format": "pt"})  # both libraries refuse a file that does not say so
+        save_config = clip.save_pretrained if model.config is clip else model.save_config
+        save_config(folder / name)
+        tell(f"{folder / name}: {sum(tensor.numel() for tensor in tensors.values()) / 1e6:.1f} million parameters")
+    scheduler.save_config(folder / "scheduler")
+
+
+def half_precision(
+    checkpoint: Checkpoint, shapes: Mapping[str, tuple[int, ...]], source: Callable[[str], Source]
+) -> dict[str, Tensor]:
+    """The parameters of ``shapes``, each taken from where ``source`` says, as float16.
+
+    Raises InputError naming file and key: one that is missing, has another shape, or does not fit half precision.
+    """
+    parameters = {}
+    for name, shape in shapes.items():
+        key, take = source(name)
+        tensor = checkpoint.tensor(key)
+        try:
+            value = take(tensor)
+        except (IndexError, RuntimeError):  # too few axes to take anything from
+            value = tensor
+        if tuple(value.shape) != shape:
+            raise InputError(f"{checkpoint.path}: {key}: expected shape {shape} for {name}, found {tuple(tensor.shape)}")
+        half = value.to(torch.float16)
+        if not bool(torch.isfinite(half).all()):
+            largest = float(value.abs().max())
+            raise InputError(f"{checkpoint.path}: {key}: expected numbers below 65504 (half precision), found {largest:.4g}")
+        parameters[name] = half.contiguous()
+    return parameters
+
+
+def read(arguments: Sequence[str]) -> Request:
+    """The request on a command line. Raises InputError for an unknown or missing option."""
+    given: dict[str, str] = {}
+    for text in arguments:
+        key, separator, value = text.partition("=")
+        if key not in OPTIONS:
+            raise InputError(unknown("option of the converter", key, OPTIONS))
+        if not (separator and value):
+            raise InputError(f"{key}: expected {key}=VALUE, found '{text}'")
+        given[key] = value
+    checkpoints = {component: Path(given[component]).expanduser() for component in COMPONENTS if component in given}
+    if not checkpoints or "out" not in given:
+        raise InputError("expected albedo=CKPT or specular=CKPT or both, and out=FOLDER; --help says more")
+    resolution = given.get("resolution", str(layout.RESOLUTION))
+    if not resolution.isdecimal() or int(resolution) < 1:
+        raise InputError(f"resolution: expected a positive whole number, found '{resolution}'")
+    hashes = {component: given.get(f"{component}_sha256") for component in COMPONENTS}
+    return Request(checkpoints, hashes, Path(given["out"]).expanduser(), int(resolution))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status: 0 done, 2 a mistake in what was asked."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    if not {"-h", "--help"}.isdisjoint(arguments):
+        print(USAGE, end="")
+        return 0
+    try:
+        convert(read(arguments))
+    except InputError as error:
+        print(f"ia_bench: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """Somewhere to write what becomes ``path`` once it is written, so that a file is whole or absent."""
+    partial = path.with_name(f"{path.name}.partial")
+    yield partial
+    os.replace(partial, path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
