@@ -10,7 +10,7 @@ READY := .venv/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup table test test-slow lint scenes clean
+.PHONY: help setup table test test-slow lint scenes prior-data clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -43,6 +43,9 @@ scenes: $(BLENDER_READY) ## render the shipped scenes again (SIZE=512 SCENES="ha
 	for scene in $(SCENES); do \
 		$(BLENDER) datasets/recipes/render_scene.py $$scene --size $(SIZE) --out datasets/scenes/$$scene || exit 1; \
 	done
+
+prior-data: setup ## render training images of the priors (ARGS="out=FOLDER images=20000 seed=1 ...")
+	$(PY) -m ia_bench.priors.data out=results/prior-data $(ARGS)
 
 # Blender as a module pins an older numpy, hence an environment of its own.
 $(BLENDER_READY): datasets/recipes/requirements.txt

@@ -1,0 +1,206 @@
+"""Renders training images: views of one procedural object, each under a light, a camera and materials of its own.
+
+Image = direct diffuse + direct specular + one bounce of diffuse light from diffuse surfaces. Left out: what is reflected
+specularly after or before a bounce, and all further bounces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.random import Generator
+from torch import Tensor
+
+from ia_bench.material.brdf import dot, normalize
+from ia_bench.priors.training.cameras import draw_camera
+from ia_bench.priors.training.lights import Light, draw_light
+from ia_bench.priors.training.objects import SolidObject
+from ia_bench.priors.training.shading import OFFSET, DirectLight, LightTables, cosine_directions
+from ia_bench.priors.training.textures import TexturedMaterial, draw_materials
+from ia_bench.render.estimator import GOLDEN, PLASTIC
+from ia_bench.render.gbuffer import primary_rays
+from ia_bench.render.rays import EmbreeRays
+from ia_bench.scenes.scene import Camera, Mesh
+
+SIDE = 2  # primary points per pixel and axis
+POINTS = SIDE * SIDE
+DIRECT_SAMPLES = 16  # per point, half by the light, half by the BRDF: 64 a pixel
+BOUNCE_RAYS = 3  # per point
+VIEWS = 8  # images of one object
+BOUNCE_SAMPLES = 2  # of direct light where a bounce ray lands
+MIN_COVERAGE, MAX_COVERAGE = 0.05, 0.98
+MEAN_RADIANCE = 0.3
+
+
+@dataclass(frozen=True)
+class ViewDraw:
+    """Everything random about one image. ``shift`` (S, S, 4, 3) float32 moves each pixel's lattices."""
+
+    camera: Camera
+    light: Light
+    materials: list[TexturedMaterial]
+    exposure: float
+    shift: np.ndarray
+
+
+def draw_view(rng: Generator, solid: SolidObject, size: int) -> ViewDraw:
+    """Draw camera, light, materials, exposure and sampling lattices of one image of ``size`` pixels a side."""
+    return ViewDraw(
+        draw_camera(rng, solid.vertices, size),
+        draw_light(rng),
+        draw_materials(rng, solid.slots),
+        float(np.exp(rng.normal(np.log(MEAN_RADIANCE), 0.25))),
+        rng.random((size, size, 4, 3), dtype=np.float32),
+    )
+
+
+@dataclass(frozen=True)
+class _Hits:
+    position: Tensor
+    normal: Tensor
+    geometric: Tensor
+    local: Tensor
+    axis: Tensor
+    slot: Tensor
+
+
+class ObjectRenderer:
+    """An object ready for rays; renders any number of views of it."""
+
+    def __init__(self, solid: SolidObject, direct: DirectLight) -> None:
+        self._direct = direct
+        self.solid = solid
+        empty = np.zeros((0, 3), np.float32)
+        self._rays = EmbreeRays(Mesh(solid.vertices, solid.faces, empty, empty))
+        corners = torch.from_numpy(solid.vertices)[torch.from_numpy(solid.faces).long()]
+        self._corners = torch.cat([corners, torch.from_numpy(solid.normals), torch.from_numpy(solid.local)], -1)
+        self._geometric = normalize(torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        self._slot, self._axis = torch.from_numpy(solid.slot), torch.from_numpy(solid.axis)
+
+    def coverage(self, face: Tensor) -> Tensor:
+        """Fraction of each view that the object covers, from (V, S, S, POINTS) faces: (V,)."""
+        return (face >= 0).float().flatten(1).mean(1)
+
+    def trace(self, views: Sequence[ViewDraw]) -> tuple[Tensor, Tensor]:
+        """Primary rays of all views: face (V, S, S, POINTS), -1 for a miss, and barycentrics (V, S, S, POINTS, 2)."""
+        size = views[0].camera.width
+        grids = [primary_rays(view.camera, SIDE) for view in views]
+        origin, direction = (torch.from_numpy(np.concatenate([g[i] for g in grids])).reshape(-1, 3) for i in (0, 1))
+        face, barycentric, _ = self._rays.intersect(origin, direction)
+        shape = (len(views), size, size, POINTS)
+        return face.reshape(shape), barycentric.reshape(*shape, 2)
+
+    def render(self, views: Sequence[ViewDraw], face: Tensor, barycentric: Tensor) -> dict[str, Tensor]:
+        """Images of views whose primary rays hit as :meth:`trace` says, by the names of ``shards.CHANNELS``, float32."""
+        count, size = face.shape[:2]
+        view, row, column, point = torch.nonzero(face >= 0, as_tuple=True)
+        centres = torch.from_numpy(np.stack([v.camera.to_world[:3, 3] for v in views])).float()
+        hits = self._surface(face[view, row, column, point], barycentric[view, row, column, point], centres[view])
+        toward = normalize(centres[view] - hits.position)
+        hits = _bend(hits, toward)
+        shift = torch.from_numpy(np.stack([v.shift for v in views]))[view, row, column]
+        lights = [v.light for v in views]
+        tables = LightTables.build(lights + lights[:1] * (VIEWS - len(lights)))  # one shape for the compiler
+
+        sky, landed, rays_of = self._bounce(hits, lattice(shift[:, 2], point, BOUNCE_RAYS))
+        both = [torch.cat(pair) for pair in zip(_place(hits, view), _place(landed, view[rays_of]), strict=True)]
+        albedo, roughness = self._materials(views, *both)
+        own = slice(0, len(view))
+        half = DIRECT_SAMPLES // 2
+        u = torch.cat([lattice(shift[:, 0], point, half), lattice(shift[:, 1], point, half)], 1)
+        irradiance, specular = self._direct(
+            self._rays, tables, view, hits.position, hits.normal, toward, hits.geometric, roughness[own], u
+        )
+        indirect = self._indirect(tables, view[rays_of], landed, albedo[len(view) :], shift[rays_of, 3], rays_of, len(view))
+        diffuse = albedo[own] * (irradiance + indirect)
+
+        to_camera = torch.from_numpy(np.stack([v.camera.to_world[:3, :3] for v in views])).float()
+        normal = torch.einsum("nw,nwc->nc", hits.normal, to_camera[view])
+        columns = [diffuse + specular, torch.ones(len(view), 1), albedo[own], specular, normal, sky]
+        flat = torch.zeros(count * size * size, 14)
+        flat.index_add_(0, (view * size + row) * size + column, torch.cat(columns, -1) / POINTS)
+        pixels = flat.reshape(count, size, size, 14)
+        exposure = torch.tensor([v.exposure for v in views])
+        mean = pixels[..., :3].mean(-1).sum((1, 2)) / pixels[..., 3].sum((1, 2))
+        scale = (exposure / mean)[:, None, None, None]
+        image = torch.cat([pixels[..., :3] * scale, pixels[..., 3:4]], -1)
+        return {
+            "image": image,
+            "albedo": pixels[..., 4:7],
+            "specular": pixels[..., 7:10] * scale,
+            "normal": pixels[..., 10:13],
+            "visibility": pixels[..., 13:14],
+        }
+
+    def _surface(self, face: Tensor, barycentric: Tensor, seen_from: Tensor) -> _Hits:
+        """Interpolate hits, turned to the side that they are seen from."""
+        weight = torch.cat([1 - barycentric.sum(-1, keepdim=True), barycentric], -1)
+        position, normal, local = torch.bmm(weight[:, None], self._corners[face])[:, 0].split(3, -1)
+        geometric = self._geometric[face]
+        side = torch.where(dot(geometric, seen_from - position) < 0, -1.0, 1.0)
+        normal = normalize(normal) * torch.where(dot(normal, geometric) < 0, -side, side)
+        return _Hits(position, normal, geometric * side, local, self._axis[face], self._slot[face])
+
+    def _bounce(self, hits: _Hits, u: Tensor) -> tuple[Tensor, _Hits, Tensor]:
+        """Cosine rays from every point: share that reaches the sky (N, 1), where the others land, and whose they are."""
+        direction = cosine_directions(hits.normal, u[..., :2])
+        above = dot(direction, hits.geometric[:, None])[..., 0] > 0
+        start = (hits.position + OFFSET * hits.geometric)[:, None].expand_as(direction)
+        face, barycentric, _ = self._rays.intersect(start.reshape(-1, 3), direction.reshape(-1, 3))
+        face = face.reshape(above.shape)
+        sky = (above & (face < 0)).float().mean(1, keepdim=True)
+        owner, ray = torch.nonzero(above & (face >= 0), as_tuple=True)
+        landed = self._surface(face[owner, ray], barycentric.reshape(*above.shape, 2)[owner, ray], hits.position[owner])
+        return sky, landed, owner
+
+    def _indirect(
+        self, tables: LightTables, view: Tensor, landed: _Hits, albedo: Tensor, shift: Tensor, owner: Tensor, points: int
+    ) -> Tensor:
+        """Mean diffuse radiance over each point's cosine rays, zero for those that reach the sky: (points, 3)."""
+        count = torch.arange(BOUNCE_SAMPLES) * GOLDEN
+        turn = torch.arange(len(owner))[:, None] * PLASTIC
+        u = torch.remainder(shift[:, None] + count[:, None] + turn[..., None], 1.0).clamp(max=1 - 2**-24)
+        rough = torch.ones(len(owner), 1)
+        irradiance, _ = self._direct(
+            self._rays, tables, view, landed.position, landed.normal, landed.normal, landed.geometric, rough, u.float()
+        )
+        total = torch.zeros(points, 3)
+        return total.index_add_(0, owner, albedo * irradiance / BOUNCE_RAYS)
+
+    def _materials(
+        self, views: Sequence[ViewDraw], view: Tensor, slot: Tensor, local: Tensor, axis: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Albedo (N, 3) and roughness (N, 1) of points, every view with materials of its own."""
+        albedo, roughness = torch.empty(len(view), 3), torch.empty(len(view), 1)
+        key = view * self.solid.slots + slot
+        order = torch.argsort(key, stable=True)
+        counts = torch.bincount(key, minlength=len(views) * self.solid.slots).tolist()
+        for number, index in enumerate(order.split(counts)):
+            if len(index):
+                material = views[number // self.solid.slots].materials[number % self.solid.slots]
+                albedo[index], roughness[index] = material(local[index], axis[index])
+        return albedo, roughness
+
+
+def _place(hits: _Hits, view: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    return view, hits.slot, hits.local, hits.axis
+
+
+def _bend(hits: _Hits, toward: Tensor) -> _Hits:
+    """Shading normals that face away from the camera at a coarse silhouette are bent to grazing."""
+    cosine = dot(hits.normal, toward)
+    bent = torch.where(cosine < 1e-3, normalize(hits.normal + (2e-3 - cosine) * toward), hits.normal)
+    return _Hits(hits.position, bent, hits.geometric, hits.local, hits.axis, hits.slot)
+
+
+def lattice(shift: Tensor, point: Tensor, count: int) -> Tensor:
+    """``count`` samples in [0, 1)^3 for each point: the pixel's lattice (rank 1, Roberts' R2) moved by ``shift`` (N, 3).
+
+    ``point`` (N,) in [0, POINTS) says which of the pixel's points it is: they share the lattice between them.
+    """
+    index = (torch.arange(count) * POINTS + point[:, None]).double()
+    generators = torch.stack([index / (count * POINTS), index * GOLDEN, index * PLASTIC], -1)
+    return torch.remainder(shift[:, None] + generators, 1.0).float().clamp(max=1 - 2**-24)
