@@ -108,7 +108,7 @@ def _node(plugin: registry.Plugin) -> DictConfig:
     if plugin.kind == "scene":
         return OmegaConf.structured(SceneConfig(name=plugin.name, reader=plugin.target))
     config = PriorConfig if plugin.kind == "prior" else MethodConfig
-    node: DictConfig = OmegaConf.structured(config(name=plugin.name, target=plugin.target))
+    node = _writable(OmegaConf.structured(config(name=plugin.name, target=plugin.target)))
     OmegaConf.set_struct(node.options, False)
     return node
 

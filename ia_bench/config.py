@@ -15,7 +15,7 @@ from omegaconf import MISSING
 
 from ia_bench import registry
 from ia_bench.errors import InputError
-from ia_bench.fit.settings import FitSettings
+from ia_bench.fit.settings import CONFIDENCES, KINDS, FitSettings, SupervisionSettings, check_supervision
 from ia_bench.paths import scenes_folder
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
@@ -32,6 +32,8 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "render.shading": ("auto", "compiled", "eager"),
     "fit.image_loss": ("l1", "squared"),
     "fit.ssi": ("scale_shift", "scale", "none"),
+    "prior.supervision.kind": KINDS,
+    "prior.supervision.confidence": CONFIDENCES,
     "device": ("auto", "cpu", "cuda"),
 }
 """Settings that are one of a few words."""
@@ -54,11 +56,12 @@ class SceneConfig:
 
 @dataclass
 class PriorConfig:
-    """A prior: the class ``target`` (``"module:Class"``) called with ``options``."""
+    """A prior: the class ``target`` (``"module:Class"``) called with ``options``, and how it supervises the fit."""
 
     name: str = MISSING
     target: str = MISSING
     options: dict[str, Any] = field(default_factory=dict)
+    supervision: SupervisionSettings = field(default_factory=SupervisionSettings)
 
 
 @dataclass
@@ -120,6 +123,7 @@ def resolved(config: RunConfig) -> RunConfig:
         value = attrgetter(key)(config)
         if value != "auto" and not (isinstance(value, int) and value > 0):
             raise InputError(f"{key}: expected a positive whole number or auto, found {value}")
+    check_supervision(config.prior.supervision)
     if config.threads is not None and config.threads < 1:
         raise InputError(f"threads: expected at least 1, found {config.threads}")
     if config.seed < 0:
@@ -164,12 +168,13 @@ def identity(config: RunConfig) -> dict[str, Any]:
     """Everything that decides the numbers of a resolved run, as JSON types.
 
     Left out: where results go, the row's label, the preset's name (its values are in), how often checkpoints are
-    written, and where files lie. Instead of the scene's path, a hash of its content.
+    written, whether samples are kept, and where files lie. Instead of the scene's path, a hash of its content.
     """
     content = asdict(config)
     for label in ("out", "row", "preset"):
         del content[label]
     del content["fit"]["checkpoint_seconds"]
+    del content["prior"]["supervision"]["cache"]
     content["scene"]["path"] = None
     content["scene"]["content"] = _scene_content(config.scene)
     protocol = Protocol.from_config(config.protocol).describe()

@@ -16,6 +16,7 @@ from ia_bench.assets import write_assets
 from ia_bench.config import RunConfig, resolve_scene_folder, scene_reader
 from ia_bench.environment import environment
 from ia_bench.fit.problem import Fit, Monitor, Problem
+from ia_bench.fit.views import evenly_spread
 from ia_bench.plan import make_plan
 from ia_bench.progress import Progress
 from ia_bench.records import SCHEMA, RunFolder
@@ -59,7 +60,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
             renderer = Renderer(surface, visibility, shading=shading, notice=progress.note)
             gbuffer = trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, device)
         if prior.sees_truth:
-            prior.reveal(with_albedo(scene, surface, gbuffer))
+            views = with_albedo(scene, surface, gbuffer)
+            prior.reveal(tuple(views[view] for view in evenly_spread(blind, config.prior.supervision.views)))
 
         # ---- fit -------------------------------------------------------------------------------------------------
         scorer = Scorer(scene, renderer, rays, protocol, seed=config.seed)
@@ -72,7 +74,11 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
             load=lambda: curve.resume(folder.load_checkpoint()),
         )
         result: Fit = method.fit(
-            Problem(blind, gbuffer, renderer, plan), prior, config.fit, seed=config.seed, monitor=monitor
+            Problem(blind, gbuffer, renderer, plan, config.prior.supervision),
+            prior,
+            config.fit,
+            seed=config.seed,
+            monitor=monitor,
         )
         seconds.update(result.seconds)
 
@@ -94,7 +100,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "time_s": {"bake": 0.0, "prior": 0.0, "stage1": 0.0, "stage2": 0.0, "score": 0.0, **seconds},
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "rays": rays.rays,
-        "network_calls": prior.network_calls,
+        "network_calls": result.counters.get("network_calls", prior.network_calls),
         "counters": {"points": surface.points, "bent_normals": surface.bent_normals, **result.counters},
         "plan": plan.record(),
         "environment": environment(config.device, config.threads or 1),

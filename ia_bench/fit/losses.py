@@ -13,6 +13,21 @@ def linear_to_srgb(linear: Tensor) -> Tensor:
     return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
+def srgb_to_linear(encoded: Tensor) -> Tensor:
+    """:func:`ia_bench.scenes.color.srgb_to_linear` for tensors."""
+    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
+
+
+def encode(linear: Tensor, encoding: str) -> Tensor:
+    """Linear values in a prior's ``encoding``, "linear" or "srgb"."""
+    return linear_to_srgb(linear) if encoding == "srgb" else linear
+
+
+def decode(encoded: Tensor, encoding: str) -> Tensor:
+    """The inverse of :func:`encode`."""
+    return srgb_to_linear(encoded) if encoding == "srgb" else encoded
+
+
 def tone_map(radiance: Tensor) -> Tensor:
     """Encode log(1 + x) as sRGB: compresses highlights, keeps gradients at black finite. For any radiance >= 0."""
     return linear_to_srgb(torch.log1p(radiance))

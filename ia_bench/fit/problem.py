@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor
 
-from ia_bench.fit.settings import FitSettings
+from ia_bench.fit.settings import FitSettings, SupervisionSettings
 from ia_bench.material.textures import Material
 from ia_bench.plan import Plan
 from ia_bench.priors.contract import Prior
@@ -20,12 +20,16 @@ from ia_bench.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class Problem:
-    """A scene without truth, its G-buffer over the training views, the renderer, and the plan that sized them."""
+    """A scene without truth, its G-buffer over the training views, the renderer, the plan that sized them.
+
+    ``supervision``: how the prior's predictions are to be used.
+    """
 
     scene: Scene
     gbuffer: GBuffer
     renderer: Renderer
     plan: Plan
+    supervision: SupervisionSettings = field(default_factory=SupervisionSettings)
 
     def pixels_of(self, images: Tensor) -> Tensor:
         """The G-buffer's pixels of stacked view images: (V, H, W, C) -> (P, C)."""

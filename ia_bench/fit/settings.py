@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+
+from ia_bench.errors import InputError
+
+KINDS = ("target", "similarity", "both", "sds")
+CONFIDENCES = ("none", "spread")
 
 
 @dataclass(frozen=True)
@@ -64,3 +70,71 @@ class FitSettings:
     smooth_scale: float = 0.1
     light_uniform: float = 0.2
     checkpoint_seconds: float = 15.0
+
+
+@dataclass(frozen=True)
+class SupervisionSettings:
+    """How the prior's predictions supervise the fit; the defaults are the paper's way.
+
+    ``kind``: what a prediction of albedo is taken as. "target": the albedo itself, up to the scale that ``fit.ssi``
+    leaves free. "similarity": a kernel that says which pixels share an albedo, not which one it is (after Diffusion-Based
+    Material Regularization, arXiv 2606.31065). "both": kernel for detail, target for colour and scale. "sds": score
+    distillation, which denoises the current render instead of sampling. Specular shading is a target in the first three
+    (it varies with the view, so that no kernel of constant material applies) and distilled in the last.
+    ``target_weight``, ``kernel_weight``: of the two terms of the albedo, both times ``fit.weights.albedo``.
+    ``kernel_scale``: standard deviation of the kernel, a Euclidean distance of sRGB colours.
+    ``radius``: how far apart the pixels of a pair may be, as a fraction of the longer side of the image.
+    ``samples``: draws per view, averaged in the prior's encoding. ``confidence``: "none", or "spread": pixels on which
+    the draws (fused: the views) disagree count less, by 1 / (1 + (spread / ``spread_scale``)^2); the spread is a
+    standard deviation in the prior's encoding.
+    ``fuse``: the albedo of all views is merged in texture space, one scale per view solved for, before it supervises.
+    ``views``: how many training views the prior is asked about, evenly spread, or "all". The image loss uses every view.
+    ``sds_period``: steps between two distillations; ``sds_views``: views in each.
+    ``cache``: keep unguided samples of priors that have a fingerprint between runs. Decides no number.
+    """
+
+    kind: str = "target"
+    target_weight: float = 1.0
+    kernel_weight: float = 0.3
+    kernel_scale: float = 0.1
+    radius: float = 0.5
+    samples: int = 1
+    confidence: str = "none"
+    spread_scale: float = 0.1
+    fuse: bool = False
+    views: int | str = "all"
+    sds_period: int = 10
+    sds_views: int = 4
+    cache: bool = True
+
+
+def check_supervision(settings: SupervisionSettings) -> None:
+    """Raise InputError, naming the key, for a value or a combination that cannot be meant."""
+    key = "prior.supervision."
+    if settings.kind not in KINDS:
+        raise InputError(f"{key}kind: expected one of {', '.join(KINDS)}, found {settings.kind!r}")
+    if settings.confidence not in CONFIDENCES:
+        raise InputError(f"{key}confidence: expected one of {', '.join(CONFIDENCES)}, found {settings.confidence!r}")
+    for name in ("kernel_scale", "radius", "spread_scale"):
+        value = getattr(settings, name)
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{key}{name}: expected a finite number > 0, found {value}")
+    for name in ("target_weight", "kernel_weight"):
+        value = getattr(settings, name)
+        if not (math.isfinite(value) and value >= 0):
+            raise InputError(f"{key}{name}: expected a finite number >= 0, found {value}")
+    for name in ("samples", "sds_period", "sds_views"):
+        value = getattr(settings, name)
+        if value < 1:
+            raise InputError(f"{key}{name}: expected at least 1, found {value}")
+    views = settings.views
+    if views != "all" and not (isinstance(views, int) and views >= 1):
+        raise InputError(f"{key}views: expected a number of views >= 1 or all, found {views}")
+    if settings.kind == "sds":
+        for name, value, only in (
+            ("samples", settings.samples, 1), ("fuse", settings.fuse, False), ("confidence", settings.confidence, "none")
+        ):  # fmt: skip
+            if value != only:
+                raise InputError(f"{key}{name}: expected {only} with kind=sds, which draws no samples, found {value}")
+    if settings.confidence == "spread" and settings.samples == 1 and not settings.fuse:
+        raise InputError(f"{key}confidence=spread: expected samples >= 2 or fuse=true, found one sample a view")

@@ -1,12 +1,16 @@
-"""The prior's samples as per-pixel targets, and their alignment with the current prediction."""
+"""The prior's part of equation 5: its predictions as targets aligned per view, as a similarity kernel, or distilled."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from ia_bench.fit.losses import Alignment, align_views, linear_to_srgb, tone_map
+from ia_bench.fit.kernel import SimilarityKernel
+from ia_bench.fit.losses import Alignment, align_views, encode, tone_map
 from ia_bench.fit.problem import Problem
+from ia_bench.fit.targets import Targets
 from ia_bench.material.textures import fetch
 from ia_bench.priors.contract import Prior
 
@@ -15,77 +19,93 @@ ALIGNMENT_PERIOD = 10  # steps between two estimates
 
 
 class Supervision:
-    """Targets (P, 3) per component, aligned per view where the loss asks for it.
+    """The losses of one set of targets, of the kind that ``problem.supervision`` names.
 
-    Alignment is an inner minimisation that alternates with the optimiser's steps, so it carries no gradient.
+    Alignment of a target is an inner minimisation that alternates with the optimiser's steps, so it carries no gradient.
+    A distilled target needs none: it was made from the render itself.
     """
 
-    def __init__(self, problem: Problem, prior: Prior, ssi: str, targets: dict[str, Tensor]) -> None:
+    def __init__(self, problem: Problem, prior: Prior, ssi: str, targets: Targets) -> None:
         self.targets = targets
-        self._problem, self._ssi = problem, ssi
+        self._problem, self._settings = problem, problem.supervision
+        self._distilled = self._settings.kind == "sds"
+        self._ssi = "none" if self._distilled else ssi
         self._encoding = prior.encoding
         gbuffer = problem.gbuffer
-        self._view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
+        view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
+        self._group = torch.zeros_like(view) if targets.common_scale else view
         self._coverage = (gbuffer.face >= 0).float().mean(1, keepdim=True)
-        stride = max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)
-        covered = torch.nonzero(self._coverage[:, 0] == 1)[:, 0]  # a pixel on the edge mixes in a background
-        self._subset = (covered if len(covered) else torch.arange(len(gbuffer.pixel), device=covered.device))[::stride]
+        self._alignment: Alignment | None = None
+        self._kernel: SimilarityKernel | None = None
+        if "albedo" not in targets.values:
+            return
+        asked = targets.weights["albedo"][:, 0] > 0
+        covered = torch.nonzero(asked & (self._coverage[:, 0] == 1))[:, 0]  # a pixel on the edge mixes in a background
+        usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
+        self._subset = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
         points = gbuffer.face[self._subset]
         self._hit = (points >= 0)[..., None]
         self._uv = problem.renderer.surface.uv(points.clamp_min(0).long(), gbuffer.barycentric[self._subset])
-        self._alignment: Alignment | None = None
+        if self._settings.kind in ("similarity", "both"):
+            self._kernel = SimilarityKernel(problem, targets, self._settings, free_scale=self._ssi != "none")
+
+    @property
+    def sets_albedo(self) -> bool:
+        """Whether the targets say which albedo a pixel has, not only which pixels share one."""
+        return "albedo" in self.targets.values and self._settings.kind in ("target", "both")
 
     def update(self, albedo: Tensor, step: int) -> None:
         """Estimate the alignment again if it is due at ``step``; a pure function of the step and the texture."""
-        if "albedo" in self.targets and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
+        if "albedo" in self.targets.values and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
             with torch.no_grad():
                 prediction = (fetch(albedo, self._uv) * self._hit).sum(1) / self._hit.shape[1]
             self._alignment = align_views(
                 prediction,
-                self.targets["albedo"][self._subset],
-                self._view[self._subset],
+                self.targets.values["albedo"][self._subset],
+                self._group[self._subset],
                 self._problem.gbuffer.shape[0],
                 self._ssi,
             )
 
-    def alignment_state(self) -> dict[str, Tensor]:
-        """What a checkpoint must keep of the alignment between two updates."""
-        return {} if self._alignment is None else {"scale": self._alignment.scale, "shift": self._alignment.shift}
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint must keep: the targets, and the alignment between two updates."""
+        aligned = self._alignment
+        return {
+            "targets": self.targets.state(),
+            "alignment": {} if aligned is None else {"scale": aligned.scale, "shift": aligned.shift},
+        }
 
     def restore_alignment(self, state: dict[str, Tensor]) -> None:
-        """The inverse of :meth:`alignment_state`."""
+        """Take over the ``alignment`` of :meth:`state`."""
         self._alignment = Alignment(**state) if state else None
 
-    def albedo_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
-        """|SSI(k_hat, k_s) - k_s| of (B, 3) predictions at G-buffer entries (B,), in the prior's encoding."""
+    def albedo_loss(self, prediction: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
+        """Loss of (B, 3) predictions, rendered from the albedo ``texture``, at G-buffer entries (B,)."""
+        loss = torch.zeros((), device=prediction.device)
+        if self._kernel is not None:
+            loss = loss + self._settings.kernel_weight * self._kernel.loss(prediction, pixels, texture, generator)
+        if self._settings.kind != "similarity":
+            loss = loss + self._settings.target_weight * self._target_loss(prediction, pixels)
+        return loss
+
+    def _target_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
+        """|SSI(k_hat, k_s) - k_s| in the prior's encoding; distilled: the square, whose gradient is that of SDS."""
         assert self._alignment is not None, "update() comes first"
-        aligned = self._alignment(prediction, self._view[pixels], self._coverage[pixels])
-        return (self._encode("albedo", aligned) - self._encode("albedo", self.targets["albedo"][pixels])).abs().mean()
+        aligned = self._alignment(prediction, self._group[pixels], self._coverage[pixels])
+        return self._difference("albedo", aligned, pixels)
 
     def specular_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
-        """|S_hat - S_s| of tone-mapped radiance: highlights span orders of magnitude, their log does not."""
-        return (tone_map(prediction) - tone_map(self.targets["specular"][pixels])).abs().mean()
+        """|S_hat - S_s| of tone-mapped radiance: highlights span orders of magnitude, their log does not.
 
-    def _encode(self, component: str, values: Tensor) -> Tensor:
-        return linear_to_srgb(values) if self._encoding[component] == "srgb" else values
+        Distilled: the square in the prior's encoding, in which it was noised and denoised.
+        """
+        if self._distilled:
+            return self._difference("specular", prediction, pixels)
+        difference = tone_map(prediction) - tone_map(self.targets.values["specular"][pixels])
+        return (self.targets.weights["specular"][pixels] * difference.abs()).mean()
 
-
-def draw_targets(problem: Problem, prior: Prior, *, seed: int, guidance: dict[str, Tensor] | None) -> dict[str, Tensor]:
-    """One prior sample per training view, as (P, 3) per component. ``guidance``: current renders, (P, 3) per component.
-
-    Raises ValueError when the prior breaks its contract (wrong components, shapes, NaN): its user needs to know which.
-    """
-    views = problem.scene.train
-    images = torch.stack([torch.from_numpy(view.image) for view in views])
-    masks = torch.stack([torch.from_numpy(view.mask) for view in views])
-    guide = None if guidance is None else {name: problem.images_of(value).cpu() for name, value in guidance.items()}
-    samples = prior.sample(images, masks, seed=seed, guidance=guide)
-    if set(samples) != set(prior.provides):
-        raise ValueError(f"the prior provides {sorted(prior.provides)} but sampled {sorted(samples)}")
-    for name, sample in samples.items():
-        if sample.shape != images.shape:
-            raise ValueError(f"the prior's {name} has shape {tuple(sample.shape)}, expected {tuple(images.shape)}")
-        if not bool(torch.isfinite(sample).all()):
-            raise ValueError(f"the prior's {name} has NaN or Inf in {int((~torch.isfinite(sample)).sum())} values")
-    device = problem.gbuffer.face.device
-    return {name: problem.pixels_of(sample.to(device)) for name, sample in samples.items()}
+    def _difference(self, name: str, prediction: Tensor, pixels: Tensor) -> Tensor:
+        encoding = self._encoding[name]
+        difference = encode(prediction, encoding) - encode(self.targets.values[name][pixels], encoding)
+        error = 0.5 * difference**2 if self._distilled else difference.abs()
+        return (self.targets.weights[name][pixels] * error).mean()

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -13,14 +16,17 @@ from ia_bench.errors import InputError
 from ia_bench.fit.losses import smoothness, tone_map
 from ia_bench.fit.neighbours import find_neighbours
 from ia_bench.fit.problem import Fit, Monitor, Problem
-from ia_bench.fit.settings import FitSettings
-from ia_bench.fit.supervision import Supervision, draw_targets
+from ia_bench.fit.sampling import Images, PriorSampler
+from ia_bench.fit.settings import FitSettings, check_supervision
+from ia_bench.fit.supervision import Supervision
+from ia_bench.fit.targets import Targets, distilled_targets, make_targets
+from ia_bench.fit.views import restrict
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch, fill_unobserved, splat
 from ia_bench.priors.contract import Prior
-from ia_bench.render.renderer import Light, PixelRadiance
+from ia_bench.render.renderer import Light, PixelRadiance, texture_images
 
-GUIDE_SAMPLES = 32  # per pixel, for the renders that guide stage 2
+GUIDE_SAMPLES = 32  # per pixel, for the renders that guide stage 2 or are distilled
 FIRST_SCORE = 25  # steps; later scores follow at doubling steps
 
 
@@ -40,6 +46,7 @@ class _Run:
 
     def __init__(self, problem: Problem, prior: Prior, settings: FitSettings, seed: int, monitor: Monitor) -> None:
         _check(settings)
+        check_supervision(problem.supervision)
         self.problem, self.prior, self.settings, self.seed, self.monitor = problem, prior, settings, seed, monitor
         device = problem.gbuffer.face.device
         self.images = problem.pixels_of(torch.stack([torch.from_numpy(v.image) for v in problem.scene.train]).to(device))
@@ -70,9 +77,10 @@ class _Run:
             fused=True,
         )
         self.base_rates = [rates.albedo, rates.roughness, rates.light]
+        self.sampler = PriorSampler(problem, prior, seed)
         state = monitor.load()
         if state is None:
-            self._draw(None)
+            self._draw(guided=False)
             self._initial_albedo()
             self._initial_light()
         else:
@@ -85,11 +93,13 @@ class _Run:
         for stage, end in (("stage1", boundary), ("stage2", self.steps)):
             if self.step >= end:
                 continue
-            if stage == "stage2" and self.step == boundary and self.settings.guided and self.prior.guidable:
-                self._draw(self._guidance())
+            sampled = self.problem.supervision.kind != "sds"
+            if stage == "stage2" and self.step == boundary and self.settings.guided and self.prior.guidable and sampled:
+                self._draw(guided=True)
             first = 0 if stage == "stage1" else boundary
             task = self.monitor.task(stage.replace("stage", "stage "), end - first, self.step - first)
             while self.step < end:
+                self._distill()
                 started = time.perf_counter()
                 loss = self._optimise()
                 self.step += 1
@@ -122,9 +132,10 @@ class _Run:
             with torch.no_grad():
                 residual = self._render(pixels, material, light).radiance - target
             loss = weights.image * 2 * (residual * rendered.radiance).mean()
-        if "albedo" in self.supervision.targets:
-            loss = loss + weights.albedo * self.supervision.albedo_loss(rendered.albedo, pixels)
-        if "specular" in self.supervision.targets:
+        if "albedo" in self.supervision.targets.values:
+            supervised = self.supervision.albedo_loss(rendered.albedo, pixels, material.albedo, self.generator)
+            loss = loss + weights.albedo * supervised
+        if "specular" in self.supervision.targets.values:
             loss = loss + weights.specular * self.supervision.specular_loss(rendered.specular, pixels)
         loss = loss + self._smoothness(pixels, frozen)
         self.optimizer.zero_grad(set_to_none=True)
@@ -164,10 +175,10 @@ class _Run:
 
     def _initial_albedo(self) -> None:
         """The prior's albedo averaged over the views in texture space, or the constant ``albedo_initial`` without one."""
-        target = self.supervision.targets.get("albedo")
-        if target is not None and self.settings.weights.albedo:  # a prior that is switched off must not leak in here
-            gbuffer = self.problem.gbuffer
-            hit = gbuffer.face >= 0
+        targets = self.supervision.targets
+        if self.supervision.sets_albedo and self.settings.weights.albedo:  # a prior switched off must not leak in here
+            gbuffer, target = self.problem.gbuffer, targets.values["albedo"]
+            hit = (gbuffer.face >= 0) & (targets.weights["albedo"] > 0)
             uv = self.problem.renderer.surface.uv(gbuffer.face[hit].long(), gbuffer.barycentric[hit])
             covered = (hit.float().mean(1, keepdim=True)).clamp_min(1e-6)
             values = (target / covered)[:, None].expand(-1, gbuffer.subsamples, -1)[hit]
@@ -186,21 +197,47 @@ class _Run:
             mean = self.images.mean(0).clamp_min(1e-8)
             self.parameters["log_light"] += torch.log(mean / rendered.radiance.mean(0).clamp_min(1e-8))
 
-    def _guidance(self) -> dict[str, Tensor]:
-        """Current renders of what the prior provides, one (P, 3) per component."""
-        started = time.perf_counter()
+    def _renders(self, views: tuple[int, ...]) -> Images:
+        """Current renders (V, H, W, 3) of what the prior provides, of some views; on the CPU, where a prior is asked."""
         material = Material(self.parameters["albedo"].detach(), self.parameters["roughness"].detach())
         light = Light.of(torch.exp(self.parameters["log_light"].detach()))
-        renderer, gbuffer = self.problem.renderer, self.problem.gbuffer
-        images = renderer.render_images(gbuffer, material, light, GUIDE_SAMPLES, self.generator)
-        self.seconds["prior"] += time.perf_counter() - started
-        return {name: self.problem.pixels_of(images[name]) for name in sorted(self.prior.provides)}
+        renderer, (part, _) = self.problem.renderer, restrict(self.problem.gbuffer, views)
+        if self.prior.provides == {"albedo"}:  # no light, no samples
+            return {"albedo": texture_images(renderer.surface, part, material.albedo).cpu()}
+        images = renderer.render_images(part, material, light, GUIDE_SAMPLES, self.generator)
+        return {name: images[name].cpu() for name in sorted(self.prior.provides)}
 
-    def _draw(self, guidance: dict[str, Tensor] | None) -> None:
-        started = time.perf_counter()
-        targets = draw_targets(self.problem, self.prior, seed=self.seed, guidance=guidance)
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """The time of what happens inside is the prior's, and so is that of samples kept from an earlier run."""
+        started, kept = time.perf_counter(), self.sampler.kept_seconds
+        yield
+        self.seconds["prior"] += time.perf_counter() - started + self.sampler.kept_seconds - kept
+
+    def _draw(self, *, guided: bool) -> None:
+        """Sample the prior; what is distilled is not sampled, so nothing supervises before the first distillation."""
+        with self._asking():
+            problem, views, free_scale = self.problem, self.sampler.views, self.settings.ssi != "none"
+            targets = Targets({}, {})
+            if problem.supervision.kind != "sds":
+                samples = self.sampler.draw(self._renders(views) if guided else None)
+                targets = make_targets(problem, self.prior, samples, views, free_scale=free_scale)
+            self._supervise(targets)
+
+    def _distill(self) -> None:
+        """Every ``sds_period`` steps, of kind "sds": let the prior denoise the current renders of a few views."""
+        supervision = self.problem.supervision
+        if supervision.kind != "sds" or self.step % supervision.sds_period or not self.prior.provides:
+            return
+        with self._asking():
+            random = np.random.default_rng((self.seed, self.step))
+            count = min(supervision.sds_views, len(self.sampler.views))
+            views = tuple(sorted(int(view) for view in random.choice(self.sampler.views, count, replace=False)))
+            estimates = self.sampler.distill(self._renders(views), views, int(random.integers(2**63)))
+            self._supervise(distilled_targets(self.problem, estimates, views))
+
+    def _supervise(self, targets: Targets) -> None:
         self.supervision = Supervision(self.problem, self.prior, self.settings.ssi, targets)
-        self.seconds["prior"] += time.perf_counter() - started
 
     # ---- scoring and checkpoints -------------------------------------------------------------------------------
 
@@ -218,7 +255,7 @@ class _Run:
         if final:
             albedo, roughness = (fill_unobserved(t, self._observed > 0) for t in (albedo, roughness))
         light = torch.exp(self.parameters["log_light"].detach())
-        return Fit(Material(albedo, roughness), light, dict(self.seconds))
+        return Fit(Material(albedo, roughness), light, dict(self.seconds), dict(self.sampler.counters))
 
     def _state(self) -> dict[str, Any]:
         return {
@@ -227,8 +264,8 @@ class _Run:
             "generator": self.generator.get_state(),
             "parameters": {name: parameter.detach() for name, parameter in self.parameters.items()},
             "optimizer": self.optimizer.state_dict(),
-            "targets": self.supervision.targets,
-            "alignment": self.supervision.alignment_state(),
+            "supervision": self.supervision.state(),
+            "counters": dict(self.sampler.counters),
         }
 
     def _restore(self, state: dict[str, Any]) -> None:
@@ -238,8 +275,9 @@ class _Run:
             for name, parameter in self.parameters.items():
                 parameter.copy_(state["parameters"][name])
         self.optimizer.load_state_dict(state["optimizer"])
-        self.supervision = Supervision(self.problem, self.prior, self.settings.ssi, state["targets"])
-        self.supervision.restore_alignment(state["alignment"])
+        self._supervise(Targets(**state["supervision"]["targets"]))
+        self.supervision.restore_alignment(state["supervision"]["alignment"])
+        self.sampler.counters = state["counters"]
         self.monitor.note(f"resumed at step {self.step} of {self.steps}")
 
 

@@ -1,0 +1,83 @@
+"""Samples of a prior kept between runs, by the content of everything that decides them."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+CACHE_BYTES = 2 << 30  # the samples used longest ago are removed beyond this
+
+
+@dataclass(frozen=True)
+class StoredSample:
+    """One draw: component -> (V, H, W, 3), and what it had cost when it was made."""
+
+    sample: dict[str, Tensor]
+    seconds: float
+    network_calls: int
+
+
+def content_key(*parts: str | Tensor) -> str:
+    """SHA-256 (hex) over texts and the dtype, shape and bytes of tensors, each delimited."""
+    digest = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, Tensor):
+            digest.update(f"{part.dtype}{tuple(part.shape)}\0".encode())
+            digest.update(part.contiguous().numpy().tobytes())
+        else:
+            digest.update(f"{len(part)}\0{part}".encode())
+    return digest.hexdigest()
+
+
+class SampleCache:
+    """Files ``samples-<key>.safetensors`` in one folder; readers see whole files only."""
+
+    def __init__(self, folder: Path, limit: int = CACHE_BYTES) -> None:
+        """``limit``: bytes of samples kept in all."""
+        self._folder, self._limit = folder, limit
+
+    def load(self, key: str) -> StoredSample | None:
+        """The draw kept under ``key``, or None; a file that cannot be read counts as none."""
+        path = self._path(key)
+        try:
+            with safe_open(path, framework="pt") as file:
+                about: Mapping[str, str] = file.metadata()
+                sample = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
+            os.utime(path)  # used just now
+            return StoredSample(sample, float(about["seconds"]), int(about["network_calls"]))
+        except (OSError, SafetensorError, KeyError, TypeError, ValueError):
+            return None
+
+    def store(self, key: str, stored: StoredSample) -> None:
+        """Keep a draw, and remove the ones used longest ago beyond the limit. A folder that cannot be written keeps none."""
+        path = self._path(key)
+        partial = path.with_name(f".{path.stem}.{os.getpid()}")
+        about = {"seconds": repr(stored.seconds), "network_calls": str(stored.network_calls)}
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            return
+        try:
+            save_file({name: value.contiguous() for name, value in stored.sample.items()}, partial, metadata=about)
+            os.replace(partial, path)
+            self._trim()
+        except (OSError, SafetensorError):
+            partial.unlink(missing_ok=True)
+
+    def _trim(self) -> None:
+        files = sorted(((p.stat(), p) for p in self._folder.glob("samples-*.safetensors")), key=lambda f: -f[0].st_mtime)
+        total = 0
+        for status, path in files:
+            total += status.st_size
+            if total > self._limit:
+                path.unlink(missing_ok=True)
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"samples-{key[:32]}.safetensors"

@@ -1,0 +1,122 @@
+"""From a prior's samples to what supervises the pixels: several draws averaged, views fused, disagreement as weight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.fit.fusion import fuse_views
+from ia_bench.fit.losses import decode, encode
+from ia_bench.fit.problem import Problem
+from ia_bench.fit.settings import SupervisionSettings
+from ia_bench.fit.views import restrict
+from ia_bench.priors.contract import Prior
+
+
+@dataclass(frozen=True)
+class Targets:
+    """What the prior says of the G-buffer's P pixels.
+
+    ``values`` (P, 3) per component: linear, premultiplied by coverage, zero in views that it was not asked about.
+    ``weights`` (P, 1) per component: how much it counts there; mean 1, so that a loss keeps its weight however few views
+    are asked. ``common_scale``: all views share one unknown scale of the albedo (they were fused); otherwise each has
+    its own.
+    """
+
+    values: dict[str, Tensor]
+    weights: dict[str, Tensor]
+    common_scale: bool = False
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint; ``Targets(**state)`` is the inverse."""
+        return {"values": self.values, "weights": self.weights, "common_scale": self.common_scale}
+
+
+def make_targets(
+    problem: Problem,
+    prior: Prior,
+    samples: Sequence[dict[str, Tensor]],
+    views: tuple[int, ...],
+    *,
+    free_scale: bool,
+) -> Targets:
+    """Targets from K samples, each component -> (V', H, W, 3), of the views (V',) of the problem.
+
+    The samples of a view are averaged in the prior's encoding, where its errors are even: a mean of linear values would
+    be drawn to the bright ones. ``free_scale``: the loss ignores the scale of a view's albedo, so the draws are brought to
+    one scale first, and neither their mean nor their spread is about it. Specular shading depends on the view and is not
+    fused.
+    """
+    settings = problem.supervision
+    part, rows = restrict(problem.gbuffer, views)
+    view = part.pixel // (part.shape[1] * part.shape[2])
+    values, weights = {}, {}
+    for name in sorted(prior.provides):
+        drawn = torch.stack([sample[name].to(rows.device).reshape(-1, 3)[part.pixel] for sample in samples])
+        if name == "albedo" and free_scale:
+            drawn = to_one_scale(drawn, view, len(views))
+        value, spread = average(drawn, prior.encoding[name])
+        weight = _confidence(spread, settings)
+        values[name] = _spread_over(problem, rows, value)
+        weights[name] = _spread_over(problem, rows, weight)
+        if name == "albedo" and settings.fuse:
+            fused, spread, seen = fuse_views(
+                problem, values[name], weights[name], prior.encoding[name], align=free_scale
+            )
+            values[name], weights[name] = fused, seen * _confidence(spread, settings)
+        weights[name] = to_mean_one(weights[name])
+    return Targets(values, weights, common_scale=settings.fuse)
+
+
+def distilled_targets(problem: Problem, estimates: dict[str, Tensor], views: tuple[int, ...]) -> Targets:
+    """Targets from denoised renders, component -> (V', H, W, 3), of a few views: equal weights there, none elsewhere."""
+    part, rows = restrict(problem.gbuffer, views)
+    values = {
+        name: _spread_over(problem, rows, estimate.to(rows.device).reshape(-1, 3)[part.pixel])
+        for name, estimate in sorted(estimates.items())
+    }
+    even = to_mean_one(_spread_over(problem, rows, torch.ones(len(rows), 1, device=rows.device)))
+    return Targets(values, dict.fromkeys(values, even))
+
+
+def to_one_scale(drawn: Tensor, view: Tensor, views: int) -> Tensor:
+    """(K, P, 3) draws of pixels in views (P,), each view's scaled to the geometric mean of its K mean values."""
+    if len(drawn) == 1:
+        return drawn
+    count = torch.zeros(views, device=view.device).index_add_(0, view, torch.ones_like(drawn[0, :, 0])).clamp_min(1)
+    means = torch.stack([torch.zeros_like(count).index_add_(0, view, one.mean(-1)) / count for one in drawn])
+    log = torch.log(means.clamp_min(1e-6))
+    return drawn * torch.exp(log.mean(0) - log)[:, view, None]
+
+
+def average(drawn: Tensor, encoding: str) -> tuple[Tensor, Tensor]:
+    """Mean (P, 3) and standard deviation (P, 1; root mean square over the channels) of (K, P, 3) draws, in ``encoding``.
+
+    The mean is returned linear. A single draw is its own mean to the bit, with no spread.
+    """
+    if len(drawn) == 1:
+        return drawn[0], torch.zeros_like(drawn[0, :, :1])
+    encoded = encode(drawn, encoding)
+    return decode(encoded.mean(0), encoding), encoded.var(0).mean(-1, keepdim=True).sqrt()
+
+
+def to_mean_one(weights: Tensor) -> Tensor:
+    """Weights scaled to mean 1; all-zero ones stay zero."""
+    return weights / weights.mean().clamp_min(1e-12)
+
+
+def _confidence(spread: Tensor, settings: SupervisionSettings) -> Tensor:
+    if settings.confidence == "none":
+        return torch.ones_like(spread)
+    return 1 / (1 + (spread / settings.spread_scale) ** 2)
+
+
+def _spread_over(problem: Problem, rows: Tensor, values: Tensor) -> Tensor:
+    """(P', C) values of the G-buffer's entries (P',) among zeros for all others: (P, C)."""
+    everywhere = torch.zeros(len(problem.gbuffer.pixel), values.shape[-1], device=values.device)
+    everywhere[rows] = values
+    return everywhere
