@@ -93,7 +93,7 @@ def test_full_size_layout_is_stable_diffusion_with_eight_input_channels() -> Non
             key, take = source(name)
             assert take(state[key]).shape == value.shape, (name, key)
             used.append(key)
-    assert sum(value.numel() for value in models[0][0].state_dict().values()) == 859_532_484  # SD 1.5 has 859 520 964 with four inputs
+    assert sum(value.numel() for value in models[0][0].state_dict().values()) == 859_532_484  # SD 1.5: 859 520 964
     stacked = {key for key in used if "in_proj_" in key}  # queries, keys and values are stacked in one tensor
     assert {key: used.count(key) for key in set(used)} == {key: 3 if key in stacked else 1 for key in set(state) - {"betas"}}
 

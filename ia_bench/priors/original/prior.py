@@ -1,0 +1,193 @@
+"""The published IntrinsicAnything weights behind the prior's contract, sampled as their authors' code does.
+
+docs/original_weights.md lists where this departs from that code, and why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.contract import COMPONENTS
+from ia_bench.priors.diffusion.guidance import GuidanceReport
+from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample
+from ia_bench.priors.original.convert import RECORD
+from ia_bench.priors.original.guidance import pull
+from ia_bench.priors.original.networks import Networks
+from ia_bench.priors.original.preparation import Crop, decode, encode
+
+LATENT_RANGE = (-20.0, 20.0)
+"""Clip of the estimated latents, which have unit standard deviation: no sample reaches it, runaway guidance ends there."""
+
+VERSION = 1
+"""Part of the fingerprint; raised when a change of the code changes samples."""
+
+
+class IntrinsicAnythingPrior:
+    """Latent diffusion of albedo and of specular shading given an image, at 256 x 256.
+
+    ``weights``: folder that ``python -m ia_bench.priors.original.convert`` wrote. ``components``: which models to use,
+    None for all that are there. ``steps``, ``eta``: of DDIM; the authors' are 100 (200 for high-resolution patches) and 1.
+    ``guidance_strength``: the authors' scale, recommended from 2 to 5 (:mod:`ia_bench.priors.original.guidance`).
+    ``batch``: images at a time, which changes no sample beyond rounding. ``device``: "auto", "cpu", "cuda".
+    ``guidance_report`` counts guided estimates and those whose step was cut. Raises InputError.
+    """
+
+    stochastic = True
+    guidable = True
+    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
+    sees_truth = False
+
+    def __init__(
+        self,
+        *,
+        weights: str | None = None,
+        components: Iterable[str] | None = None,
+        steps: int = 100,
+        eta: float = 1.0,
+        guidance_strength: float = 3.0,
+        batch: int = 8,
+        device: str = "auto",
+    ) -> None:
+        if weights is None:
+            raise InputError("prior.options.weights: expected the folder that python -m ia_bench.priors.original.convert wrote")
+        self._folder = Path(weights).expanduser()
+        self._records = _records(self._folder, components)
+        self.provides = frozenset(self._records)
+        self.resolution = _resolution(self._folder, sorted(self.provides))
+        if not (math.isfinite(guidance_strength) and guidance_strength >= 0):
+            raise InputError(f"prior.options.guidance_strength: expected a finite number >= 0, found {guidance_strength}")
+        for name, value in (("steps", steps), ("batch", batch)):
+            if value < 1:
+                raise InputError(f"prior.options.{name}: expected at least 1, found {value}")
+        if device not in ("auto", "cpu", "cuda"):
+            raise InputError(f"prior.options.device: expected auto, cpu or cuda, found {device}")
+        available = torch.cuda.is_available()
+        if device == "cuda" and not available:
+            raise InputError("prior.options.device=cuda: torch finds no CUDA device here; use cpu or auto")
+        self._device = torch.device("cuda" if available and device != "cpu" else "cpu")
+        self._settings = SamplerSettings(steps, eta, "leading", LATENT_RANGE)
+        self._batch = batch
+        self._loaded: dict[str, Networks] = {}
+        self.guidance_strength = guidance_strength
+        self.guidance_report = GuidanceReport()
+        self.network_calls = 0
+
+    @property
+    def fingerprint(self) -> str:
+        """What decides the samples: this code's version, the options, the hashes of the checkpoints, the precision."""
+        options = (self._settings.steps, self._settings.eta, self.guidance_strength, self.resolution, self._device.type)
+        return json.dumps([type(self).__qualname__, VERSION, options, self._records], sort_keys=True)
+
+    def sample(
+        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+    ) -> dict[str, Tensor]:
+        """See :meth:`ia_bench.priors.contract.Prior.sample`; radiance above 1 is clipped before the network sees it.
+
+        An image's noise is seeded by ``seed``, the component and the image's own content, so that views differ in it.
+        """
+        _check(images, masks, guidance or {})
+        crops = [Crop.of(mask, self.resolution) for mask in masks]
+        seen = {view: crop for view, crop in enumerate(crops) if crop is not None}  # there is nothing to say of the others
+        samples = {}
+        for component in sorted(self.provides):
+            samples[component] = torch.zeros_like(images, dtype=torch.float32)
+            for start in range(0, len(seen), self._batch):
+                views = list(seen)[start : start + self._batch]
+                squares = self._squares(images, masks, views, seen)
+                render = guidance.get(component) if guidance else None
+                target = None if render is None else self._squares(render, masks, views, seen)
+                contents = [_content(images[view], masks[view]) for view in views]
+                seeds = [derive_seed(seed, COMPONENTS.index(component), content) for content in contents]
+                for view, square in zip(views, self._draw(component, squares, seeds, target), strict=True):
+                    samples[component][view] = decode(square, masks[view], seen[view])
+        return samples
+
+    def _draw(self, component: str, images: Tensor, seeds: list[int], target: Tensor | None) -> Tensor:
+        """(N, 3, S, S) in the networks' encoding, like ``images`` and ``target``."""
+        networks = self._networks(component)
+        condition = networks.condition(images)
+        target = None if target is None or self.guidance_strength == 0 else target.to(self._device)
+
+        def denoise(noisy: Tensor, t: int) -> Tensor:
+            self.network_calls += len(noisy)
+            x0 = networks.estimate(noisy, t, condition)
+            if target is None:
+                return x0
+            level = float(networks.schedule.alpha_bar[t])
+            return pull(x0, target, networks.decode, self.guidance_strength, level, self.guidance_report)
+
+        shape = networks.latent_shape(len(images), self.resolution)
+        latents = sample(denoise, networks.schedule, shape, seeds, self._settings, device=self._device)
+        with torch.no_grad():
+            return networks.decode(latents).cpu()
+
+    def _squares(self, images: Tensor, masks: Tensor, views: list[int], crops: Mapping[int, Crop]) -> Tensor:
+        return torch.stack([encode(images[view], masks[view], crops[view], self.resolution) for view in views])
+
+    def _networks(self, component: str) -> Networks:
+        if component not in self._loaded:
+            self._loaded[component] = Networks(self._folder / component, self._device)
+        return self._loaded[component]
+
+
+def _records(folder: Path, components: Iterable[str] | None) -> dict[str, str]:
+    """SHA-256 of the checkpoint behind every component wanted, all that are in ``folder`` for None."""
+    wanted = COMPONENTS if components is None else tuple(components)
+    unknown = sorted(set(wanted) - set(COMPONENTS))
+    if unknown:
+        raise InputError(f"prior.options.components: expected some of {', '.join(COMPONENTS)}, found {', '.join(unknown)}")
+    present = [component for component in wanted if (folder / component / RECORD).is_file()]
+    absent = sorted(set(wanted) - set(present))
+    if not present or (components is not None and absent):
+        raise InputError(
+            f"prior.options.weights={folder}: expected {' or '.join(absent)} as python -m ia_bench.priors.original.convert "
+            f"writes it, found no {RECORD} there"
+        )
+    records = {}
+    for component in present:
+        path = folder / component / RECORD
+        try:
+            records[component] = str(json.loads(path.read_text(encoding="utf-8"))["sha256"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: expected JSON with the key sha256, found {error}") from None
+    return records
+
+
+def _resolution(folder: Path, components: list[str]) -> int:
+    sides = {}
+    for component in components:
+        path = folder / component / "vae" / "config.json"
+        try:
+            sides[component] = int(json.loads(path.read_text(encoding="utf-8"))["sample_size"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{path}: expected JSON with the key sample_size, found {error}") from None
+    if len(set(sides.values())) != 1:
+        raise InputError(f"prior.options.weights={folder}: expected models of one resolution, found {sides}")
+    return sides[components[0]]
+
+
+def _check(images: Tensor, masks: Tensor, guidance: Mapping[str, Tensor]) -> None:
+    name = "prior=intrinsicanything"
+    if images.ndim != 4 or images.shape[-1] != 3:
+        raise InputError(f"{name}: expected images of shape (V, H, W, 3), found {tuple(images.shape)}")
+    if tuple(masks.shape) != tuple(images.shape[:3]):
+        raise InputError(f"{name}: expected masks of shape {tuple(images.shape[:3])}, found {tuple(masks.shape)}")
+    for what, values in {"images": images, "masks": masks, **{f"guidance {k}": v for k, v in guidance.items()}}.items():
+        if not bool(torch.isfinite(values).all()):
+            raise InputError(f"{name}: expected finite {what}, found NaN or Inf")
+        if what.startswith("guidance") and values.shape != images.shape:
+            raise InputError(f"{name}: expected {what} of shape {tuple(images.shape)}, found {tuple(values.shape)}")
+
+
+def _content(image: Tensor, mask: Tensor) -> int:
+    """A number that stands for the content of an image."""
+    digest = hashlib.sha256(image.contiguous().numpy().tobytes() + mask.contiguous().numpy().tobytes())
+    return int.from_bytes(digest.digest()[:8], "little")

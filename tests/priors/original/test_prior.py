@@ -1,0 +1,186 @@
+"""The prior against the original's sampler written out in the test: plain-torch networks, diffusers' DDIM with eta 1."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+import torch.nn.functional as F
+from ldm import LatentDiffusion
+from torch import Tensor
+
+from ia_bench.check import main as check
+from ia_bench.checks.stack import painted_ball
+from ia_bench.errors import InputError
+from ia_bench.priors.contract import COMPONENTS
+from ia_bench.priors.diffusion.sampler import derive_seed
+from ia_bench.priors.original.prior import IntrinsicAnythingPrior, _content
+from ia_bench.torchvision_shim import import_torchvision
+
+
+def photographs(count: int = 2, side: int = 32) -> tuple[Tensor, Tensor]:
+    """Pictures that fill their frame, at the networks' size: nothing is cropped or resampled."""
+    return torch.rand(count, side, side, 3, generator=torch.Generator().manual_seed(7)), torch.ones(count, side, side)
+
+
+@torch.no_grad()
+def original_sample(model: LatentDiffusion, image: Tensor, seed: int, steps: int) -> Tensor:
+    """One sample (S, S, 3), linear, of one picture, as the release samples; the last step returns the estimate itself."""
+    import_torchvision()
+    from diffusers import DDIMScheduler
+
+    # The release does not clip and has set_alpha_to_one False: docs/original_weights.md. Random networks reach the clip.
+    schedule = DDIMScheduler(
+        1000, 0.00085, 0.012, "scaled_linear", clip_sample_range=20, set_alpha_to_one=True, steps_offset=1
+    )
+    schedule.set_timesteps(steps)
+    generator = torch.Generator().manual_seed(seed)
+    encoded = image.movedim(-1, 0)[None] ** (1 / 2.2)
+    latents = model.first_stage_model.mode(2 * encoded - 1)  # not scaled
+    visual = model.cond_stage_model.model.visual
+    seen = F.interpolate(encoded, (visual.side, visual.side), mode="bicubic", align_corners=True)
+    mean, deviation = torch.tensor([0.48145466, 0.4578275, 0.40821073]), torch.tensor([0.26862954, 0.26130258, 0.27577711])
+    token = visual((seen - mean[:, None, None]) / deviation[:, None, None])[:, None]
+    x = torch.randn(latents.shape[1:], generator=generator)[None]
+    for t in schedule.timesteps:
+        eps = model.model.diffusion_model(torch.cat([x, latents], 1), t[None], token)
+        noise = torch.randn(latents.shape[1:], generator=generator)[None] if t != schedule.timesteps[-1] else None
+        x = schedule.step(eps, t, x, eta=1.0, use_clipped_model_output=True, variance_noise=noise).prev_sample
+    decoded = model.first_stage_model.decode(x / 0.18215)
+    return (decoded[0].movedim(0, -1) / 2 + 0.5).clamp(0, 1) ** 2.2
+
+
+def test_samples_are_the_originals(weights: Path) -> None:
+    images, masks = photographs()
+    prior = IntrinsicAnythingPrior(weights=str(weights), steps=4)
+    samples = prior.sample(images, masks, seed=5)
+    assert prior.network_calls == 2 * 2 * 4  # components, images, steps
+    for number, component in enumerate(COMPONENTS):
+        model = LatentDiffusion.tiny({"albedo": 1, "specular": 2}[component]).reference()
+        for view in range(2):
+            seed = derive_seed(5, number, _content(images[view], masks[view]))
+            expected = original_sample(model, images[view], seed, 4)
+            torch.testing.assert_close(samples[component][view], expected, atol=2e-4, rtol=0)
+    assert float((samples["albedo"][0] - samples["albedo"][1]).abs().mean()) > 0.05
+
+
+def test_conformance(weights: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert check(["prior=intrinsicanything", f"prior.options.weights={weights}", "prior.options.steps=2"]) == 0
+    assert " passed, 0 failed, 0 skipped" in capsys.readouterr().out
+
+
+def test_guidance_draws_nearer_the_stronger_it_is_and_stays_in_range(weights: Path) -> None:
+    images, masks = photographs(1)
+    target = {"albedo": 0.3 * images + 0.2}
+    distances = []
+    for strength in (0.0, 3.0, 30.0, 1000.0):
+        prior = IntrinsicAnythingPrior(weights=str(weights), components=["albedo"], steps=5, guidance_strength=strength)
+        sample = prior.sample(images, masks, seed=0, guidance=target)["albedo"]
+        assert bool(((sample >= 0) & (sample <= 1)).all())
+        distances.append(float((sample - target["albedo"]).abs().mean()))
+        assert prior.guidance_report.updates == (5 if strength else 0)
+    assert distances == sorted(distances, reverse=True)
+    assert distances[-1] < 0.9 * distances[0]
+
+
+def test_batches_change_nothing_but_rounding(weights: Path) -> None:
+    stack = painted_ball(37, 31, 3)
+    one, three = (
+        IntrinsicAnythingPrior(weights=str(weights), components=["specular"], steps=3, batch=batch).sample(
+            stack.images, stack.masks, seed=1
+        )["specular"]
+        for batch in (1, 3)
+    )
+    assert float((one - three).abs().max()) < 1e-4
+
+
+def test_provides_what_was_converted(weights: Path, tmp_path: Path) -> None:
+    shutil.copytree(weights / "albedo", tmp_path / "albedo")
+    assert IntrinsicAnythingPrior(weights=str(weights)).provides == {"albedo", "specular"}
+    assert IntrinsicAnythingPrior(weights=str(weights), components=["specular"]).provides == {"specular"}
+    prior = IntrinsicAnythingPrior(weights=str(tmp_path))
+    assert prior.provides == {"albedo"}
+    assert prior.resolution == 32
+    with pytest.raises(InputError, match=r"weights=.*: expected specular as .*convert writes it, found no source.json"):
+        IntrinsicAnythingPrior(weights=str(tmp_path), components=["albedo", "specular"])
+
+
+def test_fingerprint_follows_what_decides_samples(weights: Path, tmp_path: Path) -> None:
+    def fingerprint(**options: object) -> str:
+        return IntrinsicAnythingPrior(**{"weights": str(weights), **options}).fingerprint
+
+    shutil.copytree(weights, tmp_path / "copy")
+    assert fingerprint() == fingerprint(weights=str(tmp_path / "copy"), batch=2)
+    record = tmp_path / "copy" / "albedo" / "source.json"
+    record.write_text(json.dumps({**json.loads(record.read_text()), "sha256": "0" * 64}))
+    others = [{"steps": 3}, {"eta": 0.5}, {"guidance_strength": 1.0}, {"components": ["albedo"]}, {"weights": tmp_path / "copy"}]
+    assert len({fingerprint(), *(fingerprint(**other) for other in others)}) == 1 + len(others)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"weights": None}, "weights: expected the folder that"),
+        ({"weights": "/nowhere"}, "weights=/nowhere: expected albedo or specular as"),
+        ({"components": ["normals"]}, "components: expected some of albedo, specular, found normals"),
+        ({"steps": 0}, "steps: expected at least 1, found 0"),
+        ({"batch": 0}, "batch: expected at least 1, found 0"),
+        ({"guidance_strength": -1.0}, "guidance_strength: expected a finite number >= 0, found -1.0"),
+        ({"device": "tpu"}, "device: expected auto, cpu or cuda, found tpu"),
+    ],
+)
+def test_wrong_options(options: dict, message: str, weights: Path) -> None:
+    with pytest.raises(InputError, match=f"prior.options.{message}"):
+        IntrinsicAnythingPrior(**{"weights": str(weights), **options})
+
+
+def without_a_tensor(folder: Path) -> None:
+    from safetensors.torch import load_file, save_file
+
+    path = folder / "unet" / "diffusion_pytorch_model.safetensors"
+    tensors = load_file(path)
+    del tensors["conv_out.bias"]
+    save_file(tensors, path, metadata={"format": "pt"})
+
+
+def cut_off(folder: Path) -> None:
+    path = folder / "vae" / "diffusion_pytorch_model.safetensors"
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (without_a_tensor, r"unet: expected tensors for every parameter, found none for conv_out.bias"),
+        (cut_off, r"vae: cannot be loaded: .*"),
+        (lambda folder: shutil.rmtree(folder / "image_encoder"), r"image_encoder: no such folder"),
+        (lambda folder: (folder / "scheduler" / "scheduler_config.json").unlink(), r"scheduler_config.json: cannot be read"),
+    ],
+)
+def test_damaged_weights(damage: Callable[[Path], object], message: str, weights: Path, tmp_path: Path) -> None:
+    shutil.copytree(weights / "albedo", tmp_path / "albedo")
+    damage(tmp_path / "albedo")
+    prior = IntrinsicAnythingPrior(weights=str(tmp_path))
+    with pytest.raises(InputError, match=message):
+        prior.sample(*photographs(1), seed=0)
+
+
+def test_damaged_records(weights: Path, tmp_path: Path) -> None:
+    shutil.copytree(weights / "albedo", tmp_path / "albedo")
+    (tmp_path / "albedo" / "vae" / "config.json").write_text("{}")
+    with pytest.raises(InputError, match=r"config.json: expected JSON with the key sample_size, found 'sample_size'"):
+        IntrinsicAnythingPrior(weights=str(tmp_path))
+    (tmp_path / "albedo" / "source.json").write_text("not JSON")
+    with pytest.raises(InputError, match=r"source.json: expected JSON with the key sha256"):
+        IntrinsicAnythingPrior(weights=str(tmp_path))
+
+
+def test_guidance_of_another_shape(weights: Path) -> None:
+    images, masks = photographs(1)
+    prior = IntrinsicAnythingPrior(weights=str(weights))
+    with pytest.raises(InputError, match=r"expected guidance albedo of shape \(1, 32, 32, 3\), found \(1, 16, 16, 3\)"):
+        prior.sample(images, masks, seed=0, guidance={"albedo": torch.zeros(1, 16, 16, 3)})
