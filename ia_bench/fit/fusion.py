@@ -12,7 +12,7 @@ from ia_bench.render.renderer import texture_images
 
 CELLS = 128  # cells along a side of the atlas in which views are compared for their scale
 SCALE_ROUNDS = 10  # of reweighted least squares
-MEAN_ROUNDS = 4  # of the robust mean
+MEAN_ROUNDS = 3  # of the robust mean; more would follow noise where texels are finer than pixels
 OUTLIER = 0.1  # difference, in log or in the prior's encoding, from which a view counts less
 DARKEST = 0.01  # albedo whose log is still compared
 
@@ -40,12 +40,8 @@ def fuse_views(
         log = torch.log(values.mean(-1).clamp_min(DARKEST))
         scales = view_scales(log, importance[:, 0], cell[used], view, gbuffer.shape[0])
         values = values * torch.exp(scales)[view][:, None]
-    points = gbuffer.subsamples
-    flat = uv[used].reshape(-1, 2)
-    encoded = encode(values, encoding).repeat_interleave(points, 0)
-    importance = importance.repeat_interleave(points, 0)
-    texture, residual = _robust_mean(flat, encoded, importance, size)
-    variance, _ = _mean(flat, (residual**2).mean(-1, keepdim=True), importance, size)
+    texture, residual = _robust_mean(uv[used], encode(values, encoding), importance, size)
+    variance, _ = _mean(uv[used], (residual**2).mean(-1, keepdim=True), importance, size)
     linear = decode(texture, encoding).clamp(0, 1)
     fused = problem.pixels_of(texture_images(surface, gbuffer, linear))
     seen_by = _views_in_cells(cell[used], view, gbuffer.shape[0])[cell][:, None]
@@ -82,19 +78,26 @@ def view_scales(log: Tensor, weight: Tensor, cell: Tensor, view: Tensor, views: 
 
 
 def _robust_mean(uv: Tensor, values: Tensor, weight: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """Texture (size, size, C) of the mean, with Cauchy's weights against outliers, and the residuals (N, C)."""
-    texture, residual = torch.zeros(size, size, values.shape[-1], device=uv.device), torch.zeros_like(values)
+    """The texture (size, size, C) whose box-filtered pixels come near to the values, and what remains of these, (N, C).
+
+    Pixels have values (N, C), weights (N, 1) and S points (N, S, 2). Every round adds the mean of what remains (iterative
+    back-projection: a mean alone would blur by a pixel and a texel), with Cauchy's weights against outliers.
+    """
+    texture = torch.zeros(size, size, values.shape[-1], device=uv.device)
+    residual, robust = values, weight
     for _ in range(MEAN_ROUNDS):
+        correction, total = _mean(uv, residual, robust, size)
+        texture = texture + correction
+        residual = values - fetch(texture, uv).mean(1)
         robust = weight / (1 + (residual**2).mean(-1, keepdim=True) / OUTLIER**2)
-        average, total = _mean(uv, values, robust, size)
-        texture = fill_unobserved(average, total > 0)
-        residual = values - fetch(texture, uv)
-    return texture, residual
+    return fill_unobserved(texture, total > 0), residual
 
 
 def _mean(uv: Tensor, values: Tensor, weight: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """Weighted :func:`splat`: averages (size, size, C) and where anything fell, (size, size)."""
-    splatted, total = splat(uv, torch.cat([values * weight, weight], -1), size)
+    """Averages (size, size, C) of (N, C) values at points (N, S, 2), weighted (N, 1), and where anything fell, (size, size)."""
+    points = uv.shape[1]
+    weighted = torch.cat([values * weight, weight], -1).repeat_interleave(points, 0)
+    splatted, total = splat(uv.reshape(-1, 2), weighted, size)
     return splatted[..., :-1] / splatted[..., -1:].clamp_min(1e-12), total
 
 
