@@ -18,7 +18,7 @@ grows. Every cut is counted in :class:`GuidanceReport`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -76,6 +76,11 @@ class Pull:
         if self.weight is not None and tuple(self.weight.shape) != expected:
             raise InputError(f"guidance weight: expected shape {expected}, found {tuple(self.weight.shape)}")
 
+    def through(self, remake: Callable[[Tensor], Tensor], scale: float = 1.0) -> Pull:
+        """The same pull on images that were cut or resized by ``remake``; ``scale``: new pixels per old one."""
+        weight = None if self.weight is None else remake(self.weight)
+        return Pull(remake(self.target), self.strength, weight, GaussianBlur(self.operator.sigma * scale))
+
     def weighted(self, difference: Tensor) -> Tensor:
         """W times ``difference`` (N, C, H, W)."""
         return difference if self.weight is None else self.weight * difference
@@ -106,6 +111,15 @@ class Guidance(Pull):
             raise InputError(f'guidance norm: expected "squared" with the rule "variance", found {self.norm!r}')
         if not bool(torch.as_tensor(self.prior_variance > 0).all()):
             raise InputError(f"prior_variance: expected numbers > 0, found {self.prior_variance}")
+
+    @classmethod
+    def of(
+        cls, pulls: Sequence[Pull], rule: Rule, norm: Norm, prior_variance: float | Tensor, report: GuidanceReport
+    ) -> Guidance:
+        """The guidance of several ``pulls`` (at least one) at once."""
+        first, *rest = pulls
+        own = first.target, first.strength, first.weight, first.operator
+        return cls(*own, rule, norm, prior_variance, tuple(rest), report)
 
     @property
     def active(self) -> bool:

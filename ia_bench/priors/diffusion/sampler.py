@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 Denoise = Callable[[Tensor, int], Tensor]
 """(noisy x_t (N, C, H, W), timestep t) -> estimate of x_0 (N, C, H, W), unclipped; the rule "paper" differentiates it."""
 
+Noise = Callable[[], Tensor]
+"""Standard normal noise (N, C, H, W), fresh at every call: the start first, then that of each step that takes any."""
+
 
 @dataclass(frozen=True)
 class SamplerSettings:
@@ -51,14 +54,14 @@ def sample(
     denoise: Denoise,
     schedule: NoiseSchedule,
     shape: tuple[int, int, int, int],
-    seeds: Sequence[int],
+    seeds: Sequence[int] | Noise,
     settings: SamplerSettings,
     guidance: Guidance | None = None,
     init: Tensor | None = None,
     device: torch.device | str = "cpu",
     dtype: torch.dtype = torch.float32,
 ) -> Tensor:
-    """Draw ``shape`` (N, C, H, W) samples in the network's space, one per entry of ``seeds``.
+    """Draw ``shape`` (N, C, H, W) samples in the network's space; ``seeds``: one per image, or where their noise comes from.
 
     Each step replaces x_t by (Song et al. 2021, "Denoising diffusion implicit models", equation 12, with eps eliminated)
 
@@ -72,7 +75,8 @@ def sample(
     same bits. ``init`` (N, C, H, W) replaces the start noise x_T. ``denoise`` runs without gradients unless the guidance
     rule needs them, and is called ``settings.steps`` times. Raises InputError where sizes do not match.
     """
-    if len(seeds) != shape[0]:
+    noise = seeds if callable(seeds) else seeded_noise(seeds, shape[1:])
+    if not callable(seeds) and len(seeds) != shape[0]:
         raise InputError(f"seeds: expected one per image ({shape[0]}), found {len(seeds)}")
     if init is not None and tuple(init.shape) != tuple(shape):
         raise InputError(f"init: expected shape {tuple(shape)}, found {tuple(init.shape)}")
@@ -80,8 +84,7 @@ def sample(
         guidance = None
     if guidance is not None and tuple(guidance.target.shape) != tuple(shape):
         raise InputError(f"guidance target: expected shape {tuple(shape)}, found {tuple(guidance.target.shape)}")
-    generators = [torch.Generator().manual_seed(seed) for seed in seeds]
-    noisy = (draw(generators, shape) if init is None else init).to(device, dtype)
+    noisy = (noise() if init is None else init).to(device, dtype)
     timesteps = schedule.timesteps(settings.steps, settings.spacing)
     levels = [float(schedule.alpha_bar[t]) for t in timesteps] + [1.0]
     for t, level, following in zip(timesteps, levels[:-1], levels[1:], strict=True):
@@ -91,7 +94,7 @@ def sample(
         keep, fresh = step_weights(level, following, settings.eta)
         noisy = (keep * noisy).add_(x0, alpha=math.sqrt(following) - keep * math.sqrt(level))
         if fresh > 0:
-            noisy.add_(draw(generators, shape).to(device, dtype), alpha=fresh)
+            noisy.add_(noise().to(device, dtype), alpha=fresh)
     return noisy
 
 
@@ -107,11 +110,12 @@ def step_weights(level: float, following: float, eta: float) -> tuple[float, flo
     return keep, eta * math.sqrt(shrink * (1 - level / following))
 
 
-def draw(generators: Sequence[torch.Generator], shape: tuple[int, int, int, int]) -> Tensor:
-    """Standard normal noise of ``shape`` on the CPU, image i from generator i."""
-    return torch.stack([torch.randn(shape[1:], generator=generator) for generator in generators])
+def seeded_noise(seeds: Sequence[int], shape: tuple[int, int, int]) -> Noise:
+    """Noise (N, *``shape``) on the CPU, image i from a generator of its own seeded by ``seeds[i]``."""
+    generators = [torch.Generator().manual_seed(seed) for seed in seeds]
+    return lambda: torch.stack([torch.randn(shape, generator=generator) for generator in generators])
 
 
 def derive_seed(seed: int, *path: int) -> int:
-    """A seed for a part of what ``seed`` stands for, such as (patch index); all streams are independent of each other."""
+    """A seed for one part or purpose of what ``seed`` (>= 0) stands for, as independent of it as if it were random."""
     return int(np.random.SeedSequence([seed, *path]).generate_state(1, np.uint64)[0] >> np.uint64(1))
