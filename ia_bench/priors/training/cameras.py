@@ -33,7 +33,7 @@ def draw_camera(rng: Generator, vertices: np.ndarray, size: int) -> Camera:
     plane = local[:, :2] / -local[:, 2:]
     low, high = plane.min(0), plane.max(0)
     extent = float((high - low).max())
-    fill = rng.uniform(1.1, 1.9) if rng.random() < CROPPED else rng.uniform(0.5, 0.95)
+    fill = rng.uniform(1.1, 1.9) if rng.random() < CROPPED else rng.uniform(0.7, 1.0)
     focal = fill * size / extent
     slack = abs(1 - fill) * size / 2
     middle = (low + high) / 2 * focal

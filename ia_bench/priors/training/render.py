@@ -19,6 +19,7 @@ from ia_bench.priors.training.cameras import draw_camera
 from ia_bench.priors.training.lights import Light, draw_light
 from ia_bench.priors.training.objects import SolidObject
 from ia_bench.priors.training.shading import OFFSET, DirectLight, LightTables, cosine_directions
+from ia_bench.priors.training.smooth import smooth_shading
 from ia_bench.priors.training.textures import TexturedMaterial, draw_materials
 from ia_bench.render.estimator import GOLDEN, PLASTIC
 from ia_bench.render.gbuffer import primary_rays
@@ -27,17 +28,15 @@ from ia_bench.scenes.scene import Camera, Mesh
 
 SIDE = 2  # primary points per pixel and axis
 POINTS = SIDE * SIDE
-DIRECT_SAMPLES = 16  # per point, half by the light, half by the BRDF: 64 a pixel
-BOUNCE_RAYS = 3  # per point
+LIGHT_SAMPLES, BRDF_SAMPLES, COSINE_RAYS = 9, 3, 4  # per point: 64 directions a pixel
 VIEWS = 8  # images of one object
-BOUNCE_SAMPLES = 2  # of direct light where a bounce ray lands
 MIN_COVERAGE, MAX_COVERAGE = 0.05, 0.98
 MEAN_RADIANCE = 0.3
 
 
 @dataclass(frozen=True)
 class ViewDraw:
-    """Everything random about one image. ``shift`` (S, S, 4, 3) float32 moves each pixel's lattices."""
+    """Everything random about one image. ``shift`` (S, S, 4, 2) float32 moves each pixel's four lattices."""
 
     camera: Camera
     light: Light
@@ -53,7 +52,7 @@ def draw_view(rng: Generator, solid: SolidObject, size: int) -> ViewDraw:
         draw_light(rng),
         draw_materials(rng, solid.slots),
         float(np.exp(rng.normal(np.log(MEAN_RADIANCE), 0.25))),
-        rng.random((size, size, 4, 3), dtype=np.float32),
+        rng.random((size, size, 4, 2), dtype=np.float32),
     )
 
 
@@ -105,35 +104,40 @@ class ObjectRenderer:
         lights = [v.light for v in views]
         tables = LightTables.build(lights + lights[:1] * (VIEWS - len(lights)))  # one shape for the compiler
 
-        sky, landed, rays_of = self._bounce(hits, lattice(shift[:, 2], point, BOUNCE_RAYS))
-        both = [torch.cat(pair) for pair in zip(_place(hits, view), _place(landed, view[rays_of]), strict=True)]
+        cosine_rays = cosine_directions(hits.normal, lattice(shift[:, 0], point, COSINE_RAYS).float())
+        reaches_sky, landed, owner = self._bounce(hits, cosine_rays)
+        both = [torch.cat(pair) for pair in zip(_place(hits, view), _place(landed, view[owner]), strict=True)]
         albedo, roughness = self._materials(views, *both)
         own = slice(0, len(view))
-        half = DIRECT_SAMPLES // 2
-        u = torch.cat([lattice(shift[:, 0], point, half), lattice(shift[:, 1], point, half)], 1)
         irradiance, specular = self._direct(
-            self._rays, tables, view, hits.position, hits.normal, toward, hits.geometric, roughness[own], u
+            self._rays,
+            tables,
+            view,
+            hits.position,
+            hits.normal,
+            toward,
+            hits.geometric,
+            roughness[own],
+            cosine_rays,
+            reaches_sky,
+            lattice(shift[:, 1], point, LIGHT_SAMPLES),
+            lattice(shift[:, 2], point, BRDF_SAMPLES).float(),
         )
-        indirect = self._indirect(tables, view[rays_of], landed, albedo[len(view) :], shift[rays_of, 3], rays_of, len(view))
+        indirect = self._indirect(tables, view[owner], landed, albedo[len(view) :], shift[owner, 3], owner, len(view))
         diffuse = albedo[own] * (irradiance + indirect)
 
         to_camera = torch.from_numpy(np.stack([v.camera.to_world[:3, :3] for v in views])).float()
         normal = torch.einsum("nw,nwc->nc", hits.normal, to_camera[view])
-        columns = [diffuse + specular, torch.ones(len(view), 1), albedo[own], specular, normal, sky]
+        columns = [diffuse, torch.ones(len(view), 1), albedo[own], specular, normal, reaches_sky.float().mean(1, keepdim=True)]
         flat = torch.zeros(count * size * size, 14)
         flat.index_add_(0, (view * size + row) * size + column, torch.cat(columns, -1) / POINTS)
         pixels = flat.reshape(count, size, size, 14)
-        exposure = torch.tensor([v.exposure for v in views])
-        mean = pixels[..., :3].mean(-1).sum((1, 2)) / pixels[..., 3].sum((1, 2))
-        scale = (exposure / mean)[:, None, None, None]
-        image = torch.cat([pixels[..., :3] * scale, pixels[..., 3:4]], -1)
-        return {
-            "image": image,
-            "albedo": pixels[..., 4:7],
-            "specular": pixels[..., 7:10] * scale,
-            "normal": pixels[..., 10:13],
-            "visibility": pixels[..., 13:14],
-        }
+        diffuse, coverage, base, specular, normal, sky = pixels.split([3, 1, 3, 3, 3, 1], -1)
+        diffuse, sky = smooth_shading(diffuse, base, normal, sky, coverage)
+        mean = (diffuse + specular).mean(-1).sum((1, 2)) / coverage.sum((1, 2, 3))
+        scale = (torch.tensor([v.exposure for v in views]) / mean)[:, None, None, None]
+        image = torch.cat([scale * (diffuse + specular), coverage], -1)
+        return {"image": image, "albedo": base, "specular": scale * specular, "normal": normal, "visibility": sky}
 
     def _surface(self, face: Tensor, barycentric: Tensor, seen_from: Tensor) -> _Hits:
         """Interpolate hits, turned to the side that they are seen from."""
@@ -144,31 +148,42 @@ class ObjectRenderer:
         normal = normalize(normal) * torch.where(dot(normal, geometric) < 0, -side, side)
         return _Hits(position, normal, geometric * side, local, self._axis[face], self._slot[face])
 
-    def _bounce(self, hits: _Hits, u: Tensor) -> tuple[Tensor, _Hits, Tensor]:
-        """Cosine rays from every point: share that reaches the sky (N, 1), where the others land, and whose they are."""
-        direction = cosine_directions(hits.normal, u[..., :2])
+    def _bounce(self, hits: _Hits, direction: Tensor) -> tuple[Tensor, _Hits, Tensor]:
+        """Trace (N, A, 3) rays: which reach the sky (N, A), where the others land, and whose they are."""
         above = dot(direction, hits.geometric[:, None])[..., 0] > 0
         start = (hits.position + OFFSET * hits.geometric)[:, None].expand_as(direction)
         face, barycentric, _ = self._rays.intersect(start.reshape(-1, 3), direction.reshape(-1, 3))
         face = face.reshape(above.shape)
-        sky = (above & (face < 0)).float().mean(1, keepdim=True)
         owner, ray = torch.nonzero(above & (face >= 0), as_tuple=True)
         landed = self._surface(face[owner, ray], barycentric.reshape(*above.shape, 2)[owner, ray], hits.position[owner])
-        return sky, landed, owner
+        return above & (face < 0), landed, owner
 
     def _indirect(
         self, tables: LightTables, view: Tensor, landed: _Hits, albedo: Tensor, shift: Tensor, owner: Tensor, points: int
     ) -> Tensor:
-        """Mean diffuse radiance over each point's cosine rays, zero for those that reach the sky: (points, 3)."""
-        count = torch.arange(BOUNCE_SAMPLES) * GOLDEN
-        turn = torch.arange(len(owner))[:, None] * PLASTIC
-        u = torch.remainder(shift[:, None] + count[:, None] + turn[..., None], 1.0).clamp(max=1 - 2**-24)
-        rough = torch.ones(len(owner), 1)
+        """Mean diffuse radiance over each point's cosine rays, zero for those that reach the sky: (points, 3).
+
+        Direct light there is estimated from one direction by the light and one by the cosine.
+        """
+        turn = torch.arange(len(owner), dtype=torch.float64)[:, None] * torch.tensor([GOLDEN, PLASTIC], dtype=torch.float64)
+        u = torch.remainder(shift[:, None] + turn[:, None], 1.0)
+        away = cosine_directions(landed.normal, torch.remainder(u + 0.5, 1.0).float())
         irradiance, _ = self._direct(
-            self._rays, tables, view, landed.position, landed.normal, landed.normal, landed.geometric, rough, u.float()
+            self._rays,
+            tables,
+            view,
+            landed.position,
+            landed.normal,
+            landed.normal,
+            landed.geometric,
+            torch.ones(len(owner), 1),
+            away,
+            None,
+            u,
+            torch.zeros(len(owner), 0, 2),
         )
         total = torch.zeros(points, 3)
-        return total.index_add_(0, owner, albedo * irradiance / BOUNCE_RAYS)
+        return total.index_add_(0, owner, albedo * irradiance / COSINE_RAYS)
 
     def _materials(
         self, views: Sequence[ViewDraw], view: Tensor, slot: Tensor, local: Tensor, axis: Tensor
@@ -197,10 +212,10 @@ def _bend(hits: _Hits, toward: Tensor) -> _Hits:
 
 
 def lattice(shift: Tensor, point: Tensor, count: int) -> Tensor:
-    """``count`` samples in [0, 1)^3 for each point: the pixel's lattice (rank 1, Roberts' R2) moved by ``shift`` (N, 3).
+    """``count`` samples in [0, 1)^2 for each point, (N, count, 2) float64: the pixel's rank-1 lattice moved by ``shift`` (N, 2).
 
     ``point`` (N,) in [0, POINTS) says which of the pixel's points it is: they share the lattice between them.
     """
     index = (torch.arange(count) * POINTS + point[:, None]).double()
-    generators = torch.stack([index / (count * POINTS), index * GOLDEN, index * PLASTIC], -1)
-    return torch.remainder(shift[:, None] + generators, 1.0).float().clamp(max=1 - 2**-24)
+    generators = torch.stack([index / (count * POINTS), index * GOLDEN], -1)
+    return torch.remainder(shift[:, None] + generators, 1.0)
