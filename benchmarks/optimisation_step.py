@@ -6,7 +6,8 @@
 A step is 4096 pixels of a 128 x 128 view stack x 32 samples, shadowed, light and BRDF sampling with the balance
 heuristic, on a mesh of 22 500 triangles, 512 x 512 textures and a 128 x 256 light. Mitsuba renders whole views, so its
 time is given per million samples whose camera ray hits the object, and so is ours. Times of a machine differ from run to
-run; the ratio of one run is what to quote.
+run; the ratio of one run is what to quote, on a busy machine that of CPU times with `--threads 1` (threads that wait for
+each other also count as busy).
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import statistics
 import tempfile
 import time
 from collections.abc import Callable
@@ -56,14 +56,18 @@ def pose(angle: float) -> np.ndarray:
     return matrix
 
 
-def seconds_per_step(step: Callable[[int], None]) -> tuple[float, float, float]:
-    """Median, fastest and slowest of the timed steps, after the warm-up (which compiles)."""
-    times = []
-    for number in range(WARM_UP + STEPS):
-        started = time.perf_counter()
-        step(number)
-        times.append(time.perf_counter() - started)
-    return statistics.median(times[WARM_UP:]), min(times[WARM_UP:]), max(times[WARM_UP:])
+def time_interleaved(steps: dict[str, Callable[[int], None]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Wall and CPU seconds of STEPS steps of every case, taken in turns, so that a busy machine slows all of them alike."""
+    for step in steps.values():
+        for number in range(WARM_UP):  # compiles
+            step(number)
+    times: dict[str, list[tuple[float, float]]] = {name: [] for name in steps}
+    for number in range(STEPS):
+        for name, step in steps.items():
+            wall, cpu = time.perf_counter(), time.process_time()
+            step(WARM_UP + number)
+            times[name].append((time.perf_counter() - wall, time.process_time() - cpu))
+    return {name: tuple(np.array(pairs).T) for name, pairs in times.items()}
 
 
 def our_step(mesh: Mesh, rays: EmbreeRays, gbuffer: GBuffer, shading: str) -> Callable[[int], None]:
@@ -85,7 +89,7 @@ def our_step(mesh: Mesh, rays: EmbreeRays, gbuffer: GBuffer, shading: str) -> Ca
     return step
 
 
-def mitsuba_step(mesh: Mesh) -> tuple[Callable[[int], None], float]:
+def mitsuba_step(mesh: Mesh, threads: int) -> tuple[Callable[[int], None], float]:
     """A step of Mitsuba's `direct` integrator, 4 + 4 samples, and how many of its samples hit the object."""
     os.environ.setdefault("DRJIT_LIBLLVM_PATH", "libLLVM.so.19.1")
     import mitsuba as mi
@@ -93,6 +97,7 @@ def mitsuba_step(mesh: Mesh) -> tuple[Callable[[int], None], float]:
     mi.set_variant("llvm_ad_rgb")
     import drjit as dr
 
+    dr.set_thread_count(threads)
     shape = mi.Mesh("object", len(mesh.vertices), len(mesh.faces), has_vertex_texcoords=True)
     buffers = mi.traverse(shape)
     buffers["vertex_positions"], buffers["faces"] = mesh.vertices.ravel(), mesh.faces.astype(np.uint32).ravel()
@@ -144,7 +149,9 @@ def main() -> None:
     """Print one line per renderer."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--mitsuba", action="store_true", help="time Mitsuba 3 beside ours")
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of each renderer")
     arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads)
     torch.use_deterministic_algorithms(True)  # as a run does it
     torch.utils.deterministic.fill_uninitialized_memory = False
     mesh = make_mesh()
@@ -155,15 +162,17 @@ def main() -> None:
         f"ours, {shading}": (our_step(mesh, rays, gbuffer, shading), PIXELS * SAMPLES) for shading in ("compiled", "eager")
     }
     if arguments.mitsuba:
-        cases["Mitsuba 3"] = mitsuba_step(mesh)
-    first = None
-    for name, (step, samples) in cases.items():
-        median, fastest, slowest = seconds_per_step(step)
-        rate = median / samples * 1e9
-        first = first or rate
+        cases["Mitsuba 3"] = mitsuba_step(mesh, arguments.threads)
+    times = time_interleaved({name: step for name, (step, _) in cases.items()})
+    first: np.ndarray | None = None
+    for name, (_, samples) in cases.items():
+        medians = np.array([np.median(seconds) for seconds in times[name]])
+        rates = medians / samples * 1e9
+        first = rates if first is None else first
         print(
-            f"{name:16s} {1e3 * median:6.1f} ms a step ({1e3 * fastest:.1f} to {1e3 * slowest:.1f}), {samples:.0f} samples, "
-            f"{rate:.0f} ms per million samples, {rate / first:.2f} x the first"
+            f"{name:16s} {samples:.0f} samples a step, {1e3 * medians[0]:.1f} ms ({1e3 * times[name][0].min():.1f} at best), "
+            f"CPU {1e3 * medians[1]:.1f} ms ({1e3 * times[name][1].min():.1f}); per million samples {rates[0]:.0f} ms, "
+            f"CPU {rates[1]:.0f} ms: {rates[0] / first[0]:.2f} x and {rates[1] / first[1]:.2f} x the first"
         )
 
 
