@@ -25,10 +25,11 @@ from geometry import add_atlas, corners, join_scene, to_blender
 from lights import make_light
 from materials import bake, textured_material, write_textures
 from mesh import check, read_ply, weld, write_ply
-from noise import measure
+from noise import NOISE_DEFINITION, measure
 from recipe import RECIPES, Recipe
 from renderer import BOUNCES, Passes, Renderer
 from scene_folder import View, byte_totals, direct_views, views, write_scene, write_transforms
+from split_render import SplitRenderer
 
 ATLAS_SCALE = 2
 """Charts are packed for twice the texture's resolution: closer together, more of the texture used."""
@@ -73,16 +74,19 @@ def make_geometry(recipe: Recipe, out: Path) -> None:
         (out / ".lock").unlink()
 
 
-def load(recipe: Recipe, out: Path, *, direct_only: bool) -> Renderer:
+def load(recipe: Recipe, out: Path, *, direct_only: bool, threads: int) -> SplitRenderer:
     """Renderer of exactly what the scene folder holds: mesh.ply, the two textures, the lights."""
+    lights = {name: out / "lights" / f"{name}.exr" for name in recipe.lights}
     for name, model in recipe.lights.items():
-        if not (out / "lights" / f"{name}.exr").exists():
-            light = round_mantissa(make_light(model, recipe.light_height), STORED_BITS["light"])
-            write_exr(out / "lights" / f"{name}.exr", light)
+        if not lights[name].exists():
+            write_exr(lights[name], round_mantissa(make_light(model, recipe.light_height), STORED_BITS["light"]))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     item = to_blender(read_ply(out / "mesh.ply"))
     item.data.materials.append(textured_material(out / "truth"))
-    return Renderer(recipe.size, direct_only=direct_only)
+    needed = {"train": lights["train"]} if direct_only else lights
+    renderer = SplitRenderer(Renderer(recipe.size, direct_only=direct_only, threads=threads), needed, recipe.views["novel"])
+    print(f"shares of the samples, the rest and the bright sources: {renderer.shares()}", flush=True)
+    return renderer
 
 
 def write_view(out: Path, view: View, passes: Passes) -> None:
@@ -92,14 +96,13 @@ def write_view(out: Path, view: View, passes: Passes) -> None:
     write_exr(out / view.image, round_mantissa(passes.rgba, STORED_BITS["image"]), lossy=True)
 
 
-def render_views(recipe: Recipe, out: Path, renderer: Renderer, wanted: list[View]) -> None:
+def render_views(recipe: Recipe, out: Path, renderer: SplitRenderer, wanted: list[View]) -> None:
     """Render the views whose files do not all exist, with one line of progress each."""
     missing = [view for view in wanted if not all((out / path).exists() for path in view.files)]
     print(f"{len(wanted) - len(missing)} views exist, {len(missing)} to render", flush=True)
     start = time.perf_counter()
     for done, view in enumerate(missing, start=1):
-        renderer.set_light(out / "lights" / f"{view.light}.exr")
-        write_view(out, view, renderer.render(view.pose, recipe.samples[view.light]))
+        write_view(out, view, renderer.render(view.light, view.pose, recipe.samples[view.split]))
         seconds = (time.perf_counter() - start) / done
         print(f"{view.image}  {done}/{len(missing)}  {seconds:.2f} s a view", flush=True)
 
@@ -112,7 +115,8 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--size", type=int, help="width and height of the images, pixels (default: the recipe's)")
     parser.add_argument("--views-from", type=int, default=0, help="first view to render, counted over all splits")
     parser.add_argument("--views-to", type=int, help="view to stop before")
-    parser.add_argument("--samples", type=int, help="paths a pixel for every light, instead of the recipe's")
+    parser.add_argument("--samples", type=int, help="paths a pixel of every view, instead of the recipe's")
+    parser.add_argument("--threads", type=int, default=0, help="CPU threads (default: all)")
     parser.add_argument("--direct-only", action="store_true", help="render the direct-light images of some test views")
     options = parser.parse_args(arguments)
 
@@ -123,13 +127,12 @@ def main(arguments: list[str]) -> None:
         recipe = recipe.at_size(options.size)
     out: Path = options.out
     make_geometry(recipe, out)
-    renderer = load(recipe, out, direct_only=options.direct_only)
+    renderer = load(recipe, out, direct_only=options.direct_only, threads=options.threads)
     if options.direct_only:
-        renderer.set_light(out / "lights" / "train.exr")
         for view in direct_views(recipe):
             path = out / "direct" / view.split / f"{view.index:04d}.exr"
             if not path.exists():
-                passes = renderer.render(view.pose, recipe.samples["train"])
+                passes = renderer.render("train", view.pose, recipe.samples["direct"])
                 write_exr(path, round_mantissa(passes.rgba, STORED_BITS["image"]))
                 print(path.relative_to(out), flush=True)
         return
@@ -143,26 +146,27 @@ def main(arguments: list[str]) -> None:
     for abandoned in out.rglob(".*.exr"):  # half-written by a run that was killed
         abandoned.unlink()
     if not (out / "scene.json").exists():
-        write_scene(out, options.name, recipe, describe(recipe, out, renderer))
+        write_scene(out, options.name, recipe, describe(recipe, renderer))
     totals = byte_totals(out)
     for kind, count in totals.items():
         print(f"{count:>10,} bytes  {kind}")
     print(f"{sum(totals.values()):>10,} bytes  in all", flush=True)
 
 
-def describe(recipe: Recipe, out: Path, renderer: Renderer) -> dict[str, object]:
+def describe(recipe: Recipe, renderer: SplitRenderer) -> dict[str, object]:
     """How the images were made, with the measured noise of each light, for scene.json."""
-    noise = measure(recipe, out, renderer)
+    noise = measure(recipe, renderer)
     for light, value in noise.items():
-        print(f"noise under {light}: {value['all']:.2%}, in 99 % of the pixels {value['99_percent']:.2%}", flush=True)
+        print(f"noise under {light}: {value}", flush=True)
     return {
         "renderer": f"Blender {bpy.app.version_string} Cycles, CPU",
         "size": recipe.size,
         "samples": recipe.samples,
+        "sample_shares": renderer.shares(),
         "bounces": BOUNCES,
         "pixel_filter": "box, 1 pixel",
         "noise": noise,
-        "noise_definition": "RMS difference of two seeds / sqrt(2) / mean over foreground pixels; RMS over 3 views",
+        "noise_definition": NOISE_DEFINITION,
         "numpy": np.__version__,
     }
 

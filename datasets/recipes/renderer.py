@@ -36,14 +36,19 @@ class Passes:
 class Renderer:
     """Renders views of what is in the Blender scene; geometry, textures and light stay loaded between views."""
 
-    def __init__(self, size: int, *, direct_only: bool) -> None:
-        """Set up Cycles for square images of `size` pixels; `direct_only` keeps only light that arrives unreflected."""
+    def __init__(self, size: int, *, direct_only: bool, threads: int = 0) -> None:
+        """Set up Cycles for square images of `size` pixels on `threads` CPU threads (0: all).
+
+        `direct_only` keeps only light that arrives unreflected.
+        """
         self._scratch = tempfile.TemporaryDirectory(prefix="render-")
         self._file = Path(self._scratch.name) / "passes.exr"
         scene = bpy.context.scene
         scene.render.engine = "CYCLES"
         scene.cycles.device = "CPU"
         self._integrator(scene.cycles, 0 if direct_only else BOUNCES)
+        if threads:
+            scene.render.threads_mode, scene.render.threads = "FIXED", threads
         self._film(scene, size)
         camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
         camera.data.sensor_fit, camera.data.angle = "HORIZONTAL", FIELD_OF_VIEW
@@ -92,7 +97,7 @@ class Renderer:
 
     def set_light(self, path: Path) -> None:
         """Light the scene by a lat-long EXR file, importance sampled at its own resolution."""
-        image = bpy.data.images.load(str(path.resolve()), check_existing=True)
+        image = bpy.data.images.load(str(path.resolve()), check_existing=True)  # each file is read once
         image.colorspace_settings.name = "Non-Color"
         self._environment.image = image
         bpy.context.scene.world.cycles.sample_map_resolution = image.size[0]

@@ -29,8 +29,8 @@ def load(name: str) -> ModuleType:
         sys.path.remove(str(RECIPES))
 
 
-latlong, lights, cameras, exr, recipe, scene_folder = (
-    load(name) for name in ("latlong", "lights", "cameras", "exr", "recipe", "scene_folder")
+latlong, lights, light_parts, cameras, exr, recipe, scene_folder = (
+    load(name) for name in ("latlong", "lights", "light_parts", "cameras", "exr", "recipe", "scene_folder")
 )
 
 
@@ -123,6 +123,44 @@ def test_lights_do_not_depend_on_resolution() -> None:
     mask = pooled.max(axis=-1) < 3  # away from the sun's rim
     assert mask.mean() > 0.95
     assert np.abs(coarse - pooled)[mask].mean() < 0.05 * pooled[mask].mean()
+
+
+# -- parts of a light --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("name", "sources"), [("garden", 1), ("harbour", 1), ("lamp_room", 5), ("studio", 3), ("night", 7)])
+def test_parts_of_a_light_partition_it(name: str, sources: int, rendered_lights: dict[str, np.ndarray]) -> None:
+    """One part per lamp, sign, sun or moon of the light's model, and the rest; no texel twice, none lost."""
+    light = rendered_lights[name]
+    parts = light_parts.split(light)
+    assert len(parts) == 1 + sources
+    np.testing.assert_array_equal(sum((part > 0).any(axis=-1).astype(int) for part in parts), 1)
+    np.testing.assert_array_equal(np.sum(parts, axis=0), light)
+
+
+def test_a_light_without_bright_sources_is_one_part() -> None:
+    light = np.ones((8, 16, 3), np.float16)
+    (part,) = light_parts.split(light)
+    np.testing.assert_array_equal(part, light)
+
+
+def test_connected_regions_match_a_flood_fill() -> None:
+    rng = np.random.default_rng(5)
+    texels = rng.random((13, 27)) < 0.35
+    labels = light_parts.connected(texels)
+    assert ((labels > 0) == texels).all()
+    regions = set()
+    for start in zip(*np.nonzero(texels), strict=True):
+        region, queue = {start}, [start]
+        while queue:
+            row, column = queue.pop()
+            around = [(row + i, (column + j) % 27) for i in (-1, 0, 1) for j in (-1, 0, 1) if 0 <= row + i < 13]
+            new = [texel for texel in around if texels[texel] and texel not in region]
+            region.update(new)
+            queue += new
+        regions.add(frozenset(region))
+    assert labels.max() == len(regions)
+    for region in regions:
+        (label,) = {labels[texel] for texel in region}
+        assert (labels == label).sum() == len(region)
 
 
 # -- cameras -----------------------------------------------------------------------------------------------------------
