@@ -1,0 +1,133 @@
+"""Trained networks on disk, in files that cannot run code and that the ``diffusers`` ecosystem reads.
+
+A folder of weights holds ``prior.json`` (the network's config, and where the weights come from), the noise schedule as
+diffusers writes it (``scheduler/scheduler_config.json``), the UNet likewise (``unet/config.json`` and
+``unet/diffusion_pytorch_model.safetensors``), and ``encoder.safetensors`` (the small image encoder, or the projection of
+a pretrained one).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
+from ia_bench.suggest import unknown
+from ia_bench.torchvision_shim import import_torchvision
+
+FORMAT = 1
+UNET = "unet/diffusion_pytorch_model.safetensors"
+ENCODER = "encoder.safetensors"
+FROZEN = "vision."  # a pretrained encoder's own weights stay where they are
+
+
+def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, Any], *, half: bool = True) -> None:
+    """Write ``network`` to ``folder``, in half precision unless told otherwise; an older version there is replaced whole.
+
+    ``provenance``: data, steps, seconds, machine, figures (JSON values), kept beside the config.
+    """
+    import_torchvision()
+    from diffusers import DDPMScheduler
+
+    partial = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    dtype = torch.float16 if half else torch.float32
+    (partial / "unet").mkdir()
+    network.unet.save_config(partial / "unet")
+    save_file({name: value.to(dtype).contiguous() for name, value in network.unet.state_dict().items()}, partial / UNET)
+    if network.encoder is not None:
+        own = {name: value for name, value in network.encoder.state_dict().items() if not name.startswith(FROZEN)}
+        save_file({name: value.to(dtype).contiguous() for name, value in own.items()}, partial / ENCODER)
+    config = network.config
+    if config.kind == "diffusion":
+        DDPMScheduler(**config.schedule, prediction_type=config.prediction_type).save_config(partial / "scheduler")
+    described = {"format": FORMAT, "network": dataclasses.asdict(config), "provenance": provenance}
+    (partial / "prior.json").write_text(json.dumps(described, indent=2) + "\n")
+    old = folder.with_name(f".{folder.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
+    if folder.exists():
+        os.replace(folder, old)
+    os.replace(partial, folder)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
+    """The network in ``folder``, in float32 and evaluation mode, and its provenance.
+
+    Raises InputError, naming file and key, for what is missing, damaged or does not fit its config.
+    """
+    described = read_description(folder)
+    network = MaterialNetwork(_config(folder / "prior.json", described["network"]))
+    _fill(network.unet, folder / UNET)
+    if network.encoder is not None:
+        _fill(network.encoder, folder / ENCODER)
+    network.eval().requires_grad_(False)
+    provenance: dict[str, Any] = described["provenance"]
+    return network, provenance
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """What ``prior.json`` says. Raises InputError where there is none or one of another format."""
+    path = folder / "prior.json"
+    try:
+        described: dict[str, Any] = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.priors.train") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected JSON, found {error}") from None
+    if described.get("format") != FORMAT:
+        raise InputError(f"{path}: format: expected {FORMAT}, found {described.get('format')}")
+    for key in ("network", "provenance"):
+        if not isinstance(described.get(key), dict):
+            raise InputError(f"{path}: expected a table under {key!r}, found {described.get(key)!r}")
+    return described
+
+
+def fingerprint(folder: Path) -> str:
+    """SHA-256 over the files that determine the network's output."""
+    digest = hashlib.sha256()
+    for name in ("prior.json", UNET, ENCODER):
+        if (folder / name).is_file():
+            digest.update(name.encode() + (folder / name).read_bytes())
+    return digest.hexdigest()
+
+
+def _config(path: Path, values: dict[str, Any]) -> NetworkConfig:
+    fields = [field.name for field in dataclasses.fields(NetworkConfig)]
+    for key in values:
+        if key not in fields:
+            raise InputError(f"{path}: " + unknown("key of network", key, fields))
+    lists = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    return NetworkConfig(**lists)
+
+
+def _fill(module: torch.nn.Module, path: Path) -> None:
+    try:
+        weights = load_file(path)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{path}: expected safetensors, found a file that cannot be read ({error})") from None
+    expected = {name: value for name, value in module.state_dict().items() if not name.startswith(FROZEN)}
+    for name, value in expected.items():
+        if name not in weights:
+            raise InputError(f"{path}: {name}: expected a tensor {tuple(value.shape)}, found none")
+        if weights[name].shape != value.shape:
+            raise InputError(f"{path}: {name}: expected shape {tuple(value.shape)}, found {tuple(weights[name].shape)}")
+        if not bool(torch.isfinite(weights[name]).all()):
+            raise InputError(f"{path}: {name}: expected finite values, found NaN or Inf")
+    left = sorted(set(weights) - set(expected))
+    if left:
+        raise InputError(f"{path}: {left[0]}: a tensor that the config has no place for")
+    module.load_state_dict({name: value.float() for name, value in weights.items()}, strict=False)

@@ -1,0 +1,90 @@
+"""Between linear images and the space in which the networks work: display-encoded, [-1, 1], channels first.
+
+An image has an unknown exposure. It is divided out before anything is encoded: a photograph and a render of the same
+object then look the same to the network, and the specular shading, which scales with the image, is predicted relative
+to it. The albedo does not scale.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
+
+SpecularEncoding = Literal["display", "log"]
+EXPOSED_QUANTILE = 0.9
+"""This share of the foreground is darker (in its brightest channel) than EXPOSED_VALUE after exposure."""
+EXPOSED_VALUE = 0.7
+"""Linear; leaves half a stop to highlights before an image clips, as a camera's automatic exposure does."""
+LOG_RANGE = 64.0
+"""Exposed radiance that "log" still tells apart, 6 stops above the white of "display"."""
+
+
+def exposure(images: Tensor, masks: Tensor) -> Tensor:
+    """Factor (N,) that brings each image to the exposure above: images (N, H, W, 3) premultiplied by masks (N, H, W).
+
+    1 for an image without foreground or without light.
+    """
+    brightest = images.amax(-1).flatten(1)
+    inside = masks.flatten(1) > 0.5
+    ordered = torch.where(inside, brightest, torch.inf).sort(1).values
+    count = inside.sum(1)
+    rank = (EXPOSED_QUANTILE * (count - 1)).round().long().clamp_min(0)
+    level = ordered.gather(1, rank[:, None])[:, 0]
+    usable = (count > 0) & (level > 1e-8)
+    return torch.where(usable, EXPOSED_VALUE / torch.where(usable, level, 1.0), 1.0)
+
+
+def encode_image(images: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
+    """The condition (N, 4, H, W): exposed colour as on a display, clipped at white, in [-1, 1], and the mask in [0, 1]."""
+    colour = _encode(images * factor[:, None, None, None], masks)
+    return torch.cat([colour, masks[:, None]], 1)
+
+
+def encode_albedo(albedo: Tensor, masks: Tensor) -> Tensor:
+    """Linear albedo (N, H, W, 3), premultiplied, as (N, 3, H, W) in [-1, 1]; 0 outside the mask."""
+    return _encode(albedo, masks)
+
+
+def decode_albedo(encoded: Tensor, masks: Tensor) -> Tensor:
+    """The inverse of :func:`encode_albedo`: linear in [0, 1], premultiplied by the masks."""
+    return _decode(encoded) * masks[..., None]
+
+
+def encode_specular(specular: Tensor, masks: Tensor, factor: Tensor, encoding: SpecularEncoding) -> Tensor:
+    """Specular radiance (N, H, W, 3), premultiplied, as (N, 3, H, W) in [-1, 1]; 0 outside the mask.
+
+    "display" clips at the image's white, as the paper's training data did; "log" keeps highlights 6 stops beyond it (linear
+    radiance would spend nearly all of the range on them) at the price of contrast in the faint reflections below.
+    """
+    exposed = specular * factor[:, None, None, None]
+    if encoding == "log":
+        exposed = torch.log1p(exposed.clamp_min(0)) / torch.log1p(torch.tensor(LOG_RANGE))
+    return _encode(exposed, masks)
+
+
+def decode_specular(encoded: Tensor, masks: Tensor, factor: Tensor, encoding: SpecularEncoding) -> Tensor:
+    """The inverse of :func:`encode_specular`: linear radiance in the units of the image, premultiplied by the masks."""
+    exposed = _decode(encoded)
+    if encoding == "log":
+        exposed = torch.expm1(exposed * torch.log1p(torch.tensor(LOG_RANGE)))
+    return exposed / factor[:, None, None, None] * masks[..., None]
+
+
+def encode_geometry(normals: Tensor, visibility: Tensor) -> Tensor:
+    """Camera-space normals (N, H, W, 3) and ambient visibility (N, H, W, 1), premultiplied, as (N, 4, H, W)."""
+    return torch.cat([normals, visibility], -1).movedim(-1, 1)
+
+
+def _encode(linear: Tensor, masks: Tensor) -> Tensor:
+    coverage = masks[..., None]
+    straight = linear / coverage.clamp_min(1e-3)
+    encoded = 2 * linear_to_srgb(straight.clamp(0, 1)) - 1
+    return torch.where(coverage > 0, encoded, torch.zeros_like(encoded)).movedim(-1, 1)
+
+
+def _decode(encoded: Tensor) -> Tensor:
+    return srgb_to_linear((0.5 + 0.5 * encoded.movedim(1, -1)).clamp(0, 1))

@@ -1,0 +1,187 @@
+"""The network p(albedo, specular | image): a ``diffusers`` UNet that sees the image by concatenation and cross-attention.
+
+As in the original code (the paper's text names the second only), the image enters twice: beside the noisy components as
+channels, and as tokens of an image encoder through cross-attention. The same module with a constant instead of noise is
+the deterministic regressor: equal size, equal inputs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.encoding import SpecularEncoding
+from ia_bench.torchvision_shim import import_torchvision
+
+Kind = Literal["diffusion", "regressor"]
+IMAGE_CHANNELS = 4  # colour and mask
+GEOMETRY_CHANNELS = 4  # normal and ambient visibility
+CLIP_MEAN, CLIP_STD = (0.4815, 0.4578, 0.4082), (0.2686, 0.2613, 0.2758)  # of the images that CLIP was trained on
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Everything that determines the network's shape and the meaning of its input and output.
+
+    ``kind``: "diffusion", or "regressor" (no noise goes in, the estimate comes out). ``components``: what it predicts; one
+    network for both shares its trunk, two networks with one component each are the paper's way. ``size``: native side in
+    pixels. ``fold``: side of the pixel blocks that become channels before the first convolution. ``channels``: of the UNet's
+    levels; the lowest has cross-attention. ``layers``: residual blocks a level. ``geometry``: whether normals and
+    visibility are inputs (they may be absent). ``encoder``: "small" (trained along), "none", or the folder of a
+    pretrained CLIP vision model (frozen). ``tokens``: width of a token. ``prediction_type``, ``schedule``: see
+    :class:`ia_bench.priors.diffusion.schedule.NoiseSchedule`. ``specular``: see
+    :func:`ia_bench.priors.diffusion.encoding.encode_specular`.
+    """
+
+    kind: Kind = "diffusion"
+    components: tuple[str, ...] = ("albedo", "specular")
+    size: int = 64
+    fold: int = 2
+    channels: tuple[int, ...] = (48, 80, 128)
+    layers: int = 1
+    geometry: bool = True
+    encoder: str = "small"
+    tokens: int = 128
+    prediction_type: Literal["epsilon", "v_prediction", "sample"] = "v_prediction"
+    specular: SpecularEncoding = "display"
+    schedule: dict[str, Any] = field(
+        default_factory=lambda: {
+            "num_train_timesteps": 1000,
+            "beta_schedule": "squaredcos_cap_v2",
+            "rescale_betas_zero_snr": True,
+        }
+    )
+
+    def __post_init__(self) -> None:
+        stride = self.fold * 2 ** (len(self.channels) - 1)
+        if self.size % stride:
+            raise InputError(f"network.size: expected a multiple of {stride} (fold x down-sampling), found {self.size}")
+        if any(width % 16 for width in self.channels):
+            raise InputError(f"network.channels: expected multiples of 16, found {list(self.channels)}")
+
+    @property
+    def output_channels(self) -> int:
+        """Channels of the components before folding."""
+        return 3 * len(self.components)
+
+    @property
+    def condition_channels(self) -> int:
+        """Channels of the condition before folding."""
+        return IMAGE_CHANNELS + GEOMETRY_CHANNELS * self.geometry
+
+
+class MaterialNetwork(nn.Module):
+    """``unet`` (diffusers UNet2DConditionModel) on folded pixels, and ``encoder``, image -> tokens (None without one)."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        import_torchvision()
+        from diffusers import UNet2DConditionModel
+
+        self.config = config
+        block = config.fold**2
+        levels = len(config.channels)
+        attends = config.encoder != "none"
+        lowest = "CrossAttn" if attends else ""
+        noisy = config.output_channels if config.kind == "diffusion" else 0
+        self.unet = UNet2DConditionModel(
+            sample_size=config.size // config.fold,
+            in_channels=block * (noisy + config.condition_channels),
+            out_channels=block * config.output_channels,
+            down_block_types=("DownBlock2D",) * (levels - 1) + (f"{lowest}DownBlock2D",),
+            mid_block_type=f"UNetMidBlock2D{lowest}",
+            up_block_types=(f"{lowest}UpBlock2D",) + ("UpBlock2D",) * (levels - 1),
+            block_out_channels=config.channels,
+            layers_per_block=config.layers,
+            norm_num_groups=16,
+            attention_head_dim=max(config.channels[-1] // 32, 1),
+            cross_attention_dim=config.tokens,
+            resnet_time_scale_shift="scale_shift",
+        )
+        self.encoder: nn.Module | None = None
+        if config.encoder == "small":
+            self.encoder = SmallEncoder(config.tokens)
+        elif attends:
+            self.encoder = ClipEncoder(Path(config.encoder), config.tokens)
+
+    def forward(
+        self, noisy: Tensor | None, timestep: Tensor, condition: Tensor, dropped: tuple[Tensor, Tensor] | None = None
+    ) -> Tensor:
+        """Raw output (N, 3 C, H, W); its meaning is ``config.prediction_type`` ("sample" for a regressor).
+
+        ``noisy`` (N, 3 C, H, W), None for a regressor; ``timestep`` (N,); ``condition`` (N, condition_channels, H, W), its
+        geometry channels zero where unknown. ``dropped``: (N,) bool each, images whose channels and whose tokens are
+        replaced by zeros (classifier-free guidance). H and W are multiples of fold x down-sampling.
+        """
+        tokens = self.tokens(condition)
+        if dropped is not None:
+            keep_channels, keep_tokens = (~drop for drop in dropped)
+            condition = condition * keep_channels[:, None, None, None]
+            tokens = None if tokens is None else tokens * keep_tokens[:, None, None]
+        return self.denoise(noisy, timestep, condition, tokens)
+
+    def tokens(self, condition: Tensor) -> Tensor | None:
+        """What the image encoder makes of the condition, (N, tokens, width): once per image, not once per step."""
+        return None if self.encoder is None else self.encoder(condition[:, :IMAGE_CHANNELS])
+
+    def denoise(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor, tokens: Tensor | None) -> Tensor:
+        """:meth:`forward` with the tokens at hand."""
+        channels = condition if noisy is None else torch.cat([noisy, condition], 1)
+        folded = F.pixel_unshuffle(channels, self.config.fold)
+        output = self.unet(folded, timestep, tokens, return_dict=False)[0]
+        return F.pixel_shuffle(output, self.config.fold)
+
+
+class SmallEncoder(nn.Module):
+    """A convolutional encoder, trained with the network: (N, 4, H, W) -> 8 x 8 tokens with their positions."""
+
+    SIDE = 8
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        layers: list[nn.Module] = [nn.PixelUnshuffle(4), nn.Conv2d(16 * IMAGE_CHANNELS, 48, 3, padding=1)]
+        for inside, outside, stride in ((48, 96, 2), (96, width, 1)):
+            layers += [nn.GroupNorm(16, inside), nn.SiLU(), nn.Conv2d(inside, outside, 3, padding=1, stride=stride)]
+        self.convolutions = nn.Sequential(*layers)
+        self.position = nn.Parameter(torch.zeros(1, self.SIDE**2, width))
+        self.norm = nn.LayerNorm(width)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Tokens (N, 64, width) of images of any size that is a multiple of 4."""
+        features = F.adaptive_avg_pool2d(self.convolutions(image), self.SIDE)
+        return self.norm(features.flatten(2).transpose(1, 2) + self.position)
+
+
+class ClipEncoder(nn.Module):
+    """A frozen CLIP vision model (``transformers``, from a local folder) and a trained projection of its patch features.
+
+    The paper's encoder. Its weights are not saved with the network; the folder must be there again.
+    """
+
+    def __init__(self, folder: Path, width: int) -> None:
+        super().__init__()
+        if not (folder / "config.json").is_file():
+            raise InputError(f"network.encoder: expected small, none or the folder of a CLIP vision model, found {folder}")
+        from transformers import CLIPVisionModel
+
+        self.vision = CLIPVisionModel.from_pretrained(folder, local_files_only=True, use_safetensors=True)
+        self.vision.requires_grad_(False)
+        self.side = int(self.vision.config.image_size)
+        self.projection = nn.Linear(int(self.vision.config.hidden_size), width)
+        self.register_buffer("mean", torch.tensor(CLIP_MEAN)[:, None, None], persistent=False)
+        self.register_buffer("std", torch.tensor(CLIP_STD)[:, None, None], persistent=False)
+
+    def forward(self, image: Tensor) -> Tensor:
+        """Tokens (N, 1 + patches, width); the background is white, as in the original code."""
+        inside = image[:, 3:4]
+        colour = (0.5 + 0.5 * image[:, :3]) * inside + (1 - inside)
+        colour = F.interpolate(colour, (self.side, self.side), mode="bicubic", align_corners=False)
+        features = self.vision(pixel_values=(colour - self.mean) / self.std).last_hidden_state
+        tokens: Tensor = self.projection(features)
+        return tokens

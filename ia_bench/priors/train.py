@@ -1,0 +1,36 @@
+"""``python -m ia_bench.priors.train``: trains the diffusion prior, or the regressor of the same size."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+from ia_bench.__main__ import INTERRUPTED, OK, complain
+from ia_bench.errors import InputError
+from ia_bench.progress import Progress
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    from ia_bench.priors.training.settings import parse, usage
+
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    if not {"-h", "--help"}.isdisjoint(arguments):
+        print(usage(), end="")
+        return OK
+    try:
+        settings = parse(arguments)
+        from ia_bench.priors.training.loop import train  # brings in diffusers
+
+        with Progress() as progress:
+            figures = train(settings, progress)
+            progress.note(f"weights in {settings.out / 'weights'}: {figures}")
+    except InputError as error:
+        return complain(str(error))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,271 @@
+"""The training loop of the priors: ``accelerate`` for devices and processes, every draw a function of (seed, step).
+
+Because nothing depends on a running generator, a run that resumes from any checkpoint meets the same batches, the same
+noise and the same dropped conditions as one that was never stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.checkpoints import save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.training.dataset import Batch, TrainingImages
+from ia_bench.priors.training.settings import TrainSettings
+from ia_bench.priors.training.validation import score_single_view
+from ia_bench.progress import Progress
+from ia_bench.torchvision_shim import import_torchvision
+
+FINAL_RATE = 0.1  # of the full rate, at the last step
+PICTURES = 8  # images of a sample grid
+
+
+def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
+    """Train (or go on training) and return the last validation figures; the weights are in ``settings.out``/weights."""
+    import_torchvision()  # before diffusers and accelerate, which import it
+    from accelerate import Accelerator
+
+    if settings.threads is not None:
+        torch.set_num_threads(settings.threads)
+    accelerator = Accelerator(mixed_precision="bf16" if _bf16(settings) else "no")
+    if settings.batch % accelerator.num_processes:
+        raise InputError(f"batch: expected a multiple of the {accelerator.num_processes} processes, found {settings.batch}")
+    return _Training(settings, accelerator, progress).finish()
+
+
+def _bf16(settings: TrainSettings) -> bool:
+    if settings.precision != "auto":
+        return settings.precision == "bf16"
+    if torch.cuda.is_available():
+        return torch.cuda.is_bf16_supported()
+    return torch.backends.cpu.get_cpu_capability() == "AVX512" and torch.ops.mkldnn._is_mkldnn_bf16_supported()
+
+
+class _Training:
+    """State of one training run in one process."""
+
+    def __init__(self, settings: TrainSettings, accelerator: Any, progress: Progress) -> None:  # noqa: ANN401 (lazy import)
+        from diffusers.training_utils import EMAModel
+
+        self.settings, self.accelerator, self.progress = settings, accelerator, progress
+        self.images = TrainingImages(settings.data)
+        self.held_out = TrainingImages(settings.validation, limit=settings.validation_images)
+        for images in (self.images, self.held_out):
+            if images.size != settings.network.size:
+                raise InputError(f"{images.folder}: expected images of network.size={settings.network.size}, found {images.size}")
+        torch.manual_seed(settings.seed)
+        self.network = MaterialNetwork(settings.network)
+        self.schedule = None
+        if settings.network.kind == "diffusion":
+            config = {**settings.network.schedule, "prediction_type": settings.network.prediction_type}
+            self.schedule = NoiseSchedule.from_diffusers(config).alpha_bar.float()
+        trained = [parameter for parameter in self.network.parameters() if parameter.requires_grad]
+        optimizer = torch.optim.AdamW(trained, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
+        self.ema = EMAModel(self.network.parameters(), decay=settings.ema, use_ema_warmup=True, power=0.75)
+        self.step, self.seconds = 0, 0.0
+        state = _load_state(settings)
+        if state is not None:
+            self.network.load_state_dict(state["network"])
+            optimizer.load_state_dict(state["optimizer"])
+            self.ema.load_state_dict(state["ema"])
+            self.step, self.seconds = state["step"], state["seconds"]
+        self.model, self.optimizer = accelerator.prepare(self.network, optimizer)
+        self.ema.to(accelerator.device)
+        self.predict = torch.compile(self.model) if settings.compile else self.model
+        self.figures: dict[str, Any] = {}
+
+    def finish(self) -> dict[str, Any]:
+        from torch.utils.tensorboard import SummaryWriter
+
+        settings, main = self.settings, self.accelerator.is_main_process
+        self.writer = SummaryWriter(settings.out / "tensorboard", purge_step=self.step) if main else None
+        task = self.progress.task("training", settings.steps, self.step)
+        started = saved = time.monotonic()
+        while self.step < settings.steps:
+            before = time.monotonic()
+            loss = self._optimise()
+            self.step += 1
+            self.seconds += time.monotonic() - before
+            task.advance(1, loss=loss)
+            if self.writer is not None and self.step % 20 == 0:
+                self.writer.add_scalar("loss", loss, self.step)
+                self.writer.add_scalar("rate", self.optimizer.param_groups[0]["lr"], self.step)
+            now = time.monotonic()
+            out_of_time = settings.minutes is not None and now - started > 60 * settings.minutes
+            last = self.step == settings.steps or self._agree(out_of_time)
+            if self.step % settings.validate_steps == 0 or last:
+                self._validate()
+            if self._agree(now - saved > 60 * settings.checkpoint_minutes) or last:
+                self._save()
+                saved = now
+            if last:
+                break
+        self.accelerator.wait_for_everyone()
+        return self.figures
+
+    def _optimise(self) -> float:
+        settings, device = self.settings, self.accelerator.device
+        for group in self.optimizer.param_groups:
+            group["lr"] = settings.rate * rate_factor(self.step, settings.steps, settings.warmup)
+        batch, draws = self._draw(self.step)
+        batch = batch.to(device)
+        with self.accelerator.autocast():
+            output, wanted = self._predicted(batch, draws)
+        weight = settings.background + (1 - settings.background) * (batch.masks[:, None] > 0)
+        loss = ((output.float() - wanted).square() * weight).sum() / (weight.sum() * wanted.shape[1])
+        self.accelerator.backward(loss)
+        norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient)
+        if not bool(torch.isfinite(norm)):
+            raise FloatingPointError(f"step {self.step}: the gradient is NaN or Inf; the last checkpoint is kept")
+        self.optimizer.step()
+        self.optimizer.zero_grad(set_to_none=True)
+        self.ema.step(self.network.parameters())
+        return float(loss.detach())
+
+    def _draw(self, step: int) -> tuple[Batch, dict[str, Tensor]]:
+        """This process's share of the batch of ``step``, and its random numbers."""
+        settings = self.settings
+        index = batch_index(len(self.images), settings.batch, settings.seed, step)
+        share = index[self.accelerator.process_index :: self.accelerator.num_processes]
+        generator = torch.Generator().manual_seed(_stream(settings.seed, step, self.accelerator.process_index))
+        batch = self.images.batch(share, settings.network, settings.augmentation, generator)
+        count = len(share)
+        choice = torch.rand(count, generator=generator)
+        edges = torch.tensor([settings.drop_channels, settings.drop_tokens, settings.drop_both]).cumsum(0)
+        both = (choice >= edges[1]) & (choice < edges[2])
+        draws = {
+            "noise": torch.randn(batch.target.shape, generator=generator),
+            "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (count,), generator=generator),
+            "drop_channels": (choice < edges[0]) | both,
+            "drop_tokens": ((choice >= edges[0]) & (choice < edges[1])) | both,
+        }
+        return batch, draws
+
+    def _predicted(self, batch: Batch, draws: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """The network's raw output and what it should have been, (N, 3 C, H, W) each."""
+        device = batch.target.device
+        draws = {name: value.to(device) for name, value in draws.items()}
+        if self.schedule is None:  # the regressor always sees its image
+            return self.predict(None, torch.zeros_like(draws["timestep"]), batch.condition, None), batch.target
+        level = self.schedule.to(device)[draws["timestep"]][:, None, None, None]
+        noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
+        wanted = {
+            "epsilon": draws["noise"],
+            "v_prediction": level.sqrt() * draws["noise"] - (1 - level).sqrt() * batch.target,
+            "sample": batch.target,
+        }[self.settings.network.prediction_type]
+        dropped = (draws["drop_channels"], draws["drop_tokens"])
+        return self.predict(noisy, draws["timestep"], batch.condition, dropped), wanted
+
+    def _agree(self, mine: bool) -> bool:
+        """The main process decides for all, since clocks differ."""
+        from accelerate.utils import broadcast
+
+        if self.accelerator.num_processes == 1:
+            return mine
+        return bool(broadcast(torch.tensor(float(mine), device=self.accelerator.device)) > 0)
+
+    def _validate(self) -> None:
+        if self.writer is None:
+            return
+        settings = self.settings
+        self.ema.store(self.network.parameters())
+        self.ema.copy_to(self.network.parameters())
+        self.network.eval()
+        index = torch.arange(min(settings.validation_images, len(self.held_out)))
+        scored = score_single_view(self.network, self.held_out, index, steps=settings.validation_sampler_steps, seed=settings.seed)
+        self.network.train()
+        self.ema.restore(self.network.parameters())
+        self.figures = {name: round(value, 3) for name, value in scored.figures.items()}
+        for name, value in scored.figures.items():
+            self.writer.add_scalar(f"validation/{name}", value, self.step)
+        rows = [image[:PICTURES].flatten(0, 1).clamp(0, 1) ** (1 / 2.2) for image in scored.pictures.values()]
+        self.writer.add_image("validation", torch.cat(rows, 1), self.step, dataformats="HWC")
+        self.progress.note(f"step {self.step}: " + ", ".join(f"{name} {value:.2f}" for name, value in self.figures.items()))
+        with (settings.out / "validation.jsonl").open("a") as file:
+            file.write(json.dumps({"step": self.step, "seconds": round(self.seconds, 1), **self.figures}) + "\n")
+
+    def _save(self) -> None:
+        if not self.accelerator.is_main_process:
+            return
+        settings = self.settings
+        state = {
+            "identity": settings.identity(),
+            "step": self.step,
+            "seconds": self.seconds,
+            "network": self.network.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "ema": self.ema.state_dict(),
+        }
+        partial = settings.out / ".state.partial"
+        torch.save(state, partial)
+        os.replace(partial, settings.out / "state.pt")
+        self.ema.store(self.network.parameters())
+        self.ema.copy_to(self.network.parameters())
+        save_network(settings.out / "weights", self.network, self._provenance())
+        self.ema.restore(self.network.parameters())
+
+    def _provenance(self) -> dict[str, Any]:
+        settings = self.settings
+        return {
+            "steps": self.step,
+            "batch": settings.batch,
+            "seconds": round(self.seconds),
+            "images": len(self.images),
+            "processes": self.accelerator.num_processes,
+            "threads": torch.get_num_threads(),
+            "device": torch.cuda.get_device_name() if torch.cuda.is_available() else platform.machine(),
+            "seed": settings.seed,
+            "validation": self.figures,
+        }
+
+
+def rate_factor(step: int, steps: int, warmup: int) -> float:
+    """Share of the full learning rate at ``step``: a linear rise, then a cosine down to FINAL_RATE."""
+    rise = min(1.0, (step + 1) / max(warmup, 1))
+    fall = FINAL_RATE + (1 - FINAL_RATE) * 0.5 * (1 + math.cos(math.pi * step / max(steps, 1)))
+    return rise * fall
+
+
+def batch_index(images: int, batch: int, seed: int, step: int) -> Tensor:
+    """Images (batch,) of a step: successive parts of a permutation that is new in every pass over the data."""
+    first = step * batch
+    parts = []
+    while len(parts) == 0 or sum(map(len, parts)) < batch:
+        epoch, offset = divmod(first, images)
+        order = torch.randperm(images, generator=torch.Generator().manual_seed(_stream(seed, epoch, 1 << 20)))
+        parts.append(order[offset : offset + batch - sum(map(len, parts))])
+        first += len(parts[-1])
+    return torch.cat(parts)
+
+
+def _stream(*path: int) -> int:
+    """One seed from several numbers."""
+    import numpy as np
+
+    return int(np.random.SeedSequence(path).generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def _load_state(settings: TrainSettings) -> dict[str, Any] | None:
+    path: Path = settings.out / "state.pt"
+    settings.out.mkdir(parents=True, exist_ok=True)
+    if not path.is_file():
+        return None
+    try:
+        state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # whatever torch raises on a damaged file
+        raise InputError(f"{path}: expected the state of a training run, found a file that cannot be read ({error})") from error
+    if state["identity"] != settings.identity():
+        raise InputError(f"{path}: belongs to a run with other settings; choose another out=FOLDER or the old settings")
+    return state

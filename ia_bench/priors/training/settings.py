@@ -1,0 +1,159 @@
+"""Everything that a training run of a prior depends on, from KEY=VALUE arguments."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
+
+import yaml
+
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.network import NetworkConfig
+from ia_bench.priors.training.dataset import Augmentation
+from ia_bench.suggest import unknown
+
+NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """``data``, ``validation``: folders of shards (different seeds); ``out``: the run's folder, resumed where it exists.
+
+    ``steps``: optimiser steps in all; the rate rises over ``warmup`` steps to ``rate`` and falls along a cosine to a
+    tenth of it. ``minutes``: stop (and keep the state) after that long, None for no limit. ``batch``: images a step
+    over all processes. ``ema``: decay of the averaged weights, which are the ones that are kept. ``drop_channels``,
+    ``drop_tokens``, ``drop_both``: share of the images whose condition is withheld in that way, for classifier-free guidance
+    (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss.
+    ``precision``: "bf16", "float32", or "auto" (bf16 where the processor has it). ``compile``: whether the network is
+    compiled for training. ``checkpoint_minutes``, ``validate_steps``: how often the state is kept, and the network
+    validated on ``validation_images`` images with ``validation_samples_steps`` denoising steps.
+    """
+
+    data: Path
+    validation: Path
+    out: Path
+    steps: int = 20_000
+    minutes: float | None = None
+    batch: int = 32
+    rate: float = 5e-4
+    warmup: int = 200
+    weight_decay: float = 0.01
+    clip_gradient: float = 1.0
+    ema: float = 0.999
+    drop_channels: float = 0.05
+    drop_tokens: float = 0.05
+    drop_both: float = 0.05
+    background: float = 0.1
+    precision: str = "auto"
+    compile: bool = True
+    threads: int | None = None
+    seed: int = 0
+    checkpoint_minutes: float = 5.0
+    validate_steps: int = 1000
+    validation_images: int = 64
+    validation_sampler_steps: int = 10
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    augmentation: Augmentation = field(default_factory=Augmentation)
+
+    def identity(self) -> str:
+        """Hash of what the weights depend on; a run resumes only where it is the same."""
+        free = ("out", "minutes", "threads", "compile", "checkpoint_minutes")
+        values = {
+            key: value
+            for key, value in dataclasses.asdict(self).items()
+            if key not in free and not key.startswith("validat")
+        }
+        return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
+def parse(arguments: Sequence[str]) -> TrainSettings:
+    """Read KEY=VALUE arguments; keys of the parts are dotted (network.size=128). Raises InputError naming the key."""
+    known = _keys(TrainSettings)
+    flat: dict[str, Any] = {}
+    for argument in arguments:
+        key, separator, text = argument.partition("=")
+        if key not in known:
+            raise InputError(unknown("setting of ia_bench.priors.train", key, known))
+        if not separator:
+            raise InputError(f"{key}: expected {key}=VALUE, found {argument!r}")
+        flat[key] = _value(key, text, known[key])
+    for key in ("data", "validation", "out"):
+        if key not in flat:
+            raise InputError(f"expected {key}=FOLDER; --help says more")
+    parts: dict[str, dict[str, Any]] = {"network": {}, "augmentation": {}}
+    for key in [key for key in flat if "." in key]:
+        part, _, name = key.partition(".")
+        parts[part][name] = flat.pop(key)
+    settings = TrainSettings(
+        **flat, network=NetworkConfig(**parts["network"]), augmentation=Augmentation(**parts["augmentation"])
+    )
+    for key, least in (("steps", 1), ("batch", 1), ("warmup", 0), ("validate_steps", 1), ("validation_images", 1)):
+        if getattr(settings, key) < least:
+            raise InputError(f"{key}: expected at least {least}, found {getattr(settings, key)}")
+    if settings.precision not in ("auto", "bf16", "float32"):
+        raise InputError(unknown("value of precision", settings.precision, ["auto", "bf16", "float32"]))
+    return settings
+
+
+def _keys(kind: type, prefix: str = "") -> dict[str, Any]:
+    hints = get_type_hints(kind)
+    found: dict[str, Any] = {}
+    for item in dataclasses.fields(kind):
+        if dataclasses.is_dataclass(hints[item.name]):
+            found |= _keys(hints[item.name], f"{item.name}.")
+        else:
+            found[prefix + item.name] = hints[item.name]
+    return found
+
+
+def _value(key: str, text: str, kind: Any) -> Any:  # noqa: ANN401 (any field's type and value)
+    if kind is Path:
+        return Path(text)
+    value = yaml.safe_load(text)
+    if kind is float and isinstance(value, str):  # YAML 1.1 reads 5e-4 as text
+        try:
+            value = float(value)
+        except ValueError:
+            raise InputError(f"{key}: expected a number, found {text!r}") from None
+    if isinstance(value, list):
+        value = tuple(value)
+    if kind is float and type(value) is int:
+        value = float(value)
+    choices = [choice for choice in get_args(kind) if isinstance(choice, str)]
+    if choices and value not in choices:
+        raise InputError(unknown(f"value of {key}", text, choices))
+    if kind in (int, float, bool, str) and type(value) is not kind:
+        raise InputError(f"{key}: expected {NAMES[kind]}, found {text!r}")
+    return value
+
+
+USAGE = """\
+python -m ia_bench.priors.train data=FOLDER validation=FOLDER out=FOLDER [KEY=VALUE ...]
+accelerate launch --num_processes 2 -m ia_bench.priors.train ...        (several processes or GPUs)
+
+Trains a prior on shards made by python -m ia_bench.priors.data. The same command resumes a run that was stopped.
+network.kind=regressor trains the deterministic alternative of the same size. out/weights holds the averaged weights
+(prior.options.weights=out/weights uses them), out/tensorboard the curves and pictures.
+
+Settings and their defaults
+{settings}
+"""
+
+
+def usage() -> str:
+    """The help text, with every setting."""
+    lines = []
+    for prefix, instance in (("", TrainSettings), ("network.", NetworkConfig), ("augmentation.", Augmentation)):
+        for item in dataclasses.fields(instance):
+            if item.name in ("network", "augmentation"):
+                continue
+            default = "(required)" if item.default is item.default_factory is dataclasses.MISSING else item.default
+            if item.default is dataclasses.MISSING and item.default_factory is not dataclasses.MISSING:
+                default = item.default_factory()
+            lines.append(f"  {prefix + item.name:<28}{default}")
+    return USAGE.format(settings="\n".join(lines))
