@@ -118,4 +118,4 @@ def seeded_noise(seeds: Sequence[int], shape: tuple[int, int, int]) -> Noise:
 
 def derive_seed(seed: int, *path: int) -> int:
     """A seed for one part or purpose of what ``seed`` (>= 0) stands for, as independent of it as if it were random."""
-    return int(np.random.SeedSequence([seed, *path]).generate_state(1, np.uint64)[0] >> np.uint64(1))
+    return int(np.random.SeedSequence(seed, spawn_key=path).generate_state(1, np.uint64)[0] >> np.uint64(1))
