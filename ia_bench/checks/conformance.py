@@ -66,6 +66,7 @@ class _Subject:
         self.calls_before = prior.network_calls
         self.components = sorted(prior.provides)
         self.modified: set[str] = set()
+        self.geometry = False  # whether a prior that reads geometry is given it
         self._asked = 0
         self._base: Samples | None = None
 
@@ -74,18 +75,34 @@ class _Subject:
     ) -> Samples:
         """One sample of the prior under test, or of another instance of it."""
         prior = self.prior if prior is None else prior
+        self.prepare(prior, stack)
+        return self.ask_tensors(prior, stack.images, stack.masks, seed, guidance)
+
+    def prepare(self, prior: Prior, stack: Stack) -> None:
+        """Show the prior what a run would show it of the views before asking about them."""
         if prior.sees_truth:
             prior.reveal(stack.views)  # type: ignore[attr-defined]  # its members were checked first
-        return self.ask_tensors(prior, stack.images, stack.masks, seed, guidance)
+        if self.geometry and getattr(prior, "reads_geometry", False):
+            prior.give_geometry(*stack.geometry())  # type: ignore[attr-defined]
+
+    def distill(self, stack: Stack, renders: Samples, seed: int) -> Samples:
+        """Estimates of ``renders`` by the prior under test."""
+        self.prepare(self.prior, stack)
+        inputs = {"images": stack.images, "masks": stack.masks, **{f"renders {k}": v for k, v in renders.items()}}
+        return self._watched(inputs, lambda: self.prior.distill(inputs["images"], inputs["masks"], renders, seed=seed))  # type: ignore[attr-defined]
 
     def ask_tensors(self, prior: Prior, images: Tensor, masks: Tensor, seed: int, guidance: Samples | None) -> Samples:
         """The same for tensors that are no stack, without revealing anything."""
         inputs = {"images": images, "masks": masks, **{f"guidance {k}": v for k, v in (guidance or {}).items()}}
+        return self._watched(inputs, lambda: prior.sample(images, masks, seed=seed, guidance=guidance))
+
+    def _watched(self, inputs: Samples, call: Callable[[], Samples]) -> Samples:
+        """What ``call`` returns; remembers which of its inputs it wrote to."""
         kept = {name: value.clone() for name, value in inputs.items()}
         self._asked += 1  # another state of the global generators each time: a sample must not depend on them
         torch.manual_seed(self._asked)
         np.random.seed(self._asked)
-        samples = prior.sample(images, masks, seed=seed, guidance=guidance)
+        samples = call()
         self.modified |= {n for n, v in inputs.items() if not torch.equal(v.nan_to_num(), kept[n].nan_to_num())}
         return samples
 
@@ -205,6 +222,41 @@ def _guided(subject: _Subject) -> Iterator[Finding]:
     yield _same("guidance of strength 0", base, subject.ask(stack, guidance=render, prior=weak))
 
 
+# ---- what a prior may offer besides ----------------------------------------------------------------------------------
+
+
+def _distilled(subject: _Subject) -> Iterator[Finding]:
+    if not hasattr(subject.prior, "distill"):
+        return
+    stack = subject.stack
+    renders = {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in subject.components}
+    estimates = subject.distill(stack, renders, 0)
+    expected = ", ".join(subject.components)
+    found = ", ".join(sorted(estimates))
+    yield judge(found == expected, "distilled components", expected, found or "nothing")
+    broken = [
+        f for n in subject.components if n in estimates for f in _sound(n, estimates[n], stack) if f.status == "fail"
+    ]
+    found = "; ".join(f"{finding.what}: {finding.found}" for finding in broken) or "sound"
+    yield judge(not broken, "distilled estimates", "sound like samples", found)
+    if found == "sound" and sorted(estimates) == subject.components:
+        yield _same("distilled again", estimates, subject.distill(stack, renders, 0))
+
+
+def _with_geometry(subject: _Subject) -> Iterator[Finding]:
+    if not getattr(subject.prior, "reads_geometry", False):
+        return
+    stack = subject.stack
+    subject.geometry = True
+    samples = {name: sample.clone() for name, sample in subject.ask(stack).items()}
+    broken = [f for n in subject.components for f in _sound(n, samples[n], stack) if f.status == "fail"]
+    found = "; ".join(f"{finding.what}: {finding.found}" for finding in broken) or "sound"
+    yield judge(not broken, "a sample with geometry", "sound like one without", found)
+    subject.ask(stack.one(1))  # which brings other geometry
+    yield _same("the same geometry again", samples, subject.ask(stack))
+    subject.geometry = False
+
+
 # ---- wrong input -----------------------------------------------------------------------------------------------------
 
 
@@ -246,9 +298,11 @@ RULES: tuple[tuple[str, Callable[[_Subject], Iterator[Finding]]], ...] = (
     ("seeds", _repeatable),
     ("an image on its own", _independent),
     ("guidance", _guided),
+    ("distillation", _distilled),
     ("wrong input", _refuses),
     ("inputs", _untouched),
     ("network_calls over all samples", _counted),
+    ("geometry", _with_geometry),
 )
 """Every rule after the declared members, in order; the first name stands for the rule where it raises."""
 

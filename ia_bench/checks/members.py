@@ -33,6 +33,22 @@ def check_members(prior: Any) -> Iterator[Finding]:  # noqa: ANN401 (anything ma
     yield _callable(prior, "sample", signature, ("images", "masks"), {"seed": 0, "guidance": None})
     if getattr(prior, "sees_truth", False) is True:
         yield _callable(prior, "reveal", "reveal(views), because it declares sees_truth", ("views",), {})
+    yield from _optional_members(prior)
+
+
+def _optional_members(prior: Any) -> Iterator[Finding]:  # noqa: ANN401 (anything may claim to be a prior)
+    """Members of the contract that a prior may leave out, and must have right where it does not."""
+    if hasattr(prior, "distill"):
+        signature = "distill(images, masks, renders, *, seed)"
+        yield _callable(prior, "distill", signature, ("images", "masks", "renders"), {"seed": 0})
+    if hasattr(prior, "reads_geometry"):
+        value = prior.reads_geometry
+        yield judge(isinstance(value, bool), "reads_geometry", "True or False", _shown(value))
+        signature = "give_geometry(normals, visibility), because it declares reads_geometry"
+        yield _callable(prior, "give_geometry", signature, ("normals", "visibility"), {})
+    if hasattr(prior, "fingerprint"):
+        value = prior.fingerprint
+        yield judge(isinstance(value, str) and bool(value), "fingerprint", "a text", _shown(value))
 
 
 def is_int(value: Any) -> bool:  # noqa: ANN401 (a member of any type)

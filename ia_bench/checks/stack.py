@@ -37,6 +37,11 @@ class Stack:
         """(V, H, W, 3) ground truth of "albedo" or "specular"; new memory at every call."""
         return torch.from_numpy(np.stack([getattr(view, component) for view in self.views]))
 
+    def geometry(self) -> tuple[Tensor, Tensor]:
+        """What :class:`ia_bench.priors.contract.GeometryReader` takes, of a surface that faces the camera and is half open."""
+        masks = self.masks[..., None]
+        return masks * torch.tensor([0.0, 0.0, 1.0]), 0.5 * masks
+
     def one(self, view: int) -> Stack:
         """The stack of that view alone."""
         return Stack(self.views[view : view + 1])

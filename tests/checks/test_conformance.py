@@ -204,6 +204,44 @@ class Stretching(Sound):
         return super().sample(images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
 
 
+class Offering(Sound):
+    """Everything that a prior may offer besides: distillation, geometry, a fingerprint."""
+
+    reads_geometry = True
+    fingerprint = "offering, version 1"
+    openness: Tensor | None = None
+
+    def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:
+        self.openness = visibility
+
+    def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
+        samples = super().sample(images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
+        if self.openness is not None:
+            samples["albedo"] = samples["albedo"] * self.openness
+        return samples
+
+    def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
+        level = float(torch.rand(1, generator=torch.Generator().manual_seed(seed)))
+        return {name: 0.5 * level * render + 0.5 * images.clamp(max=1) * masks[..., None] for name, render in renders.items()}
+
+
+def offering(**members: object) -> type[Offering]:
+    return type("Changed", (Offering,), members)
+
+
+def remember_geometry(self: Offering, normals: Tensor, visibility: Tensor) -> None:
+    self.openness = visibility if self.openness is None else visibility * 0.9
+
+
+def distill_as(change: Callable[[dict[str, Tensor]], dict]) -> Callable[..., dict]:
+    """A distillation whose estimates pass through ``change``."""
+    return lambda self, images, masks, renders, *, seed: change(Offering.distill(self, images, masks, renders, seed=seed))
+
+
+def overwrite_renders(self: Offering, images: Tensor, masks: Tensor, renders: dict, *, seed: int) -> dict[str, Tensor]:
+    return {name: render.mul_(0.5) for name, render in renders.items()}
+
+
 BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     # what is wrong: a prior that does it, the first line that must fail (later ones may follow from it)
     "raises when made": (lambda: 1 / 0, "construction"),
@@ -251,6 +289,22 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "writes to images": (spoiled(writes_images), "inputs"),
     "writes to guidance": (spoiled(writes_guidance), "inputs"),
     "network not counted": (Uncounted, "network_calls over all samples"),
+    "distill takes no seed": (offering(distill=lambda self, images, masks, renders: {}), "distill"),
+    "distills one component": (offering(distill=distill_as(lambda e: {"albedo": e["albedo"]})), "distilled components"),
+    "distills channels first": (
+        offering(distill=distill_as(lambda e: {n: v.permute(0, 3, 1, 2) for n, v in e.items()})), "distilled estimates"
+    ),
+    "distills at random": (
+        offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"
+    ),
+    "writes to renders": (offering(distill=overwrite_renders), "inputs"),
+    "reads_geometry is 1": (offering(reads_geometry=1), "reads_geometry"),
+    "reads geometry and takes none": (changed(reads_geometry=True), "give_geometry"),
+    "NaN with geometry": (
+        offering(give_geometry=lambda self, n, v: setattr(self, "openness", v / v)), "a sample with geometry"
+    ),
+    "remembers other geometry": (offering(give_geometry=remember_geometry), "the same geometry again"),
+    "an empty fingerprint": (offering(fingerprint=""), "fingerprint"),
 }
 
 
@@ -273,6 +327,17 @@ def test_sound_prior_passes_everything(ball: Stack) -> None:
     assert never_broken == {
         "albedo: type", "albedo: finite", "albedo: premultiplied", "specular: shape", "guided albedo", "37 x 31 images"
     }  # fmt: skip
+
+
+def test_what_is_offered_besides_is_checked(ball: Stack) -> None:
+    findings = list(check_prior(Offering, ball))
+    assert {finding.status for finding in findings} == {"pass"}
+    besides = [finding.what for finding in findings if finding.what not in {f.what for f in check_prior(Sound, ball)}]
+    assert besides == [
+        "distill", "reads_geometry", "give_geometry", "fingerprint", "distilled components", "distilled estimates",
+        "distilled again", "a sample with geometry", "the same geometry again"
+    ]  # fmt: skip
+    assert set(besides) == {expected for _, expected in BROKEN.values()} & set(besides)
 
 
 @pytest.mark.parametrize("name", BROKEN)
