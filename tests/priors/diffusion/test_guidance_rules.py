@@ -1,0 +1,311 @@
+"""Guidance: the implicit rule against dense linear algebra and exact posteriors, the explicit ones against finite differences.
+
+For a Gaussian prior, DDIM is an affine map of its start noise. Run on every unit vector it gives the samples' mean and their
+whole covariance to rounding, so only the error of the discretisation (first order in the step) lies between these and the
+closed form, and no test of it is statistical. The ancestral sampler is tested statistically.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from gaussian_prior import gaussian_denoiser, wide_schedule
+from scipy.ndimage import gaussian_filter
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Pull, combine
+from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform, inverse_cosine_transform
+from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
+from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.variance import measure_variance, posterior_variance
+
+COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, math.pi / 2, 1000, dtype=torch.float64)).square().clamp(min=1e-30))
+ZERO_TERMINAL = NoiseSchedule(torch.cat([COSINE.alpha_bar[:-1], torch.zeros(1, dtype=torch.float64)]))
+SIZE = (5, 7)
+
+
+def random(*shape: int, seed: int = 0) -> Tensor:
+    return torch.randn(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+def matrix_of(operator: GaussianBlur) -> Tensor:
+    """A as a dense matrix, by applying it to every unit image."""
+    count = math.prod(SIZE)
+    return operator.apply(torch.eye(count, dtype=torch.float64).reshape(count, 1, *SIZE)).reshape(count, count).T
+
+
+def coupled(noisy: Tensor, t: int) -> Tensor:
+    """A smooth non-linear denoiser whose pixels depend on each other."""
+    return torch.tanh(noisy + 0.5 * noisy.roll(1, -1) - 0.3 * noisy.roll(2, -2) * noisy)
+
+
+# ----- operators --------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("sigma", [1.5, 4.0])
+def test_blur_is_the_truncated_convolution_of_scipy(sigma: float):
+    image = random(2, 3, 31, 37)
+    expected = gaussian_filter(image.numpy(), (0, 0, sigma, sigma), mode="reflect", truncate=8)
+    torch.testing.assert_close(GaussianBlur(sigma).apply(image), torch.from_numpy(expected), rtol=0, atol=2e-4)
+
+
+def test_blur_is_symmetric_keeps_the_mean_and_has_its_eigenvalues():
+    blur, image = GaussianBlur(2.0), random(1, 1, *SIZE)
+    matrix = matrix_of(blur)
+    torch.testing.assert_close(matrix, matrix.T)
+    torch.testing.assert_close(blur.apply(image).mean(), image.mean())
+    spectrum = blur.eigenvalues(image) * cosine_transform(image)
+    torch.testing.assert_close(inverse_cosine_transform(spectrum), blur.apply(image))
+    assert GaussianBlur(0.0).apply(image) is image
+
+
+# ----- the implicit rule ------------------------------------------------------------------------------------------------------
+def pulls_of(*kinds: str, strength: float = 30.0) -> list[Pull]:
+    """``kinds``: "identity", "blur", with "weighted" before it or not; half of the weights are zero."""
+    pulls = []
+    for i, kind in enumerate(kinds):
+        weight = random(2, 1, *SIZE, seed=10 + i).clamp(min=0) if "weighted" in kind else None
+        operator = GaussianBlur(1.5 if "blur" in kind else 0.0)
+        pulls.append(Pull(random(2, 3, *SIZE, seed=20 + i), strength / (i + 1), weight, operator))
+    return pulls
+
+
+KINDS = [
+    ("identity",),
+    ("weighted identity",),
+    ("blur",),
+    ("weighted blur",),
+    ("weighted identity", "identity"),
+    ("blur", "weighted identity"),
+    ("weighted blur", "blur"),
+]
+
+
+@pytest.mark.parametrize("kinds", KINDS)
+@pytest.mark.parametrize("variance", [1e-6, 0.1, 10.0])
+def test_implicit_update_solves_its_normal_equations(kinds: tuple[str, ...], variance: float):
+    x0, pulls, count = random(2, 3, *SIZE, seed=1), pulls_of(*kinds), math.prod(SIZE)
+    found = combine(x0, pulls, variance)
+    for image in range(2):
+        matrix, right = torch.eye(count, dtype=torch.float64) / variance, x0[image].reshape(3, count).T / variance
+        for pull in pulls:
+            blur = matrix_of(pull.operator)
+            weight = torch.ones(count, dtype=torch.float64) if pull.weight is None else pull.weight[image].flatten()
+            matrix = matrix + pull.strength * blur.T @ (weight[:, None] * blur)
+            right = right + pull.strength * blur.T @ (weight[:, None] * pull.target[image].reshape(3, count).T)
+        expected = torch.linalg.solve(matrix, right).T.reshape(3, *SIZE)
+        error = (found[image] - expected).norm() / (expected - x0[image]).norm()
+        assert float(error) < 2e-3, f"relative error of the pull {float(error)}"
+
+
+def test_implicit_update_does_not_depend_on_the_batch():
+    """An image that went on iterating with its neighbour would move by about the solver's tolerance, 1e-4."""
+    x0, pulls = random(2, 3, *SIZE, seed=1), pulls_of("weighted blur", "identity")
+    pulls[0].weight[1] = 1.0  # solved at once, unlike image 0
+    together = combine(x0, pulls, 1.0)
+    for i in range(2):
+        alone = [pull.through(lambda image, i=i: image[i : i + 1]) for pull in pulls]
+        torch.testing.assert_close(combine(x0[i : i + 1], alone, 1.0)[0], together[i], rtol=0, atol=1e-12)
+
+
+def affine_map(guidance: Guidance, steps: int, mean: float, variance: float, clip: None = None) -> tuple[Tensor, Tensor]:
+    """The mean and the covariance of guided DDIM samples, one channel: start noise 0, then every unit vector."""
+    count = math.prod(SIZE)
+    init = torch.cat([torch.zeros(1, count), torch.eye(count)]).reshape(count + 1, 1, *SIZE).double()
+    everywhere = guidance.pulls[0].through(lambda image: image.expand(count + 1, *image.shape[1:]))
+    guidance = replace(guidance, target=everywhere.target, weight=everywhere.weight)
+    schedule = wide_schedule(steps)
+    denoise, settings = gaussian_denoiser(schedule, mean, variance), SamplerSettings(steps, clip=clip)
+    shape = tuple(init.shape)
+    found = sample(denoise, schedule, shape, range(count + 1), settings, guidance, init, dtype=torch.float64).reshape(-1, count)
+    slope = found[1:] - found[0]
+    return found[0], slope.T @ slope
+
+
+@pytest.mark.parametrize("kind", ["identity", "weighted identity", "blur", "weighted blur"])
+@pytest.mark.parametrize("strength", [1.0, 1000.0])
+def test_variance_rule_samples_the_exact_posterior(kind: str, strength: float):
+    """Mean and full covariance, from noise level 1e4 to 1e-4; halving the steps doubles what error there is."""
+    mean, variance, count = 0.2, 0.09, math.prod(SIZE)
+    (pull,) = pulls_of(kind, strength=strength)
+    pull = pull.through(lambda image: image[:1, :1])
+    guidance = Guidance(pull.target, strength, pull.weight, pull.operator, prior_variance=variance)
+    blur = matrix_of(pull.operator)
+    weight = torch.ones(count, dtype=torch.float64) if pull.weight is None else pull.weight.flatten()
+    precision = torch.eye(count, dtype=torch.float64) / variance + strength * blur.T @ (weight[:, None] * blur)
+    exact = torch.linalg.inv(precision)
+    center = exact @ (mean / variance + strength * blur.T @ (weight * pull.target.flatten()))
+    errors = []
+    for steps in (150, 300):
+        found_mean, found = affine_map(guidance, steps, mean, variance)
+        assert float((found_mean - center).abs().max()) < 2e-3 * math.sqrt(variance)  # the start forgets sqrt(alpha_bar) mu
+        errors.append(float((found - exact).norm() / exact.norm()))
+    assert errors[1] < 0.05
+    assert errors[1] / errors[0] == pytest.approx(0.5, abs=0.12)
+
+
+def test_variance_rule_with_ancestral_noise():
+    """12 numbers at 4.5 standard errors: false alarm 8e-5; the discretisation takes up to 1 % of the variance (1000 steps)."""
+    schedule, shape, mean, variance = wide_schedule(1000), (6, 3, 64, 64), 0.2, 0.09
+    strengths = torch.tensor([0.0, 1.0, 10.0, 100.0, 300.0, 1000.0])
+    target = torch.full(shape, -0.3)
+    weight = strengths[:, None, None, None].expand(6, 1, 64, 64)
+    guidance = Guidance(target, 1.0, weight, prior_variance=variance)
+    settings, count = SamplerSettings(1000, eta=1.0, clip=None), 3 * 64 * 64
+    found = sample(gaussian_denoiser(schedule, mean, variance), schedule, shape, range(6), settings, guidance)
+    exact = 1 / (1 / variance + strengths)
+    center = exact * (mean / variance - 0.3 * strengths)
+    moments = found.flatten(1).mean(1), found.flatten(1).var(1)
+    assert bool(((moments[0] - center).abs() < 4.5 * (exact / count).sqrt() + 1e-3 * exact.sqrt()).all()), moments[0] - center
+    assert bool(((moments[1] / exact - 1).abs() < 4.5 * math.sqrt(2 / count) + 0.01).all()), moments[1] / exact
+
+
+# ----- the explicit rules -----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("norm", ["l2", "squared"])
+@pytest.mark.parametrize("kind", ["identity", "weighted blur"])
+def test_paper_rule_is_the_gradient_through_the_network(norm: str, kind: str):
+    (pull,) = pulls_of(kind, strength=1e-3)
+    pull = pull.through(lambda image: image[:1])
+    guidance = Guidance(pull.target, pull.strength, pull.weight, pull.operator, "paper", norm)
+    noisy, level = random(1, 3, *SIZE, seed=5), 0.3
+
+    def phi(point: Tensor) -> float:
+        difference = pull.operator.apply(coupled(point, 0)) - pull.target
+        total = float((difference * pull.weighted(difference)).sum())
+        return math.sqrt(total) if norm == "l2" else total / 2
+
+    gradient = torch.zeros_like(noisy)
+    for i in range(noisy.numel()):
+        nudge = torch.zeros_like(noisy)
+        nudge.view(-1)[i] = 1e-5
+        gradient.view(-1)[i] = (phi(noisy + nudge) - phi(noisy - nudge)) / 2e-5
+    expected = coupled(noisy, 0) - pull.strength * math.sqrt((1 - level) / level) * gradient
+    found = guidance.estimate_x0(coupled, noisy, 0, level)
+    assert guidance.report == GuidanceReport(1, guidance.report.bounded)
+    assert guidance.report.bounded == 0
+    scale = float((expected - coupled(noisy, 0)).abs().max())
+    assert float((found - expected).abs().max()) < 1e-5 * scale
+
+
+@pytest.mark.parametrize("norm", ["l2", "squared"])
+def test_shortcut_drops_the_network(norm: str):
+    """x_0 = (x_t - b eps) / a with eps held fixed: grad phi = e / a (over |e| for l2), and eps moves x_0 by -b / a."""
+    target, noisy, level = random(1, 3, *SIZE, seed=6), random(1, 3, *SIZE, seed=5), 0.6
+    x0 = coupled(noisy, 0)
+    error = x0 - target
+    slope = error / error.norm() if norm == "l2" else error
+    expected = x0 - 1e-2 * math.sqrt(1 - level) / level * slope
+    found = Guidance(target, 1e-2, rule="shortcut", norm=norm).estimate_x0(coupled, noisy, 0, level)
+    torch.testing.assert_close(found, expected)
+
+
+@pytest.mark.parametrize("rule", ["paper", "shortcut"])
+@pytest.mark.parametrize("norm", ["l2", "squared"])
+def test_steps_are_cut_where_the_distance_is_least_and_counted(rule: str, norm: str):
+    noisy, target = random(2, 3, *SIZE, seed=5), random(2, 3, *SIZE, seed=6)
+    target[1] = coupled(noisy, 0)[1]  # has arrived: nothing to do, nothing to cut
+    guidance = Guidance(target, 1e6, operator=GaussianBlur(1.0), rule=rule, norm=norm)
+    blur = guidance.operator.apply
+    guidance = replace(guidance, target=blur(target))
+    x0 = coupled(noisy, 0)
+    found = guidance.estimate_x0(coupled, noisy, 0, 0.5)
+    assert (guidance.report.updates, guidance.report.bounded) == (2, 1)
+    torch.testing.assert_close(found[1], x0[1])
+    step = found[0] - x0[0]
+    distances = [float((blur(x0[0] + length * step) - guidance.target[0]).norm()) for length in (0, 0.99, 1, 1.01)]
+    assert distances[2] < min(distances[0], distances[1], distances[3])
+
+
+@pytest.mark.parametrize("schedule", [COSINE, ZERO_TERMINAL])
+@pytest.mark.parametrize(
+    ("rule", "norm"), [("paper", "l2"), ("paper", "squared"), ("shortcut", "l2"), ("shortcut", "squared"), ("variance", "squared")]
+)
+def test_every_strength_and_step_count_is_finite_and_in_range(schedule: NoiseSchedule, rule: str, norm: str):
+    def rough(noisy: Tensor, t: int) -> Tensor:
+        return 2 * torch.sin(5 * coupled(noisy, t))
+
+    target, weight = random(2, 3, *SIZE, seed=6).float().clamp(-1, 1), random(2, 1, *SIZE).float().clamp(min=0)
+    for steps, strengths in ((1, (1.0, 1000.0)), (10, (1.0, 1000.0)), (50, (1000.0,))):
+        for strength in strengths:
+            for blur, used in ((0.0, None), (2.0, weight)):
+                guidance = Guidance(target, strength, used, GaussianBlur(blur), rule, norm)
+                for eta in (0.0, 1.0):
+                    found = sample(rough, schedule, (2, 3, *SIZE), [0, 1], SamplerSettings(steps, eta), guidance)
+                    assert bool(found.isfinite().all())
+                    assert float(found.abs().max()) <= 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rule", ["paper", "shortcut", "variance"])
+def test_a_thousand_strong_steps(rule: str):
+    target = random(2, 3, *SIZE, seed=6).float().clamp(-1, 1)
+    guidance = Guidance(target, 1000.0, operator=GaussianBlur(2.0), rule=rule)
+    found = sample(coupled, ZERO_TERMINAL, (2, 3, *SIZE), [0, 1], SamplerSettings(1000, 1.0), guidance)
+    assert bool(found.isfinite().all())
+    assert float(found.abs().max()) <= 1
+
+
+def test_stronger_guidance_comes_nearer():
+    target = random(2, 3, *SIZE, seed=6).float().clamp(-0.5, 0.5)
+    for rule in ("paper", "shortcut", "variance"):
+        distances = []
+        for strength in (0.0, 1.0, 1000.0):
+            guidance = Guidance(target, strength, rule=rule)
+            found = sample(coupled, COSINE, (2, 3, *SIZE), [0, 1], SamplerSettings(10), guidance)
+            distances.append(float((found - target).norm()))
+        assert distances[2] < distances[1] < distances[0], (rule, distances)
+
+
+# ----- variances and errors ---------------------------------------------------------------------------------------------------
+def test_measured_variance_is_the_posterior_variance():
+    """17 levels at 5 standard errors of sqrt(2 / 49 152): false alarm 1e-5. At the knee, levels half a decade apart miss 20 %."""
+    schedule = wide_schedule(65)
+    clean = (0.2 + 0.3 * random(4, 3, 64, 64, seed=3)).float()
+    found = measure_variance(gaussian_denoiser(schedule, 0.2, 0.09), schedule, clean, range(0, 65, 4))
+    exact = torch.tensor([posterior_variance(0.09, t, float(schedule.alpha_bar[t])) for t in range(65)])
+    torch.testing.assert_close(exact[::4], found[::4].float(), rtol=5 * math.sqrt(2 / clean.numel()), atol=0)
+    assert float((found.float() / exact).log().abs().max()) < 0.2
+    assert posterior_variance(found, 8, 0.5) == float(found[8])
+    with pytest.raises(InputError, match="prior_variance"):
+        posterior_variance(found, 65, 0.5)
+
+
+def test_posterior_variance_limits():
+    assert posterior_variance(0.1, 0, 0.0) == pytest.approx(0.1)
+    assert posterior_variance(0.1, 0, 1 / (1 + 1e-8)) == pytest.approx(1e-8, rel=1e-6)
+
+
+def test_a_table_of_variances_acts_like_the_number_it_was_made_from():
+    target = random(1, 3, *SIZE).float()
+    table = torch.tensor([posterior_variance(0.2, t, float(level)) for t, level in enumerate(COSINE.alpha_bar)])
+    by_number, by_table = (
+        sample(coupled, COSINE, (1, 3, *SIZE), [0], SamplerSettings(8), Guidance(target, 5.0, prior_variance=variance))
+        for variance in (0.2, table)
+    )
+    torch.testing.assert_close(by_table, by_number)
+
+
+def test_clear_errors():
+    target = torch.zeros(2, 3, *SIZE)
+    with pytest.raises(InputError, match="strength"):
+        Guidance(target, -1.0)
+    with pytest.raises(InputError, match="strength"):
+        Guidance(target, math.inf)
+    with pytest.raises(InputError, match="target"):
+        Guidance(target[0], 1.0)
+    with pytest.raises(InputError, match="weight: expected shape"):
+        Guidance(target, 1.0, torch.ones(2, 3, *SIZE))
+    with pytest.raises(InputError, match="rule: expected one of paper"):
+        Guidance(target, 1.0, rule="eq8")
+    with pytest.raises(InputError, match="norm: expected one of l2"):
+        Guidance(target, 1.0, rule="paper", norm="l1")
+    with pytest.raises(InputError, match='expected "squared"'):
+        Guidance(target, 1.0, rule="variance", norm="l2")
+    with pytest.raises(InputError, match="prior_variance"):
+        Guidance(target, 1.0, prior_variance=0.0)
+    with pytest.raises(InputError, match="blur"):
+        GaussianBlur(-1.0)
+    with pytest.raises(InputError, match="no_grad"), torch.no_grad():
+        Guidance(target, 1.0, rule="paper").estimate_x0(torch.no_grad()(coupled), target, 0, 0.5)
