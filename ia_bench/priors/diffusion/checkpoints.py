@@ -108,8 +108,8 @@ def _config(path: Path, values: dict[str, Any]) -> NetworkConfig:
     for key in values:
         if key not in fields:
             raise InputError(f"{path}: " + unknown("key of network", key, fields))
-    lists = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
-    return NetworkConfig(**lists)
+    typed: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    return NetworkConfig(**typed)
 
 
 def _fill(module: torch.nn.Module, path: Path) -> None:

@@ -40,13 +40,13 @@ def exposure(images: Tensor, masks: Tensor) -> Tensor:
 
 def encode_image(images: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
     """The condition (N, 4, H, W): exposed colour as on a display, clipped at white, in [-1, 1], and the mask in [0, 1]."""
-    colour = _encode(images * factor[:, None, None, None], masks)
+    colour = _encode(_straight(images, masks) * factor[:, None, None, None], masks)
     return torch.cat([colour, masks[:, None]], 1)
 
 
 def encode_albedo(albedo: Tensor, masks: Tensor) -> Tensor:
     """Linear albedo (N, H, W, 3), premultiplied, as (N, 3, H, W) in [-1, 1]; 0 outside the mask."""
-    return _encode(albedo, masks)
+    return _encode(_straight(albedo, masks), masks)
 
 
 def decode_albedo(encoded: Tensor, masks: Tensor) -> Tensor:
@@ -60,7 +60,7 @@ def encode_specular(specular: Tensor, masks: Tensor, factor: Tensor, encoding: S
     "display" clips at the image's white, as the paper's training data did; "log" keeps highlights 6 stops beyond it (linear
     radiance would spend nearly all of the range on them) at the price of contrast in the faint reflections below.
     """
-    exposed = specular * factor[:, None, None, None]
+    exposed = _straight(specular, masks) * factor[:, None, None, None]
     if encoding == "log":
         exposed = torch.log1p(exposed.clamp_min(0)) / torch.log1p(torch.tensor(LOG_RANGE))
     return _encode(exposed, masks)
@@ -79,11 +79,13 @@ def encode_geometry(normals: Tensor, visibility: Tensor) -> Tensor:
     return torch.cat([normals, visibility], -1).movedim(-1, 1)
 
 
-def _encode(linear: Tensor, masks: Tensor) -> Tensor:
-    coverage = masks[..., None]
-    straight = linear / coverage.clamp_min(1e-3)
+def _straight(linear: Tensor, masks: Tensor) -> Tensor:
+    return linear / masks[..., None].clamp_min(1e-3)
+
+
+def _encode(straight: Tensor, masks: Tensor) -> Tensor:
     encoded = 2 * linear_to_srgb(straight.clamp(0, 1)) - 1
-    return torch.where(coverage > 0, encoded, torch.zeros_like(encoded)).movedim(-1, 1)
+    return torch.where(masks[..., None] > 0, encoded, torch.zeros_like(encoded)).movedim(-1, 1)
 
 
 def _decode(encoded: Tensor) -> Tensor:

@@ -59,7 +59,8 @@ class GuidanceReport:
 class Pull:
     """One thing that samples are drawn to: ``operator`` of x_0 near ``target``.
 
-    ``target`` (N, C, H, W) in the network's space; ``strength`` gamma >= 0; ``weight`` None (1) or (N, 1, H, W) >= 0.
+    ``target`` (N, C, H, W) in the network's space; ``strength`` gamma >= 0; ``weight`` >= 0: None (1), (N, 1, H, W), or
+    (N, C, H, W) where the channels differ.
     """
 
     target: Tensor
@@ -73,7 +74,7 @@ class Pull:
         if self.target.ndim != 4:
             raise InputError(f"guidance target: expected shape (N, C, H, W), found {tuple(self.target.shape)}")
         expected = (self.target.shape[0], 1, *self.target.shape[2:])
-        if self.weight is not None and tuple(self.weight.shape) != expected:
+        if self.weight is not None and tuple(self.weight.shape) not in (expected, tuple(self.target.shape)):
             raise InputError(f"guidance weight: expected shape {expected}, found {tuple(self.weight.shape)}")
 
     def through(self, remake: Callable[[Tensor], Tensor], scale: float = 1.0) -> Pull:

@@ -174,14 +174,13 @@ class ClipEncoder(nn.Module):
         self.vision.requires_grad_(False)
         self.side = int(self.vision.config.image_size)
         self.projection = nn.Linear(int(self.vision.config.hidden_size), width)
-        self.register_buffer("mean", torch.tensor(CLIP_MEAN)[:, None, None], persistent=False)
-        self.register_buffer("std", torch.tensor(CLIP_STD)[:, None, None], persistent=False)
 
     def forward(self, image: Tensor) -> Tensor:
         """Tokens (N, 1 + patches, width); the background is white, as in the original code."""
         inside = image[:, 3:4]
         colour = (0.5 + 0.5 * image[:, :3]) * inside + (1 - inside)
         colour = F.interpolate(colour, (self.side, self.side), mode="bicubic", align_corners=False)
-        features = self.vision(pixel_values=(colour - self.mean) / self.std).last_hidden_state
+        mean, std = (colour.new_tensor(values)[:, None, None] for values in (CLIP_MEAN, CLIP_STD))
+        features = self.vision(pixel_values=(colour - mean) / std).last_hidden_state
         tokens: Tensor = self.projection(features)
         return tokens

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -29,6 +30,7 @@ from ia_bench.torchvision_shim import import_torchvision
 
 FINAL_RATE = 0.1  # of the full rate, at the last step
 PICTURES = 8  # images of a sample grid
+PERMUTATIONS = 1 << 20  # marks the random streams of permutations; those of batches are marked by their process
 
 
 def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
@@ -240,20 +242,16 @@ def rate_factor(step: int, steps: int, warmup: int) -> float:
 
 def batch_index(images: int, batch: int, seed: int, step: int) -> Tensor:
     """Images (batch,) of a step: successive parts of a permutation that is new in every pass over the data."""
-    first = step * batch
+    position = torch.arange(step * batch, (step + 1) * batch)
     parts = []
-    while len(parts) == 0 or sum(map(len, parts)) < batch:
-        epoch, offset = divmod(first, images)
-        order = torch.randperm(images, generator=torch.Generator().manual_seed(_stream(seed, epoch, 1 << 20)))
-        parts.append(order[offset : offset + batch - sum(map(len, parts))])
-        first += len(parts[-1])
+    for epoch in position.div(images, rounding_mode="floor").unique().tolist():
+        order = torch.randperm(images, generator=torch.Generator().manual_seed(_stream(seed, epoch, PERMUTATIONS)))
+        parts.append(order[position[position // images == epoch] % images])
     return torch.cat(parts)
 
 
 def _stream(*path: int) -> int:
     """One seed from several numbers."""
-    import numpy as np
-
     return int(np.random.SeedSequence(path).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 

@@ -1,0 +1,147 @@
+"""``prior=diffusion``: conditional diffusion models of albedo and specular shading behind the prior's contract."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.conditioned import Conditioned
+from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Rule
+from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.patches import PatchSettings, sample_large
+from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample, seeded_noise
+from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE
+from ia_bench.priors.learned import Framed, LearnedPrior, finite_option
+
+DISTILLED_LEVELS = (0.02, 0.98)
+"""Share of the schedule from which score distillation draws its noise level; the ends teach nothing (DreamFusion)."""
+
+
+class DiffusionPrior(LearnedPrior):
+    """Samples of p(albedo, specular | image), the paper's sections 3.2 and 3.3.
+
+    ``steps``, ``eta``: of the sampler (DDIM 0 ... ancestral 1). ``cfg_scale``: classifier-free guidance, 1 for none.
+    ``guidance_rule``, ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's samples are drawn toward the
+    current renders (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
+    :class:`ia_bench.priors.learned.LearnedPrior`. ``guidance_report`` counts guided estimates and steps that were cut.
+    """
+
+    kind = "diffusion"
+    packaged = "diffusion"
+    stochastic = True
+    guidable = True
+
+    def __init__(
+        self,
+        *,
+        weights: str | None = None,
+        steps: int = 10,
+        eta: float = 0.0,
+        cfg_scale: float = 1.0,
+        patches: bool = False,
+        geometry: bool = False,
+        guidance_rule: Rule = "variance",
+        guidance_norm: Norm = "squared",
+        guidance_strength: float = 10.0,
+        prior_variance: float = DEFAULT_PRIOR_VARIANCE,
+        batch: int = 64,
+        device: str = "auto",
+    ) -> None:
+        super().__init__(weights=weights, patches=patches, geometry=geometry, batch=batch, device=device)
+        if steps < 1:
+            raise InputError(f"prior.options.steps: expected at least 1, found {steps}")
+        self.settings = SamplerSettings(steps=steps, eta=eta)
+        self.cfg_scale = finite_option("cfg_scale", cfg_scale)
+        self.guidance_strength = finite_option("guidance_strength", guidance_strength)
+        if not finite_option("prior_variance", prior_variance):
+            raise InputError("prior.options.prior_variance: expected a number > 0, found 0")
+        self._rule, self._norm, self._variance = guidance_rule, guidance_norm, prior_variance
+        self.guidance_report = GuidanceReport()
+
+    def _options(self) -> dict[str, Any]:
+        return {
+            "sampler": [self.settings.steps, self.settings.eta, self.cfg_scale],
+            "guidance": [self._rule, self._norm, self.guidance_strength, self._variance],
+            "patches": self.patches,
+            "geometry": self.reads_geometry,
+        }
+
+    def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
+        """See :class:`ia_bench.priors.contract.Distiller`; ``renders`` holds every component that this prior provides."""
+        self._check(images, masks, renders)
+        if set(renders) != self.provides:
+            raise InputError(f"prior: renders: expected {', '.join(sorted(self.provides))}, found {', '.join(sorted(renders))}")
+        return self._through(images, masks, seed, renders, self._distill)
+
+    def _distill(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
+        model = self._conditioned(network)
+        predicted = _denoise_once(model, framed, torch.cat([render[name] for name in network.config.components], 1))
+        self.network_calls += model.calls
+        return predicted
+
+    def _conditioned(self, network: MaterialNetwork) -> Conditioned:
+        config = network.config
+        schedule = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type})
+        return Conditioned(network, schedule, cfg_scale=self.cfg_scale, chunk=self.batch)
+
+    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
+        config, model = network.config, self._conditioned(network)
+        if framed.condition.shape[-1] > config.size:
+            predicted = sample_large(
+                model.bind,
+                model.schedule,
+                framed.condition,
+                config.size,
+                channels=config.output_channels,
+                seeds=framed.seeds,
+                settings=self.settings,
+                patches=PatchSettings(batch=self.batch),
+                foreground=framed.masks[:, None].to(self._device),
+                guidance=self._guidance(network, framed, render),
+                report=self.guidance_report,
+            )
+        else:
+            shape = (len(framed.condition), config.output_channels, *framed.condition.shape[-2:])
+            guidance = self._guidance(network, framed, render)
+            denoise = model.bind(framed.condition)
+            predicted = sample(denoise, model.schedule, shape, framed.seeds, self.settings, guidance, device=self._device)
+        self.network_calls += model.calls
+        return predicted
+
+    def _guidance(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Guidance | None:
+        """Toward the components in ``render``, inside the mask; the others are left to follow."""
+        if not render or self.guidance_strength == 0:
+            return None
+        inside = (framed.masks > 0).float()[:, None].to(self._device)
+        absent = torch.zeros_like(framed.condition[:, :3])
+        parts = [render.get(name, absent) for name in network.config.components]
+        weights = [(inside * (name in render)).expand_as(absent) for name in network.config.components]
+        return Guidance(
+            torch.cat(parts, 1),
+            self.guidance_strength,
+            torch.cat(weights, 1),
+            rule=self._rule,
+            norm=self._norm,
+            prior_variance=self._variance,
+            report=self.guidance_report,
+        )
+
+
+@torch.no_grad()
+def _denoise_once(model: Conditioned, framed: Framed, clean: Tensor) -> Tensor:
+    """Each image noised to its own random level and denoised in one evaluation."""
+    low, high = (round(share * len(model.schedule)) for share in DISTILLED_LEVELS)
+    noise = seeded_noise(framed.seeds, (clean.shape[1], clean.shape[2], clean.shape[3]))().to(clean)
+    estimates = []
+    for row, seed in enumerate(framed.seeds):
+        one = slice(row, row + 1)
+        t = low + derive_seed(seed, 1) % (high - low)
+        level = float(model.schedule.alpha_bar[t])
+        noisy = level**0.5 * clean[one] + (1 - level) ** 0.5 * noise[one]
+        estimates.append(model.bind(framed.condition[one])(noisy, t))
+    return torch.cat(estimates).clamp(-1, 1)

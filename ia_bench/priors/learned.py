@@ -1,0 +1,219 @@
+"""What every prior with networks of this project shares: weights, framing, encoding, the contract's checks."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, ClassVar
+
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.contract import COMPONENTS
+from ia_bench.priors.diffusion import encoding
+from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, read_description
+from ia_bench.priors.diffusion.framing import Frame
+from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.sampler import derive_seed
+
+VERSION = 1
+"""Part of the fingerprint; raised when a change of the code changes samples."""
+
+
+@dataclass(frozen=True)
+class Framed:
+    """Images that share one size, ready for a network.
+
+    ``views``: which of the caller's images; ``condition`` (N, K, S, S); ``masks`` (N, S, S); exposure ``factor`` (N,);
+    ``frames`` and ``seeds``, one per image.
+    """
+
+    views: list[int]
+    condition: Tensor
+    masks: Tensor
+    factor: Tensor
+    frames: list[Frame]
+    seeds: list[int]
+
+
+Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor]], Tensor]
+
+
+class LearnedPrior(ABC):
+    """Base of the priors with networks.
+
+    ``weights``: a folder that ia_bench.priors.train wrote, one with a folder for each component in it, or None for the
+    weights that come with the package. ``patches``: predict the image in overlapping
+    native-size patches at full resolution (the paper's equation 6) instead of reducing it to the native size.
+    ``geometry``: let the network see normals and visibility where a scene has them. ``batch``: images at a time, which
+    changes no sample beyond rounding. ``device``: auto, cpu or cuda.
+
+    Raises InputError for options and weights that cannot be used.
+    """
+
+    kind: ClassVar[str]
+    packaged: ClassVar[str]
+    sees_truth = False
+    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
+
+    def __init__(
+        self, *, weights: str | None = None, patches: bool = False, geometry: bool = False, batch: int = 64, device: str = "auto"
+    ) -> None:
+        self._folder = Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / self.packaged))
+        if batch < 1:
+            raise InputError(f"prior.options.batch: expected at least 1, found {batch}")
+        if device not in ("auto", "cpu", "cuda"):
+            raise InputError(f"prior.options.device: expected auto, cpu or cuda, found {device}")
+        if device == "cuda" and not torch.cuda.is_available():
+            raise InputError("prior.options.device=cuda: torch finds no CUDA device here; use cpu or auto")
+        self._device = torch.device("cuda" if torch.cuda.is_available() and device != "cpu" else "cpu")
+        parts = [self._folder / name for name in COMPONENTS if (self._folder / name / "prior.json").is_file()]
+        self._parts = parts or [self._folder]
+        networks = [read_description(part)["network"] for part in self._parts]
+        for part, described in zip(self._parts, networks, strict=True):
+            if described.get("kind") != self.kind:
+                raise InputError(f"{part}/prior.json: kind: expected {self.kind}, found {described.get('kind')}")
+        self.provides = frozenset(name for described in networks for name in described["components"])
+        self._native = int(networks[0]["size"])
+        self.resolution: int | None = self._native
+        self.reads_geometry = geometry and all(described["geometry"] for described in networks)
+        self.patches, self.batch = patches, batch
+        self.network_calls = 0
+        self._geometry: tuple[Tensor, Tensor] | None = None
+        self._networks: list[MaterialNetwork] = []
+
+    @property
+    def fingerprint(self) -> str:
+        """What decides the samples: this code's version, the options, the content of the weights."""
+        content = [fingerprint(part) for part in self._parts]
+        return json.dumps([type(self).__qualname__, VERSION, self._options(), self._device.type, content], sort_keys=True)
+
+    def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:
+        """See :class:`ia_bench.priors.contract.GeometryReader`."""
+        self._geometry = (normals, visibility)
+
+    def sample(
+        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+    ) -> dict[str, Tensor]:
+        """See :meth:`ia_bench.priors.contract.Prior.sample`.
+
+        An image's noise is seeded by ``seed`` and the image's own content, so that views differ in it.
+        """
+        self._check(images, masks, guidance or {})
+        return self._through(images, masks, seed, guidance or {}, self._predict)
+
+    @abstractmethod
+    def _options(self) -> dict[str, Any]:
+        """Whatever of the options changes samples."""
+
+    @abstractmethod
+    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
+        """(N, 3 C, S, S) in the network's space; ``render``: encoded (N, 3, S, S) per component to be drawn toward."""
+
+    def _through(
+        self, images: Tensor, masks: Tensor, seed: int, renders: Mapping[str, Tensor], predict: Predict
+    ) -> dict[str, Tensor]:
+        """Frame, ``predict``, decode and put back; views without foreground stay black."""
+        samples = {name: torch.zeros_like(images, dtype=torch.float32) for name in sorted(self.provides)}
+        for network in self._loaded():
+            config = network.config
+            for framed in self._framed(images, masks, seed, config.geometry):
+                encoded = {
+                    name: self._encode(network, name, self._cut(render, framed), framed).to(self._device)
+                    for name, render in renders.items()
+                    if name in config.components
+                }
+                predicted = predict(network, framed, encoded).float().cpu()
+                for name, part in zip(config.components, predicted.split(3, 1), strict=True):
+                    decoded = self._decode(network, name, part, framed)
+                    for row, view in enumerate(framed.views):
+                        weight = (framed.masks[row] > 0).float()
+                        samples[name][view] = framed.frames[row].paste(decoded[row], weight, masks[view].float())
+        return samples
+
+    def _loaded(self) -> list[MaterialNetwork]:
+        if not self._networks:
+            self._networks = [load_network(part)[0].to(self._device) for part in self._parts]
+        return self._networks
+
+    def _framed(self, images: Tensor, masks: Tensor, seed: int, geometry: bool) -> list[Framed]:
+        """The images grouped by the size at which they are predicted, at most ``batch`` at a time."""
+        groups: dict[int, list[tuple[int, Frame]]] = {}
+        for view, mask in enumerate(masks):
+            frame = Frame.around(mask, None if self.patches else self._native, 8)
+            if frame is not None:
+                groups.setdefault(frame.side, []).append((view, frame))
+        found = []
+        for members in groups.values():
+            for start in range(0, len(members), self.batch):
+                part = members[start : start + self.batch]
+                views, frames = [view for view, _ in part], [frame for _, frame in part]
+                cut = torch.stack([frame.cut(_stacked(images, masks, view)) for view, frame in part])
+                radiance, coverage = cut[..., :3], cut[..., 3].clamp(0, 1)
+                factor = encoding.exposure(radiance, coverage)
+                condition = encoding.encode_image(radiance, coverage, factor)
+                if geometry:
+                    condition = torch.cat([condition, self._seen_geometry(views, frames, len(masks), condition)], 1)
+                seeds = [derive_seed(seed, _content(images[view], masks[view])) for view in views]
+                found.append(Framed(views, condition.to(self._device), coverage, factor, frames, seeds))
+        return found
+
+    def _seen_geometry(self, views: list[int], frames: list[Frame], count: int, like: Tensor) -> Tensor:
+        if not self.reads_geometry or self._geometry is None or len(self._geometry[0]) != count:
+            return like.new_zeros(len(views), 4, *like.shape[-2:])
+        normals, visibility = self._geometry
+        stacked = [frame.cut(torch.cat([normals[view], visibility[view]], -1)) for view, frame in zip(views, frames, strict=True)]
+        cut = torch.stack(stacked)
+        return encoding.encode_geometry(cut[..., :3], cut[..., 3:])
+
+    def _cut(self, values: Tensor, framed: Framed) -> Tensor:
+        return torch.stack([frame.cut(values[view]) for view, frame in zip(framed.views, framed.frames, strict=True)])
+
+    def _encode(self, network: MaterialNetwork, component: str, linear: Tensor, framed: Framed) -> Tensor:
+        if component == "albedo":
+            return encoding.encode_albedo(linear, framed.masks)
+        return encoding.encode_specular(linear, framed.masks, framed.factor, network.config.specular)
+
+    def _decode(self, network: MaterialNetwork, component: str, encoded: Tensor, framed: Framed) -> Tensor:
+        """Straight (not premultiplied) linear values (N, S, S, 3)."""
+        everywhere = torch.ones_like(framed.masks)
+        if component == "albedo":
+            return encoding.decode_albedo(encoded, everywhere)
+        return encoding.decode_specular(encoded, everywhere, framed.factor, network.config.specular)
+
+    def _check(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor]) -> None:
+        if images.ndim != 4 or images.shape[-1] != 3 or tuple(masks.shape) != tuple(images.shape[:3]):
+            raise InputError(
+                f"prior: expected images (V, H, W, 3) and masks (V, H, W), found {tuple(images.shape)} and {tuple(masks.shape)}"
+            )
+        for name, values in {"images": images, "masks": masks, **renders}.items():
+            if not bool(torch.isfinite(values).all()):
+                raise InputError(f"prior: {name}: expected finite values, found NaN or Inf")
+        for name, render in renders.items():
+            if name not in self.provides:
+                raise InputError(f"prior: guidance: expected some of {', '.join(sorted(self.provides))}, found {name}")
+            if render.shape != images.shape:
+                raise InputError(f"prior: guidance {name}: expected {tuple(images.shape)}, found {tuple(render.shape)}")
+
+
+def finite_option(name: str, value: float) -> float:
+    """``value``, if it is a finite number >= 0; else InputError."""
+    if not (math.isfinite(value) and value >= 0):
+        raise InputError(f"prior.options.{name}: expected a finite number >= 0, found {value}")
+    return value
+
+
+def _stacked(images: Tensor, masks: Tensor, view: int) -> Tensor:
+    return torch.cat([images[view].float(), masks[view, ..., None].float()], -1)
+
+
+def _content(image: Tensor, mask: Tensor) -> int:
+    digest = hashlib.sha256(image.float().contiguous().numpy().tobytes() + mask.float().contiguous().numpy().tobytes())
+    return int.from_bytes(digest.digest()[:7], "little")

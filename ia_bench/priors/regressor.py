@@ -1,0 +1,43 @@
+"""The deterministic alternative: one network pass from image to albedo and specular shading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.conditioned import Conditioned
+from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.learned import Framed, LearnedPrior
+
+
+class RegressorPrior(LearnedPrior):
+    """The paper's "data-driven" alternative: a network of the diffusion prior's size, data and training, without noise.
+
+    It returns the mean of what the image could mean, always the same; so there is nothing to guide. Options as in
+    :class:`ia_bench.priors.learned.LearnedPrior`, without ``patches``.
+    """
+
+    kind = "regressor"
+    packaged = "regressor"
+    stochastic = False
+    guidable = False
+
+    def __init__(self, *, weights: str | None = None, geometry: bool = False, batch: int = 64, device: str = "auto") -> None:
+        super().__init__(weights=weights, geometry=geometry, batch=batch, device=device)
+
+    def _options(self) -> dict[str, Any]:
+        return {"geometry": self.reads_geometry}
+
+    @torch.no_grad()
+    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
+        if render:
+            raise InputError("prior=regressor: it cannot be guided (guidable is false), found guidance")
+        model = Conditioned(network, NoiseSchedule.from_sigmas([1.0]), chunk=self.batch)
+        predicted = model.regress(framed.condition)
+        self.network_calls += model.calls
+        return predicted

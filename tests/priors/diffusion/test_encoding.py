@@ -1,0 +1,61 @@
+import pytest
+import torch
+
+from ia_bench.priors.diffusion.encoding import (
+    EXPOSED_VALUE,
+    decode_albedo,
+    decode_specular,
+    encode_albedo,
+    encode_image,
+    encode_specular,
+    exposure,
+)
+
+
+@pytest.fixture
+def picture():
+    generator = torch.Generator().manual_seed(0)
+    masks = (torch.rand(3, 8, 8, generator=generator) * 1.5 - 0.25).clamp(0, 1)
+    colours = torch.rand(3, 8, 8, 3, generator=generator)
+    return colours * masks[..., None], masks
+
+
+def test_exposure_brings_the_quantile_of_the_foreground_to_its_value(picture):
+    images, masks = picture
+    exposed = images * exposure(images, masks)[:, None, None, None]
+    for image, mask in zip(exposed, masks, strict=True):
+        brightest = image.amax(-1)[mask > 0.5]
+        share = (brightest <= EXPOSED_VALUE * 1.0001).float().mean()
+        assert 0.85 < share < 0.97
+
+
+def test_exposure_divides_the_scale_of_an_image_out(picture):
+    images, masks = picture
+    torch.testing.assert_close(exposure(1e6 * images, masks) * 1e6, exposure(images, masks))
+    seen = encode_image(images, masks, exposure(images, masks))
+    again = encode_image(1e-3 * images, masks, exposure(1e-3 * images, masks))
+    torch.testing.assert_close(again, seen, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("image", [torch.zeros(1, 4, 4, 3), torch.full((1, 4, 4, 3), 1e-12)])
+def test_a_black_image_keeps_exposure_1(image):
+    assert exposure(image, torch.ones(1, 4, 4)).item() == 1
+    assert exposure(image, torch.zeros(1, 4, 4)).item() == 1
+
+
+def test_albedo_returns_from_its_encoding(picture):
+    albedo, masks = picture
+    encoded = encode_albedo(albedo, masks)
+    assert encoded.abs().max() <= 1
+    assert bool((encoded.movedim(1, -1)[masks == 0] == 0).all())
+    torch.testing.assert_close(decode_albedo(encoded, masks), albedo, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize(("encoding", "brightest"), [("display", 1.0), ("log", 64.0)])
+def test_specular_returns_up_to_the_white_of_its_encoding(picture, encoding, brightest):
+    colours, masks = picture
+    specular, factor = colours * brightest / 0.25, torch.full((3,), 0.25)
+    encoded = encode_specular(specular, masks, factor, encoding)
+    torch.testing.assert_close(decode_specular(encoded, masks, factor, encoding), specular, atol=1e-4 * brightest, rtol=1e-4)
+    beyond = decode_specular(encode_specular(100 * specular, masks, factor, encoding), masks, factor, encoding)
+    assert beyond.max() <= brightest / 0.25 * 1.0001
