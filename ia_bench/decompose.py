@@ -1,0 +1,206 @@
+"""``python -m ia_bench.decompose IMAGE...``: albedo and specular shading behind single images, by a prior alone.
+
+In Python::
+
+    from ia_bench.decompose import decompose
+    parts = decompose("photo.jpg")
+    parts.mean["albedo"], parts.spread["albedo"]  # (H, W, 3) linear, premultiplied by parts.mask
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from ia_bench.__main__ import OK, complain
+from ia_bench.composition import compose
+from ia_bench.errors import InputError
+from ia_bench.photograph import read_photograph
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.exr import write_exr
+
+SPREAD_GAIN = 4.0
+"""The spread is shown this much brighter; it is a standard deviation of linear values and mostly small."""
+EXPOSED_QUANTILE = 0.99
+"""This share of an HDR image's pixels fits below white on the sheet."""
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """What the prior makes of one image. All (H, W, 3) float32, linear, premultiplied by ``mask`` (H, W) in [0, 1].
+
+    ``image``: what it was given, possibly reduced; ``mean`` and ``spread`` (standard deviation) over ``samples`` samples, by
+    component ("albedo" in [0, 1], "specular" in the radiance of the image). ``network_calls``: evaluations it took.
+    """
+
+    image: np.ndarray
+    mask: np.ndarray
+    mean: dict[str, np.ndarray]
+    spread: dict[str, np.ndarray]
+    samples: int
+    network_calls: int
+
+
+def decompose(
+    image: str | Path,
+    mask: str | Path | None = None,
+    *,
+    prior: str = "diffusion",
+    options: Mapping[str, Any] | None = None,
+    samples: int = 8,
+    size: int = 512,
+    seed: int = 0,
+) -> Decomposition:
+    """Split a picture into albedo and specular shading.
+
+    ``image``, ``mask``: files, see :func:`ia_bench.photograph.read_photograph`. ``prior``: a name or "module:Class", with
+    ``options``. ``size``: a picture whose longer side has more pixels is reduced to that many. Raises InputError.
+    """
+    maker = _maker(prior, options or {})
+    radiance, coverage = read_photograph(Path(image), None if mask is None else Path(mask))
+    return _decompose(maker, *_reduced(radiance, coverage, size), samples=samples, seed=seed)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    about = __doc__.partition("\n")[0]
+    parser = argparse.ArgumentParser(prog="python -m ia_bench.decompose", description=about, allow_abbrev=False)
+    parser.add_argument("images", nargs="+", type=Path, metavar="IMAGE", help="PNG, JPEG, TIFF, ... (sRGB) or OpenEXR (linear)")
+    parser.add_argument("--mask", type=Path, help="picture that is white on the object; else the image's alpha, else all of it")
+    parser.add_argument("--out", type=Path, default=Path("decomposed"), help="folder for the results (default: decomposed)")
+    parser.add_argument("--prior", default="diffusion", help="a prior's name or module:Class (default: diffusion)")
+    parser.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the prior, e.g. steps=20")
+    parser.add_argument("--samples", type=int, default=8, help="samples whose mean and spread are written (default: 8)")
+    parser.add_argument("--size", type=int, default=512, help="reduce larger images to this many pixels (default: 512)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: 0)")
+    wanted = parser.parse_args(arguments)
+    try:
+        for name, least in (("samples", 1), ("size", 8), ("seed", 0)):
+            if getattr(wanted, name) < least:
+                raise InputError(f"--{name}: expected at least {least}, found {getattr(wanted, name)}")
+        if wanted.mask is not None and len(wanted.images) > 1:
+            raise InputError(f"--mask: expected one image with it, found {len(wanted.images)}")
+        stems = [path.stem for path in wanted.images]
+        twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+        if twice is not None:
+            raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
+        read = [read_photograph(path, wanted.mask) for path in wanted.images]  # all mistakes come before any work
+        maker = _maker(wanted.prior, wanted.option)
+        for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
+            parts = _decompose(maker, *_reduced(radiance, coverage, wanted.size), samples=wanted.samples, seed=wanted.seed)
+            print(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations")
+            for written in write_decomposition(parts, wanted.out, path.stem):
+                print(f"  {written}")
+    except InputError as error:
+        return complain(str(error))
+    return OK
+
+
+def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[Path]:
+    """Write every component as PNG (sRGB, straight alpha) and EXR (linear, premultiplied), its spread, and a sheet of all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written, cells = [], [("image", _shown(parts.image, parts.mask, _exposure(parts.image)))]
+    for component, mean in parts.mean.items():
+        exposure = 1.0 if component == "albedo" else _exposure(parts.image)
+        pictures = {"": _shown(mean, parts.mask, exposure)}
+        write_exr(folder / f"{name}_{component}.exr", np.dstack([mean, parts.mask]), half=False)
+        written.append(folder / f"{name}_{component}.exr")
+        if parts.samples > 1:
+            pictures["_spread"] = _shown(parts.spread[component], parts.mask, SPREAD_GAIN * exposure)
+        for suffix, picture in pictures.items():
+            path = folder / f"{name}_{component}{suffix}.png"
+            Image.fromarray(picture).save(path)
+            written.append(path)
+            cells.append((f"{component} {SPREAD_GAIN:g} x spread" if suffix else component, picture))
+    sheet = folder / f"{name}_sheet.png"
+    _sheet(cells).save(sheet)
+    return [*written, sheet]
+
+
+def _maker(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  # noqa: ANN401 (any prior)
+    from ia_bench import registry  # brings in torch
+
+    pairs = [f"{key}={value}" for key, value in options.items()] if isinstance(options, Mapping) else list(options)
+    for pair in pairs:
+        if "=" not in pair:
+            raise InputError(f"--option: expected KEY=VALUE, found {pair!r}")
+    config = compose([f"prior={name}", *(f"prior.options.{pair}" for pair in pairs)]).prior
+    prior = registry.create("prior", config.name, config.target, config.options)
+    if getattr(prior, "sees_truth", False):
+        raise InputError(f"--prior: {name} needs ground truth, which a photograph does not have")
+    if not prior.provides:
+        raise InputError(f"--prior: {name} provides nothing to decompose an image into")
+    return prior
+
+
+def _decompose(prior: Any, image: np.ndarray, mask: np.ndarray, *, samples: int, seed: int) -> Decomposition:  # noqa: ANN401
+    import torch
+
+    from ia_bench.priors.diffusion.sampler import derive_seed
+
+    images, masks = torch.from_numpy(image)[None], torch.from_numpy(mask)[None]
+    count = samples if prior.stochastic else 1
+    before = prior.network_calls
+    drawn = [prior.sample(images, masks, seed=derive_seed(seed, draw)) for draw in range(count)]
+    stacked = {name: torch.stack([sample[name][0] for sample in drawn]).numpy() for name in sorted(prior.provides)}
+    return Decomposition(
+        image=image,
+        mask=mask,
+        mean={name: values.mean(0) for name, values in stacked.items()},
+        spread={name: values.std(0) for name, values in stacked.items()},
+        samples=count,
+        network_calls=prior.network_calls - before,
+    )
+
+
+def _reduced(radiance: np.ndarray, coverage: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """The image with at most ``size`` pixels along its longer side, averaged in linear light."""
+    height, width = coverage.shape
+    scale = size / max(height, width)
+    if scale >= 1:
+        return radiance, coverage
+    shape = max(round(width * scale), 1), max(round(height * scale), 1)
+    channels = [
+        np.asarray(Image.fromarray(channel).resize(shape, Image.Resampling.BOX))
+        for channel in np.moveaxis(np.dstack([radiance, coverage]), -1, 0)
+    ]
+    stacked = np.stack(channels, -1).clip(0)
+    return np.ascontiguousarray(stacked[..., :3]), stacked[..., 3].clip(0, 1)
+
+
+def _exposure(image: np.ndarray) -> float:
+    """1, or less for an image that would clip on a display."""
+    return float(min(1.0, 1 / max(np.quantile(image.max(-1), EXPOSED_QUANTILE), 1e-12)))
+
+
+def _shown(linear: np.ndarray, mask: np.ndarray, exposure: float) -> np.ndarray:
+    """(H, W, 4) uint8, sRGB with straight alpha, of premultiplied linear values."""
+    straight = exposure * linear / np.maximum(mask, 1e-3)[..., None]
+    encoded = linear_to_srgb(straight.clip(0, 1)) * (mask > 0)[..., None]
+    return np.round(255 * np.dstack([encoded, mask])).astype(np.uint8)
+
+
+def _sheet(cells: list[tuple[str, np.ndarray]]) -> Image.Image:
+    """The pictures side by side over white, with their names above."""
+    height, width = cells[0][1].shape[:2]
+    zoom = max(1, round(192 / max(height, width)))
+    line, gap = 20, 8
+    sheet = Image.new("RGB", (len(cells) * (width * zoom + gap) + gap, height * zoom + line + gap), "white")
+    draw = ImageDraw.Draw(sheet)
+    for column, (name, picture) in enumerate(cells):
+        left = gap + column * (width * zoom + gap)
+        shown = Image.fromarray(picture).resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
+        sheet.paste(shown, (left, line), shown)
+        draw.text((left, 4), name, fill="black")
+    return sheet
+
+
+if __name__ == "__main__":
+    sys.exit(main())

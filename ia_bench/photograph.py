@@ -1,0 +1,78 @@
+"""Reading any picture as a linear image with a mask: photographs with EXIF orientation and alpha, OpenEXR images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from ia_bench.errors import InputError
+from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import read_exr
+
+HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
+"""Greyscale modes of Pillow with more than 8 bits, and the value of white in them."""
+
+
+def read_photograph(path: Path, mask: Path | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """A picture as linear radiance (H, W, 3) float32, premultiplied, and its mask (H, W) in [0, 1].
+
+    OpenEXR files are linear and their alpha premultiplied; everything else that Pillow opens is sRGB with straight alpha,
+    turned upright by its EXIF orientation. ``mask``: a picture of the same size, white where the object is; it
+    multiplies the alpha. Without either the whole picture is the object. Raises InputError.
+    """
+    radiance, coverage = _read_linear(path) if path.suffix.lower() == ".exr" else _read_encoded(path)
+    if mask is not None:
+        chosen = _read_mask(mask)
+        if chosen.shape != coverage.shape:
+            found, expected = chosen.shape, coverage.shape
+            raise InputError(f"{mask}: expected {expected[1]} x {expected[0]} pixels like {path}, found {found[1]} x {found[0]}")
+        radiance, coverage = radiance * chosen[..., None], coverage * chosen
+    if not (coverage > 0).any():
+        raise InputError(f"{mask or path}: the mask has no pixel of an object (all of it is 0)")
+    return radiance.astype(np.float32), coverage.astype(np.float32)
+
+
+def _read_linear(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such image")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            alpha = "A" in file.channels()
+    except (RuntimeError, OSError, ValueError) as error:
+        raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
+    image = read_exr(path, 4 if alpha else 3)
+    if (image[..., :3] < 0).any():
+        raise InputError(f"{path}: expected radiance >= 0, found {int((image[..., :3] < 0).any(-1).sum())} negative pixel(s)")
+    return image[..., :3], image[..., 3].clip(0, 1) if alpha else np.ones(image.shape[:2], np.float32)
+
+
+def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    picture = _open(path)
+    if picture.mode in HIGH_BIT_MODES:
+        grey = np.asarray(picture, np.float32) / HIGH_BIT_MODES[picture.mode]
+        values = np.dstack([grey, grey, grey, np.ones_like(grey)])
+    else:
+        values = np.asarray(picture.convert("RGBA"), np.float32) / 255
+    return srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
+
+
+def _read_mask(path: Path) -> np.ndarray:
+    picture = _open(path)
+    if "A" in picture.getbands() and picture.getchannel("A").getextrema()[0] < 255:
+        return np.asarray(picture.getchannel("A"), np.float32) / 255  # a cut-out: its shape is in its alpha
+    return np.asarray(picture.convert("L"), np.float32) / 255
+
+
+def _open(path: Path) -> Image.Image:
+    if not path.is_file():
+        raise InputError(f"{path}: no such image")
+    try:
+        with Image.open(path) as file:
+            upright = ImageOps.exif_transpose(file)
+            upright.load()
+    except (UnidentifiedImageError, OSError, SyntaxError, Image.DecompressionBombError) as error:
+        raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ... or OpenEXR), found {error}") from None
+    return upright

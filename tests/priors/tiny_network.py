@@ -1,0 +1,23 @@
+"""Untrained networks small enough for tests: their samples mean nothing, but obey every rule."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from ia_bench.priors.diffusion.checkpoints import save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
+
+
+def tiny_config(kind="diffusion", **changes):
+    prediction = "v_prediction" if kind == "diffusion" else "sample"
+    values = {"kind": kind, "size": 16, "channels": (16, 32), "tokens": 16, "prediction_type": prediction, **changes}
+    return NetworkConfig(**values)
+
+
+def tiny_weights(folder: Path, kind="diffusion", seed=0, **changes) -> Path:
+    """A folder of random weights, as ia_bench.priors.train writes them."""
+    torch.manual_seed(seed)
+    save_network(folder, MaterialNetwork(tiny_config(kind, **changes)), {"steps": 0})
+    return folder

@@ -1,0 +1,146 @@
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from priors.tiny_network import tiny_weights
+
+from ia_bench.decompose import decompose, main
+from ia_bench.errors import InputError
+from ia_bench.photograph import read_photograph
+from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import read_exr, write_exr
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    return tiny_weights(tmp_path_factory.mktemp("weights") / "diffusion")
+
+
+@pytest.fixture
+def picture():
+    """(24, 30, 4) uint8: a coloured disc, cut out by its alpha."""
+    rows, columns = np.mgrid[:24, :30]
+    alpha = np.clip(10 - np.hypot(rows - 11, columns - 16), 0, 1)
+    colour = np.stack([rows * 8, columns * 7, 200 - rows * 5], -1)
+    return np.dstack([colour, 255 * alpha]).astype(np.uint8)
+
+
+def arguments(weights, out):
+    return ["--out", str(out), "--option", f"weights={weights}", "--option", "steps=2", "--samples", "2"]
+
+
+def test_the_command_writes_every_part_of_a_photograph(tmp_path, weights, picture):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "ia_bench.decompose", str(tmp_path / "disc.png"), *arguments(weights, out)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    assert ended.returncode == 0, ended.stderr
+    assert "2 samples, 4 network evaluations" in ended.stdout
+    parts = [f"disc_{part}{suffix}" for part in ("albedo", "specular") for suffix in (".exr", ".png", "_spread.png")]
+    assert sorted(path.name for path in out.iterdir()) == sorted([*parts, "disc_sheet.png"])
+    linear = read_exr(out / "disc_albedo.exr", 4)
+    np.testing.assert_allclose(linear[..., 3], picture[..., 3] / 255, atol=1e-6)
+    assert 0 <= linear.min() <= linear[..., :3].max() <= 1
+    inside = linear[..., 3] == 1
+    shown = np.asarray(Image.open(out / "disc_albedo.png"), np.float32) / 255
+    np.testing.assert_allclose(srgb_to_linear(shown[..., :3])[inside], linear[..., :3][inside], atol=0.006)
+
+
+def test_from_python_in_three_lines(tmp_path, weights, picture):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    parts = decompose(tmp_path / "disc.png", options={"weights": weights, "steps": 2}, samples=3)
+    assert parts.samples == 3
+    assert parts.network_calls == 6
+    assert parts.spread["albedo"].max() > 0
+    assert parts.mean["specular"].shape == (24, 30, 3)
+    assert bool((parts.mean["albedo"][parts.mask == 0] == 0).all())
+
+
+def test_large_pictures_are_reduced_in_linear_light(tmp_path, weights):
+    stripes = np.zeros((64, 128, 3), np.uint8)
+    stripes[:, ::2] = 255
+    Image.fromarray(stripes).save(tmp_path / "stripes.png")
+    parts = decompose(tmp_path / "stripes.png", options={"weights": weights, "steps": 1}, samples=1, size=32)
+    assert parts.image.shape == (16, 32, 3)
+    np.testing.assert_allclose(parts.image, 0.5, atol=1e-6)
+
+
+def test_a_photograph_is_turned_upright(tmp_path):
+    upright = np.zeros((8, 12, 3), np.uint8)
+    upright[:4, :6] = (250, 128, 3)
+    turned = Image.fromarray(np.rot90(upright).copy())  # a quarter to the left, which orientation 6 undoes
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    turned.save(tmp_path / "turned.png", exif=exif)
+    image, mask = read_photograph(tmp_path / "turned.png")
+    np.testing.assert_allclose(image, srgb_to_linear(upright / 255.0), atol=1e-6)
+    assert mask.min() == 1
+
+
+def test_alpha_and_mask_multiply(tmp_path, picture):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    half = np.zeros((24, 30), np.uint8)
+    half[:, :15] = 255
+    Image.fromarray(half).save(tmp_path / "half.png")
+    image, mask = read_photograph(tmp_path / "disc.png", tmp_path / "half.png")
+    np.testing.assert_allclose(mask, picture[..., 3] / 255 * (half / 255), atol=1e-6)
+    np.testing.assert_allclose(image, srgb_to_linear(picture[..., :3] / 255.0) * mask[..., None], atol=1e-6)
+
+
+def test_exr_is_taken_as_linear_and_premultiplied(tmp_path):
+    pixels = np.full((4, 5, 4), 0.25, np.float32)
+    pixels[..., :3] = 2.5
+    write_exr(tmp_path / "bright.exr", pixels)
+    image, mask = read_photograph(tmp_path / "bright.exr")
+    assert image.max() == 2.5
+    assert mask.max() == 0.25
+
+
+def test_sixteen_bits_of_grey_reach_white(tmp_path):
+    Image.fromarray(np.full((4, 4), 65535, np.uint16)).save(tmp_path / "grey.png")
+    assert read_photograph(tmp_path / "grey.png")[0].min() == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(b"not a picture", "expected a picture"), (None, "no such image")],
+)
+def test_what_is_no_picture_is_refused_by_name(tmp_path, content, message):
+    path = tmp_path / "photo.jpg"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=f"photo.jpg.*{message}"):
+        read_photograph(path)
+
+
+def test_masks_of_another_size_and_empty_ones_are_refused(tmp_path, picture):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    Image.fromarray(np.full((5, 5), 255, np.uint8)).save(tmp_path / "small.png")
+    with pytest.raises(InputError, match=r"small.png: expected 30 x 24 pixels .* found 5 x 5"):
+        read_photograph(tmp_path / "disc.png", tmp_path / "small.png")
+    Image.fromarray(np.zeros((24, 30), np.uint8)).save(tmp_path / "none.png")
+    with pytest.raises(InputError, match="none.png: the mask has no pixel"):
+        read_photograph(tmp_path / "disc.png", tmp_path / "none.png")
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        (["--prior", "difusion"], "did you mean 'prior=diffusion'|did you mean 'diffusion'"),
+        (["--prior", "oracle"], "needs ground truth"),
+        (["--prior", "none"], "provides nothing"),
+        (["--option", "stepz=3"], "did you mean"),
+        (["--option", "steps"], "expected KEY=VALUE"),
+        (["--samples", "0"], "--samples: expected at least 1"),
+    ],
+)
+def test_mistakes_end_in_one_line(tmp_path, picture, capsys, extra, message):
+    import re
+
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    assert main([str(tmp_path / "disc.png"), "--out", str(tmp_path / "out"), *extra]) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
