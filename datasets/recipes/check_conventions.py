@@ -18,8 +18,9 @@ from latlong import texel_directions
 from materials import add_aovs
 from mesh import Mesh
 from numpy.typing import NDArray
+from passes import Passes
 from render_scene import quiet
-from renderer import Passes, Renderer
+from renderer import Renderer
 
 SIZE, HEIGHT = 48, 128
 RADIUS = 0.9
@@ -50,11 +51,11 @@ def render_ball(pose: NDArray[np.float64], light: NDArray[np.floating], mirror: 
         shader.inputs[name].default_value = value
     add_aovs(material, {})
     item.data.materials.append(material)
-    renderer = Renderer(SIZE, direct_only=direct_only)
+    renderer = Renderer(SIZE)
     with tempfile.TemporaryDirectory() as folder:
         write_exr(Path(folder) / "light.exr", round_mantissa(light, 10))
         renderer.set_light(Path(folder) / "light.exr")
-        return renderer.render(pose, samples=256)
+        return renderer.render(pose, samples=256, direct_only=direct_only)
 
 
 def pixel_rays(pose: NDArray[np.float64]) -> NDArray[np.float64]:

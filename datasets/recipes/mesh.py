@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 MAX_TRIANGLES = 24_000
 VERTEX_PROPERTIES = ("x", "y", "z", "nx", "ny", "nz", "u", "v")
+FACE = [("count", "u1"), ("index", "<u2", 3)]
 
 
 @dataclass(frozen=True)
@@ -57,13 +58,19 @@ def check(mesh: Mesh) -> str:
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
-    """Binary little-endian PLY: vertices x y z nx ny nz u v (float32), then triangles."""
+    """Binary little-endian PLY: vertices x y z nx ny nz u v (float32), then triangles (uint16, at most 65536 vertices).
+
+    Raises:
+        ValueError: if the mesh has more vertices.
+    """
+    if len(mesh.positions) > 2**16:
+        raise ValueError(f"{path}: expected at most {2**16} vertices, got {len(mesh.positions)}")
     vertex = np.concatenate([mesh.positions, mesh.normals, mesh.uv], axis=1).astype("<f4")
-    face = np.empty(len(mesh.faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    face = np.empty(len(mesh.faces), dtype=FACE)
     face["count"], face["index"] = 3, mesh.faces
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertex)}"]
     header += [f"property float {name}" for name in VERTEX_PROPERTIES]
-    header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header\n"]
+    header += [f"element face {len(face)}", "property list uchar ushort vertex_indices", "end_header\n"]
     path.write_bytes("\n".join(header).encode() + vertex.tobytes() + face.tobytes())
 
 
@@ -77,8 +84,9 @@ def read_ply(path: Path) -> Mesh:
     lines = header.decode("ascii", "replace").splitlines()
     counts = {line.split()[1]: int(line.split()[2]) for line in lines if line.startswith("element")}
     properties = tuple(line.split()[-1] for line in lines if line.startswith("property float"))
-    if not found or properties != VERTEX_PROPERTIES or "binary_little_endian" not in lines[1]:
-        raise ValueError(f"{path}: expected binary PLY with float {' '.join(VERTEX_PROPERTIES)}, got {lines}")
+    if not found or properties != VERTEX_PROPERTIES or "binary_little_endian" not in lines[1] or " ushort " not in lines[-1]:
+        expected = f"binary PLY with float {' '.join(VERTEX_PROPERTIES)} and lists of ushort"
+        raise ValueError(f"{path}: expected {expected}, got {lines}")
     vertex = np.frombuffer(body, "<f4", 8 * counts["vertex"]).reshape(-1, 8)
-    face = np.frombuffer(body, [("count", "u1"), ("index", "<i4", 3)], counts["face"], 32 * counts["vertex"])
-    return Mesh(vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], np.ascontiguousarray(face["index"]))
+    face = np.frombuffer(body, FACE, counts["face"], 32 * counts["vertex"])
+    return Mesh(vertex[:, :3], vertex[:, 3:6], vertex[:, 6:], face["index"].astype(np.int32))

@@ -2,7 +2,6 @@
 
 import math
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -10,6 +9,7 @@ import numpy as np
 from cameras import FIELD_OF_VIEW
 from exr import read_planes
 from numpy.typing import NDArray
+from passes import Passes
 
 # isort: split
 from mathutils import Matrix  # can be imported only once bpy is
@@ -18,35 +18,17 @@ BOUNCES = 4
 AOVS = {"albedo": "COLOR", "normal": "COLOR", "roughness": "VALUE", "depth": "VALUE"}
 
 
-@dataclass(frozen=True)
-class Passes:
-    """One rendered view: rgba (H, W, 4) premultiplied; specular, albedo, normal (H, W, 3); roughness, depth (H, W).
-
-    All but rgba are averages over the pixel's samples, where samples that miss the object count as zero.
-    """
-
-    rgba: NDArray[np.float32]
-    specular: NDArray[np.float32]
-    albedo: NDArray[np.float32]
-    normal: NDArray[np.float32]
-    roughness: NDArray[np.float32]
-    depth: NDArray[np.float32]
-
-
 class Renderer:
     """Renders views of what is in the Blender scene; geometry, textures and light stay loaded between views."""
 
-    def __init__(self, size: int, *, direct_only: bool, threads: int = 0) -> None:
-        """Set up Cycles for square images of `size` pixels on `threads` CPU threads (0: all).
-
-        `direct_only` keeps only light that arrives unreflected.
-        """
+    def __init__(self, size: int, threads: int = 0) -> None:
+        """Set up Cycles for square images of `size` pixels on `threads` CPU threads (0: all)."""
         self._scratch = tempfile.TemporaryDirectory(prefix="render-")
         self._file = Path(self._scratch.name) / "passes.exr"
         scene = bpy.context.scene
         scene.render.engine = "CYCLES"
         scene.cycles.device = "CPU"
-        self._integrator(scene.cycles, 0 if direct_only else BOUNCES)
+        self._integrator(scene.cycles)
         if threads:
             scene.render.threads_mode, scene.render.threads = "FIXED", threads
         self._film(scene, size)
@@ -57,8 +39,7 @@ class Renderer:
         self._environment = self._world(scene)
 
     @staticmethod
-    def _integrator(cycles: bpy.types.PropertyGroup, bounces: int) -> None:
-        cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
+    def _integrator(cycles: bpy.types.PropertyGroup) -> None:
         cycles.transmission_bounces = cycles.volume_bounces = cycles.transparent_max_bounces = 0
         cycles.caustics_reflective = cycles.caustics_refractive = True
         cycles.blur_glossy = 0.0
@@ -102,9 +83,14 @@ class Renderer:
         self._environment.image = image
         bpy.context.scene.world.cycles.sample_map_resolution = image.size[0]
 
-    def render(self, pose: NDArray[np.float64], samples: int, seed: int = 0) -> Passes:
-        """Render from an OpenGL camera-to-world pose (4, 4) with `samples` paths a pixel."""
+    def render(self, pose: NDArray[np.float64], samples: int, seed: int = 0, *, direct_only: bool = False) -> Passes:
+        """Render from an OpenGL camera-to-world pose (4, 4) with `samples` paths a pixel.
+
+        `direct_only` keeps only light that arrives at the object unreflected.
+        """
         scene = bpy.context.scene
+        bounces = 0 if direct_only else BOUNCES
+        scene.cycles.max_bounces = scene.cycles.diffuse_bounces = scene.cycles.glossy_bounces = bounces
         scene.camera.matrix_world = Matrix(pose.tolist())
         scene.cycles.samples, scene.cycles.seed = samples, seed
         scene.update_tag()  # with persistent data, Cycles would not see the new sample count and seed otherwise

@@ -3,13 +3,13 @@
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from cameras import FIELD_OF_VIEW, split_poses
-from exr import DWA_LEVEL, STORED_BITS
+from exr import STORAGE
 from latlong import CONVENTION
 from numpy.typing import NDArray
 from recipe import Recipe
@@ -18,11 +18,12 @@ TRUTH = {
     "train": ("specular",),  # albedo follows exactly from the texture
     "test": ("albedo", "specular", "roughness", "normal", "depth"),
     "novel": (),
+    "direct": (),
 }
 """Ground truth images of each split, all under the training light."""
 
 DIRECT_VIEWS = 4
-"""Test views of which a direct-light-only image is kept."""
+"""Test views, evenly spaced, of which an image with direct light only is kept: the split "direct"."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class View:
     @property
     def image(self) -> str:
         """Path of the image in the scene folder."""
-        folder = f"images/novel/{self.light}" if self.split == "novel" else f"images/{self.split}"
+        folder = {"novel": f"images/novel/{self.light}", "direct": "direct/test"}.get(self.split, f"images/{self.split}")
         return f"{folder}/{self.index:04d}.exr"
 
     @property
@@ -62,12 +63,9 @@ def _views(recipe: Recipe) -> Iterator[View]:
         for light in recipe.lights if split == "novel" else ("train",):
             for index, pose in enumerate(poses):
                 yield View(split, index, light, pose)
-
-
-def direct_views(recipe: Recipe) -> list[View]:
-    """The test views, evenly spaced, of which a direct-light-only image is kept."""
-    test = [view for view in _views(recipe) if view.split == "test"]
-    return test[:: max(1, len(test) // DIRECT_VIEWS)][:DIRECT_VIEWS]
+    poses = split_poses("test", recipe.views["test"])
+    for index in range(0, len(poses), max(1, len(poses) // DIRECT_VIEWS))[:DIRECT_VIEWS]:
+        yield View("direct", index, "train", poses[index])
 
 
 def write_transforms(out: Path, recipe: Recipe) -> None:
@@ -96,7 +94,7 @@ def write_scene(out: Path, name: str, recipe: Recipe, render: dict[str, Any]) ->
         "splits": recipe.views,
         "lights": {light: f"lights/{light}.exr" for light in recipe.lights},
         "truth_textures": {"albedo": "truth/albedo.png", "roughness": "truth/roughness.png"},
-        "render": render | {"stored_mantissa_bits": STORED_BITS, "lossy_dwaa_level": {"image": DWA_LEVEL, "specular": DWA_LEVEL}},
+        "render": render | {"storage": {kind: asdict(storage) for kind, storage in STORAGE.items()}},
     }
     write_json(out / "scene.json", scene)
 

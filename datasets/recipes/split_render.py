@@ -7,7 +7,8 @@ import numpy as np
 from cameras import split_poses
 from light_parts import Part, write_parts
 from numpy.typing import NDArray
-from renderer import Passes, Renderer
+from passes import Passes, combine
+from renderer import Renderer
 
 PILOT_SAMPLES = 24
 """Paths a pixel of the renders that measure how noisy each part is."""
@@ -47,32 +48,18 @@ class SplitRenderer:
             noise.append(float(np.mean([np.abs(a.rgba - b.rgba)[..., :3].mean() for a, b in pairs])))
         return [Part(path, value / sum(noise)) for path, value in zip(paths, noise, strict=True)]
 
-    def render(self, light: str, pose: NDArray[np.float64], samples: int, seed: int = 0) -> Passes:
-        """Render from `pose` (4, 4) under a light with `samples` paths a pixel, all parts together."""
+    def render(
+        self, light: str, pose: NDArray[np.float64], samples: int, seed: int = 0, *, direct_only: bool = False
+    ) -> Passes:
+        """Render from `pose` (4, 4) under a light with `samples` paths a pixel, all parts together.
+
+        `direct_only` keeps only light that arrives at the object unreflected.
+        """
         parts = self._parts[light]
         counts = [max(MIN_SAMPLES, round(part.share * samples)) for part in parts]
         rendered = []
         for index, (part, count) in enumerate(zip(parts, counts, strict=True)):
             self._renderer.set_light(part.path)
             # Seeds of their own: with shared ones the parts would miss the same edges, and their errors would add up.
-            rendered.append(self._renderer.render(pose, count, seed * len(parts) + index))
+            rendered.append(self._renderer.render(pose, count, seed * len(parts) + index, direct_only=direct_only))
         return combine(rendered, counts)
-
-
-def combine(rendered: list[Passes], counts: list[int]) -> Passes:
-    """One view from the renders of a light's parts: radiance adds up; coverage and geometry are averages over samples."""
-
-    def mean(name: str) -> NDArray[np.float32]:
-        total = sum(count * getattr(passes, name).astype(np.float64) for passes, count in zip(rendered, counts, strict=True))
-        return np.asarray(total / sum(counts), dtype=np.float32)
-
-    rgba = mean("rgba")
-    rgba[..., :3] = sum(passes.rgba[..., :3] for passes in rendered)
-    return Passes(
-        rgba=rgba,
-        specular=np.sum([passes.specular for passes in rendered], axis=0, dtype=np.float32),
-        albedo=mean("albedo"),
-        normal=mean("normal"),
-        roughness=mean("roughness"),
-        depth=mean("depth"),
-    )

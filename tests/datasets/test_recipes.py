@@ -10,6 +10,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+import trimesh
 
 RECIPES = Path(__file__).resolve().parents[2] / "datasets" / "recipes"
 
@@ -29,8 +30,11 @@ def load(name: str) -> ModuleType:
         sys.path.remove(str(RECIPES))
 
 
-latlong, lights, light_parts, cameras, exr, recipe, scene_folder = (
-    load(name) for name in ("latlong", "lights", "light_parts", "cameras", "exr", "recipe", "scene_folder")
+latlong, lights, light_parts, cameras, exr, mesh, passes, recipe, scene_folder, staging = (
+    load(name)
+    for name in (
+        "latlong", "lights", "light_parts", "cameras", "exr", "mesh", "passes", "recipe", "scene_folder", "staging"
+    )  # fmt: skip
 )
 
 
@@ -142,6 +146,20 @@ def test_a_light_without_bright_sources_is_one_part() -> None:
     np.testing.assert_array_equal(part, light)
 
 
+def test_passes_of_parts_add_radiance_and_average_geometry_over_samples() -> None:
+    """Combined from parts of 1 and 3 samples: by hand."""
+    rng = np.random.default_rng(2)
+    channels = {"rgba": (4,), "specular": (3,), "albedo": (3,), "normal": (3,), "roughness": (), "depth": ()}
+    shapes = {name: (3, 4, *last) for name, last in channels.items()}
+    a, b = ({name: rng.random(shape).astype(np.float32) for name, shape in shapes.items()} for _ in range(2))
+    whole = passes.combine([passes.Passes(**a), passes.Passes(**b)], [1, 3])
+    np.testing.assert_allclose(whole.rgba[..., :3], a["rgba"][..., :3] + b["rgba"][..., :3], rtol=1e-6)
+    np.testing.assert_allclose(whole.specular, a["specular"] + b["specular"], rtol=1e-6)
+    np.testing.assert_allclose(whole.rgba[..., 3], 0.25 * a["rgba"][..., 3] + 0.75 * b["rgba"][..., 3], rtol=1e-6)
+    for name in ("albedo", "normal", "roughness", "depth"):
+        np.testing.assert_allclose(getattr(whole, name), 0.25 * a[name] + 0.75 * b[name], rtol=1e-6)
+
+
 def test_connected_regions_match_a_flood_fill() -> None:
     rng = np.random.default_rng(5)
     texels = rng.random((13, 27)) < 0.35
@@ -225,6 +243,32 @@ def test_rounding_refuses_what_a_half_cannot_hold(bad: float) -> None:
         exr.round_mantissa(np.array([1.0, bad]), 8)
 
 
+def test_normals_are_stored_in_absolute_steps() -> None:
+    normal = np.random.default_rng(3).normal(size=(500, 1, 3))
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    stored = exr.quantise(normal.astype(np.float32), exr.STORAGE["normal"]).astype(np.float64)
+    np.testing.assert_array_equal(stored * 256, np.rint(stored * 256))
+    assert np.abs(stored - normal).max() <= 1 / 512 + 1e-7
+
+
+@pytest.mark.parametrize(("kind", "decibels"), [("image", 45.0), ("specular", 45.0), ("train_specular", 40.0)])
+def test_lossy_kinds_keep_their_promise(tmp_path: Path, kind: str, decibels: float) -> None:
+    """A shaded ball with texture, highlight and a hard edge: PSNR of gamma-encoded values; alpha is only rounded."""
+    x, y = np.meshgrid(np.linspace(-1.1, 1.1, 96), np.linspace(-1.1, 1.1, 96))
+    inside = x**2 + y**2 < 1
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    paint = 0.4 + 0.2 * np.sin(9 * x) * np.sin(7 * y) + np.random.default_rng(4).normal(0, 0.02, x.shape)
+    shade = inside * (paint * np.maximum(0.3 * x + 0.9 * z, 0) + 2 * np.maximum(0.6 * x + 0.8 * z, 0) ** 60)
+    image = np.stack([shade, 0.8 * shade, 0.5 * shade, inside], axis=-1)[..., : 4 if kind == "image" else 3]
+    exr.store(tmp_path / "image.exr", image, kind)
+    planes = exr.read_planes(tmp_path / "image.exr")
+    found = np.stack([planes[c] for c in "RGB"], axis=-1).astype(np.float64)
+    error = np.clip(found, 0, 1)[inside] ** (1 / 2.2) - np.clip(image[..., :3], 0, 1)[inside] ** (1 / 2.2)
+    assert -10 * np.log10(np.mean(error**2)) > decibels
+    if kind == "image":
+        np.testing.assert_array_equal(planes["A"], image[..., 3])
+
+
 def test_exr_round_trip(tmp_path: Path) -> None:
     image = exr.round_mantissa(np.random.default_rng(1).uniform(0, 2, (31, 37, 4)), 7)
     exr.write_exr(tmp_path / "deep" / "image.exr", image)
@@ -238,12 +282,14 @@ def test_exr_round_trip(tmp_path: Path) -> None:
 # -- scene folder ------------------------------------------------------------------------------------------------------
 def test_every_view_has_its_own_files_and_only_test_has_all_truth() -> None:
     views = scene_folder.views(recipe.RECIPES["hat"])
-    assert len(views) == 100 + 20 + 20 * 4
+    assert len(views) == 100 + 20 + 20 * 4 + 4
     files = [path for view in views for path in view.files]
-    assert len(set(files)) == len(files) == 100 * 2 + 20 * 6 + 80
+    assert len(set(files)) == len(files) == 100 * 2 + 20 * 6 + 80 + 4
     assert {v.light for v in views if v.split == "novel"} == {"train", *NOVEL_LIGHTS}
     assert all(v.light == "train" for v in views if v.split != "novel")
-    assert [v.split for v in scene_folder.direct_views(recipe.RECIPES["hat"])] == ["test"] * 4
+    direct, test = ([v for v in views if v.split == split] for split in ("direct", "test"))
+    assert [v.image for v in direct] == [f"direct/test/{index:04d}.exr" for index in (0, 5, 10, 15)]
+    assert all((v.pose == test[v.index].pose).all() for v in direct)
 
 
 def test_larger_images_get_larger_textures() -> None:
@@ -251,3 +297,41 @@ def test_larger_images_get_larger_textures() -> None:
     assert hat.at_size(128) == hat
     assert (hat.at_size(512).size, hat.at_size(512).texture_size) == (512, 2048)
     assert hat.at_size(64).texture_size == hat.texture_size
+
+
+# -- staging -----------------------------------------------------------------------------------------------------------
+def test_a_finished_render_replaces_the_scene_and_leaves_nothing_else(tmp_path: Path) -> None:
+    out, hat = tmp_path / "hat", recipe.RECIPES["hat"]
+    (out / "images").mkdir(parents=True)
+    (out / "images" / "old.exr").touch()
+    folder = staging.begin(out, hat)
+    assert staging.begin(out, hat) == folder  # resumed
+    for name in ("new.exr", ".new.123.exr", ".lock"):
+        (folder / name).touch()
+    assert (out / "images" / "old.exr").exists()  # untouched until the new one is complete
+    staging.publish(folder, out)
+    assert [path.name for path in tmp_path.rglob("*")] == ["hat", "new.exr"]
+
+
+def test_an_unfinished_render_of_something_else_is_refused(tmp_path: Path) -> None:
+    staging.begin(tmp_path / "hat", recipe.RECIPES["hat"])
+    with pytest.raises(ValueError, match=r"unfinished render with texture_size 512, size 128|unfinished render with size 128"):
+        staging.begin(tmp_path / "hat", recipe.RECIPES["hat"].at_size(512))
+    staging.begin(tmp_path / "ship", recipe.RECIPES["hat"].at_size(512))  # another place is free
+
+
+# -- mesh --------------------------------------------------------------------------------------------------------------
+def test_ply_round_trip(tmp_path: Path) -> None:
+    """Also through trimesh, which knows nothing of this writer."""
+    rng = np.random.default_rng(6)
+    corners = rng.normal(size=(50, 8)).astype(np.float32)
+    faces = rng.permuted(np.tile(np.arange(50, dtype=np.int32), (40, 1)), axis=1)[:, :3]
+    written = mesh.Mesh(corners[:, :3], corners[:, 3:6], corners[:, 6:], faces)
+    mesh.write_ply(tmp_path / "mesh.ply", written)
+    read = mesh.read_ply(tmp_path / "mesh.ply")
+    for name in ("positions", "normals", "uv", "faces"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(written, name))
+    other = trimesh.load(tmp_path / "mesh.ply", process=False)
+    np.testing.assert_array_equal(other.vertices[other.faces], corners[faces, :3])  # it may number vertices otherwise
+    with pytest.raises(ValueError, match="at most 65536 vertices, got 65537"):
+        mesh.write_ply(tmp_path / "mesh.ply", mesh.Mesh(*(np.zeros((65537, n), np.float32) for n in (3, 3, 2)), faces))
