@@ -133,7 +133,7 @@ def _render(request: Request, progress: Progress, shards: list[tuple[Path, int, 
     compiled = choose_shading(request.shading, progress.note) == "compiled"
     spawn = multiprocessing.get_context("spawn")  # a forked copy of torch's thread pools may hang
     made: SimpleQueue[int | None] = spawn.SimpleQueue()
-    listener = threading.Thread(target=lambda: [advance(count) for count in iter(made.get, None)], daemon=True)
+    listener = threading.Thread(target=_listen, args=(made, advance), daemon=True)
     listener.start()
     pool = ProcessPoolExecutor(min(request.workers, len(shards)), spawn, _begin_worker, (made, compiled))
     try:
@@ -144,6 +144,11 @@ def _render(request: Request, progress: Progress, shards: list[tuple[Path, int, 
         pool.shutdown(cancel_futures=True)
         made.put(None)
         listener.join()
+
+
+def _listen(made: SimpleQueue[int | None], advance: Callable[[int], None]) -> None:
+    for count in iter(made.get, None):
+        advance(count)
 
 
 _made: SimpleQueue[int | None]
@@ -157,9 +162,14 @@ def _begin_worker(made: SimpleQueue[int | None], compiled: bool) -> None:
     from ia_bench.priors.training.shading import DirectLight
 
     _made, _direct = made, DirectLight(compiled=compiled)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
-    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
+    parent.join()
+    os._exit(1)
 
 
 def _work(path: Path, seed: int, first: int, count: int, size: int) -> None:

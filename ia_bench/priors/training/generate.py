@@ -24,8 +24,10 @@ _OBJECT, _VIEW = 1, 2  # purposes of random streams
 
 
 def render_group(seed: int, group: int, views: range, size: int, direct: DirectLight) -> tuple[dict[str, Tensor], int]:
-    """Images ``views`` (of 0 .. VIEWS - 1) of object ``group``: tensors by name, (V, S, S, C) float16, and how many draws
-    were rejected, because the object covered too little or too much of the frame, or for a value that is not finite."""
+    """Images ``views`` (of 0 .. VIEWS - 1) of object ``group``: tensors by name, (V, S, S, C) float16, and rejected draws.
+
+    A draw is rejected if the object covers too little or too much of the frame, or for a value that is not finite.
+    """
     finished: dict[int, dict[str, Tensor]] = {}
     rejected, attempt = 0, 0
     while len(finished) < len(views):
@@ -66,7 +68,9 @@ def render_images(
     return {name: torch.cat([part[name] for part in parts]) for name in CHANNELS}, rejected
 
 
-def make_shard(path: Path, seed: int, first: int, count: int, size: int, direct: DirectLight, advance: Callable[[int], None]) -> None:
+def make_shard(
+    path: Path, seed: int, first: int, count: int, size: int, direct: DirectLight, advance: Callable[[int], None]
+) -> None:
     """Render a shard and write it."""
     tensors, rejected = render_images(seed, first, count, size, direct, advance)
     write_shard(path, tensors, ShardInfo(seed=seed, first=first, count=count, size=size, redrawn=rejected))

@@ -24,8 +24,11 @@ MAX_DISCS = 4
 
 @dataclass(frozen=True)
 class Light:
-    """``radiance`` (H, W, 3) of the map; discs: unit ``direction`` (D, 3), ``cosine`` (D,) of their angular radius and
-    ``emission`` (D, 3), the radiance that they add. An absent disc has cosine 2: nothing lies inside."""
+    """A lat-long map and discs on top of it.
+
+    ``radiance`` (H, W, 3) of the map; discs: unit ``direction`` (D, 3), ``cosine`` (D,) of their angular radius and
+    ``emission`` (D, 3), the radiance that they add. An absent disc has cosine 2: nothing lies inside.
+    """
 
     radiance: Tensor
     direction: Tensor
@@ -69,13 +72,19 @@ def _toward(elevation: float, azimuth: float) -> np.ndarray:
     return np.array([c * math.cos(azimuth), c * math.sin(azimuth), math.sin(elevation)])
 
 
+def _mottle(rng: Generator, frequency: np.ndarray, octaves: int) -> Tensor:
+    """Fractal noise over the directions of the map, (H, W, 1)."""
+    at = _directions() * _tensor(frequency) + float(rng.uniform(0, 30))
+    return fractal(at.reshape(-1, 3), octaves)[:, :1].reshape(HEIGHT, WIDTH, 1)
+
+
 def _ground(canvas: _Canvas, up_irradiance: Tensor) -> None:
     """Fill the lower half with ground that reflects what falls on it."""
     rng = canvas.rng
     albedo = _tensor(rng.uniform(0.05, 0.5) * _colour(rng, 0.25))
     z = _directions()[..., 2:]
     soft = (0.5 - z * rng.uniform(4, 30)).clamp(0, 1)
-    spots = torch.exp(0.3 * fractal(_directions().reshape(-1, 3) * 2 + float(rng.uniform(0, 30)), 3)[:, :1]).reshape(HEIGHT, WIDTH, 1)
+    spots = torch.exp(0.3 * _mottle(rng, np.array([2.0, 2.0, 2.0]), 3))
     canvas.map = canvas.map * (1 - soft) + soft * albedo * up_irradiance / math.pi * spots
 
 
@@ -104,8 +113,8 @@ def sky(canvas: _Canvas) -> None:
     glow = torch.exp((near - 1) * rng.uniform(3, 60)) * rng.uniform(0, 4)
     canvas.map = canvas.map + glow * _tensor(sun)
     if rng.random() < 0.5:
-        cover = torch.sigmoid(3 * fractal((d * torch.tensor([1.5, 1.5, 4.0])).reshape(-1, 3) + float(rng.uniform(0, 30)), 4)[:, :1])
-        canvas.map = canvas.map * (1 - 0.6 * cover.reshape(HEIGHT, WIDTH, 1)) + 0.6 * rng.uniform(0.5, 2) * cover.reshape(HEIGHT, WIDTH, 1)
+        cover = 0.6 * torch.sigmoid(3 * _mottle(rng, np.array([1.5, 1.5, 4.0]), 4))
+        canvas.map = canvas.map * (1 - cover) + rng.uniform(0.5, 2) * cover
     if rng.random() < 0.85:
         radius = math.radians(float(np.exp(rng.uniform(math.log(0.4), math.log(8)))))
         canvas.disc(toward, radius, sun * float(np.exp(rng.uniform(math.log(0.8), math.log(14)))))
@@ -116,8 +125,7 @@ def overcast(canvas: _Canvas) -> None:
     """Thick cloud: brightest above, mottled."""
     rng, d = canvas.rng, _directions()
     bright = 1 + rng.uniform(0.5, 3) * d[..., 2:].clamp_min(0)
-    mottle = torch.exp(rng.uniform(0, 0.5) * fractal((d * 1.5).reshape(-1, 3) + float(rng.uniform(0, 30)), 3)[:, :1])
-    canvas.map = bright * mottle.reshape(HEIGHT, WIDTH, 1) * _tensor(_colour(rng, 0.1))
+    canvas.map = bright * torch.exp(rng.uniform(0, 0.5) * _mottle(rng, np.array([1.5, 1.5, 1.5]), 3)) * _tensor(_colour(rng, 0.1))
     _ground(canvas, _upward(canvas))
 
 
@@ -166,7 +174,8 @@ def room(canvas: _Canvas) -> None:
         if k == 0 and rng.random() < 0.3:
             canvas.disc(toward, math.radians(rng.uniform(0.5, 2)), _colour(rng, 0.2) * rng.uniform(1, 8))
     if rng.random() < 0.4:
-        canvas.disc(_toward(rng.uniform(0.2, 1.5), rng.uniform(0, 6.3)), math.radians(rng.uniform(2, 8)), _colour(rng, 0.3) * rng.uniform(0.5, 4))
+        toward, radius = _toward(rng.uniform(0.2, 1.5), rng.uniform(0, 6.3)), math.radians(rng.uniform(2, 8))
+        canvas.disc(toward, radius, _colour(rng, 0.3) * rng.uniform(0.5, 4))
 
 
 def lamps(canvas: _Canvas) -> None:
@@ -185,10 +194,10 @@ def lamps(canvas: _Canvas) -> None:
 def surroundings(canvas: _Canvas) -> None:
     """Contrasty noise: woods, streets, crowds, crooked rooms."""
     rng, d = canvas.rng, _directions()
-    flat = d.reshape(-1, 3) * torch.tensor([1.0, 1.0, rng.uniform(0.6, 2)]) * rng.uniform(0.6, 2.5) + float(rng.uniform(0, 30))
-    field = fractal(flat, 5, rng.uniform(0.5, 0.8))
-    level = rng.uniform(0.5, 1.7) * field[:, :1] + rng.uniform(0, 0.35) * field[:, 1:] + rng.uniform(0, 1.2) * d.reshape(-1, 3)[:, 2:]
-    canvas.map = torch.exp(level).reshape(HEIGHT, WIDTH, 3) * _tensor(_colour(rng, 0.12))
+    stretch = _tensor(np.array([1, 1, rng.uniform(0.6, 2)]) * rng.uniform(0.6, 2.5))
+    field = fractal((d * stretch).reshape(-1, 3) + float(rng.uniform(0, 30)), 5, rng.uniform(0.5, 0.8)).reshape(HEIGHT, WIDTH, 4)
+    level = rng.uniform(0.5, 1.7) * field[..., :1] + rng.uniform(0, 0.35) * field[..., 1:] + rng.uniform(0, 1.2) * d[..., 2:]
+    canvas.map = torch.exp(level) * _tensor(_colour(rng, 0.12))
 
 
 LIGHTS: tuple[tuple[Callable[[_Canvas], None], float], ...] = (

@@ -23,9 +23,12 @@ MAX_SLOTS = 5
 
 @dataclass(frozen=True)
 class SolidObject:
-    """A finished object. ``vertices`` (V, 3) float32, ``faces`` (F, 3) int32; per triangle corner ``normals`` (F, 3, 3)
-    and ``local`` (F, 3, 3), the place in its part before the part was posed; per triangle ``slot`` (F,) int64, the
-    material, and ``axis`` (F,) int64, the dominant axis of its normal there. ``slots`` materials are used."""
+    """A finished object.
+
+    ``vertices`` (V, 3) float32, ``faces`` (F, 3) int32. Per triangle corner: shading ``normals`` (F, 3, 3) and ``local``
+    (F, 3, 3), the place in its part before the part was posed. Per triangle: ``slot`` (F,) int64, its material of
+    ``slots``, and ``axis`` (F,) int64, the dominant axis of its normal in the part.
+    """
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -134,7 +137,8 @@ def container(a: Assembly) -> None:
         slot = a.slot()
         for _ in range(int(rng.integers(1, 6))):
             place = (*rng.normal(0, 0.3 * rim, 2), top - rng.uniform(0, 0.4))
-            a.add(primitives.anything(rng), slot if rng.random() < 0.5 else a.slot(), scale=rng.uniform(0.2, 0.5) * rim, turn=rotation(rng), move=place)
+            own = slot if rng.random() < 0.5 else a.slot()
+            a.add(primitives.anything(rng), own, scale=rng.uniform(0.2, 0.5) * rim, turn=rotation(rng), move=place)
     if rng.random() < 0.4:
         a.add(primitives.ring(rng), a.slot(), scale=np.array([wide, wide, 0.6]), move=(0, 0, rng.uniform(low, top)))
 
@@ -197,7 +201,8 @@ def cluster(a: Assembly) -> None:
 def still_life(a: Assembly) -> None:
     """Several things on a base that they shade: trays, dioramas, boards, pedestals."""
     rng = a.rng
-    base = primitives.plate(rng) if rng.random() < 0.3 else rounded_box(np.array([1.1, rng.uniform(0.6, 1.1), rng.uniform(0.04, 0.25)]), 0.03, 2)
+    half = np.array([1.1, rng.uniform(0.6, 1.1), rng.uniform(0.04, 0.25)])
+    base = primitives.plate(rng) if rng.random() < 0.3 else rounded_box(half, 0.03, 2)
     top = a.add(base, a.slot()).vertices[:, 2].max()
     for _ in range(int(rng.integers(2, 8))):
         block = _upright(a, primitives.anything(rng))

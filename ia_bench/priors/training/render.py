@@ -216,6 +216,6 @@ def lattice(shift: Tensor, point: Tensor, count: int) -> Tensor:
 
     ``point`` (N,) in [0, POINTS) says which of the pixel's points it is: they share the lattice between them.
     """
-    index = (torch.arange(count) * POINTS + point[:, None]).double()
+    index = (torch.arange(count) * POINTS + torch.arange(POINTS)[:, None]).double()
     generators = torch.stack([index / (count * POINTS), index * GOLDEN], -1)
-    return torch.remainder(shift[:, None] + generators, 1.0)
+    return (shift[:, None] + generators[point]).frac_()

@@ -30,8 +30,5 @@ def contact_sheet(path: Path, tensors: dict[str, Tensor], chosen: list[int], zoo
 
 def _encode(name: str, values: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     values = np.broadcast_to(values[..., :3] if values.shape[-1] > 1 else values, (*values.shape[:-1], 3))
-    if name == "normal":
-        shown = 0.5 * values + 0.5
-    else:
-        shown = linear_to_srgb((values + (1 - coverage) * _GREY).clip(0, 1))
+    shown = 0.5 * values + 0.5 if name == "normal" else linear_to_srgb((values + (1 - coverage) * _GREY).clip(0, 1))
     return np.asarray(shown * 255 + 0.5).clip(0, 255).astype(np.uint8)

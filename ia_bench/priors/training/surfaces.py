@@ -159,8 +159,11 @@ def vertex_normals(surface: Surface) -> np.ndarray:
 
 
 def corner_normals(surface: Surface, crease: float) -> np.ndarray:
-    """Shading normals of every triangle's corners (F, 3, 3): averages over the triangles around the vertex that lie
-    within ``crease`` radians of it, so that sharp edges stay sharp."""
+    """Shading normals of every triangle's corners, (F, 3, 3).
+
+    Averages, weighted by area, over the triangles around the vertex that lie within ``crease`` radians of this one, so
+    that sharp edges stay sharp.
+    """
     flat = face_normals(surface)
     unit = flat / np.linalg.norm(flat, axis=1, keepdims=True).clip(1e-20)
     corner = surface.faces.ravel()

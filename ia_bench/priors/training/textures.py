@@ -218,7 +218,7 @@ def gradient(rng: Generator) -> Pattern:
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
         q = p @ turn
-        return ((q.norm(dim=-1) if round_ else (q[:, 2] - middle) / reach * 0.5 + 0.5)).clamp(0, 1)
+        return (q.norm(dim=-1) if round_ else (q[:, 2] - middle) / reach * 0.5 + 0.5).clamp(0, 1)
 
     return pattern
 
