@@ -69,7 +69,8 @@ def test_samples_are_the_originals(weights: Path) -> None:
 
 
 def test_conformance(weights: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert check(["prior=intrinsicanything", f"prior.options.weights={weights}", "prior.options.steps=2"]) == 0
+    options = {"weights": weights, "components": "[albedo]", "steps": 2}  # the other component takes the same path
+    assert check(["prior=intrinsicanything", *(f"prior.options.{key}={value}" for key, value in options.items())]) == 0
     assert " passed, 0 failed, 0 skipped" in capsys.readouterr().out
 
 
