@@ -134,7 +134,7 @@ def _value(key: str, text: str, kind: Any) -> Any:  # noqa: ANN401 (any field's 
 
 USAGE = """\
 python -m ia_bench.priors.train data=FOLDER validation=FOLDER out=FOLDER [KEY=VALUE ...]
-accelerate launch --num_processes 2 -m ia_bench.priors.train ...        (several processes or GPUs)
+torchrun --nproc_per_node 2 -m ia_bench.priors.train ...                (several processes or GPUs)
 
 Trains a prior on shards made by python -m ia_bench.priors.data. The same command resumes a run that was stopped.
 network.kind=regressor trains the deterministic alternative of the same size. out/weights holds the averaged weights
