@@ -113,8 +113,8 @@ class SurfaceInterpolator:
         self._geometric = normalize(geometric).to(device)
         extent = position.reshape(-1, 3)
         self.offset = 1e-4 * float((extent.amax(0) - extent.amin(0)).norm())  # of shadow rays, in scene units
-        self.bent_normals = 0  # how many shading normals faced away from the viewer and were bent to grazing
-        self.points = 0
+        self.bent_normals = 0  # how many shading normals faced away from the viewer and were bent to grazing ...
+        self.points = 0  # ... of how many points
 
     def uv(self, face: Tensor, barycentric: Tensor) -> Tensor:
         """Texture coordinates (..., 2) of (...,) faces >= 0 and (..., 2) barycentrics."""
@@ -127,11 +127,13 @@ class SurfaceInterpolator:
         return self._geometric[face], (self._corners[face][..., :3] * weights[..., None]).sum(-2)
 
     def __call__(self, face: Tensor, barycentric: Tensor, camera_centre: Tensor) -> SurfacePoints:
-        """Points of (N,) faces >= 0, (N, 2) barycentrics, seen from (N, 3) camera centres.
+        """Points of (N,) faces, (N, 2) barycentrics, seen from (N, 3) camera centres.
 
-        A triangle seen from behind is turned over. A shading normal that faces away from the viewer although its
-        triangle does not (a silhouette of a coarse mesh) is bent to grazing; ``bent_normals`` counts these.
+        A face of -1 is a miss: it gets some point of triangle 0 and is not counted. A triangle seen from behind is turned
+        over. A shading normal that faces away from the viewer although its triangle does not (a silhouette of a coarse
+        mesh) is bent to grazing; ``bent_normals`` counts these.
         """
+        hit, face = (face >= 0)[:, None], face.clamp_min(0)
         first = 1 - barycentric.sum(-1, keepdim=True)
         weights = torch.cat([first, barycentric], -1)[..., None]
         position, normal, uv = (self._corners[face] * weights).sum(1).split([3, 3, 2], -1)
@@ -141,7 +143,7 @@ class SurfaceInterpolator:
         geometric, normal = geometric * side, normalize(normal) * side
         cosine = dot(normal, view)
         bent = cosine < MIN_COSINE
-        self.bent_normals += int(bent.sum())
-        self.points += len(face)
+        self.bent_normals += int((bent & hit).sum())
+        self.points += int(hit.sum())
         normal = torch.where(bent, normalize(normal + (10 * MIN_COSINE - cosine) * view), normal)
         return SurfacePoints(position=position, normal=normal, view=view, uv=uv, geometric=geometric)

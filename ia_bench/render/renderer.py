@@ -69,21 +69,25 @@ class Renderer:
             try:
                 self._sample = torch.compile(sample_directions, dynamic=False)
                 self._shade = torch.compile(shade_directions, dynamic=False)
-            except Exception as error:  # a Python or a platform that torch cannot compile for
+            except RuntimeError as error:  # a Python or a platform that torch cannot compile for
                 self._fall_back(error)
 
     def render_pixels(
         self, gbuffer: GBuffer, pixels: Tensor, material: Material, light: Light, samples: int, generator: torch.Generator
     ) -> PixelRadiance:
-        """Estimate the premultiplied radiance of (P,) entries of the G-buffer with ``samples`` directions a pixel."""
+        """Estimate the premultiplied radiance of (P,) entries of the G-buffer with ``samples`` directions a pixel.
+
+        Every point of a pixel takes as many, at least two, so ``samples`` is rounded to a multiple of twice the points. An
+        entry of -1 is none: it is black, and no ray is spent on it.
+        """
         points = gbuffer.subsamples
         count = max(1, round(samples / (2 * points)))
-        face, barycentric = gbuffer.face[pixels], gbuffer.barycentric[pixels]
+        face, barycentric = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1), gbuffer.barycentric[pixels]
         hit = (face >= 0).reshape(-1)
         camera = gbuffer.origin[gbuffer.pixel[pixels] // (gbuffer.shape[1] * gbuffer.shape[2])]
         with torch.no_grad():
             surface = self.surface(
-                face.clamp_min(0).reshape(-1).long(),
+                face.reshape(-1).long(),
                 barycentric.reshape(-1, 2),
                 camera[:, None].expand(-1, points, -1).reshape(-1, 3),
             )
@@ -124,32 +128,36 @@ class Renderer:
         return visible.reshape(*counts.shape, 1)
 
     def _run(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 (two functions of different signatures)
+        if self.shading != "compiled":
+            return getattr(self, name)(*arguments)
         try:
             return getattr(self, name)(*arguments)
-        except Exception as error:
-            if self.shading != "compiled":
-                raise
+        except compiler_errors() as error:
             self._fall_back(error)
             return getattr(self, name)(*arguments)
 
     def _fall_back(self, error: Exception) -> None:
         self.shading = "eager"
         self._sample, self._shade = sample_directions, shade_directions
-        self._notice(f"shading runs eagerly: torch.compile failed ({type(error).__name__})")
+        reason = (str(error).strip() or "no message").splitlines()[0]
+        self._notice(f"shading runs eagerly: torch.compile failed ({type(error).__name__}: {reason})")
 
     @torch.no_grad()
     def render_images(
         self, gbuffer: GBuffer, material: Material, light: Light, samples: int, generator: torch.Generator
     ) -> dict[str, Tensor]:
-        """Whole images of all views, premultiplied: "radiance", "diffuse", "specular", "albedo", each (V, H, W, 3)."""
+        """Whole images of all views, premultiplied: "radiance", "diffuse", "specular", "albedo", each (V, H, W, 3).
+
+        The samples of a pixel are spread evenly over as few passes of at most PASS_SAMPLES as will do.
+        """
         parts = ("diffuse", "specular", "albedo")
         images = {name: torch.zeros(*gbuffer.shape, 3, device=gbuffer.face.device).reshape(-1, 3) for name in parts}
         every = torch.arange(len(gbuffer.pixel), device=gbuffer.face.device)
-        passes = max(1, round(samples / PASS_SAMPLES))
+        passes = -(-samples // PASS_SAMPLES)
         for chunk in every.split(CHUNK):
-            padded = torch.cat([chunk, chunk[:1].expand(CHUNK - len(chunk))])
+            padded = torch.cat([chunk, chunk.new_full((CHUNK - len(chunk),), -1)])
             for _ in range(passes):
-                rendered = self.render_pixels(gbuffer, padded, material, light, min(samples, PASS_SAMPLES), generator)
+                rendered = self.render_pixels(gbuffer, padded, material, light, round(samples / passes), generator)
                 for name in parts:
                     images[name][gbuffer.pixel[chunk]] += getattr(rendered, name)[: len(chunk)] / passes
         images["radiance"] = images["diffuse"] + images["specular"]
@@ -165,6 +173,14 @@ def texture_images(surface: SurfaceInterpolator, gbuffer: GBuffer, texture: Tens
     image = torch.zeros(*gbuffer.shape, texture.shape[-1], device=texture.device).reshape(-1, texture.shape[-1])
     image[gbuffer.pixel] = values
     return image.reshape(*gbuffer.shape, -1)
+
+
+def compiler_errors() -> tuple[type[Exception], ...]:
+    """What torch.compile raises when it, or the C++ compiler it calls, fails; errors of the compiled code are not among it."""
+    from torch._dynamo.exc import InternalTorchDynamoError, ShortenTraceback, Unsupported
+    from torch._inductor.exc import CppCompileError, InvalidCxxCompiler
+
+    return InternalTorchDynamoError, ShortenTraceback, Unsupported, CppCompileError, InvalidCxxCompiler
 
 
 def choose_shading(wanted: str, notice: Callable[[str], None]) -> str:

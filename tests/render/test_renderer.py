@@ -11,8 +11,11 @@ import pytest
 import torch
 from shapes import camera_at, plate, sphere
 from stage import Stage
+from torch._inductor.exc import InvalidCxxCompiler
 
+from ia_bench.errors import InputError
 from ia_bench.material.textures import Material
+from ia_bench.render.estimator import sample_directions
 from ia_bench.render.renderer import Light, PixelRadiance, Renderer, choose_shading, texture_images
 from ia_bench.render.visibility import NoShadows
 from ia_bench.scenes.color import linear_to_srgb
@@ -84,6 +87,33 @@ def test_a_picture_does_not_depend_on_its_chunks(
     assert float(((whole - parts) ** 2).mean().sqrt() / whole.mean()) < 0.3
 
 
+@pytest.mark.parametrize(("samples", "passes"), [(1, [2]), (20, [20]), (32, [32]), (40, [20, 20]), (48, [24, 24]), (100, [24] * 4)])
+def test_samples_of_a_picture_are_those_asked_for(
+    monkeypatch: pytest.MonkeyPatch, tiny_material: Material, soft_light: torch.Tensor, samples: int, passes: list[int]
+) -> None:
+    """Whatever they are, up to the rounding to 2 (two techniques, one point a pixel): 100 are four passes of 24 or 26."""
+    stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=8)])
+    drawn: list[int] = []
+    monkeypatch.setattr(
+        "ia_bench.render.renderer.sample_directions",
+        lambda *a: drawn.append(2 * a[3].shape[1]) or sample_directions(*a),  # type: ignore[func-returns-value]
+    )
+    rng = torch.Generator().manual_seed(1)
+    stage.renderer().render_images(stage.gbuffer, tiny_material, Light.of(soft_light), samples, rng)
+    assert drawn == passes
+
+
+def test_padding_costs_no_rays_and_is_not_counted(tiny_material: Material, soft_light: torch.Tensor) -> None:
+    """300 pixels are rendered in a chunk of 4096: with 2 samples a pixel at most 600 rays, and 300 points."""
+    stage = Stage.of(plate(0.5), [camera_at((0, 0, 5), pixels=64)])
+    seen = len(stage.gbuffer.pixel)
+    before = stage.rays.rays
+    rng = torch.Generator().manual_seed(1)
+    stage.renderer().render_images(stage.gbuffer, tiny_material, Light.of(soft_light), 2, rng)
+    assert stage.surface.points == seen < 1000
+    assert 0.5 * seen < stage.rays.rays - before <= 2 * seen
+
+
 def test_points_that_miss_count_as_nothing() -> None:
     """At half covered pixels the radiance is half that of the plate's inside."""
     camera = camera_at((0, 0, 5), pixels=12)
@@ -141,7 +171,7 @@ def test_a_compiler_that_fails_is_noticed_once(monkeypatch: pytest.MonkeyPatch, 
     expected = render(Renderer(stage.surface, NoShadows()))
 
     def broken(*_: object, **__: object) -> object:
-        raise RuntimeError("no such compiler")
+        raise InvalidCxxCompiler("no such compiler\nand more")
 
     monkeypatch.setattr(torch, "compile", broken if fails == "when asked" else lambda *_, **__: broken)
     notices: list[str] = []
@@ -150,8 +180,26 @@ def test_a_compiler_that_fails_is_noticed_once(monkeypatch: pytest.MonkeyPatch, 
         part = render(renderer)
         torch.testing.assert_close(part.radiance, expected.radiance, rtol=0, atol=0)
     assert renderer.shading == "eager"
-    assert notices == ["shading runs eagerly: torch.compile failed (RuntimeError)"]
+    assert notices == ["shading runs eagerly: torch.compile failed (InvalidCxxCompiler: Compiler: no such compiler)"]
     assert all(torch.isfinite(g).all() for g in torch.autograd.grad(part.radiance.sum(), leaves))
+
+
+@pytest.mark.parametrize("error", [InputError("their file"), FloatingPointError("NaN"), MemoryError(), RuntimeError("bug")])
+def test_errors_inside_compiled_shading_are_not_taken_for_the_compilers(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    stage, render, _ = small_setup()
+
+    def fails(*_: object, **__: object) -> object:
+        raise error
+
+    monkeypatch.setattr(torch, "compile", lambda *_, **__: fails)
+    notices: list[str] = []
+    renderer = Renderer(stage.surface, NoShadows(), shading="compiled", notice=notices.append)
+    with pytest.raises(type(error)) as raised:
+        render(renderer)
+    assert raised.value is error
+    assert (renderer.shading, notices) == ("compiled", [])
 
 
 def test_an_error_that_is_not_the_compilers_is_raised() -> None:
