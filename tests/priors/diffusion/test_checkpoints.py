@@ -1,0 +1,89 @@
+import json
+
+import pytest
+import torch
+from priors.tiny_network import tiny_config, tiny_weights
+from safetensors.torch import load_file, save_file
+
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.checkpoints import ENCODER, UNET, fingerprint, load_network, save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.torchvision_shim import import_torchvision
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tiny_weights(tmp_path / "weights")
+
+
+def ask(network, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    noisy, condition = (torch.randn(2, channels, 16, 16, generator=generator) for channels in (6, 8))
+    return network(noisy, torch.tensor([3, 700]), condition)
+
+
+def test_a_network_comes_back_as_it_was_up_to_half_precision(tmp_path):
+    torch.manual_seed(0)
+    network = MaterialNetwork(tiny_config()).eval()
+    save_network(tmp_path / "weights", network, {"steps": 7})
+    again, provenance = load_network(tmp_path / "weights")
+    assert provenance == {"steps": 7}
+    assert again.config == network.config
+    with torch.no_grad():
+        torch.testing.assert_close(ask(again), ask(network), atol=0.02, rtol=0.02)
+
+
+def test_diffusers_reads_the_unet_and_the_schedule(folder):
+    import_torchvision()
+    from diffusers import DDIMScheduler, UNet2DConditionModel
+
+    unet = UNet2DConditionModel.from_pretrained(folder / "unet")
+    network, _ = load_network(folder)
+    for name, value in network.unet.state_dict().items():
+        assert torch.equal(value, unet.state_dict()[name])
+    assert DDIMScheduler.from_pretrained(folder / "scheduler").config.prediction_type == "v_prediction"
+
+
+def test_the_fingerprint_follows_the_weights(folder, tmp_path):
+    assert fingerprint(folder) == fingerprint(tiny_weights(tmp_path / "same"))
+    assert fingerprint(folder) != fingerprint(tiny_weights(tmp_path / "other", seed=1))
+
+
+def test_saving_again_replaces_the_whole_folder(folder):
+    (folder / "left_over").touch()
+    tiny_weights(folder, seed=1)
+    assert not (folder / "left_over").exists()
+    assert not list(folder.parent.glob(".*"))
+
+
+def change_json(folder, change):
+    described = json.loads((folder / "prior.json").read_text())
+    change(described)
+    (folder / "prior.json").write_text(json.dumps(described))
+
+
+def change_weights(folder, change, name=UNET):
+    weights = load_file(folder / name)
+    change(weights)
+    save_file(weights, folder / name)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda f: (f / "prior.json").unlink(), "prior.json: no such file"),
+        (lambda f: (f / "prior.json").write_text("{"), "prior.json: expected JSON"),
+        (lambda f: change_json(f, lambda d: d.update(format=9)), "format: expected 1, found 9"),
+        (lambda f: change_json(f, lambda d: d["network"].update(chanels=[16])), "did you mean 'channels'"),
+        (lambda f: (f / UNET).unlink(), "diffusion_pytorch_model.safetensors: no such file"),
+        (lambda f: (f / ENCODER).write_bytes(b"\x80\x04cos\nsystem\n"), "encoder.safetensors: expected safetensors"),
+        (lambda f: change_weights(f, lambda w: w.pop("conv_in.bias")), "conv_in.bias: expected a tensor .*found none"),
+        (lambda f: change_weights(f, lambda w: w.update({"conv_in.bias": torch.zeros(3)})), r"conv_in.bias: expected shape"),
+        (lambda f: change_weights(f, lambda w: w["conv_in.bias"].fill_(float("nan"))), "conv_in.bias: expected finite values"),
+        (lambda f: change_weights(f, lambda w: w.update(more=torch.zeros(1))), "more: a tensor that the config has no place"),
+    ],
+)
+def test_what_cannot_be_used_names_file_and_key(folder, spoil, message):
+    spoil(folder)
+    with pytest.raises(InputError, match=message):
+        load_network(folder)

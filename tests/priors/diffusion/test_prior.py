@@ -1,0 +1,162 @@
+import pytest
+import torch
+from priors.tiny_network import tiny_config, tiny_weights
+
+from ia_bench.checks.conformance import check_prior
+from ia_bench.checks.stack import painted_ball
+from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.conditioned import Conditioned
+from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.prior import DiffusionPrior
+from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.regressor import RegressorPrior
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    return str(tiny_weights(tmp_path_factory.mktemp("diffusion") / "weights"))
+
+
+@pytest.fixture(scope="module")
+def regressor_weights(tmp_path_factory):
+    return str(tiny_weights(tmp_path_factory.mktemp("regressor") / "weights", "regressor"))
+
+
+@pytest.fixture(scope="module")
+def ball():
+    stack = painted_ball(40, 36, 3)
+    return stack.images, stack.masks
+
+
+def failures(make):
+    return [finding for finding in check_prior(make, painted_ball(24, 20, 3)) if finding.status == "fail"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"patches": True},
+        {"eta": 1.0, "cfg_scale": 2.0, "batch": 1},
+        {"guidance_rule": "paper", "guidance_norm": "l2", "geometry": True},
+        {"guidance_rule": "shortcut"},
+    ],
+    ids=str,
+)
+def test_the_prior_keeps_its_contract(weights, options):
+    assert not failures(lambda: DiffusionPrior(weights=weights, steps=3, **options))
+
+
+def test_the_regressor_keeps_its_contract(regressor_weights):
+    assert not failures(lambda: RegressorPrior(weights=regressor_weights))
+
+
+def test_two_networks_with_one_component_each_are_one_prior(tmp_path, ball):
+    for name in ("albedo", "specular"):
+        tiny_weights(tmp_path / name, components=(name,))
+    both = DiffusionPrior(weights=str(tmp_path), steps=2)
+    assert both.provides == {"albedo", "specular"}
+    drawn = both.sample(*ball, seed=0)
+    alone = DiffusionPrior(weights=str(tmp_path / "specular"), steps=2)
+    assert alone.provides == {"specular"}
+    assert torch.equal(alone.sample(*ball, seed=0)["specular"], drawn["specular"])
+    assert both.network_calls == 2 * 2 * 3
+
+
+def test_specular_follows_the_scale_of_the_image_and_albedo_does_not(weights, ball):
+    images, masks = ball
+    prior = DiffusionPrior(weights=weights, steps=2)
+    # The seed of a view's noise is the content of its image; the same noise shows what scaling alone does.
+    prior_seed = "ia_bench.priors.learned._content"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prior_seed, lambda image, mask: 1)
+        once, brighter = prior.sample(images, masks, seed=0), prior.sample(100 * images, masks, seed=0)
+    torch.testing.assert_close(brighter["albedo"], once["albedo"], atol=2e-4, rtol=0)
+    torch.testing.assert_close(brighter["specular"], 100 * once["specular"], atol=0.05, rtol=1e-3)
+
+
+def test_strong_guidance_arrives_at_the_render(weights, ball):
+    images, masks = ball
+    render = {"albedo": 0.35 * masks[..., None].expand_as(images), "specular": 0.1 * images}
+    prior = DiffusionPrior(weights=weights, steps=5, guidance_strength=1000)
+    drawn = prior.sample(images, masks, seed=0, guidance=render)
+    inside = masks == 1
+    assert (drawn["albedo"] - render["albedo"])[inside].abs().mean() < 0.02
+
+
+def test_guiding_one_component_leaves_the_other_to_the_network(weights, ball):
+    images, masks = ball
+    prior = DiffusionPrior(weights=weights, steps=1, guidance_strength=1000)
+    free = prior.sample(images, masks, seed=0)
+    drawn = prior.sample(images, masks, seed=0, guidance={"albedo": 0.35 * masks[..., None].expand_as(images)})
+    torch.testing.assert_close(drawn["specular"], free["specular"])  # one step: nothing of the albedo has reached it yet
+    assert not torch.allclose(drawn["albedo"], free["albedo"], atol=0.01)
+
+
+def test_geometry_reaches_the_network_only_if_asked(weights, ball):
+    images, masks = ball
+    normals = torch.nn.functional.normalize(torch.randn(*images.shape, generator=torch.Generator().manual_seed(0)), dim=-1)
+    samples = {}
+    for geometry in (False, True):
+        prior = DiffusionPrior(weights=weights, steps=1, geometry=geometry)
+        assert prior.reads_geometry is geometry
+        without = prior.sample(images, masks, seed=0)["albedo"]
+        prior.give_geometry(normals * masks[..., None], 0.5 * masks[..., None])
+        samples[geometry] = without, prior.sample(images, masks, seed=0)["albedo"]
+    assert torch.equal(*samples[False])
+    assert torch.equal(samples[False][0], samples[True][0])
+    assert not torch.allclose(*samples[True], atol=1e-3)
+
+
+def test_classifier_free_guidance_is_the_stated_combination():
+    torch.manual_seed(0)
+    network = MaterialNetwork(tiny_config(prediction_type="sample")).eval()
+    schedule = NoiseSchedule(torch.tensor([0.9, 0.5]))
+    condition, noisy = torch.randn(2, 8, 16, 16), torch.randn(2, 6, 16, 16)
+    with torch.no_grad():
+        plain, alone, strong = (
+            Conditioned(network, schedule, cfg_scale=scale).bind(condition)(noisy, 1) for scale in (0.0, 1.0, 3.0)
+        )
+        dropped = torch.ones(2, dtype=torch.bool)
+        torch.testing.assert_close(plain, network(noisy, torch.tensor([1, 1]), condition, (dropped, dropped)))
+    torch.testing.assert_close(strong, plain + 3 * (alone - plain), atol=1e-5, rtol=1e-5)
+
+
+def test_several_samples_of_an_image_share_its_condition():
+    torch.manual_seed(0)
+    network = MaterialNetwork(tiny_config()).eval()
+    model = Conditioned(network, NoiseSchedule(torch.tensor([0.9, 0.5])), chunk=3)
+    condition, noisy = torch.randn(2, 8, 16, 16), torch.randn(6, 6, 16, 16)
+    with torch.no_grad():
+        together = model.bind(condition)(noisy, 0)
+        apart = torch.cat([model.bind(condition)(part, 0) for part in noisy.split(2)])
+    torch.testing.assert_close(together, apart, atol=1e-5, rtol=1e-5)
+    assert model.calls == 12
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"steps": 0}, "steps: expected at least 1"),
+        ({"eta": 2.0}, "eta: expected 0"),
+        ({"guidance_strength": -1.0}, "guidance_strength: expected a finite number >= 0"),
+        ({"prior_variance": 0.0}, "prior_variance: expected a number > 0"),
+        ({"batch": 0}, "batch: expected at least 1"),
+        ({"device": "gpu"}, "device: expected auto, cpu or cuda"),
+    ],
+)
+def test_options_are_checked_at_once(weights, options, message):
+    with pytest.raises(InputError, match=message):
+        DiffusionPrior(weights=weights, **options)
+
+
+def test_weights_of_the_other_kind_are_refused(weights, regressor_weights):
+    with pytest.raises(InputError, match="kind: expected diffusion, found regressor"):
+        DiffusionPrior(weights=regressor_weights)
+    with pytest.raises(InputError, match="kind: expected regressor, found diffusion"):
+        RegressorPrior(weights=weights)
+
+
+def test_missing_weights_name_the_file(tmp_path):
+    with pytest.raises(InputError, match="prior.json: no such file"):
+        DiffusionPrior(weights=str(tmp_path))
