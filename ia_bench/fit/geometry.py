@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ia_bench.fit.problem import Problem
 from ia_bench.fit.views import restrict
-from ia_bench.material.brdf import normalize
+from ia_bench.material.brdf import normalize, tangent_frame
 from ia_bench.render.estimator import lattice
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
 
@@ -22,6 +22,7 @@ CHUNK = 16_384  # pixels at a time
 def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Tensor]:
     """Normals (V, H, W, 3) and visibility (V, H, W, 1) of some training views, as a GeometryReader takes them.
 
+    Both are box-filtered over the pixel's points like every premultiplied image, as in the data that priors are trained on.
     Visibility is estimated from 32 cosine-distributed directions a pixel, asked of the renderer's own shadows; a convex
     object, for which the plan leaves shadows out, is open everywhere. On the CPU, like everything a prior is given.
     """
@@ -36,9 +37,8 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
     for rows in torch.arange(len(gbuffer.pixel), device=device).split(CHUNK):
         hit, points, view = _points(problem, gbuffer, rows)
         pixel = gbuffer.pixel[rows]
-        share = hit.float().mean(1, keepdim=True)
-        world = (points.normal.reshape(*hit.shape, 3) * hit[..., None]).sum(1)
-        normals[pixel] = share * normalize(torch.einsum("pi,pij->pj", world, to_world[view]))
+        world = (points.normal.reshape(*hit.shape, 3) * hit[..., None]).mean(1)
+        normals[pixel] = torch.einsum("pi,pij->pj", world, to_world[view])
         visibility[pixel] = _ambient(problem, hit, points, generator).mean(1, keepdim=True)
     shape = gbuffer.shape
     return normals.reshape(*shape, 3).cpu(), visibility.reshape(*shape, 1).cpu()
@@ -70,10 +70,6 @@ def _ambient(problem: Problem, hit: Tensor, points: SurfacePoints, generator: to
 def cosine_directions(normal: Tensor, samples: Tensor) -> Tensor:
     """Directions (N, K, 3) around unit normals (N, 3), of density cosine / pi, from samples (N, K, 2) in [0, 1)^2."""
     radius, angle = samples[..., 0].sqrt(), 2 * math.pi * samples[..., 1]
-    across = torch.zeros_like(normal)
-    across.scatter_(1, normal.abs().argmin(1, keepdim=True), 1.0)  # an axis that is nowhere near the normal
-    tangent = normalize(torch.linalg.cross(across, normal))[:, None]
-    bitangent = torch.linalg.cross(normal[:, None], tangent)
-    up = (1 - samples[..., 0]).clamp_min(0).sqrt()
+    tangent, bitangent = tangent_frame(normal[:, None])
     flat = tangent * (radius * angle.cos())[..., None] + bitangent * (radius * angle.sin())[..., None]
-    return normalize(flat + normal[:, None] * up[..., None])
+    return normalize(flat + normal[:, None] * (1 - samples[..., :1]).clamp_min(0).sqrt())

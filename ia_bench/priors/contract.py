@@ -83,7 +83,8 @@ class GeometryReader(Protocol):
 
         ``normals`` (V, H, W, 3): unit shading normals in the camera's frame (x right, y up, z toward the camera).
         ``visibility`` (V, H, W, 1) in [0, 1]: the cosine-weighted share of the hemisphere around the normal that the
-        object leaves open. Both are premultiplied by the coverage of the pixel and zero where nothing is seen.
+        object leaves open. Both are averages over the pixel, so premultiplied by its coverage, and zero where nothing is
+        seen.
         """
         ...
 

@@ -48,7 +48,7 @@ def test_normals_of_a_sphere() -> None:
         expected = point @ camera.to_world[:3, :3]
         np.testing.assert_allclose(normals[view].numpy()[certain], expected[certain], atol=0.01)
     lengths = normals.norm(dim=-1)
-    torch.testing.assert_close(lengths, coverage, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(lengths, coverage, rtol=1e-4, atol=1e-5)  # one point a pixel: nothing is averaged
     middle = normals[0, 11:13, 11:13].mean((0, 1))
     torch.testing.assert_close(middle, torch.tensor([0.0, 0.0, 1.0]), rtol=0, atol=0.01)  # toward the camera
     assert float(normals[0, 12, 18, 0]) > 0.3  # x to the right
@@ -61,7 +61,9 @@ def test_partly_covered_pixels_are_premultiplied() -> None:
     coverage = problem.gbuffer.coverage()[0]
     edge = (coverage > 0) & (coverage < 1)
     assert int(edge.sum()) > 5
-    torch.testing.assert_close(normals[0].norm(dim=-1), coverage, rtol=1e-4, atol=1e-5)
+    length = normals[0].norm(dim=-1)
+    assert bool((length <= coverage + 1e-5).all())
+    assert bool((length >= 0.9 * coverage).all())  # the mean of normals that hardly differ within a pixel
     torch.testing.assert_close(visibility[0, ..., 0], coverage, rtol=0, atol=0.05)  # convex: open all around
     assert bool((visibility[0][coverage == 0] == 0).all())
 
