@@ -63,7 +63,7 @@ def decompose(
     ``image``, ``mask``: files, see :func:`ia_bench.photograph.read_photograph`. ``prior``: a name or "module:Class", with
     ``options``. ``size``: a picture whose longer side has more pixels is reduced to that many. Raises InputError.
     """
-    maker = _maker(prior, options or {})
+    maker = make_prior(prior, options or {})
     radiance, coverage = read_photograph(Path(image), None if mask is None else Path(mask))
     return _decompose(maker, *_reduced(radiance, coverage, size), samples=samples, seed=seed)
 
@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if twice is not None:
             raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
         read = [read_photograph(path, wanted.mask) for path in wanted.images]  # all mistakes come before any work
-        maker = _maker(wanted.prior, wanted.option)
+        maker = make_prior(wanted.prior, wanted.option)
         for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
             parts = _decompose(maker, *_reduced(radiance, coverage, wanted.size), samples=wanted.samples, seed=wanted.seed)
             print(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations")
@@ -124,7 +124,8 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
     return [*written, sheet]
 
 
-def _maker(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  # noqa: ANN401 (any prior)
+def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  # noqa: ANN401 (any prior)
+    """The prior called ``name``, with options as a mapping or as KEY=VALUE texts. Raises InputError for one of no use here."""
     from ia_bench import registry  # brings in torch
 
     pairs = [f"{key}={value}" for key, value in options.items()] if isinstance(options, Mapping) else list(options)

@@ -61,8 +61,10 @@ def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def _read_mask(path: Path) -> np.ndarray:
     picture = _open(path)
-    if "A" in picture.getbands() and picture.getchannel("A").getextrema()[0] < 255:
-        return np.asarray(picture.getchannel("A"), np.float32) / 255  # a cut-out: its shape is in its alpha
+    if "A" in picture.getbands():
+        alpha = np.asarray(picture.getchannel("A"), np.float32) / 255
+        if alpha.min() < 1:
+            return alpha  # a cut-out: its shape is in its alpha
     return np.asarray(picture.convert("L"), np.float32) / 255
 
 

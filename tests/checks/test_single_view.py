@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+import torch
+from priors.tiny_network import tiny_weights
+from priors.training.test_dataset import shard
+
+from ia_bench.checks.single_view import load_examples, main, score
+from ia_bench.priors.training.shards import ShardInfo, shard_path, write_shard
+from ia_bench.scores.alignment import ALIGNMENTS
+
+
+class Knowing:
+    """Returns what it was told, half as bright."""
+
+    provides = frozenset({"albedo", "specular"})
+    stochastic = False
+
+    def __init__(self, examples):
+        self.examples = examples
+
+    def sample(self, images, masks, *, seed, guidance=None):
+        return {"albedo": 0.5 * self.examples.albedo, "specular": self.examples.specular}
+
+
+def test_scale_is_forgiven_in_albedo_alone(tiny_folder):
+    examples = load_examples(str(tiny_folder))
+    figures = score(Knowing(examples), examples, samples=8, seed=0)
+    assert figures["albedo: one sample"] == 100
+    assert figures["specular: mean of 1"] == 100
+    assert figures["specular: constant"] < 60
+
+
+def test_the_image_as_albedo_is_scored_as_by_numpy(tiny_folder):
+    examples = load_examples(str(tiny_folder))
+    values = []
+    for image, truth, mask in zip(examples.images, examples.albedo, examples.masks, strict=True):
+        inside = mask.numpy() > 0.5
+        predicted, true = image.numpy()[inside], truth.numpy()[inside]
+        scaled = predicted * ALIGNMENTS["mean_rgb"](predicted, true).scale
+        values.append(-10 * np.log10(np.square(scaled - true).mean()))
+    figures = score(Knowing(examples), examples, samples=1, seed=0)
+    assert figures["albedo: image"] == pytest.approx(np.mean(values), abs=1e-3)
+
+
+def test_the_command_scores_scenes_and_shards(tmp_path, tiny_folder, capsys):
+    weights = tiny_weights(tmp_path / "weights")
+    (tmp_path / "shards").mkdir()
+    write_shard(shard_path(tmp_path / "shards", 0), shard(count=3), ShardInfo(5, 0, 3, 16))
+    options = ["--option", f"weights={weights}", "--option", "steps=1", "--samples", "2", "--seeds", "0", "1", "--limit", "2"]
+    assert main(["tiny", str(tmp_path / "shards"), *options]) == 0
+    header, _, scene, shards = capsys.readouterr().out.strip().splitlines()
+    assert header.split(" | ")[1:3] == ["albedo: image", "albedo: image, channels"]
+    assert scene.startswith("| tiny (2) |")
+    assert shards.startswith("| shards (2) |")
+    assert "±" in shards
+    assert not torch.isnan(torch.tensor([float(cell.split()[0]) for cell in shards.split("|")[2:-1]])).any()
+
+
+def test_an_unknown_scene_is_a_mistake(capsys):
+    assert main(["hatt"]) == 2
+    assert "did you mean" in capsys.readouterr().err
