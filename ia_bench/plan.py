@@ -24,6 +24,8 @@ PROBE_VIEWS = 8
 PROBE_RAYS = 20_000
 TEXTURE_SIZES = (64, 128, 256, 512, 1024, 2048)
 LIGHT_HEIGHTS = (16, 32, 64, 128, 256)
+POINT_SIDES = (2, 3, 4)  # points along a side of a pixel, where one is too few
+NORMAL_ERROR = 0.1  # accepted root mean square error of a pixel's mean normal, misses counting as zero normals
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def make_plan(
     footprint = _footprints(surface, gbuffer)
     decisions = [
         _shadows(surface, rays, settings, gbuffer, device),
-        _subsamples(settings, gbuffer, footprint),
+        _subsamples(surface, settings, gbuffer, footprint),
         _texture(settings, footprint),
         _light(settings, footprint),
         _patches(prior, gbuffer),
@@ -146,18 +148,43 @@ def _shadows(
     return Decision(what, "traced", f"{100 * share:.1f} % of cosine-distributed probe rays hit the object itself", measured)
 
 
-def _subsamples(settings: RenderSettings, gbuffer: GBuffer, footprint: dict[str, Tensor]) -> Decision:
+def _subsamples(
+    surface: SurfaceInterpolator, settings: RenderSettings, gbuffer: GBuffer, footprint: dict[str, Tensor]
+) -> Decision:
     what = "render.subsamples"
     if settings.subsamples != "auto":
         return _users(what, int(settings.subsamples))
     hits = (gbuffer.face >= 0).float().mean(1)
     edge = float((hits < 1).double().mean())
     bend = math.degrees(float(footprint["normal"].mean())) if len(footprint["normal"]) else 0.0
-    measured = {"edge_pixel_share": edge, "mean_normal_change_degrees": bend}
+    spread = _normal_spread(surface, gbuffer)
+    error = {side: normal_error(spread, side) for side in POINT_SIDES}
+    measured = {"edge_pixel_share": edge, "mean_normal_change_degrees": bend, "normal_error_of_2_x_2": error[2]}
     why = f"{100 * edge:.1f} % of pixels are partly covered, normals change by {bend:.1f} degrees across a pixel"
     if edge < 0.02 and bend < 1.0:
         return Decision(what, 1, why, measured, left_out="pixel sub-samples")
-    return Decision(what, 2, why, measured)
+    chosen = next((side for side in POINT_SIDES if error[side] <= NORMAL_ERROR), POINT_SIDES[-1])
+    why += f"; the mean normal of {chosen} x {chosen} points is {error[chosen]:.3f} off"
+    left_out = f"more than {chosen} x {chosen} points a pixel" if chosen < POINT_SIDES[-1] else None
+    return Decision(what, chosen, why, measured, left_out=left_out)
+
+
+def _normal_spread(surface: SurfaceInterpolator, gbuffer: GBuffer) -> float:
+    """Root mean square deviation of the normals of a pixel's points from their mean, misses counting as zero normals."""
+    hit = gbuffer.face >= 0
+    camera = gbuffer.origin[gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])][:, None].expand(*hit.shape, 3)
+    normal = torch.zeros(*hit.shape, 3, device=hit.device)
+    normal[hit] = surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit]).normal
+    return float((normal - normal.mean(1, keepdim=True)).square().sum(-1).mean().sqrt())
+
+
+def normal_error(spread: float, side: int) -> float:
+    """Expected error (RMS) of the mean normal of ``side`` x ``side`` points of a pixel, from the spread of 2 x 2 points.
+
+    On the shipped scenes, against 8 x 8 points, the error of 2 x 2 is a third of their spread (0.27 to 0.38) and falls as
+    the power -1.4 of the side: faster than that of random points, slower than that of a smooth integrand.
+    """
+    return spread / 3 * (2 / side) ** 1.4
 
 
 def _texture(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:

@@ -12,10 +12,10 @@ import torch
 from shapes import camera_at, disk, plate, sphere, together
 
 from ia_bench.errors import InputError
-from ia_bench.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Decision, Plan, _closest_quarter, make_plan
+from ia_bench.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Decision, Plan, _closest_quarter, _normal_spread, make_plan, normal_error
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.render.gbuffer import SurfaceInterpolator
+from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View
@@ -90,18 +90,50 @@ def test_a_flat_plate_that_fills_the_view_needs_one_point_a_pixel() -> None:
     plan = plan_of(plate(FILLING), FROM_ABOVE)
     assert plan.subsamples == 1
     found = decision(plan, "render.subsamples")
-    assert found.measured == {"edge_pixel_share": 0.0, "mean_normal_change_degrees": 0.0}
+    assert set(found.measured or {}) == {"edge_pixel_share", "mean_normal_change_degrees", "normal_error_of_2_x_2"}
+    assert not any((found.measured or {}).values())
     assert found.left_out == "pixel sub-samples"
 
 
 def test_edges_need_more() -> None:
     """A flat plate of 7 by 7 pixels plus half a pixel all around: 32 of its 81 pixels are partly covered."""
     plan = plan_of(plate(VIEW_WIDTH / 2 * 8 / 32), camera_at((0, 0, 5), pixels=31))
-    assert plan.subsamples == 2
+    assert plan.subsamples == 3
     measured = decision(plan, "render.subsamples").measured
     assert measured is not None
     assert measured["edge_pixel_share"] > 0.2
     assert measured["mean_normal_change_degrees"] == 0
+
+
+def test_the_expected_error_of_a_mean_normal_is_the_one_against_many_points(tiny: Scene) -> None:
+    """Within a factor of 1.5 of that against 8 x 8 points, for 1 to 4 points a side of the shipped scene `tiny`."""
+    surface, rays = SurfaceInterpolator(tiny.mesh, CPU), make_rays(tiny.mesh, CPU)
+    cameras = [view.camera for view in tiny.train[::4]]
+
+    def mean_normals(side: int) -> torch.Tensor:
+        gbuffer = trace_gbuffer(cameras, rays, side, CPU)
+        hit = gbuffer.face >= 0
+        camera = gbuffer.origin[gbuffer.pixel // (32 * 32)][:, None].expand(*hit.shape, 3)
+        normal = torch.zeros(*hit.shape, 3)
+        normal[hit] = surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit]).normal
+        image = torch.zeros(len(cameras) * 32 * 32, 3)
+        image[gbuffer.pixel] = normal.mean(1)
+        return image
+
+    many, two = mean_normals(8), trace_gbuffer(cameras, rays, 2, CPU)
+    for side in (1, 2, 3, 4):
+        true = float((mean_normals(side) - many)[two.pixel].square().sum(-1).mean().sqrt())
+        assert true / 1.5 < normal_error(_normal_spread(surface, two), side) < 1.5 * true
+
+
+def test_thin_parts_need_more_still() -> None:
+    """Plates of two thirds of a pixel, a pixel apart: every pixel is an edge. Coarse edges take no more than 2 x 2."""
+    pixel = VIEW_WIDTH / 32
+    thin = plate(pixel / 3)
+    strips = [replace(thin, vertices=thin.vertices + np.array([2 * x * pixel, 0, 0], np.float32)) for x in range(-4, 5)]
+    assert plan_of(together(*strips), FROM_ABOVE).subsamples >= 3
+    big = plan_of(plate(FILLING / 2), camera_at((0, 0, 5), pixels=128))
+    assert big.subsamples == 2
 
 
 def test_curvature_needs_more() -> None:
