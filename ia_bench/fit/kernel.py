@@ -17,7 +17,7 @@ from ia_bench.fit.settings import SupervisionSettings
 from ia_bench.fit.targets import Targets
 from ia_bench.material.textures import fetch
 
-PAIRS = 2  # partners of a pixel in one step
+PAIRS = 1  # partners of a pixel in one step: others follow in the next
 LEVEL = 0.3  # mean albedo to which a prediction of unknown scale is brought before distances are taken
 LOG_FLOOR = 0.01  # added to the albedo inside the log: differences below it are no contrast that anybody sees
 
@@ -27,9 +27,9 @@ class SimilarityKernel:
 
     d is the Euclidean sRGB distance of the prediction at i and j, s ``kernel_scale``, a the fit's albedo. Partners are
     drawn anew in every step, at distances uniform between one pixel and the radius: the near ones carry detail, the far
-    ones reach across shading. A pair counts only if the object fills both pixels, in the G-buffer and in the photograph's
-    mask (an edge mixes its albedo with something else), and the prior was asked about the view; it counts more where the
-    prior is confident of both.
+    ones reach across shading; a partner's albedo is that of one of its points, drawn at random too. A pair counts only if
+    the object fills both pixels, in the G-buffer and in the photograph's mask (an edge mixes its albedo with something
+    else), and the prior was asked about the view; it counts more where the prior is confident of both.
     """
 
     def __init__(self, problem: Problem, targets: Targets, settings: SupervisionSettings, *, free_scale: bool) -> None:
@@ -57,20 +57,23 @@ class SimilarityKernel:
 
     def loss(self, albedo: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
         """The loss of G-buffer entries (B,) whose rendered albedo (B, 3) is given; partners are looked up in ``texture``."""
-        partner, there = self._partners(pixels, generator)
+        partner, uv, there = self._partners(pixels, generator)
         here = pixels.repeat_interleave(PAIRS)
         weight = self._weight[here] * self._weight[partner] * there
         distance = (self._prediction[here] - self._prediction[partner]).square().sum(-1)
         similarity = torch.exp(-distance / (2 * self._scale**2))
-        difference = self._log(albedo).repeat_interleave(PAIRS, 0) - self._log(self._albedo(texture, partner))
+        difference = self._log(albedo).repeat_interleave(PAIRS, 0) - self._log(fetch(texture, uv))
         valid = (weight > 0).sum().clamp_min(1)
         return (weight * similarity * difference.abs().mean(-1)).sum() / valid
 
-    def _partners(self, pixels: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """A random entry near each pixel, PAIRS times: (B PAIRS,) entries, and whether there is one (else the pixel itself)."""
+    def _partners(self, pixels: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+        """A random entry near each pixel, PAIRS times: (B PAIRS,) entries, UV of a random point of each, whether there is one.
+
+        Where there is none (0 instead of 1) the pixel itself is returned.
+        """
         gbuffer = self._problem.gbuffer
         here = gbuffer.pixel[pixels].repeat_interleave(PAIRS)
-        draws = torch.rand(2, len(here), generator=generator, device=here.device)
+        draws = torch.rand(3, len(here), generator=generator, device=here.device)
         reach, angle = 1 + (self._reach - 1) * draws[0], 2 * math.pi * draws[1]
         column = here % self._width + (reach * angle.cos()).round().long()
         row = here // self._width % self._height + (reach * angle.sin()).round().long()
@@ -79,13 +82,11 @@ class SimilarityKernel:
         there = torch.where(inside, start + row * self._width + column, here)
         entry = self._entry[there].long()
         found = inside & (entry >= 0)
-        return torch.where(found, entry, pixels.repeat_interleave(PAIRS)), found.to(draws.dtype)
-
-    def _albedo(self, texture: Tensor, pixels: Tensor) -> Tensor:
-        """Box-filtered albedo (N, 3) of entries that the object fills."""
-        gbuffer = self._problem.gbuffer
-        uv = self._problem.renderer.surface.uv(gbuffer.face[pixels].clamp_min(0).long(), gbuffer.barycentric[pixels])
-        return fetch(texture, uv).mean(1)
+        partner = torch.where(found, entry, pixels.repeat_interleave(PAIRS))
+        point = (draws[2] * gbuffer.subsamples).long().clamp(max=gbuffer.subsamples - 1)
+        face = gbuffer.face[partner, point].clamp_min(0).long()
+        uv = self._problem.renderer.surface.uv(face, gbuffer.barycentric[partner, point])
+        return partner, uv, found.to(draws.dtype)
 
     @staticmethod
     def _log(albedo: Tensor) -> Tensor:

@@ -13,6 +13,7 @@ from ia_bench.fit.kernel import LOG_FLOOR, PAIRS, SimilarityKernel
 from ia_bench.fit.problem import Problem
 from ia_bench.fit.settings import SupervisionSettings
 from ia_bench.fit.targets import Targets
+from ia_bench.material.textures import fetch
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
 
@@ -42,12 +43,13 @@ def loss(one: SimilarityKernel, albedo: Tensor, pixels: Tensor, texture: Tensor,
 
 
 def test_loss_is_that_of_a_loop(problem: Problem, seen: Tensor, texture: Tensor) -> None:
-    """The formula in float64 over the very pairs that were drawn; the partner's albedo is that of its own picture."""
+    """The formula in float64 over the very pairs that were drawn."""
     prediction = seen.flip(0)
     weight = torch.rand(len(seen), 1, generator=torch.Generator().manual_seed(3))
     one = kernel(problem, prediction, weight, free_scale=False, kernel_scale=0.4)
     pixels = torch.arange(0, len(seen), 5)
-    partner, found = one._partners(pixels, torch.Generator().manual_seed(0))
+    partner, uv, found = one._partners(pixels, torch.Generator().manual_seed(0))
+    there = fetch(texture, uv).double().numpy()
     mask = np.stack([view.mask for view in problem.scene.train]).ravel()[problem.gbuffer.pixel.numpy()]
     full = (problem.gbuffer.face >= 0).all(1).numpy() & (mask > 0.999)
     colour, albedo = linear_to_srgb(prediction.double().numpy()), seen.double().numpy()
@@ -58,7 +60,7 @@ def test_loss_is_that_of_a_loop(problem: Problem, seen: Tensor, texture: Tensor)
             continue
         valid += 1
         similarity = np.exp(-((colour[i] - colour[j]) ** 2).sum() / (2 * 0.4**2))
-        change = np.abs(np.log(albedo[i] + LOG_FLOOR) - np.log(albedo[j] + LOG_FLOOR)).mean()
+        change = np.abs(np.log(albedo[i] + LOG_FLOOR) - np.log(there[number] + LOG_FLOOR)).mean()
         total += float(weight[i] * weight[j]) ** 0.5 * similarity * change
     assert valid > len(pixels) / 4
     assert loss(one, seen, pixels, texture) == pytest.approx(total / valid, rel=1e-4)
@@ -67,10 +69,13 @@ def test_loss_is_that_of_a_loop(problem: Problem, seen: Tensor, texture: Tensor)
 def test_pairs_lie_in_one_view_within_the_radius(problem: Problem, seen: Tensor) -> None:
     pixels = torch.arange(len(seen)).repeat(4)
     for radius in (0.1, 0.4):
-        partner, found = kernel(problem, seen, radius=radius)._partners(pixels, torch.Generator().manual_seed(0))
+        partner, uv, found = kernel(problem, seen, radius=radius)._partners(pixels, torch.Generator().manual_seed(0))
         here = problem.gbuffer.pixel[pixels.repeat_interleave(PAIRS)]
         there = problem.gbuffer.pixel[partner]
         found = found > 0
+        own = problem.renderer.surface.uv(problem.gbuffer.face[partner].clamp_min(0).long(), problem.gbuffer.barycentric[partner])
+        assert float((own - uv[:, None]).abs().sum(-1).amin(1).max()) == 0  # a point of the partner, and not always the same
+        assert len({int(n) for n in (own - uv[:, None]).abs().sum(-1).argmin(1)}) == problem.gbuffer.subsamples
         assert bool((here // SIZE == there // SIZE).all())
         assert bool((there == here)[~found].all())
         across = (here % 32 - there % 32)[found].double()
@@ -80,7 +85,7 @@ def test_pairs_lie_in_one_view_within_the_radius(problem: Problem, seen: Tensor)
         assert float(distance.max()) <= radius * 32 + 1  # rounded to pixels
         assert float(distance.max()) > 0.8 * radius * 32
         assert float(found.float().mean()) > 0.5
-    other, _ = kernel(problem, seen)._partners(pixels, torch.Generator().manual_seed(1))
+    other, *_ = kernel(problem, seen)._partners(pixels, torch.Generator().manual_seed(1))
     assert not torch.equal(other, partner)
 
 
