@@ -23,13 +23,13 @@ LOG_FLOOR = 0.01  # added to the albedo inside the log: differences below it are
 
 
 class SimilarityKernel:
-    """The loss: mean of exp(-d^2 / 2 s^2) |log a_i - log a_j| over random pairs of pixels i, j of the same view.
+    """The loss: weighted mean of exp(-d^2 / 2 s^2) |log a_i - log a_j| over random pairs of pixels i, j of the same view.
 
     d is the Euclidean sRGB distance of the prediction at i and j, s ``kernel_scale``, a the fit's albedo. Partners are
     drawn anew in every step, at distances uniform between one pixel and the radius: the near ones carry detail, the far
     ones reach across shading; a partner's albedo is that of one of its points, drawn at random too. A pair counts only if
     the object fills both pixels, in the G-buffer and in the photograph's mask (an edge mixes its albedo with something
-    else), and the prior was asked about the view; it counts more where the prior is confident of both.
+    else), and the prior was asked about the view; the more confident the prior is of both, the more it counts.
     """
 
     def __init__(self, problem: Problem, targets: Targets, settings: SupervisionSettings, *, free_scale: bool) -> None:
@@ -63,8 +63,7 @@ class SimilarityKernel:
         distance = (self._prediction[here] - self._prediction[partner]).square().sum(-1)
         similarity = torch.exp(-distance / (2 * self._scale**2))
         difference = self._log(albedo).repeat_interleave(PAIRS, 0) - self._log(fetch(texture, uv))
-        valid = (weight > 0).sum().clamp_min(1)
-        return (weight * similarity * difference.abs().mean(-1)).sum() / valid
+        return (weight * similarity * difference.abs().mean(-1)).sum() / weight.sum().clamp_min(1e-6)
 
     def _partners(self, pixels: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
         """A random entry near each pixel, PAIRS times: (B PAIRS,) entries, UV of a random point of each, whether there is one.

@@ -53,7 +53,7 @@ def test_loss_is_that_of_a_loop(problem: Problem, seen: Tensor, texture: Tensor)
     mask = np.stack([view.mask for view in problem.scene.train]).ravel()[problem.gbuffer.pixel.numpy()]
     full = (problem.gbuffer.face >= 0).all(1).numpy() & (mask > 0.999)
     colour, albedo = linear_to_srgb(prediction.double().numpy()), seen.double().numpy()
-    total, valid = 0.0, 0
+    total, weights, valid = 0.0, 0.0, 0
     for number in range(len(pixels) * PAIRS):
         i, j = int(pixels[number // PAIRS]), int(partner[number])
         if not (found[number] and full[i] and full[j]):
@@ -61,9 +61,20 @@ def test_loss_is_that_of_a_loop(problem: Problem, seen: Tensor, texture: Tensor)
         valid += 1
         similarity = np.exp(-((colour[i] - colour[j]) ** 2).sum() / (2 * 0.4**2))
         change = np.abs(np.log(albedo[i] + LOG_FLOOR) - np.log(there[number] + LOG_FLOOR)).mean()
-        total += float(weight[i] * weight[j]) ** 0.5 * similarity * change
+        confidence = float(weight[i] * weight[j]) ** 0.5
+        total += confidence * similarity * change
+        weights += confidence
     assert valid > len(pixels) / 4
-    assert loss(one, seen, pixels, texture) == pytest.approx(total / valid, rel=1e-4)
+    assert loss(one, seen, pixels, texture) == pytest.approx(total / weights, rel=1e-4)
+
+
+def test_few_views_keep_the_loss_at_its_weight(problem: Problem, seen: Tensor, texture: Tensor) -> None:
+    """A prediction of one quarter of the views, weighted four times as targets are, asks for as much as that of all."""
+    quarter = (problem.gbuffer.pixel // SIZE % 4 == 0).float()[:, None]
+    pixels = torch.arange(len(seen)).repeat(4)
+    flat = torch.full_like(seen, 0.4)
+    every = loss(kernel(problem, flat), seen, pixels, texture)
+    assert loss(kernel(problem, flat, quarter / quarter.mean()), seen, pixels, texture) == pytest.approx(every, rel=0.1)
 
 
 def test_pairs_lie_in_one_view_within_the_radius(problem: Problem, seen: Tensor) -> None:
