@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.priors.training.objects import make_object
-from ia_bench.priors.training.render import MAX_COVERAGE, MIN_COVERAGE, VIEWS, ObjectRenderer, draw_view
+from ia_bench.priors.training.render import MAX_COVERAGE, MIN_COVERAGE, VIEWS, ObjectRenderer, draw_view, expose
 from ia_bench.priors.training.shading import DirectLight
 from ia_bench.priors.training.shards import CHANNELS, ShardInfo, write_shard
 
@@ -40,7 +40,8 @@ def render_group(seed: int, group: int, views: range, size: int, direct: DirectL
         coverage = renderer.coverage(face)
         keep = torch.nonzero((coverage > MIN_COVERAGE) & (coverage < MAX_COVERAGE))[:, 0]
         if len(keep):
-            images = renderer.render([draws[i] for i in keep], face[keep], barycentric[keep])
+            kept = [draws[i] for i in keep]
+            images = expose(renderer.render(kept, face[keep], barycentric[keep]), kept)
             halves = {name: image.half() for name, image in images.items()}
             for number, i in enumerate(keep.tolist()):
                 image = {name: values[number] for name, values in halves.items()}

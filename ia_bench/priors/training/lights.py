@@ -117,7 +117,7 @@ def sky(canvas: _Canvas) -> None:
         canvas.map = canvas.map * (1 - cover) + rng.uniform(0.5, 2) * cover
     if rng.random() < 0.85:
         radius = math.radians(float(np.exp(rng.uniform(math.log(0.4), math.log(8)))))
-        canvas.disc(toward, radius, sun * float(np.exp(rng.uniform(math.log(0.8), math.log(14)))))
+        canvas.disc(toward, radius, sun * float(np.exp(rng.uniform(math.log(1.5), math.log(20)))))
     _ground(canvas, _upward(canvas))
 
 
@@ -201,12 +201,12 @@ def surroundings(canvas: _Canvas) -> None:
 
 
 LIGHTS: tuple[tuple[Callable[[_Canvas], None], float], ...] = (
-    (sky, 0.32),
+    (sky, 0.38),
     (overcast, 0.1),
     (studio, 0.2),
-    (room, 0.16),
+    (room, 0.14),
     (lamps, 0.1),
-    (surroundings, 0.12),
+    (surroundings, 0.08),
 )
 
 

@@ -41,7 +41,7 @@ def noise(points: Tensor) -> Tensor:
 
 
 def fractal(points: Tensor, octaves: int, gain: float = 0.5) -> Tensor:
-    """Sum of ``octaves`` of :func:`noise`, each twice as fine and ``gain`` times as strong: (N, 4), unit variance about.
+    """Sum of ``octaves`` of :func:`noise`, each twice as fine and ``gain`` times as strong: (N, 4), standard deviation 1.25.
 
     ``gain`` 0.5 falls like 1/f, as photographs do; more is rougher.
     """
@@ -52,7 +52,7 @@ def fractal(points: Tensor, octaves: int, gain: float = 0.5) -> Tensor:
     values = noise(torch.cat(coordinates)).reshape(octaves, -1, 4)
     strength = gain ** torch.arange(octaves)
     total = (values * strength[:, None, None]).sum(0)
-    return total * (3.4 / math.sqrt(float((strength * strength).sum())))  # one octave's standard deviation is about 0.3
+    return total * (3.4 / math.sqrt(float((strength * strength).sum())))  # that of one octave is 0.37
 
 
 @functools.cache

@@ -32,6 +32,7 @@ LIGHT_SAMPLES, BRDF_SAMPLES, COSINE_RAYS = 9, 3, 4  # per point: 64 directions a
 VIEWS = 8  # images of one object
 MIN_COVERAGE, MAX_COVERAGE = 0.05, 0.98
 MEAN_RADIANCE = 0.3
+_PLASTIC_2 = (PLASTIC, PLASTIC * PLASTIC)  # generators of Roberts' R2 sequence
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,10 @@ class ObjectRenderer:
         return face.reshape(shape), barycentric.reshape(*shape, 2)
 
     def render(self, views: Sequence[ViewDraw], face: Tensor, barycentric: Tensor) -> dict[str, Tensor]:
-        """Images of views whose primary rays hit as :meth:`trace` says, by the names of ``shards.CHANNELS``, float32."""
+        """Images of views whose primary rays hit as :meth:`trace` says, by the names of ``shards.CHANNELS``, float32.
+
+        Radiance is in the unit of the lights; :func:`expose` makes photographs of it.
+        """
         count, size = face.shape[:2]
         view, row, column, point = torch.nonzero(face >= 0, as_tuple=True)
         centres = torch.from_numpy(np.stack([v.camera.to_world[:3, 3] for v in views])).float()
@@ -105,7 +109,7 @@ class ObjectRenderer:
         tables = LightTables.build(lights + lights[:1] * (VIEWS - len(lights)))  # one shape for the compiler
 
         cosine_rays = cosine_directions(hits.normal, lattice(shift[:, 0], point, COSINE_RAYS).float())
-        reaches_sky, landed, owner = self._bounce(hits, cosine_rays)
+        reaches_sky, landed, owner, ray = self._bounce(hits, cosine_rays)
         both = [torch.cat(pair) for pair in zip(_place(hits, view), _place(landed, view[owner]), strict=True)]
         albedo, roughness = self._materials(views, *both)
         own = slice(0, len(view))
@@ -123,7 +127,9 @@ class ObjectRenderer:
             lattice(shift[:, 1], point, LIGHT_SAMPLES),
             lattice(shift[:, 2], point, BRDF_SAMPLES).float(),
         )
-        indirect = self._indirect(tables, view[owner], landed, albedo[len(view) :], shift[owner, 3], owner, len(view))
+        number = (point[owner] * COSINE_RAYS + ray)[:, None].double()
+        u = torch.remainder(shift[owner, 3] + number * torch.tensor(_PLASTIC_2, dtype=torch.float64), 1.0)
+        indirect = self._indirect(tables, view[owner], landed, albedo[len(view) :], u, owner, len(view))
         diffuse = albedo[own] * (irradiance + indirect)
 
         to_camera = torch.from_numpy(np.stack([v.camera.to_world[:3, :3] for v in views])).float()
@@ -134,10 +140,8 @@ class ObjectRenderer:
         pixels = flat.reshape(count, size, size, 14)
         diffuse, coverage, base, specular, normal, sky = pixels.split([3, 1, 3, 3, 3, 1], -1)
         diffuse, sky = smooth_shading(diffuse, base, normal, sky, coverage)
-        mean = (diffuse + specular).mean(-1).sum((1, 2)) / coverage.sum((1, 2, 3))
-        scale = (torch.tensor([v.exposure for v in views]) / mean)[:, None, None, None]
-        image = torch.cat([scale * (diffuse + specular), coverage], -1)
-        return {"image": image, "albedo": base, "specular": scale * specular, "normal": normal, "visibility": sky}
+        image = torch.cat([diffuse + specular, coverage], -1)
+        return {"image": image, "albedo": base, "specular": specular, "normal": normal, "visibility": sky}
 
     def _surface(self, face: Tensor, barycentric: Tensor, seen_from: Tensor) -> _Hits:
         """Interpolate hits, turned to the side that they are seen from."""
@@ -148,26 +152,24 @@ class ObjectRenderer:
         normal = normalize(normal) * torch.where(dot(normal, geometric) < 0, -side, side)
         return _Hits(position, normal, geometric * side, local, self._axis[face], self._slot[face])
 
-    def _bounce(self, hits: _Hits, direction: Tensor) -> tuple[Tensor, _Hits, Tensor]:
-        """Trace (N, A, 3) rays: which reach the sky (N, A), where the others land, and whose they are."""
+    def _bounce(self, hits: _Hits, direction: Tensor) -> tuple[Tensor, _Hits, Tensor, Tensor]:
+        """Trace (N, A, 3) rays: which reach the sky (N, A), where the others land, and for these their point and number."""
         above = dot(direction, hits.geometric[:, None])[..., 0] > 0
         start = (hits.position + OFFSET * hits.geometric)[:, None].expand_as(direction)
         face, barycentric, _ = self._rays.intersect(start.reshape(-1, 3), direction.reshape(-1, 3))
         face = face.reshape(above.shape)
         owner, ray = torch.nonzero(above & (face >= 0), as_tuple=True)
         landed = self._surface(face[owner, ray], barycentric.reshape(*above.shape, 2)[owner, ray], hits.position[owner])
-        return above & (face < 0), landed, owner
+        return above & (face < 0), landed, owner, ray
 
     def _indirect(
-        self, tables: LightTables, view: Tensor, landed: _Hits, albedo: Tensor, shift: Tensor, owner: Tensor, points: int
+        self, tables: LightTables, view: Tensor, landed: _Hits, albedo: Tensor, u: Tensor, owner: Tensor, points: int
     ) -> Tensor:
         """Mean diffuse radiance over each point's cosine rays, zero for those that reach the sky: (points, 3).
 
-        Direct light there is estimated from one direction by the light and one by the cosine.
+        Direct light there is estimated from one direction by the light and one by the cosine, both from ``u`` (R, 2).
         """
-        turn = torch.arange(len(owner), dtype=torch.float64)[:, None] * torch.tensor([GOLDEN, PLASTIC], dtype=torch.float64)
-        u = torch.remainder(shift[:, None] + turn[:, None], 1.0)
-        away = cosine_directions(landed.normal, torch.remainder(u + 0.5, 1.0).float())
+        away = cosine_directions(landed.normal, torch.remainder(u + 0.5, 1.0)[:, None].float())
         irradiance, _ = self._direct(
             self._rays,
             tables,
@@ -179,7 +181,7 @@ class ObjectRenderer:
             torch.ones(len(owner), 1),
             away,
             None,
-            u,
+            u[:, None],
             torch.zeros(len(owner), 0, 2),
         )
         total = torch.zeros(points, 3)
@@ -198,6 +200,15 @@ class ObjectRenderer:
                 material = views[number // self.solid.slots].materials[number % self.solid.slots]
                 albedo[index], roughness[index] = material(local[index], axis[index])
         return albedo, roughness
+
+
+def expose(images: dict[str, Tensor], views: Sequence[ViewDraw]) -> dict[str, Tensor]:
+    """Scale image and specular so that the mean radiance over the object is the view's exposure."""
+    image = images["image"]
+    mean = image[..., :3].mean(-1).sum((1, 2)) / image[..., 3].sum((1, 2))
+    scale = (torch.tensor([view.exposure for view in views]) / mean)[:, None, None, None]
+    exposed = torch.cat([scale * image[..., :3], image[..., 3:]], -1)
+    return {**images, "image": exposed, "specular": scale * images["specular"]}
 
 
 def _place(hits: _Hits, view: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
