@@ -14,7 +14,7 @@ class Storage:
     """How a kind of image is stored, as half floats.
 
     `bits` are the explicit mantissa bits kept, of ten: the relative error is at most 2^-(bits+1). `step`, if given, rounds
-    to multiples of it instead. `level`, if given, is the level of OpenEXR's lossy DWAB; without it, ZIP.
+    to multiples of it instead. `level`, if given, is the level of OpenEXR's lossy DWAB, taken where it is smaller than ZIP.
     """
 
     bits: int = 10
@@ -76,7 +76,7 @@ def write_exr(path: Path, image: NDArray[np.float16], level: float | None = None
     """Write a half image (H, W) as channel Y, (H, W, 3) as RGB or (H, W, 4) as RGBA; atomically, folders made.
 
     Lossless, as one tile of the whole image, which ZIP compresses a tenth better than strips of 16 rows; or, given the
-    `level` of the loss, as DWAB.
+    `level` of the loss, as DWAB where that is smaller (it is not for images of 32 x 32).
 
     Raises:
         ValueError: if the array is not half or has another shape.
@@ -87,16 +87,20 @@ def write_exr(path: Path, image: NDArray[np.float16], level: float | None = None
         raise ValueError(f"{path}: expected a half image {shapes}, got {image.dtype} {image.shape}")
     planes = image[..., None] if image.ndim == 2 else image
     channels = {name: np.ascontiguousarray(planes[..., i]) for i, name in enumerate(names)}
-    if level is None:
-        tile = OpenEXR.TileDescription()
-        tile.ySize, tile.xSize = image.shape[:2]
-        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.tiledimage, "tiles": tile}
-    else:
-        header = {"compression": OpenEXR.DWAB_COMPRESSION, "type": OpenEXR.scanlineimage, "dwaCompressionLevel": level}
+    tile = OpenEXR.TileDescription()
+    tile.ySize, tile.xSize = image.shape[:2]
+    headers = [{"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.tiledimage, "tiles": tile}]
+    if level is not None:
+        lossy = {"compression": OpenEXR.DWAB_COMPRESSION, "dwaCompressionLevel": level}
+        headers.append({"type": OpenEXR.scanlineimage} | lossy)
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.exr")
-    OpenEXR.File(header, channels).write(str(partial))
-    partial.replace(path)
+    candidates = [path.with_name(f".{path.stem}.{os.getpid()}.{i}.exr") for i in range(len(headers))]
+    for header, candidate in zip(headers, candidates, strict=True):
+        OpenEXR.File(header, channels).write(str(candidate))
+    smallest = min(candidates, key=lambda candidate: candidate.stat().st_size)
+    smallest.replace(path)
+    for candidate in candidates:
+        candidate.unlink(missing_ok=True)
 
 
 def read_planes(path: Path) -> dict[str, NDArray[np.float32]]:
