@@ -76,7 +76,7 @@ def write_exr(path: Path, image: NDArray[np.float16], level: float | None = None
     """Write a half image (H, W) as channel Y, (H, W, 3) as RGB or (H, W, 4) as RGBA; atomically, folders made.
 
     Lossless, as one tile of the whole image, which ZIP compresses a tenth better than strips of 16 rows; or, given the
-    `level` of the loss, as DWAB where that is smaller (it is not for images of 32 x 32).
+    `level` of the loss, as DWAB where that is smaller (seldom for images of 32 x 32).
 
     Raises:
         ValueError: if the array is not half or has another shape.
