@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.errors import InputError
-from ia_bench.priors.diffusion.checkpoints import save_network
+from ia_bench.priors.diffusion.checkpoints import load_network, read_description, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.training.dataset import Batch, TrainingImages
@@ -68,6 +68,11 @@ class _Training:
                 raise InputError(f"{images.folder}: expected images of network.size={settings.network.size}, found {images.size}")
         torch.manual_seed(settings.seed)
         self.network = MaterialNetwork(settings.network)
+        if settings.init is not None:
+            start, _ = load_network(settings.init)
+            if start.config != settings.network:
+                raise InputError(f"init: {settings.init}: expected a network of {settings.network}, found {start.config}")
+            self.network.load_state_dict(start.state_dict())
         self.schedule = None
         if settings.network.kind == "diffusion":
             config = {**settings.network.schedule, "prediction_type": settings.network.prediction_type}
@@ -229,6 +234,7 @@ class _Training:
             "threads": torch.get_num_threads(),
             "device": torch.cuda.get_device_name() if torch.cuda.is_available() else platform.machine(),
             "seed": settings.seed,
+            "init": None if settings.init is None else read_description(settings.init)["provenance"],
             "validation": self.figures,
         }
 

@@ -24,8 +24,8 @@ NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "
 class TrainSettings:
     """``data``, ``validation``: folders of shards (different seeds); ``out``: the run's folder, resumed where it exists.
 
-    ``steps``: optimiser steps in all; the rate rises over ``warmup`` steps to ``rate`` and falls along a cosine to a
-    tenth of it. ``minutes``: stop (and keep the state) after that long, None for no limit. ``batch``: images a step
+    ``init``: folder of weights to start from, None for random ones. ``steps``: optimiser steps in all; a run may go on with
+    more. The rate rises over ``warmup`` steps to ``rate`` and falls along a cosine to a tenth of it. ``minutes``: stop (and keep the state) after that long, None for no limit. ``batch``: images a step
     over all processes. ``ema``: decay of the averaged weights, which are the ones that are kept. ``drop_channels``,
     ``drop_tokens``, ``drop_both``: share of the images whose condition is withheld in that way, for classifier-free guidance
     (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss.
@@ -37,6 +37,7 @@ class TrainSettings:
     data: Path
     validation: Path
     out: Path
+    init: Path | None = None
     steps: int = 20_000
     minutes: float | None = None
     batch: int = 32
@@ -62,7 +63,7 @@ class TrainSettings:
 
     def identity(self) -> str:
         """Hash of what the weights depend on; a run resumes only where it is the same."""
-        free = ("out", "minutes", "threads", "compile", "checkpoint_minutes")
+        free = ("out", "steps", "minutes", "threads", "compile", "checkpoint_minutes")
         values = {
             key: value
             for key, value in dataclasses.asdict(self).items()
@@ -112,7 +113,7 @@ def _keys(kind: type, prefix: str = "") -> dict[str, Any]:
 
 
 def _value(key: str, text: str, kind: Any) -> Any:  # noqa: ANN401 (any field's type and value)
-    if kind is Path:
+    if kind is Path or Path in get_args(kind):
         return Path(text)
     value = yaml.safe_load(text)
     if kind is float and isinstance(value, str):  # YAML 1.1 reads 5e-4 as text

@@ -5,6 +5,7 @@ import sys
 
 import pytest
 import torch
+from priors.tiny_network import tiny_weights
 from priors.training.test_dataset import shard
 from safetensors.torch import load_file
 
@@ -95,6 +96,18 @@ def test_the_regressor_trains_by_the_same_command(folders, tmp_path):
     network, _ = load_network(tmp_path / "run/weights")
     assert network.config.kind == "regressor"
     assert network.unet.config.in_channels == 4 * 8  # no noise goes in
+
+
+def test_training_starts_from_given_weights(folders, tmp_path):
+    start = tiny_weights(tmp_path / "start", seed=5)
+    train(command(folders, tmp_path / "run", "steps=1", f"init={start}", "rate=1e-9", "warmup=0"))
+    network, provenance = load_network(tmp_path / "run/weights")
+    for name, value in load_network(start)[0].state_dict().items():
+        torch.testing.assert_close(network.state_dict()[name], value, atol=1e-4, rtol=1e-3)
+    assert provenance["init"] == {"steps": 0}
+    ended = run(command(folders, tmp_path / "other", "steps=1", f"init={start}", "network.tokens=32"))
+    assert ended.returncode == 2
+    assert "init" in ended.stderr
 
 
 @pytest.mark.slow
