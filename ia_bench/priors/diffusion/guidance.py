@@ -75,7 +75,7 @@ class Pull:
             raise InputError(f"guidance target: expected shape (N, C, H, W), found {tuple(self.target.shape)}")
         expected = (self.target.shape[0], 1, *self.target.shape[2:])
         if self.weight is not None and tuple(self.weight.shape) not in (expected, tuple(self.target.shape)):
-            raise InputError(f"guidance weight: expected shape {expected}, found {tuple(self.weight.shape)}")
+            raise InputError(f"guidance weight: expected shape {expected} or the target's, found {tuple(self.weight.shape)}")
 
     def through(self, remake: Callable[[Tensor], Tensor], scale: float = 1.0) -> Pull:
         """The same pull on images that were cut or resized by ``remake``; ``scale``: new pixels per old one."""
@@ -179,8 +179,8 @@ def combine(x0: Tensor, pulls: Sequence[Pull], variance: float) -> Tensor:
     """argmin_x |x - x0|^2 / ``variance`` + sum over ``pulls`` of gamma (A x - y)^T W (A x - y), (N, C, H, W).
 
     Closed form where no pull blurs. Otherwise preconditioned conjugate gradients on x - x0; the preconditioner replaces each
-    weight by its mean and inverts exactly in the cosine basis, so without weights the first step is the solution. An image
-    stops when its own residual is below :data:`SOLVER_TOLERANCE`, so its result does not depend on the batch.
+    channel's weight by its mean and inverts exactly in the cosine basis, so without weights the first step is the solution. An
+    image stops when its own residual is below :data:`SOLVER_TOLERANCE`, so its result does not depend on the batch.
     """
     gains = [variance * pull.strength for pull in pulls]
     right = _normal(pulls, gains, [pull.target - pull.operator.apply(x0) for pull in pulls])
@@ -190,7 +190,7 @@ def combine(x0: Tensor, pulls: Sequence[Pull], variance: float) -> Tensor:
 
     spectrum = torch.ones_like(x0[:, :1])
     for gain, pull in zip(gains, pulls, strict=True):
-        mean = 1.0 if pull.weight is None else pull.weight.mean((1, 2, 3), keepdim=True)
+        mean = 1.0 if pull.weight is None else pull.weight.mean((2, 3), keepdim=True)
         spectrum = spectrum + gain * mean * pull.operator.eigenvalues(x0).square()
 
     change, residual = torch.zeros_like(x0), right

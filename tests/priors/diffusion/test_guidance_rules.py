@@ -63,10 +63,12 @@ def test_blur_is_symmetric_keeps_the_mean_and_has_its_eigenvalues():
 
 # ----- the implicit rule ------------------------------------------------------------------------------------------------------
 def pulls_of(*kinds: str, strength: float = 30.0) -> list[Pull]:
-    """``kinds``: "identity", "blur", with "weighted" before it or not; half of the weights are zero."""
+    """``kinds``: "identity", "blur", perhaps "weighted", perhaps by "channel"; half of the weights and channel 1 are zero."""
     pulls = []
     for i, kind in enumerate(kinds):
         weight = random(2, 1, *SIZE, seed=10 + i).clamp(min=0) if "weighted" in kind else None
+        if "channel" in kind:
+            weight = weight * torch.tensor([1.0, 0.0, 2.0])[:, None, None]
         operator = GaussianBlur(1.5 if "blur" in kind else 0.0)
         pulls.append(Pull(random(2, 3, *SIZE, seed=20 + i), strength / (i + 1), weight, operator))
     return pulls
@@ -77,6 +79,8 @@ KINDS = [
     ("weighted identity",),
     ("blur",),
     ("weighted blur",),
+    ("weighted channel identity",),
+    ("weighted channel blur", "identity"),
     ("weighted identity", "identity"),
     ("blur", "weighted identity"),
     ("weighted blur", "blur"),
@@ -89,13 +93,14 @@ def test_implicit_update_solves_its_normal_equations(kinds: tuple[str, ...], var
     x0, pulls, count = random(2, 3, *SIZE, seed=1), pulls_of(*kinds), math.prod(SIZE)
     found = combine(x0, pulls, variance)
     for image in range(2):
-        matrix, right = torch.eye(count, dtype=torch.float64) / variance, x0[image].reshape(3, count).T / variance
+        matrix, right = torch.eye(count, dtype=torch.float64) / variance, x0[image].reshape(3, count, 1) / variance
         for pull in pulls:
             blur = matrix_of(pull.operator)
-            weight = torch.ones(count, dtype=torch.float64) if pull.weight is None else pull.weight[image].flatten()
-            matrix = matrix + pull.strength * blur.T @ (weight[:, None] * blur)
-            right = right + pull.strength * blur.T @ (weight[:, None] * pull.target[image].reshape(3, count).T)
-        expected = torch.linalg.solve(matrix, right).T.reshape(3, *SIZE)
+            weight = torch.ones_like(x0[image]) if pull.weight is None else pull.weight[image].expand_as(x0[image])
+            weight, target = weight.reshape(3, count, 1), pull.target[image].reshape(3, count, 1)
+            matrix = matrix + pull.strength * blur.T @ (weight * blur)
+            right = right + pull.strength * blur.T @ (weight * target)
+        expected = torch.linalg.solve(matrix, right).reshape(3, *SIZE)
         error = (found[image] - expected).norm() / (expected - x0[image]).norm()
         assert float(error) < 2e-3, f"relative error of the pull {float(error)}"
 
@@ -296,7 +301,7 @@ def test_clear_errors():
     with pytest.raises(InputError, match="target"):
         Guidance(target[0], 1.0)
     with pytest.raises(InputError, match="weight: expected shape"):
-        Guidance(target, 1.0, torch.ones(2, 3, *SIZE))
+        Guidance(target, 1.0, torch.ones(2, 2, *SIZE))
     with pytest.raises(InputError, match="rule: expected one of paper"):
         Guidance(target, 1.0, rule="eq8")
     with pytest.raises(InputError, match="norm: expected one of l2"):
