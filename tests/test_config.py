@@ -8,6 +8,7 @@ import importlib
 import inspect
 import json
 import os
+import re
 import shlex
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from ia_bench import config as configuration
 from ia_bench.composition import compose
 from ia_bench.config import RunConfig, SceneConfig, config_hash, identity, resolve_scene_folder, run_folder, slug
 from ia_bench.errors import InputError
-from ia_bench.fit.settings import FitSettings
+from ia_bench.fit.settings import FitSettings, SupervisionSettings
 from ia_bench.paths import conf_folder
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
@@ -103,6 +104,7 @@ def test_hash_is_sha256_of_canonical_json() -> None:
         ("row=another",),
         ("preset=quick",),
         ("fit.checkpoint_seconds=99",),
+        ("prior.supervision.cache=false",),
         ("fit.pixels=4096",),
         (f"threads={len(os.sched_getaffinity(0))}",),
     ],
@@ -141,6 +143,39 @@ def test_hash_changes_with_every_setting_of_fit_and_render() -> None:
             hashes.append(config_hash(dataclasses.replace(config, **{section: changed})))
     assert len(hashes) > 15
     assert len(set(hashes)) == len(hashes)
+
+
+def test_hash_changes_with_every_setting_of_supervision() -> None:
+    config = compose(["device=cpu"])
+    hashes = {config_hash(config)}
+    varied = [s for s in _variations(config.prior.supervision) if s.cache]
+    for changed in varied:
+        hashes.add(config_hash(dataclasses.replace(config, prior=dataclasses.replace(config.prior, supervision=changed))))
+    assert len(hashes) == len(varied) + 1 == len(dataclasses.fields(config.prior.supervision))
+
+
+@pytest.mark.parametrize("prior", ["oracle", "ia_bench.priors.none:NoPrior"])
+def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
+    """Also of one that is spelled out, whose node Hydra is told of only then."""
+    words = [f"prior={prior}", "prior.supervision.kind=both", "prior.supervision.views=7", "prior.supervision.samples=4"]
+    supervision = compose(["device=cpu", *words]).prior.supervision
+    assert supervision == SupervisionSettings(kind="both", views=7, samples=4)
+    assert compose(["device=cpu"]).prior.supervision == SupervisionSettings()
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("kind=similarty", "did you mean 'similarity'"),
+        ("knd=sds", "unknown setting 'prior.supervision.knd'"),
+        ("views=some", "prior.supervision.views: expected a number of views >= 1 or all, found some"),
+        ("confidence=spread", "expected samples >= 2 or fuse=true"),
+        ("samples=many", "prior.supervision.samples"),
+    ],
+)
+def test_mistakes_about_supervision(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        compose(["device=cpu", f"prior.supervision.{override}"])
 
 
 def test_hash_distinguishes_oracle_dials() -> None:
