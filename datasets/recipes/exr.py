@@ -14,7 +14,7 @@ class Storage:
     """How a kind of image is stored, as half floats.
 
     `bits` are the explicit mantissa bits kept, of ten: the relative error is at most 2^-(bits+1). `step`, if given, rounds
-    to multiples of it instead. `level`, if given, is the level of OpenEXR's lossy DWAB, taken where it is smaller than ZIP.
+    to multiples of it instead. `level`, if given, is the level of OpenEXR's lossy DWAB, taken where it is worth it.
     """
 
     bits: int = 10
@@ -37,6 +37,9 @@ STORAGE = {
 DWAB at level 100 stays 45 dB of sRGB above its error, alpha exact; specular images of training views, which only the
 oracle sees, are kept at 42 dB. DWAA would decode to the same pixels, but takes a quarter more for images this small.
 """
+
+WORTH_LOSS = 0.9
+"""An image is compressed with loss if that takes at most this share of the lossless bytes."""
 
 HALF_MAX = 65504.0
 
@@ -76,7 +79,7 @@ def write_exr(path: Path, image: NDArray[np.float16], level: float | None = None
     """Write a half image (H, W) as channel Y, (H, W, 3) as RGB or (H, W, 4) as RGBA; atomically, folders made.
 
     Lossless, as one tile of the whole image, which ZIP compresses a tenth better than strips of 16 rows; or, given the
-    `level` of the loss, as DWAB where that is smaller (seldom for images of 32 x 32).
+    `level` of the loss, as DWAB where that is worth it (not for images of 32 x 32).
 
     Raises:
         ValueError: if the array is not half or has another shape.
@@ -97,8 +100,8 @@ def write_exr(path: Path, image: NDArray[np.float16], level: float | None = None
     candidates = [path.with_name(f".{path.stem}.{os.getpid()}.{i}.exr") for i in range(len(headers))]
     for header, candidate in zip(headers, candidates, strict=True):
         OpenEXR.File(header, channels).write(str(candidate))
-    smallest = min(candidates, key=lambda candidate: candidate.stat().st_size)
-    smallest.replace(path)
+    sizes = [candidate.stat().st_size for candidate in candidates]
+    candidates[-1 if sizes[-1] < WORTH_LOSS * sizes[0] else 0].replace(path)
     for candidate in candidates:
         candidate.unlink(missing_ok=True)
 
