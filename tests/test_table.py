@@ -21,8 +21,8 @@ from ia_bench.records import finished_metrics
 from ia_bench.table import Request, Row, Table, jobs_and_threads, load_table, main, make_cells, parse, run_cells
 
 HERE = Path(__file__).parent
-ABLATIONS = [f"spoiled oracle{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
-ROWS = ["ceiling", "none", "oracle", *ABLATIONS]
+ABLATIONS = [f"diffusion{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
+ROWS = ["ceiling", "none", "oracle", *ABLATIONS, "diffusion, kernel"]
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +49,8 @@ def started() -> list[str]:
 @pytest.mark.parametrize("path", sorted(conf_folder().glob("table/*.yaml")), ids=lambda path: path.stem)
 def test_shipped_table_is_well_formed(path: Path) -> None:
     table = load_table(path.stem)
-    assert path.read_text().startswith("# make table ")
+    command = "# make table " if path.stem == "paper" else f"# python -m ia_bench.table table={path.stem}\n"
+    assert path.read_text().startswith(command)
     cells = cells_of(table)
     assert len(cells) == len(table.rows) * len(table.scenes) * len(table.seeds)
     assert len({cell.config_hash for cell in cells}) == len(cells), "two rows with one configuration say nothing"
@@ -62,20 +63,20 @@ def test_paper_table_has_the_ablations_as_configuration() -> None:
     cells = {cell.row.name: cell.config for cell in cells_of(table, scenes=("hat",))}
     assert cells["ceiling"].method.name == "ceiling"
     assert cells["none"].prior.name == "none"
-    assert cells["spoiled oracle w/o specular"].fit.weights.specular == 0
-    assert cells["spoiled oracle w/o albedo"].fit.weights.albedo == 0
-    assert not cells["spoiled oracle w/o guided"].fit.guided
+    assert cells["diffusion w/o specular"].fit.weights.specular == 0
+    assert cells["diffusion w/o albedo"].fit.weights.albedo == 0
+    assert not cells["diffusion w/o guided"].fit.guided
     assert cells["oracle"].fit == compose(["device=cpu"]).fit
     assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}
 
 
 def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
     cells = cells_of(load_table("paper"), scenes=("ship",), seeds=(3,))
-    (cell,) = [one for one in cells if one.row.name == "spoiled oracle w/o guided"]
+    (cell,) = [one for one in cells if one.row.name == "diffusion w/o guided"]
     again = compose(cell.overrides)
     assert again == cell.config
     assert (again.seed, again.scene.name, again.threads) == (3, "ship", 1)
-    assert str(cell.folder).startswith("results/paper/runs/ship/spoiled-oracle-w-o-guided-seed3-")
+    assert str(cell.folder).startswith("results/paper/runs/ship/diffusion-w-o-guided-seed3-")
 
 
 def test_overrides_go_to_every_cell() -> None:
