@@ -21,6 +21,7 @@ from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, read_description
 from ia_bench.priors.diffusion.framing import Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.precision import use_bf16
 from ia_bench.priors.diffusion.sampler import derive_seed
 
 VERSION = 1
@@ -53,7 +54,8 @@ class LearnedPrior(ABC):
     weights that come with the package. ``patches``: predict the image in overlapping
     native-size patches at full resolution (the paper's equation 6) instead of reducing it to the native size.
     ``geometry``: let the network see normals and visibility where a scene has them. ``batch``: images at a time, which
-    changes no sample beyond rounding. ``device``: auto, cpu or cuda.
+    changes no sample beyond rounding. ``precision``: float32, bf16, or auto (bf16 where it is fast). ``device``: auto, cpu
+    or cuda.
 
     Raises InputError for options and weights that cannot be used.
     """
@@ -64,7 +66,14 @@ class LearnedPrior(ABC):
     encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
 
     def __init__(
-        self, *, weights: str | None = None, patches: bool = False, geometry: bool = False, batch: int = 64, device: str = "auto"
+        self,
+        *,
+        weights: str | None = None,
+        patches: bool = False,
+        geometry: bool = False,
+        batch: int = 64,
+        precision: str = "auto",
+        device: str = "auto",
     ) -> None:
         self._folder = Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / self.packaged))
         if batch < 1:
@@ -74,6 +83,7 @@ class LearnedPrior(ABC):
         if device == "cuda" and not torch.cuda.is_available():
             raise InputError("prior.options.device=cuda: torch finds no CUDA device here; use cpu or auto")
         self._device = torch.device("cuda" if torch.cuda.is_available() and device != "cpu" else "cpu")
+        self.bf16 = use_bf16(precision, self._device, "prior.options.precision")
         parts = [self._folder / name for name in COMPONENTS if (self._folder / name / "prior.json").is_file()]
         self._parts = parts or [self._folder]
         networks = [read_description(part)["network"] for part in self._parts]
@@ -93,7 +103,8 @@ class LearnedPrior(ABC):
     def fingerprint(self) -> str:
         """What decides the samples: this code's version, the options, the content of the weights."""
         content = [fingerprint(part) for part in self._parts]
-        return json.dumps([type(self).__qualname__, VERSION, self._options(), self._device.type, content], sort_keys=True)
+        where = [self._device.type, "bf16" if self.bf16 else "float32"]
+        return json.dumps([type(self).__qualname__, VERSION, self._options(), where, content], sort_keys=True)
 
     def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:
         """See :class:`ia_bench.priors.contract.GeometryReader`."""

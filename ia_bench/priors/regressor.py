@@ -27,8 +27,16 @@ class RegressorPrior(LearnedPrior):
     stochastic = False
     guidable = False
 
-    def __init__(self, *, weights: str | None = None, geometry: bool = False, batch: int = 64, device: str = "auto") -> None:
-        super().__init__(weights=weights, geometry=geometry, batch=batch, device=device)
+    def __init__(
+        self,
+        *,
+        weights: str | None = None,
+        geometry: bool = False,
+        batch: int = 64,
+        precision: str = "auto",
+        device: str = "auto",
+    ) -> None:
+        super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
 
     def _options(self) -> dict[str, Any]:
         return {"geometry": self.reads_geometry}
@@ -37,7 +45,7 @@ class RegressorPrior(LearnedPrior):
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
         if render:
             raise InputError("prior=regressor: it cannot be guided (guidable is false), found guidance")
-        model = Conditioned(network, NoiseSchedule.from_sigmas([1.0]), chunk=self.batch)
+        model = Conditioned(network, NoiseSchedule.from_sigmas([1.0]), chunk=self.batch, bf16=self.bf16)
         predicted = model.regress(framed.condition)
         self.network_calls += model.calls
         return predicted

@@ -50,9 +50,12 @@ class DiffusionPrior(LearnedPrior):
         guidance_strength: float = 10.0,
         prior_variance: float = DEFAULT_PRIOR_VARIANCE,
         batch: int = 64,
+        precision: str = "auto",
         device: str = "auto",
     ) -> None:
-        super().__init__(weights=weights, patches=patches, geometry=geometry, batch=batch, device=device)
+        super().__init__(
+            weights=weights, patches=patches, geometry=geometry, batch=batch, precision=precision, device=device
+        )
         if steps < 1:
             raise InputError(f"prior.options.steps: expected at least 1, found {steps}")
         self.settings = SamplerSettings(steps=steps, eta=eta)
@@ -87,7 +90,7 @@ class DiffusionPrior(LearnedPrior):
     def _conditioned(self, network: MaterialNetwork) -> Conditioned:
         config = network.config
         schedule = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type})
-        return Conditioned(network, schedule, cfg_scale=self.cfg_scale, chunk=self.batch)
+        return Conditioned(network, schedule, cfg_scale=self.cfg_scale, chunk=self.batch, bf16=self.bf16)
 
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
         config, model = network.config, self._conditioned(network)

@@ -21,6 +21,7 @@ from torch import Tensor
 from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.checkpoints import load_network, read_description, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.precision import use_bf16
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.training.dataset import Batch, TrainingImages
 from ia_bench.priors.training.settings import TrainSettings
@@ -40,18 +41,11 @@ def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
 
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
-    accelerator = Accelerator(mixed_precision="bf16" if _bf16(settings) else "no")
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    accelerator = Accelerator(mixed_precision="bf16" if use_bf16(settings.precision, device, "precision") else "no")
     if settings.batch % accelerator.num_processes:
         raise InputError(f"batch: expected a multiple of the {accelerator.num_processes} processes, found {settings.batch}")
     return _Training(settings, accelerator, progress).finish()
-
-
-def _bf16(settings: TrainSettings) -> bool:
-    if settings.precision != "auto":
-        return settings.precision == "bf16"
-    if torch.cuda.is_available():
-        return torch.cuda.is_bf16_supported()
-    return torch.backends.cpu.get_cpu_capability() == "AVX512" and torch.ops.mkldnn._is_mkldnn_bf16_supported()
 
 
 class _Training:

@@ -14,6 +14,7 @@ import yaml
 
 from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.network import NetworkConfig
+from ia_bench.priors.diffusion.precision import PRECISIONS
 from ia_bench.priors.training.dataset import Augmentation
 from ia_bench.suggest import unknown
 
@@ -97,8 +98,8 @@ def parse(arguments: Sequence[str]) -> TrainSettings:
     for key, least in (("steps", 1), ("batch", 1), ("warmup", 0), ("validate_steps", 1), ("validation_images", 1)):
         if getattr(settings, key) < least:
             raise InputError(f"{key}: expected at least {least}, found {getattr(settings, key)}")
-    if settings.precision not in ("auto", "bf16", "float32"):
-        raise InputError(unknown("value of precision", settings.precision, ["auto", "bf16", "float32"]))
+    if settings.precision not in PRECISIONS:
+        raise InputError(unknown("value of precision", settings.precision, PRECISIONS))
     return settings
 
 

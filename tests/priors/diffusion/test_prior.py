@@ -142,6 +142,7 @@ def test_several_samples_of_an_image_share_its_condition():
         ({"guidance_strength": -1.0}, "guidance_strength: expected a finite number >= 0"),
         ({"prior_variance": 0.0}, "prior_variance: expected a number > 0"),
         ({"batch": 0}, "batch: expected at least 1"),
+        ({"precision": "half"}, "unknown value of prior.options.precision"),
         ({"device": "gpu"}, "device: expected auto, cpu or cuda"),
     ],
 )
