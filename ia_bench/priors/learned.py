@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from abc import ABC, abstractmethod
@@ -23,6 +22,7 @@ from ia_bench.priors.diffusion.framing import Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
 from ia_bench.priors.diffusion.sampler import derive_seed
+from ia_bench.priors.inputs import check_views, choose_device, content_number
 
 VERSION = 1
 """Part of the fingerprint; raised when a change of the code changes samples."""
@@ -78,11 +78,7 @@ class LearnedPrior(ABC):
         self._folder = Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / self.packaged))
         if batch < 1:
             raise InputError(f"prior.options.batch: expected at least 1, found {batch}")
-        if device not in ("auto", "cpu", "cuda"):
-            raise InputError(f"prior.options.device: expected auto, cpu or cuda, found {device}")
-        if device == "cuda" and not torch.cuda.is_available():
-            raise InputError("prior.options.device=cuda: torch finds no CUDA device here; use cpu or auto")
-        self._device = torch.device("cuda" if torch.cuda.is_available() and device != "cpu" else "cpu")
+        self._device = choose_device(device)
         self.bf16 = use_bf16(precision, self._device, "prior.options.precision")
         parts = [self._folder / name for name in COMPONENTS if (self._folder / name / "prior.json").is_file()]
         self._parts = parts or [self._folder]
@@ -117,7 +113,7 @@ class LearnedPrior(ABC):
 
         An image's noise is seeded by ``seed`` and the image's own content, so that views differ in it.
         """
-        self._check(images, masks, guidance or {})
+        check_views(self.kind, images, masks, guidance or {}, self.provides)
         return self._through(images, masks, seed, guidance or {}, self._predict)
 
     @abstractmethod
@@ -172,7 +168,7 @@ class LearnedPrior(ABC):
                 condition = encoding.encode_image(radiance, coverage, factor)
                 if geometry:
                     condition = torch.cat([condition, self._seen_geometry(views, frames, len(masks), condition)], 1)
-                seeds = [derive_seed(seed, _content(images[view], masks[view])) for view in views]
+                seeds = [derive_seed(seed, content_number(images[view], masks[view])) for view in views]
                 found.append(Framed(views, condition.to(self._device), coverage, factor, frames, seeds))
         return found
 
@@ -199,20 +195,6 @@ class LearnedPrior(ABC):
             return encoding.decode_albedo(encoded, everywhere)
         return encoding.decode_specular(encoded, everywhere, framed.factor, network.config.specular)
 
-    def _check(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor]) -> None:
-        if images.ndim != 4 or images.shape[-1] != 3 or tuple(masks.shape) != tuple(images.shape[:3]):
-            raise InputError(
-                f"prior: expected images (V, H, W, 3) and masks (V, H, W), found {tuple(images.shape)} and {tuple(masks.shape)}"
-            )
-        for name, values in {"images": images, "masks": masks, **renders}.items():
-            if not bool(torch.isfinite(values).all()):
-                raise InputError(f"prior: {name}: expected finite values, found NaN or Inf")
-        for name, render in renders.items():
-            if name not in self.provides:
-                raise InputError(f"prior: guidance: expected some of {', '.join(sorted(self.provides))}, found {name}")
-            if render.shape != images.shape:
-                raise InputError(f"prior: guidance {name}: expected {tuple(images.shape)}, found {tuple(render.shape)}")
-
 
 def finite_option(name: str, value: float) -> float:
     """``value``, if it is a finite number >= 0; else InputError."""
@@ -223,8 +205,3 @@ def finite_option(name: str, value: float) -> float:
 
 def _stacked(images: Tensor, masks: Tensor, view: int) -> Tensor:
     return torch.cat([images[view].float(), masks[view, ..., None].float()], -1)
-
-
-def _content(image: Tensor, mask: Tensor) -> int:
-    digest = hashlib.sha256(image.float().contiguous().numpy().tobytes() + mask.float().contiguous().numpy().tobytes())
-    return int.from_bytes(digest.digest()[:7], "little")

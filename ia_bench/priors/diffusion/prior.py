@@ -16,6 +16,7 @@ from ia_bench.priors.diffusion.patches import PatchSettings, sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample, seeded_noise
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE
+from ia_bench.priors.inputs import check_views
 from ia_bench.priors.learned import Framed, LearnedPrior, finite_option
 
 DISTILLED_LEVELS = (0.02, 0.98)
@@ -76,7 +77,7 @@ class DiffusionPrior(LearnedPrior):
 
     def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
         """See :class:`ia_bench.priors.contract.Distiller`; ``renders`` holds every component that this prior provides."""
-        self._check(images, masks, renders)
+        check_views(self.kind, images, masks, renders, self.provides)
         if set(renders) != self.provides:
             raise InputError(f"prior: renders: expected {', '.join(sorted(self.provides))}, found {', '.join(sorted(renders))}")
         return self._through(images, masks, seed, renders, self._distill)

@@ -5,7 +5,6 @@ docs/original_weights.md lists where this departs from that code, and why.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -18,6 +17,7 @@ from ia_bench.errors import InputError
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.guidance import GuidanceReport
 from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample
+from ia_bench.priors.inputs import check_views, choose_device, content_number
 from ia_bench.priors.original.convert import RECORD
 from ia_bench.priors.original.guidance import pull
 from ia_bench.priors.original.networks import Networks
@@ -67,12 +67,7 @@ class IntrinsicAnythingPrior:
         for name, value in (("steps", steps), ("batch", batch)):
             if value < 1:
                 raise InputError(f"prior.options.{name}: expected at least 1, found {value}")
-        if device not in ("auto", "cpu", "cuda"):
-            raise InputError(f"prior.options.device: expected auto, cpu or cuda, found {device}")
-        available = torch.cuda.is_available()
-        if device == "cuda" and not available:
-            raise InputError("prior.options.device=cuda: torch finds no CUDA device here; use cpu or auto")
-        self._device = torch.device("cuda" if available and device != "cpu" else "cpu")
+        self._device = choose_device(device)
         self._settings = SamplerSettings(steps, eta, "leading", LATENT_RANGE)
         self._batch = batch
         self._loaded: dict[str, Networks] = {}
@@ -93,7 +88,7 @@ class IntrinsicAnythingPrior:
 
         An image's noise is seeded by ``seed``, the component and the image's own content, so that views differ in it.
         """
-        _check(images, masks, guidance or {})
+        check_views("intrinsicanything", images, masks, guidance or {}, self.provides)
         crops = [Crop.of(mask, self.resolution) for mask in masks]
         seen = {view: crop for view, crop in enumerate(crops) if crop is not None}  # there is nothing to say of the others
         samples = {}
@@ -104,7 +99,7 @@ class IntrinsicAnythingPrior:
                 squares = self._squares(images, masks, views, seen)
                 render = guidance.get(component) if guidance else None
                 target = None if render is None else self._squares(render, masks, views, seen)
-                contents = [_content(images[view], masks[view]) for view in views]
+                contents = [content_number(images[view], masks[view]) for view in views]
                 seeds = [derive_seed(seed, COMPONENTS.index(component), content) for content in contents]
                 for view, square in zip(views, self._draw(component, squares, seeds, target), strict=True):
                     samples[component][view] = decode(square, masks[view], seen[view])
@@ -172,22 +167,3 @@ def _resolution(folder: Path, components: list[str]) -> int:
     if len(set(sides.values())) != 1:
         raise InputError(f"prior.options.weights={folder}: expected models of one resolution, found {sides}")
     return sides[components[0]]
-
-
-def _check(images: Tensor, masks: Tensor, guidance: Mapping[str, Tensor]) -> None:
-    name = "prior=intrinsicanything"
-    if images.ndim != 4 or images.shape[-1] != 3:
-        raise InputError(f"{name}: expected images of shape (V, H, W, 3), found {tuple(images.shape)}")
-    if tuple(masks.shape) != tuple(images.shape[:3]):
-        raise InputError(f"{name}: expected masks of shape {tuple(images.shape[:3])}, found {tuple(masks.shape)}")
-    for what, values in {"images": images, "masks": masks, **{f"guidance {k}": v for k, v in guidance.items()}}.items():
-        if not bool(torch.isfinite(values).all()):
-            raise InputError(f"{name}: expected finite {what}, found NaN or Inf")
-        if what.startswith("guidance") and values.shape != images.shape:
-            raise InputError(f"{name}: expected {what} of shape {tuple(images.shape)}, found {tuple(values.shape)}")
-
-
-def _content(image: Tensor, mask: Tensor) -> int:
-    """A number that stands for the content of an image."""
-    digest = hashlib.sha256(image.contiguous().numpy().tobytes() + mask.contiguous().numpy().tobytes())
-    return int.from_bytes(digest.digest()[:8], "little")

@@ -18,7 +18,8 @@ from ia_bench.checks.stack import painted_ball
 from ia_bench.errors import InputError
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.sampler import derive_seed
-from ia_bench.priors.original.prior import IntrinsicAnythingPrior, _content
+from ia_bench.priors.inputs import content_number
+from ia_bench.priors.original.prior import IntrinsicAnythingPrior
 from ia_bench.torchvision_shim import import_torchvision
 
 
@@ -62,7 +63,7 @@ def test_samples_are_the_originals(weights: Path) -> None:
     for number, component in enumerate(COMPONENTS):
         model = LatentDiffusion.tiny({"albedo": 1, "specular": 2}[component]).reference()
         for view in range(2):
-            seed = derive_seed(5, number, _content(images[view], masks[view]))
+            seed = derive_seed(5, number, content_number(images[view], masks[view]))
             expected = original_sample(model, images[view], seed, 4)
             torch.testing.assert_close(samples[component][view], expected, atol=2e-4, rtol=0)
     assert float((samples["albedo"][0] - samples["albedo"][1]).abs().mean()) > 0.05

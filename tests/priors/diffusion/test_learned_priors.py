@@ -67,7 +67,7 @@ def test_specular_follows_the_scale_of_the_image_and_albedo_does_not(weights, ba
     images, masks = ball
     prior = DiffusionPrior(weights=weights, steps=2)
     # The seed of a view's noise is the content of its image; the same noise shows what scaling alone does.
-    prior_seed = "ia_bench.priors.learned._content"
+    prior_seed = "ia_bench.priors.learned.content_number"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(prior_seed, lambda image, mask: 1)
         once, brighter = prior.sample(images, masks, seed=0), prior.sample(100 * images, masks, seed=0)
