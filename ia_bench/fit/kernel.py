@@ -11,11 +11,11 @@ import math
 import torch
 from torch import Tensor
 
-from ia_bench.fit.losses import linear_to_srgb
 from ia_bench.fit.problem import Problem
 from ia_bench.fit.settings import SupervisionSettings
 from ia_bench.fit.targets import Targets
 from ia_bench.material.textures import fetch
+from ia_bench.scenes.tensor_color import linear_to_srgb
 
 PAIRS = 1  # partners of a pixel in one step: others follow in the next
 LEVEL = 0.3  # mean albedo to which a prediction of unknown scale is brought before distances are taken

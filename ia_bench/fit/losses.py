@@ -7,15 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-
-def linear_to_srgb(linear: Tensor) -> Tensor:
-    """:func:`ia_bench.scenes.color.linear_to_srgb` for tensors, with gradients that stay finite at zero."""
-    return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
-
-
-def srgb_to_linear(encoded: Tensor) -> Tensor:
-    """:func:`ia_bench.scenes.color.srgb_to_linear` for tensors."""
-    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
+from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
 
 
 def encode(linear: Tensor, encoding: str) -> Tensor:
