@@ -81,7 +81,8 @@ class SupervisionSettings:
     Material Regularization, arXiv 2606.31065). "both": kernel for detail, target for colour and scale. "sds": score
     distillation, which denoises the current render instead of sampling. Specular shading is a target in the first three
     (it varies with the view, so that no kernel of constant material applies) and distilled in the last.
-    ``target_weight``, ``kernel_weight``: of the two terms of the albedo, both times ``fit.weights.albedo``.
+    ``target_weight``, ``kernel_weight``: of the two terms of the albedo, both times ``fit.weights.albedo``;
+    ``specular_weight`` times ``fit.weights.specular``: how far this prior's specular shading is to be trusted.
     ``kernel_scale``: standard deviation of the kernel, a Euclidean distance of sRGB colours.
     ``radius``: how far apart the pixels of a pair may be, as a fraction of the longer side of the image.
     ``samples``: draws per view, averaged in the prior's encoding. ``confidence``: "none", or "spread": pixels on which
@@ -96,6 +97,7 @@ class SupervisionSettings:
     kind: str = "target"
     target_weight: float = 1.0
     kernel_weight: float = 0.3
+    specular_weight: float = 1.0
     kernel_scale: float = 0.1
     radius: float = 0.5
     samples: int = 1
@@ -119,7 +121,7 @@ def check_supervision(settings: SupervisionSettings) -> None:
         value = getattr(settings, name)
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{key}{name}: expected a finite number > 0, found {value}")
-    for name in ("target_weight", "kernel_weight"):
+    for name in ("target_weight", "kernel_weight", "specular_weight"):
         value = getattr(settings, name)
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{key}{name}: expected a finite number >= 0, found {value}")

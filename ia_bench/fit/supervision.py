@@ -100,9 +100,9 @@ class Supervision:
         Distilled: the square in the prior's encoding, in which it was noised and denoised.
         """
         if self._distilled:
-            return self._difference("specular", prediction, pixels)
+            return self._settings.specular_weight * self._difference("specular", prediction, pixels)
         difference = tone_map(prediction) - tone_map(self.targets.values["specular"][pixels])
-        return (self.targets.weights["specular"][pixels] * difference.abs()).mean()
+        return self._settings.specular_weight * (self.targets.weights["specular"][pixels] * difference.abs()).mean()
 
     def _difference(self, name: str, prediction: Tensor, pixels: Tensor) -> Tensor:
         encoding = self._encoding[name]

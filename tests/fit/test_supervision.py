@@ -106,6 +106,16 @@ def test_terms_are_weighed(problem: Problem, texture: Tensor) -> None:
     assert loss(kind="both", target_weight=0.5, kernel_weight=2.0) == pytest.approx(0.5 * target + 2 * kernel, rel=1e-5)
 
 
+def test_the_specular_term_is_weighed(problem: Problem) -> None:
+    every = torch.arange(len(problem.gbuffer.pixel))
+    radiance = torch.rand(len(every), 3, generator=torch.Generator().manual_seed(0))
+    full, tenth = (
+        float(supervise(problem, "scale", even({"specular": radiance.flip(0)}), specular_weight=w).specular_loss(radiance, every))
+        for w in (1.0, 0.1)
+    )
+    assert tenth == pytest.approx(0.1 * full, rel=1e-5)
+
+
 def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Problem, texture: Tensor) -> None:
     pixels, every = seen(problem, texture), torch.arange(len(seen(problem, texture)))
     targets = even({"albedo": 0.5 * pixels, "specular": 0.25 * pixels})
