@@ -42,12 +42,8 @@ def load_scene(folder: Path, *, truth: bool = False, uv: str = "mesh") -> Scene:
     }
     if not views["train"]:
         raise InputError(f"{folder / 'transforms_train.json'}: a scene needs at least one training view")
-    ringing = sum(int((view.image < 0).sum()) for split in views.values() for view in split)
-    if ringing:
-        notes = (*notes, f"images: {ringing} values just below zero (ringing of lossy compression) set to 0")
-        views = {
-            split: tuple(replace(view, image=view.image.clip(min=0)) for view in found) for split, found in views.items()
-        }
+    for name in ("image", "specular"):
+        views, notes = _without_ringing(views, name, notes)
     return Scene(
         name=str(description.get("name", folder.name)),
         folder=folder,
@@ -56,6 +52,29 @@ def load_scene(folder: Path, *, truth: bool = False, uv: str = "mesh") -> Scene:
         notes=notes,
         **views,
     )
+
+
+def _without_ringing(
+    views: dict[str, tuple[View, ...]], name: str, notes: tuple[str, ...]
+) -> tuple[dict[str, tuple[View, ...]], tuple[str, ...]]:
+    """Radiance ``name`` of all views without what lossy compression leaves below zero and beyond the object; says so."""
+    count = 0
+    cleaned: dict[str, tuple[View, ...]] = {}
+    for split, found in views.items():
+        kept = []
+        for view in found:
+            radiance = getattr(view, name)
+            if radiance is not None:
+                wrong = (radiance < 0) | ((radiance != 0) & (view.mask == 0)[..., None])
+                count += int(wrong.sum())
+                view = replace(view, **{name: np.where(wrong, 0, radiance)})
+            kept.append(view)
+        cleaned[split] = tuple(kept)
+    if not count:
+        return views, notes
+    what = {"image": "images", "specular": "true specular shading"}[name]
+    line = f"{what}: {count} values below zero or beyond the object (ringing of lossy compression) set to 0"
+    return cleaned, (*notes, line)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import math
 import os
 import platform
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,8 @@ class _Training:
         self.ema.to(accelerator.device)
         self.predict = torch.compile(self.model) if settings.compile else self.model
         self.figures: dict[str, Any] = {}
+        self._ahead = ThreadPoolExecutor(1)
+        self._coming: Future[tuple[Batch, dict[str, Tensor]]] | None = None
 
     def finish(self) -> dict[str, Any]:
         from torch.utils.tensorboard import SummaryWriter
@@ -112,6 +115,7 @@ class _Training:
                 saved = now
             if last:
                 break
+        self._ahead.shutdown(cancel_futures=True)
         self.accelerator.wait_for_everyone()
         return self.figures
 
@@ -119,7 +123,8 @@ class _Training:
         settings, device = self.settings, self.accelerator.device
         for group in self.optimizer.param_groups:
             group["lr"] = settings.rate * rate_factor(self.step, settings.steps, settings.warmup)
-        batch, draws = self._draw(self.step)
+        batch, draws = self._coming.result() if self._coming is not None else self._draw(self.step)
+        self._coming = self._ahead.submit(self._draw, self.step + 1)  # while the network works on this one
         batch = batch.to(device)
         with self.accelerator.autocast():
             output, wanted = self._predicted(batch, draws)

@@ -1,7 +1,10 @@
+from pathlib import Path
+
 import pytest
 import torch
 from priors.tiny_network import tiny_config, tiny_weights
 
+import ia_bench.priors
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.errors import InputError
@@ -10,6 +13,8 @@ from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.regressor import RegressorPrior
+
+WEIGHTS = Path(ia_bench.priors.__file__).parent / "weights"
 
 
 @pytest.fixture(scope="module")
@@ -161,3 +166,18 @@ def test_weights_of_the_other_kind_are_refused(weights, regressor_weights):
 def test_missing_weights_name_the_file(tmp_path):
     with pytest.raises(InputError, match="prior.json: no such file"):
         DiffusionPrior(weights=str(tmp_path))
+
+
+def test_the_packaged_weights_are_small_have_a_card_and_find_colour(ball):
+    images, masks = ball
+    folders = sorted(WEIGHTS.iterdir())
+    assert [folder.name for folder in folders] == ["diffusion"]
+    assert all((folder / "CARD.md").is_file() for folder in folders)
+    assert sum(file.stat().st_size for file in WEIGHTS.rglob("*") if file.is_file()) < 20_000_000
+    # A red light on a grey ball leaves the mean of its samples less red than the image: more than chance would give.
+    lit = 0.4 * masks[..., None] * torch.tensor([1.0, 0.6, 0.5]) * (0.3 + 0.7 * images.mean(-1, keepdim=True) / images.max())
+    prior = DiffusionPrior(steps=5)
+    albedo = torch.stack([prior.sample(lit, masks, seed=seed)["albedo"] for seed in range(8)]).mean(0)
+    inside = masks == 1
+    assert bool(torch.isfinite(albedo).all())
+    assert albedo[inside][:, 0].mean() / albedo[inside][:, 2].mean() < 2.0
