@@ -84,7 +84,7 @@ def _read(arguments: Sequence[str]) -> PriorConfig:
 def _priors() -> str:
     working, broken = registry.load_installed("prior")
     found = {**registry.built_in("prior"), **{name: registry.installed("prior")[name] for name in working}}
-    lines = [f"  {name:<16}{plugin.target} of {plugin.distribution}\n" for name, plugin in found.items()]
+    lines = [f"  {name:<20}{plugin.target} of {plugin.distribution}\n" for name, plugin in found.items()]
     return "".join([*lines, *(f"  ! {problem}\n" for problem in broken)])
 
 

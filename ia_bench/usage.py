@@ -67,8 +67,8 @@ def _group(group: str, line: str) -> str:
         working, broken = registry.load_installed(kind)
         choices |= {name: f"from {installed[name].distribution}" for name in working}
         trouble = [f"    ! {problem}\n" for problem in broken]
-    lines = [f"    {name:<16}{description}\n" for name, description in choices.items()]
-    return f"  {group + '=':<16}{line}\n" + "".join(lines + trouble)
+    lines = [f"    {name:<18}{description}\n" for name, description in choices.items()]
+    return f"  {group + '=':<18}{line}\n" + "".join(lines + trouble)
 
 
 def _description(path: Path) -> str:

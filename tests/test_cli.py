@@ -166,6 +166,7 @@ def test_prior_of_another_distribution_needs_no_yaml(tmp_path: Path, monkeypatch
     assert call("prior=mine", "prior.options.strength=2") == 0
     assert call("-m", "prior=none,mine,their_module:Theirs") == 0
     configs = [json.loads(path.read_text())["config"]["prior"] for path in sorted(Path("runs").rglob("config.json"))]
+    configs = [{key: config[key] for key in ("name", "target", "options")} for config in configs]
     assert {"name": "mine", "target": "third_module:Mine", "options": {"strength": 2}} in configs
     assert {"name": "mine", "target": "third_module:Mine", "options": {}} in configs
     assert {"name": "their_module:Theirs", "target": "their_module:Theirs", "options": {}} in configs
