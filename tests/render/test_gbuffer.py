@@ -29,9 +29,10 @@ def test_coverage_is_the_alpha_of_cycles(tiny: Scene, fine: tuple[SurfaceInterpo
 
 
 def test_depth_and_normal_are_those_of_cycles(tiny: Scene, fine: tuple[SurfaceInterpolator, GBuffer]) -> None:
-    """Inside the object: depth to 0.5 % (half of the pixels: 0.1 %), normals to 0.06 (half: 0.002), in 99 % of pixels.
+    """Inside the object: depth to 0.5 % (half of the pixels: 0.1 %), normals to 0.06 (half: 0.003), in 99 % of pixels.
 
-    Both are means over a pixel; what differs is 64 points here against thousands there, at edges inside a pixel.
+    Both are means over a pixel; what differs is 64 points here against thousands there, at edges inside a pixel. Normals are
+    shipped in steps of 1/256, which alone is an error of 0.002.
     """
     surface, gbuffer = fine
     pixels, points = gbuffer.face.shape
@@ -56,7 +57,7 @@ def test_depth_and_normal_are_those_of_cycles(tiny: Scene, fine: tuple[SurfaceIn
     assert np.median(error) < 1e-3
     assert np.quantile(error, 0.99) < 5e-3
     error = np.linalg.norm(image(found.normal)[inside] - np.stack([v.normal for v in tiny.test])[inside], axis=-1)
-    assert np.median(error) < 2e-3
+    assert np.median(error) < 3e-3
     assert np.quantile(error, 0.99) < 0.06
 
 
