@@ -67,7 +67,8 @@ def _without_ringing(
             if radiance is not None:
                 wrong = (radiance < 0) | ((radiance != 0) & (view.mask == 0)[..., None])
                 count += int(wrong.sum())
-                view = replace(view, **{name: np.where(wrong, 0, radiance)})
+                cleared: dict[str, Any] = {name: np.where(wrong, 0, radiance)}
+                view = replace(view, **cleared)
             kept.append(view)
         cleaned[split] = tuple(kept)
     if not count:
