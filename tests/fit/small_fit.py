@@ -9,7 +9,10 @@ from typing import Any
 import torch
 
 from ia_bench.fit.problem import Fit, Monitor, Problem
+from ia_bench.fit.settings import FitSettings
+from ia_bench.fit.two_stage import TwoStage
 from ia_bench.plan import Plan
+from ia_bench.priors.contract import Prior
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import Renderer
@@ -55,3 +58,12 @@ class Record:
                 record.losses.append(values["loss"])
 
         return Monitor(lambda name, total, done: Task(), self.notes.append, score, save, load)
+
+
+def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, seed: int = 0, **resume: bytes) -> Fit:
+    return TwoStage().fit(problem, prior, settings, seed=seed, monitor=record.monitor(**resume))
+
+
+def same(a: Fit, b: Fit) -> bool:
+    pairs = (a.material.albedo, b.material.albedo), (a.material.roughness, b.material.roughness), (a.light, b.light)
+    return all(torch.equal(x, y) for x, y in pairs)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from small_fit import Record, make_problem
+from small_fit import Record, fit, make_problem, same
 from torch import Tensor
 
 from ia_bench.errors import InputError
@@ -17,7 +17,6 @@ from ia_bench.fit.problem import Fit, Problem
 from ia_bench.fit.settings import FitSettings, LossWeights, SupervisionSettings
 from ia_bench.fit.two_stage import TwoStage
 from ia_bench.fit.views import evenly_spread
-from ia_bench.priors.contract import Prior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
@@ -75,15 +74,6 @@ def noisy(scene: Scene, problem: Problem) -> Noisy:
     prior = Noisy(views, torch.from_numpy(np.stack([view.image for view in scene.train])))
     prior.reveal(tuple(scene.train[view] for view in views))
     return prior
-
-
-def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, seed: int = 0, **resume: bytes) -> Fit:
-    return TwoStage().fit(problem, prior, settings, seed=seed, monitor=record.monitor(**resume))
-
-
-def same(a: Fit, b: Fit) -> bool:
-    pairs = (a.material.albedo, b.material.albedo), (a.material.roughness, b.material.roughness), (a.light, b.light)
-    return all(torch.equal(x, y) for x, y in pairs)
 
 
 def supervised(problem: Problem, **settings: Any) -> Problem:

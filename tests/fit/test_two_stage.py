@@ -15,18 +15,17 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from small_fit import Record, make_problem
+from small_fit import Record, fit, make_problem, same
 from torch import Tensor
 
 from ia_bench.composition import compose
 from ia_bench.errors import InputError
 from ia_bench.fit.problem import Fit, Problem
 from ia_bench.fit.settings import FitSettings, LossWeights
-from ia_bench.fit.two_stage import FIRST_SCORE, TwoStage
+from ia_bench.fit.two_stage import FIRST_SCORE
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.textures import Material
 from ia_bench.plan import make_plan
-from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.progress import Progress
@@ -44,15 +43,6 @@ def oracle(scene: Scene, **dials: Any) -> OraclePrior:
     prior = OraclePrior(**dials)
     prior.reveal(scene.train)
     return prior
-
-
-def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, seed: int = 0, **resume: bytes) -> Fit:
-    return TwoStage().fit(problem, prior, settings, seed=seed, monitor=record.monitor(**resume))
-
-
-def same(a: Fit, b: Fit) -> bool:
-    pairs = (a.material.albedo, b.material.albedo), (a.material.roughness, b.material.roughness), (a.light, b.light)
-    return all(torch.equal(x, y) for x, y in pairs)
 
 
 def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:

@@ -33,7 +33,7 @@ class TrainSettings:
     (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss.
     ``precision``: "bf16", "float32", or "auto" (bf16 where the processor has it). ``compile``: whether the network is
     compiled for training. ``checkpoint_minutes``, ``validate_steps``: how often the state is kept, and the network
-    validated on ``validation_images`` images with ``validation_samples_steps`` denoising steps.
+    validated on ``validation_images`` images with ``validation_sampler_steps`` denoising steps.
     """
 
     data: Path
