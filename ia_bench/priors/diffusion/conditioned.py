@@ -43,7 +43,7 @@ class Conditioned:
         tokens = self._tokens(condition)
         parts = []
         for part in torch.arange(len(condition), device=condition.device).split(self.chunk):
-            timestep = torch.zeros(len(part), dtype=torch.long, device=condition.device)
+            timestep = torch.full((len(part),), self.network.config.last_timestep, device=condition.device)
             with self._precision():
                 parts.append(self.network.denoise(None, timestep, condition[part], _rows(tokens, part)).float())
             self.calls += len(part)

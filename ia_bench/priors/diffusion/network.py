@@ -71,6 +71,11 @@ class NetworkConfig:
         return 3 * len(self.components)
 
     @property
+    def last_timestep(self) -> int:
+        """Where a diffusion network sees only noise; what a regressor, which always does, is told."""
+        return int(self.schedule["num_train_timesteps"]) - 1
+
+    @property
     def condition_channels(self) -> int:
         """Channels of the condition before folding."""
         return IMAGE_CHANNELS + GEOMETRY_CHANNELS * self.geometry

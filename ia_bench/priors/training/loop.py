@@ -20,13 +20,14 @@ import torch
 from torch import Tensor
 
 from ia_bench.errors import InputError
-from ia_bench.priors.diffusion.checkpoints import load_network, read_description, save_network
+from ia_bench.priors.diffusion.checkpoints import read_description, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.training.dataset import Batch, TrainingImages
 from ia_bench.priors.training.settings import TrainSettings
 from ia_bench.priors.training.validation import score_single_view
+from ia_bench.priors.training.warm_start import warm_start
 from ia_bench.progress import Progress
 from ia_bench.torchvision_shim import import_torchvision
 
@@ -64,10 +65,7 @@ class _Training:
         torch.manual_seed(settings.seed)
         self.network = MaterialNetwork(settings.network)
         if settings.init is not None:
-            start, _ = load_network(settings.init)
-            if start.config != settings.network:
-                raise InputError(f"init: {settings.init}: expected a network of {settings.network}, found {start.config}")
-            self.network.load_state_dict(start.state_dict())
+            warm_start(self.network, settings.init)
         self.schedule = None
         if settings.network.kind == "diffusion":
             config = {**settings.network.schedule, "prediction_type": settings.network.prediction_type}
@@ -163,7 +161,8 @@ class _Training:
         device = batch.target.device
         draws = {name: value.to(device) for name, value in draws.items()}
         if self.schedule is None:  # the regressor always sees its image
-            return self.predict(None, torch.zeros_like(draws["timestep"]), batch.condition, None), batch.target
+            timestep = torch.full_like(draws["timestep"], self.settings.network.last_timestep)
+            return self.predict(None, timestep, batch.condition, None), batch.target
         level = self.schedule.to(device)[draws["timestep"]][:, None, None, None]
         noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
         wanted = {

@@ -25,12 +25,12 @@ NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "
 class TrainSettings:
     """``data``, ``validation``: folders of shards (different seeds); ``out``: the run's folder, resumed where it exists.
 
-    ``init``: folder of weights to start from, None for random ones. ``steps``: optimiser steps in all; a run may go on with
-    more. The rate rises over ``warmup`` steps to ``rate`` and falls along a cosine to a tenth of it. ``minutes``: stop (and
-    keep the state) after that long, None for no limit. ``batch``: images a step
-    over all processes. ``ema``: decay of the averaged weights, which are the ones that are kept. ``drop_channels``,
-    ``drop_tokens``, ``drop_both``: share of the images whose condition is withheld in that way, for classifier-free guidance
-    (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss.
+    ``init``: folder of weights to start from, also of the other kind (:mod:`ia_bench.priors.training.warm_start`), None for
+    random ones. ``steps``: optimiser steps in all; a run may go on with more. The rate rises over ``warmup`` steps to
+    ``rate`` and falls along a cosine to a tenth of it. ``minutes``: stop (and keep the state) after that long, None for no
+    limit. ``batch``: images a step over all processes. ``ema``: decay of the averaged weights, which are the ones that are
+    kept. ``drop_channels``, ``drop_tokens``, ``drop_both``: share of the images whose condition is withheld in that way, for
+    classifier-free guidance (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss.
     ``precision``: "bf16", "float32", or "auto" (bf16 where the processor has it). ``compile``: whether the network is
     compiled for training. ``checkpoint_minutes``, ``validate_steps``: how often the state is kept, and the network
     validated on ``validation_images`` images with ``validation_sampler_steps`` denoising steps.
