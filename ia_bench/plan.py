@@ -13,15 +13,21 @@ import torch
 from torch import Tensor
 
 from ia_bench.errors import InputError
+from ia_bench.fit.views import sees, spreading_order, views_needed
 from ia_bench.material.brdf import dot, normalize
-from ia_bench.priors.contract import Prior
+from ia_bench.priors.contract import Patchwise, Prior
+from ia_bench.priors.diffusion.framing import Frame
+from ia_bench.priors.diffusion.patches import PATCH_REDUCTION
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import RayCaster
 from ia_bench.render.settings import RenderSettings
-from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.scene import Scene, View
 
 PROBE_VIEWS = 8
 PROBE_RAYS = 20_000
+PROBE_POINTS = 2_000
+VIEWS_A_POINT = 4  # views that show a point to the prior
+SEEN_SHARE = 0.95
 TEXTURE_SIZES = (64, 128, 256, 512, 1024, 2048)
 LIGHT_HEIGHTS = (16, 32, 64, 128, 256)
 POINT_SIDES = (2, 3, 4)  # points along a side of a pixel, where one is too few
@@ -48,6 +54,8 @@ class Plan:
     texture: int
     light_height: int
     shadows: str
+    patches: bool = False
+    prior_views: int | str = "all"
     decisions: tuple[Decision, ...] = field(default=())
 
     def lines(self) -> list[str]:
@@ -65,9 +73,19 @@ class Plan:
 
 @torch.no_grad()
 def make_plan(
-    scene: Scene, surface: SurfaceInterpolator, rays: RayCaster, settings: RenderSettings, prior: Prior, device: torch.device
+    scene: Scene,
+    surface: SurfaceInterpolator,
+    rays: RayCaster,
+    settings: RenderSettings,
+    prior: Prior,
+    device: torch.device,
+    *,
+    prior_views: int | str = "all",
 ) -> Plan:
-    """Measure a few training views and decide. ``rays`` must be able to trace the real mesh."""
+    """Measure a few training views and decide. ``rays`` must be able to trace the real mesh.
+
+    ``prior_views``: the setting prior.supervision.views.
+    """
     step = max(1, len(scene.train) // PROBE_VIEWS)
     views = scene.train[::step]
     gbuffer = trace_gbuffer([view.camera for view in views], rays, 2, device)
@@ -82,8 +100,10 @@ def make_plan(
         _subsamples(surface, settings, gbuffer, footprint),
         _texture(settings, footprint),
         _light(settings, footprint),
-        _patches(prior, gbuffer),
+        _patches(prior, views),
     ]
+    if prior.provides:
+        decisions.append(_prior_views(scene, surface, rays, prior_views, gbuffer, device))
     by_name = {decision.what: decision.value for decision in decisions}
     return Plan(
         samples=settings.samples,
@@ -91,11 +111,13 @@ def make_plan(
         texture=by_name["render.texture"],
         light_height=by_name["render.light_height"],
         shadows=by_name["render.shadows"],
+        patches=by_name["prior.patches"],
+        prior_views=by_name.get("prior.supervision.views", "all"),
         decisions=tuple(decisions),
     )
 
 
-def _users(what: str, value: int | str) -> Decision:
+def _users(what: str, value: int | str | bool) -> Decision:
     return Decision(what, value, "set by the user", None)
 
 
@@ -214,14 +236,53 @@ def _light(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
     return Decision(what, size, why, {"mirror_footprint_degrees": math.degrees(angle)}, left_out=left_out)
 
 
-def _patches(prior: Prior, gbuffer: GBuffer) -> Decision:
-    what = "prior.patches"
-    side = max(gbuffer.shape[1:])
+def _patches(prior: Prior, views: tuple[View, ...]) -> Decision:
+    what, saved = "prior.patches", "patch-wise sampling"
     if not prior.provides:
         return Decision(what, False, "there is no prior to sample", None, left_out="prior sampling")
-    if prior.resolution is None or side <= prior.resolution:
-        limit = "any size" if prior.resolution is None else f"{prior.resolution} pixels"
-        why = f"images of {side} pixels fit into the prior ({limit})"
-        return Decision(what, False, why, {"image_side": float(side)}, left_out="patch-wise sampling")
-    why = f"images of {side} pixels exceed the prior's {prior.resolution}"
-    return Decision(what, True, why, {"image_side": float(side), "prior_side": float(prior.resolution)})
+    if prior.resolution is None:
+        return Decision(what, False, "the prior takes images of any size", None, left_out=saved)
+    if not isinstance(prior, Patchwise):
+        return Decision(what, False, f"the prior reduces every image to {prior.resolution} pixels", None, left_out=saved)
+    if prior.patches != "auto":
+        return _users(what, prior.patches)
+    frames = [Frame.around(torch.from_numpy(view.mask), None, 1) for view in views]
+    side = max((frame.length for frame in frames if frame is not None), default=0)
+    reduction = side / prior.resolution
+    why = f"the object fills {side} pixels of an image, {reduction:.2f} times the prior's {prior.resolution}"
+    measured = {"object_side": float(side), "reduction": reduction}
+    if reduction > PATCH_REDUCTION:
+        return Decision(what, True, why, measured)
+    return Decision(what, False, why, measured, left_out=saved)
+
+
+def _prior_views(
+    scene: Scene,
+    surface: SurfaceInterpolator,
+    rays: RayCaster,
+    setting: int | str,
+    gbuffer: GBuffer,
+    device: torch.device,
+) -> Decision:
+    what = "prior.supervision.views"
+    if setting == "all":
+        return Decision(what, "all", "the prior is asked about every training view", None)
+    if setting != "auto":
+        return _users(what, setting)
+    total = len(scene.train)
+    order = spreading_order(scene, total)
+    generator = torch.Generator(device=device).manual_seed(0)
+    chosen = torch.nonzero(gbuffer.face[:, 0] >= 0)[:, 0]
+    chosen = chosen[torch.randint(len(chosen), (PROBE_POINTS,), generator=generator, device=device)]
+    camera = gbuffer.origin[gbuffer.pixel[chosen] // (gbuffer.shape[1] * gbuffer.shape[2])]
+    points = surface(gbuffer.face[chosen, 0].long(), gbuffer.barycentric[chosen, 0], camera)
+    cameras = [scene.train[view].camera for view in order]
+    seen = sees(cameras, points.position, points.geometric, rays, surface.offset)
+    count = views_needed(seen, VIEWS_A_POINT, SEEN_SHARE)
+    measured = {"views": float(total), "seen_by_all_views": float(seen.sum(1).double().mean())}
+    measured["seen_by_chosen_views"] = float(seen[:, :count].sum(1).double().mean())
+    why = (
+        f"{count} of {total} views show {100 * SEEN_SHARE:.0f} % of the surface {VIEWS_A_POINT} times or as often as all do "
+        f"(a point {measured['seen_by_chosen_views']:.1f} times in the mean, {measured['seen_by_all_views']:.1f} with all)"
+    )
+    return Decision(what, count, why, measured, left_out=f"prior samples of {total - count} views" if count < total else None)

@@ -18,6 +18,7 @@ from ia_bench.environment import environment
 from ia_bench.fit.problem import Fit, Monitor, Problem
 from ia_bench.fit.views import evenly_spread
 from ia_bench.plan import make_plan
+from ia_bench.priors.contract import Patchwise
 from ia_bench.progress import Progress
 from ia_bench.records import SCHEMA, RunFolder
 from ia_bench.registry import create
@@ -52,16 +53,20 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         with _clock(seconds, "bake"):
             surface = SurfaceInterpolator(scene.mesh, device)
             rays = make_rays(scene.mesh, device)
-            plan = make_plan(blind, surface, rays, config.render, prior, device)
+            plan = make_plan(
+                blind, surface, rays, config.render, prior, device, prior_views=config.prior.supervision.views
+            )
             for line in plan.lines():
                 progress.note(line)
+            if isinstance(prior, Patchwise) and prior.patches == "auto":
+                prior.use_patches(plan.patches)
             shading = choose_shading(config.render.shading, progress.note)
             visibility = make_visibility(plan.shadows, scene.mesh, surface, rays)
             renderer = Renderer(surface, visibility, shading=shading, notice=progress.note)
             gbuffer = trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, device)
         if prior.sees_truth:
             views = with_albedo(scene, surface, gbuffer)
-            prior.reveal(tuple(views[view] for view in evenly_spread(blind, config.prior.supervision.views)))
+            prior.reveal(tuple(views[view] for view in evenly_spread(blind, plan.prior_views)))
 
         # ---- fit -------------------------------------------------------------------------------------------------
         scorer = Scorer(scene, renderer, rays, protocol, seed=config.seed)

@@ -168,7 +168,7 @@ def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
     [
         ("kind=similarty", "did you mean 'similarity'"),
         ("knd=sds", "unknown setting 'prior.supervision.knd'"),
-        ("views=some", "prior.supervision.views: expected a number of views >= 1 or all, found some"),
+        ("views=some", "prior.supervision.views: expected a number of views >= 1, all or auto, found some"),
         ("confidence=spread", "expected samples >= 2 or fuse=true"),
         ("samples=many", "prior.supervision.samples"),
     ],

@@ -12,7 +12,17 @@ import torch
 from shapes import camera_at, disk, plate, sphere, together
 
 from ia_bench.errors import InputError
-from ia_bench.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Decision, Plan, _closest_quarter, _normal_spread, make_plan, normal_error
+from ia_bench.plan import (
+    LIGHT_HEIGHTS,
+    TEXTURE_SIZES,
+    VIEWS_A_POINT,
+    Decision,
+    Plan,
+    _closest_quarter,
+    _normal_spread,
+    make_plan,
+    normal_error,
+)
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
@@ -33,6 +43,16 @@ class Limited(NoPrior):
     resolution = 64
 
 
+class Patched(Limited):
+    """One that can do with patches."""
+
+    def __init__(self, patches: bool | str = "auto") -> None:
+        self.patches = patches
+
+    def use_patches(self, patches: bool) -> None:
+        self.patches = patches
+
+
 def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
     views = tuple(
         View(str(i), camera, np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)))
@@ -41,9 +61,10 @@ def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
     return Scene("made-up", Path("made-up"), mesh, views)
 
 
-def plan_of(mesh: Mesh, *cameras: Camera, prior: object = None, **settings: object) -> Plan:
+def plan_of(mesh: Mesh, *cameras: Camera, prior: object = None, prior_views: int | str = "all", **settings: object) -> Plan:
     surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
-    return make_plan(scene_of(mesh, *cameras), surface, rays, RenderSettings(**settings), prior or NoPrior(), CPU)
+    scene, wanted = scene_of(mesh, *cameras), RenderSettings(**settings)  # type: ignore[arg-type]
+    return make_plan(scene, surface, rays, wanted, prior or NoPrior(), CPU, prior_views=prior_views)  # type: ignore[arg-type]
 
 
 def decision(plan: Plan, what: str) -> Decision:
@@ -215,15 +236,20 @@ def test_light_of_a_fine_picture_is_the_finest() -> None:
     [
         (NoPrior(), 32, False, "prior sampling"),
         (OraclePrior(), 200, False, "patch-wise sampling"),
-        (Limited(), 64, False, "patch-wise sampling"),
-        (Limited(), 65, True, None),
+        (Limited(), 300, False, "patch-wise sampling"),
+        (Patched(), 120, False, "patch-wise sampling"),
+        (Patched(), 136, True, None),
+        (Patched(True), 32, True, None),
+        (Patched(False), 300, False, None),
     ],
 )
-def test_patches_only_for_a_prior_smaller_than_the_images(
+def test_patches_only_where_a_prior_would_reduce_the_object_too_far(
     prior: object, pixels: int, patches: bool, left_out: str | None
 ) -> None:
-    found = decision(plan_of(plate(FILLING), camera_at((0, 0, 5), pixels=pixels), prior=prior), "prior.patches")
-    assert (found.value, found.left_out) == (patches, left_out)
+    """The mask of these views fills the image."""
+    plan = plan_of(plate(FILLING), camera_at((0, 0, 5), pixels=pixels), prior=prior)
+    found = decision(plan, "prior.patches")
+    assert (plan.patches, found.value, found.left_out) == (patches, patches, left_out)
 
 
 # ---------------------------------------------------------------- the whole
@@ -271,3 +297,27 @@ def test_cameras_that_do_not_see_the_mesh_are_named() -> None:
     turned = camera.to_world @ np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV: looks along +z
     with pytest.raises(InputError, match=r"made-up.*no training camera sees the mesh.*transform_matrix.*-z"):
         plan_of(sphere(2), replace(camera, to_world=turned))
+
+
+def around(count: int) -> list[Camera]:
+    """Cameras on a circle in the plane z = 1."""
+    return [camera_at((4 * math.cos(a), 4 * math.sin(a), 1.0)) for a in np.arange(count) * 2 * np.pi / count]
+
+
+def test_a_prior_is_asked_about_as_many_views_as_show_the_surface() -> None:
+    """Sixty views around a ball show it far more often than is wanted; with four, each is needed."""
+    many, few = (plan_of(sphere(3), *around(count), prior=Limited(), prior_views="auto") for count in (60, 4))
+    assert 8 <= many.prior_views < 60  # type: ignore[operator]
+    found = decision(many, "prior.supervision.views")
+    assert found.measured is not None
+    assert found.measured["seen_by_chosen_views"] >= 0.9 * VIEWS_A_POINT
+    assert found.left_out == f"prior samples of {60 - many.prior_views} views"  # type: ignore[operator]
+    assert few.prior_views == 4
+    assert decision(few, "prior.supervision.views").left_out is None
+
+
+@pytest.mark.parametrize("wanted", ["all", 5])
+def test_the_number_of_views_may_be_set(wanted: int | str) -> None:
+    plan = plan_of(sphere(2), *around(12), prior=Limited(), prior_views=wanted)
+    assert plan.prior_views == wanted
+    assert plan_of(sphere(2), *around(12)).prior_views == "all"  # nobody to ask

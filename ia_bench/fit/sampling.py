@@ -15,7 +15,7 @@ from ia_bench.fit.geometry import view_geometry
 from ia_bench.fit.problem import Problem
 from ia_bench.fit.sample_cache import SampleCache, StoredSample, content_key
 from ia_bench.fit.views import evenly_spread
-from ia_bench.priors.contract import Distiller, Fingerprinted, GeometryReader, Prior
+from ia_bench.priors.contract import Bounded, Distiller, Fingerprinted, GeometryReader, Prior
 from ia_bench.render.visibility import cache_folder
 
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
@@ -43,7 +43,7 @@ class PriorSampler:
                 f"prior.supervision.kind=sds: expected a prior with a method distill(images, masks, renders, *, seed), "
                 f"found {type(prior).__name__}, which has none"
             )
-        self.views = evenly_spread(problem.scene, settings.views)
+        self.views = evenly_spread(problem.scene, problem.plan.prior_views if settings.views == "auto" else settings.views)
         self.counters = {"network_calls": 0, "prior_cached": 0}
         self.kept_seconds = 0.0
         self._given: tuple[int, ...] | None = None  # the views whose geometry the prior holds
@@ -58,6 +58,10 @@ class PriorSampler:
         """
         count = self._problem.supervision.samples if self._prior.stochastic else 1
         return [self._draw_once(draw_seed(self._seed, draw), guidance) for draw in range(count)]
+
+    def ceilings(self) -> Images:
+        """Component -> (V,): where the samples of the views asked end, for those that do."""
+        return self._prior.ceilings(*self._photographs(self.views)) if isinstance(self._prior, Bounded) else {}
 
     def distill(self, renders: Images, views: tuple[int, ...], seed: int) -> Images:
         """The prior's estimates of the current renders of some views. Raises ValueError like :meth:`draw`."""

@@ -89,7 +89,8 @@ class SupervisionSettings:
     the draws (fused: the views) disagree count less, by 1 / (1 + (spread / ``spread_scale``)^2); the spread is a
     standard deviation in the prior's encoding.
     ``fuse``: the albedo of all views is merged in texture space, one scale per view solved for, before it supervises.
-    ``views``: how many training views the prior is asked about, evenly spread, or "all". The image loss uses every view.
+    ``views``: how many training views the prior is asked about, evenly spread, "all", or "auto": as many as the plan finds
+    to show the surface often enough. The image loss uses every view.
     ``sds_period``: steps between two distillations; ``sds_views``: views in each.
     ``cache``: keep unguided samples of priors that have a fingerprint between runs. Decides no number.
     """
@@ -130,8 +131,8 @@ def check_supervision(settings: SupervisionSettings) -> None:
         if value < 1:
             raise InputError(f"{key}{name}: expected at least 1, found {value}")
     views = settings.views
-    if views != "all" and not (isinstance(views, int) and views >= 1):
-        raise InputError(f"{key}views: expected a number of views >= 1 or all, found {views}")
+    if views not in ("all", "auto") and not (isinstance(views, int) and views >= 1):
+        raise InputError(f"{key}views: expected a number of views >= 1, all or auto, found {views}")
     if settings.kind == "sds":
         for name, value, only in (
             ("samples", settings.samples, 1), ("fuse", settings.fuse, False), ("confidence", settings.confidence, "none")

@@ -97,11 +97,14 @@ class Supervision:
     def specular_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
         """|S_hat - S_s| of tone-mapped radiance: highlights span orders of magnitude, their log does not.
 
+        Where the prior could hardly have said more, only what falls short of it counts.
         Distilled: the square in the prior's encoding, in which it was noised and denoised.
         """
         if self._distilled:
             return self._settings.specular_weight * self._difference("specular", prediction, pixels)
         difference = tone_map(prediction) - tone_map(self.targets.values["specular"][pixels])
+        if "specular" in self.targets.at_least:
+            difference = torch.where(self.targets.at_least["specular"][pixels], difference.clamp(max=0), difference)
         return self._settings.specular_weight * (self.targets.weights["specular"][pixels] * difference.abs()).mean()
 
     def _difference(self, name: str, prediction: Tensor, pixels: Tensor) -> Tensor:

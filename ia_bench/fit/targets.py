@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import torch
@@ -16,6 +16,9 @@ from ia_bench.fit.settings import SupervisionSettings
 from ia_bench.fit.views import restrict
 from ia_bench.priors.contract import Prior
 
+NEAR_CEILING = 0.8
+"""Share of the largest value that a prior can say from which a target means "at least": a mean of draws stays below it."""
+
 
 @dataclass(frozen=True)
 class Targets:
@@ -24,16 +27,17 @@ class Targets:
     ``values`` (P, 3) per component: linear, premultiplied by coverage, zero in views that it was not asked about.
     ``weights`` (P, 1) per component: how much it counts there; mean 1, so that a loss keeps its weight however few views
     are asked. ``common_scale``: all views share one unknown scale of the albedo (they were fused); otherwise each has
-    its own.
+    its own. ``at_least`` (P, 1) bool per component, where the prior could hardly have said more: a larger value is no error.
     """
 
     values: dict[str, Tensor]
     weights: dict[str, Tensor]
     common_scale: bool = False
+    at_least: dict[str, Tensor] = field(default_factory=dict)
 
     def state(self) -> dict[str, Any]:
         """For a checkpoint; ``Targets(**state)`` is the inverse."""
-        return {"values": self.values, "weights": self.weights, "common_scale": self.common_scale}
+        return {name: getattr(self, name) for name in ("values", "weights", "common_scale", "at_least")}
 
 
 def make_targets(
@@ -43,18 +47,19 @@ def make_targets(
     views: tuple[int, ...],
     *,
     free_scale: bool,
+    ceilings: Mapping[str, Tensor] | None = None,
 ) -> Targets:
     """Targets from K samples, each component -> (V', H, W, 3), of the views (V',) of the problem.
 
     The samples of a view are averaged in the prior's encoding, where its errors are even: a mean of linear values would
     be drawn to the bright ones. ``free_scale``: the loss ignores the scale of a view's albedo, so the draws are brought to
     one scale first, and neither their mean nor their spread is about it. Specular shading depends on the view and is not
-    fused.
+    fused. ``ceilings``: component -> (V',), see :class:`ia_bench.priors.contract.Bounded`.
     """
     settings = problem.supervision
     part, rows = restrict(problem.gbuffer, views)
     view = part.pixel // (part.shape[1] * part.shape[2])
-    values, weights = {}, {}
+    values, weights, at_least = {}, {}, {}
     for name in sorted(prior.provides):
         drawn = torch.stack([sample[name].to(rows.device).reshape(-1, 3)[part.pixel] for sample in samples])
         if name == "albedo" and free_scale:
@@ -68,8 +73,11 @@ def make_targets(
                 problem, values[name], weights[name], prior.encoding[name], align=free_scale
             )
             values[name], weights[name] = fused, seen * _confidence(spread, settings)
+        elif ceilings and name in ceilings:
+            near = value.amax(-1) >= NEAR_CEILING * ceilings[name].to(rows.device)[view]
+            at_least[name] = _spread_over(problem, rows, near[:, None].float()) > 0
         weights[name] = to_mean_one(weights[name])
-    return Targets(values, weights, common_scale=settings.fuse)
+    return Targets(values, weights, common_scale=settings.fuse, at_least=at_least)
 
 
 def distilled_targets(problem: Problem, estimates: dict[str, Tensor], views: tuple[int, ...]) -> Targets:

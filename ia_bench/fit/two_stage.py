@@ -221,7 +221,9 @@ class _Run:
             targets = Targets({}, {})
             if problem.supervision.kind != "sds":
                 samples = self.sampler.draw(self._renders(views) if guided else None)
-                targets = make_targets(problem, self.prior, samples, views, free_scale=free_scale)
+                targets = make_targets(
+                    problem, self.prior, samples, views, free_scale=free_scale, ceilings=self.sampler.ceilings()
+                )
             self._supervise(targets)
 
     def _distill(self) -> None:

@@ -7,28 +7,70 @@ import torch
 from torch import Tensor
 
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.scenes.scene import Scene
+from ia_bench.render.rays import RayCaster
+from ia_bench.scenes.scene import Camera, Scene
+
+GRAZING = 0.2
+"""Cosine below which a pixel shows a surface too obliquely for a prior to say much about it."""
 
 
 def evenly_spread(scene: Scene, count: int | str) -> tuple[int, ...]:
-    """At most ``count`` training views ("all": every one) in their order, spread over the directions of the cameras.
+    """At most ``count`` training views ("all": every one) in their order, spread over the directions of the cameras."""
+    if count == "all" or int(count) >= len(scene.train):
+        return tuple(range(len(scene.train)))
+    return tuple(sorted(spreading_order(scene, int(count))))
 
-    Farthest-point sampling of the directions from the middle of the mesh to the cameras, from the first view on: every
-    next view is the one whose direction is farthest from all chosen ones.
+
+def spreading_order(scene: Scene, count: int) -> list[int]:
+    """The first ``count`` training views by farthest-point sampling of the directions from the mesh to the cameras.
+
+    It starts with the first view; every next one is that whose direction is farthest from all chosen ones.
     """
-    total = len(scene.train)
-    if count == "all" or int(count) >= total:
-        return tuple(range(total))
     middle = 0.5 * (scene.mesh.vertices.min(0) + scene.mesh.vertices.max(0))
     directions = np.stack([view.camera.to_world[:3, 3] for view in scene.train]) - middle
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     chosen = [0]
     nearest = directions @ directions[0]  # cosine to the nearest chosen direction
-    for _ in range(int(count) - 1):
+    for _ in range(count - 1):
         nearest[chosen] = np.inf
         chosen.append(int(nearest.argmin()))
         nearest = np.maximum(nearest, directions @ directions[chosen[-1]])
-    return tuple(sorted(chosen))
+    return chosen
+
+
+def sees(cameras: list[Camera], positions: Tensor, normals: Tensor, rays: RayCaster, offset: float) -> Tensor:
+    """Which cameras see which surface points well: (N, V) bool for (N, 3) positions with normals.
+
+    Inside the image, at a cosine of at least GRAZING, and nothing between; ``offset``: of the shadow rays, scene units.
+    """
+    found = torch.zeros(len(positions), len(cameras), dtype=torch.bool, device=positions.device)
+    for index, camera in enumerate(cameras):
+        to_world = torch.from_numpy(camera.to_world).to(positions)
+        toward = to_world[:3, 3] - positions
+        directions = toward / toward.norm(dim=-1, keepdim=True)
+        local = -toward @ to_world[:3, :3]  # camera coordinates: it looks along -z
+        depth = -local[:, 2]
+        column = camera.focal[0] * local[:, 0] / depth + camera.centre[0]
+        row = -camera.focal[1] * local[:, 1] / depth + camera.centre[1]
+        framed = (depth > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+        candidates = torch.nonzero(framed & ((normals * directions).sum(-1) >= GRAZING))[:, 0]
+        starts = positions[candidates] + offset * normals[candidates]
+        found[candidates, index] = ~rays.occluded(starts, directions[candidates])
+    return found
+
+
+def views_needed(seen: Tensor, per_point: int, share: float) -> int:
+    """How many of the views, in the order of the columns of ``seen`` (N, V) bool, show the points often enough.
+
+    At least ``share`` of the points (of those that any view sees) by ``per_point`` views each, or by all that see them.
+    """
+    counts = seen.long().cumsum(1)
+    counts = counts[counts[:, -1] > 0]
+    if not len(counts):
+        return seen.shape[1]
+    wanted = counts[:, -1:].clamp(max=per_point)
+    enough = (counts >= wanted).double().mean(0)
+    return int((enough >= share).int().argmax()) + 1
 
 
 def restrict(gbuffer: GBuffer, views: tuple[int, ...]) -> tuple[GBuffer, Tensor]:

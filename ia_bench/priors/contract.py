@@ -69,6 +69,32 @@ class Distiller(Protocol):
 
 
 @runtime_checkable
+class Bounded(Protocol):
+    """A prior whose samples end at some radiance, as those of display-encoded images do."""
+
+    def ceilings(self, images: Tensor, masks: Tensor) -> dict[str, Tensor]:
+        """Component -> (V,), the largest linear value in its samples of these images; what comes near it may be more.
+
+        ``images``, ``masks`` as in :meth:`Prior.sample`. Components without such an end are left out.
+        """
+        ...
+
+
+@runtime_checkable
+class Patchwise(Protocol):
+    """A prior that can predict an image larger than its ``resolution`` in overlapping patches (the paper's equation 6).
+
+    ``patches``: whether it does, or "auto": as the plan says.
+    """
+
+    patches: bool | str
+
+    def use_patches(self, patches: bool) -> None:
+        """Receive what the plan says, before the first sample; only where ``patches`` is "auto"."""
+        ...
+
+
+@runtime_checkable
 class GeometryReader(Protocol):
     """A prior that can look at the geometry behind the images; it must do without it as well.
 

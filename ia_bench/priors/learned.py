@@ -51,11 +51,9 @@ class LearnedPrior(ABC):
     """Base of the priors with networks.
 
     ``weights``: a folder that ia_bench.priors.train wrote, one with a folder for each component in it, or None for the
-    weights that come with the package. ``patches``: predict the image in overlapping
-    native-size patches at full resolution (the paper's equation 6) instead of reducing it to the native size.
-    ``geometry``: let the network see normals and visibility where a scene has them. ``batch``: images at a time, which
-    changes no sample beyond rounding. ``precision``: float32, bf16, or auto (bf16 where it is fast). ``device``: auto, cpu
-    or cuda.
+    weights that come with the package. ``geometry``: let the network see normals and visibility where a scene has them.
+    ``batch``: images at a time, which changes no sample beyond rounding. ``precision``: float32, bf16, or auto (bf16 where it
+    is fast). ``device``: auto, cpu or cuda.
 
     Raises InputError for options and weights that cannot be used.
     """
@@ -69,7 +67,6 @@ class LearnedPrior(ABC):
         self,
         *,
         weights: str | None = None,
-        patches: bool = False,
         geometry: bool = False,
         batch: int = 64,
         precision: str = "auto",
@@ -90,10 +87,14 @@ class LearnedPrior(ABC):
         self._native = int(networks[0]["size"])
         self.resolution: int | None = self._native
         self.reads_geometry = geometry and all(described["geometry"] for described in networks)
-        self.patches, self.batch = patches, batch
+        self.batch = batch
         self.network_calls = 0
         self._geometry: tuple[Tensor, Tensor] | None = None
         self._networks: list[MaterialNetwork] = []
+
+    def at_full_resolution(self, reduction: float) -> bool:
+        """Whether an image is predicted as large as it is; else it is reduced ``reduction`` times to the native size."""
+        return False
 
     @property
     def fingerprint(self) -> str:
@@ -115,6 +116,17 @@ class LearnedPrior(ABC):
         """
         check_views(self.kind, images, masks, guidance or {}, self.provides)
         return self._through(images, masks, seed, guidance or {}, self._predict)
+
+    def ceilings(self, images: Tensor, masks: Tensor) -> dict[str, Tensor]:
+        """See :class:`ia_bench.priors.contract.Bounded`: the white of the network's specular encoding, in each image."""
+        found = torch.full((len(images),), torch.inf)
+        for network in self._loaded():
+            if "specular" not in network.config.components:
+                continue
+            white = encoding.LOG_RANGE if network.config.specular == "log" else 1.0
+            for framed in self._framed(images, masks, 0, network.config.geometry):
+                found[framed.views] = white / framed.factor
+        return {"specular": found} if "specular" in self.provides else {}
 
     @abstractmethod
     def _options(self) -> dict[str, Any]:
@@ -154,7 +166,9 @@ class LearnedPrior(ABC):
         """The images grouped by the size at which they are predicted, at most ``batch`` at a time."""
         groups: dict[int, list[tuple[int, Frame]]] = {}
         for view, mask in enumerate(masks):
-            frame = Frame.around(mask, None if self.patches else self._native, 8)
+            frame = Frame.around(mask, self._native, 8)
+            if frame is not None and self.at_full_resolution(frame.length / self._native):
+                frame = Frame.around(mask, None, 8)
             if frame is not None:
                 groups.setdefault(frame.side, []).append((view, frame))
         found = []

@@ -19,7 +19,7 @@ class RegressorPrior(LearnedPrior):
     """The paper's "data-driven" alternative: a network of the diffusion prior's size, data and training, without noise.
 
     It returns the mean of what the image could mean, always the same; so there is nothing to guide. Options as in
-    :class:`ia_bench.priors.learned.LearnedPrior`, without ``patches``.
+    :class:`ia_bench.priors.learned.LearnedPrior`.
     """
 
     kind = "regressor"

@@ -168,3 +168,18 @@ def test_specular_loss_sees_highlights_and_the_dark(problem: Problem) -> None:
     assert float(supervision.specular_loss(torch.full((10, 3), 1e5), chosen)) < 10
     supervision.update(torch.zeros(4, 4, 3), 0)  # nothing to align without an albedo
     assert supervision.state()["alignment"] == {}
+
+
+def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem) -> None:
+    every = torch.arange(len(problem.gbuffer.pixel))
+    radiance = torch.full((len(every), 3), 0.5)
+    clipped = torch.arange(len(every)) % 2 == 0
+    targets = replace(even({"specular": radiance}), at_least={"specular": clipped[:, None]})
+    supervision = supervise(problem, "none", targets)
+
+    def loss(factor: float, chosen: Tensor) -> float:
+        return float(supervision.specular_loss(factor * radiance[chosen], every[chosen]))
+
+    assert loss(2, clipped) == 0
+    assert loss(2, ~clipped) > 0.01
+    assert loss(0.5, clipped) == pytest.approx(loss(0.5, ~clipped), rel=1e-5)

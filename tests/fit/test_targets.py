@@ -250,3 +250,21 @@ def test_views_that_disagree_weigh_less(problem: Problem, scene: Scene) -> None:
     targets = targets_of(problem, [sample], fuse=True, confidence="spread", spread_scale=0.1, free_scale=False)
     weight = targets.weights["albedo"][:, 0]
     assert float(weight[left].median()) < 0.6 * float(weight[~left].median())
+
+
+def test_pixels_near_the_ceiling_are_marked(problem: Problem, scene: Scene) -> None:
+    """Of the views asked only, each by its own ceiling; without one nothing is marked."""
+    asked = (2, 5)
+    shape = (2, *problem.gbuffer.shape[1:], 3)
+    specular = torch.full(shape, 0.5)
+    specular[0, ::2] = 0.9
+    drawn = [{"albedo": torch.full(shape, 0.5), "specular": specular}]
+    targets = make_targets(
+        problem, Both(), drawn, asked, free_scale=True, ceilings={"specular": torch.tensor([1.0, 0.6])}  # type: ignore[arg-type]
+    )
+    height, width = shape[1:3]
+    view, row = problem.gbuffer.pixel // (height * width), problem.gbuffer.pixel // width % height
+    expected = (view == 5) | ((view == 2) & (row % 2 == 0))
+    assert torch.equal(targets.at_least["specular"][:, 0], expected)
+    assert "albedo" not in targets.at_least
+    assert not targets_of(problem, drawn, asked).at_least

@@ -31,6 +31,10 @@ Place = tuple[int, slice, slice, slice]
 """Where a patch lies: (image, all channels, rows, columns), an index into (N, C, H, W)."""
 
 
+PATCH_REDUCTION = 2.0
+"""Image pixels a native pixel may stand for before patches are worth their cost."""
+
+
 @dataclass(frozen=True, eq=False)
 class PatchSettings:
     """``overlap``: least share of a patch's side that its neighbour covers too, [0, 0.9]; ``batch``: samples at once.

@@ -12,7 +12,7 @@ from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Rule
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.patches import PatchSettings, sample_large
+from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, PatchSettings, sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample, seeded_noise
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE
@@ -27,8 +27,10 @@ class DiffusionPrior(LearnedPrior):
     """Samples of p(albedo, specular | image), the paper's sections 3.2 and 3.3.
 
     ``steps``, ``eta``: of the sampler (DDIM 0 ... ancestral 1). ``cfg_scale``: classifier-free guidance, 1 for none.
-    ``guidance_rule``, ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's samples are drawn toward the
-    current renders (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
+    ``patches``: predict the image in overlapping native-size patches at full resolution (the paper's equation 6) instead of
+    reducing it to the native size; "auto": as the plan says, and where there is none, images that would be reduced more than
+    PATCH_REDUCTION times. ``guidance_rule``, ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's
+    samples are drawn toward the current renders (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
     :class:`ia_bench.priors.learned.LearnedPrior`. ``guidance_report`` counts guided estimates and steps that were cut.
     """
 
@@ -44,7 +46,7 @@ class DiffusionPrior(LearnedPrior):
         steps: int = 10,
         eta: float = 0.0,
         cfg_scale: float = 1.0,
-        patches: bool = False,
+        patches: bool | str = "auto",
         geometry: bool = False,
         guidance_rule: Rule = "variance",
         guidance_norm: Norm = "squared",
@@ -54,9 +56,10 @@ class DiffusionPrior(LearnedPrior):
         precision: str = "auto",
         device: str = "auto",
     ) -> None:
-        super().__init__(
-            weights=weights, patches=patches, geometry=geometry, batch=batch, precision=precision, device=device
-        )
+        super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
+        if patches not in (True, False, "auto"):
+            raise InputError(f"prior.options.patches: expected true, false or auto, found {patches}")
+        self.patches = patches
         if steps < 1:
             raise InputError(f"prior.options.steps: expected at least 1, found {steps}")
         self.settings = SamplerSettings(steps=steps, eta=eta)
@@ -74,6 +77,14 @@ class DiffusionPrior(LearnedPrior):
             "patches": self.patches,
             "geometry": self.reads_geometry,
         }
+
+    def use_patches(self, patches: bool) -> None:
+        """See :class:`ia_bench.priors.contract.Patchwise`."""
+        self.patches = patches
+
+    def at_full_resolution(self, reduction: float) -> bool:
+        """See :class:`ia_bench.priors.learned.LearnedPrior`."""
+        return reduction > PATCH_REDUCTION if self.patches == "auto" else bool(self.patches)
 
     def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
         """See :class:`ia_bench.priors.contract.Distiller`; ``renders`` holds every component that this prior provides."""

@@ -8,6 +8,7 @@ import ia_bench.priors
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.checkpoints import save_network
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.prior import DiffusionPrior
@@ -181,3 +182,22 @@ def test_the_packaged_weights_are_small_have_a_card_and_find_colour(ball):
     inside = masks == 1
     assert bool(torch.isfinite(albedo).all())
     assert albedo[inside][:, 0].mean() / albedo[inside][:, 2].mean() < 2.0
+
+
+def test_no_sample_exceeds_the_ceiling_and_some_come_near_it(tmp_path, ball):
+    """A network pushed to white everywhere gives exactly the ceiling, under the image's own exposure."""
+    network = MaterialNetwork(tiny_config("regressor"))
+    with torch.no_grad():
+        for parameter in network.unet.conv_out.parameters():
+            parameter.zero_()
+        network.unet.conv_out.bias += 5.0
+    save_network(tmp_path / "white", network, {"steps": 0})
+    images, masks = ball
+    images = images * torch.tensor([1.0, 10.0, 0.01])[:, None, None, None]
+    prior = RegressorPrior(weights=str(tmp_path / "white"))
+    ceilings = prior.ceilings(images, masks)
+    assert set(ceilings) == {"specular"}
+    largest = prior.sample(images, masks, seed=0)["specular"].amax((1, 2, 3))
+    torch.testing.assert_close(largest, ceilings["specular"], rtol=1e-4, atol=0)
+    plain = prior.ceilings(*ball)["specular"]
+    torch.testing.assert_close(ceilings["specular"], plain * torch.tensor([1.0, 10.0, 0.01]), rtol=1e-3, atol=0)
