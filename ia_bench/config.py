@@ -31,6 +31,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "render.shadows": ("auto", "traced", "baked", "none"),
     "render.shading": ("auto", "compiled", "eager"),
     "fit.image_loss": ("l1", "squared"),
+    "fit.neutral_start": ("light", "albedo"),
     "fit.ssi": ("scale_shift", "scale", "none"),
     "prior.supervision.kind": KINDS,
     "prior.supervision.confidence": CONFIDENCES,

@@ -157,9 +157,10 @@ def test_hash_changes_with_every_setting_of_supervision() -> None:
 @pytest.mark.parametrize("prior", ["oracle", "ia_bench.priors.none:NoPrior"])
 def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
     """Also of one that is spelled out, whose node Hydra is told of only then."""
-    words = [f"prior={prior}", "prior.supervision.kind=both", "prior.supervision.views=7", "prior.supervision.samples=4"]
+    settings = ["kind=target+similarity", "views=7", "samples=4"]
+    words = [f"prior={prior}", *(f"prior.supervision.{setting}" for setting in settings)]
     supervision = compose(["device=cpu", *words]).prior.supervision
-    assert supervision == SupervisionSettings(kind="both", views=7, samples=4)
+    assert supervision == SupervisionSettings(kind="target+similarity", views=7, samples=4)
     assert compose(["device=cpu"]).prior.supervision == SupervisionSettings()
 
 

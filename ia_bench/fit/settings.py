@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from ia_bench.errors import InputError
 
-KINDS = ("target", "similarity", "both", "sds")
+KINDS = ("target", "similarity", "colour", "target+similarity", "colour+similarity", "sds")
 CONFIDENCES = ("none", "spread")
 
 
@@ -50,7 +50,8 @@ class FitSettings:
     ``albedo_start``: fraction of all steps in which the albedo stays as it is and the light alone explains the images.
     ``roughness_start``: fraction of all steps after which roughness is optimised; until the light is right it would
     only learn the light's error. ``roughness_initial``, ``albedo_initial``: constant start of the textures (of
-    the albedo only where no prior gives a better one).
+    the albedo only where no prior gives a better one). ``neutral_start``: what is grey at that start, the "light" (the albedo
+    has the images' mean colour) or the "albedo" (the light has it); images alone hardly tell the two apart later.
     ``smooth_scale``: colour difference (log radiance) at which a pair of neighbouring pixels stops being smoothed.
     ``light_uniform``: fraction of light samples spread over the sphere, so that dark texels are visited too.
     """
@@ -67,6 +68,7 @@ class FitSettings:
     roughness_start: float = 0.3
     roughness_initial: float = 0.5
     albedo_initial: float = 0.5
+    neutral_start: str = "light"
     smooth_scale: float = 0.1
     light_uniform: float = 0.2
     checkpoint_seconds: float = 15.0
@@ -78,10 +80,10 @@ class SupervisionSettings:
 
     ``kind``: what a prediction of albedo is taken as. "target": the albedo itself, up to the scale that ``fit.ssi``
     leaves free. "similarity": a kernel that says which pixels share an albedo, not which one it is (after Diffusion-Based
-    Material Regularization, arXiv 2606.31065). "both": kernel for detail, target for colour and scale. "sds": score
-    distillation, which denoises the current render instead of sampling. Specular shading is a target in the first three
-    (it varies with the view, so that no kernel of constant material applies) and distilled in the last.
-    ``target_weight``, ``kernel_weight``: of the two terms of the albedo, both times ``fit.weights.albedo``;
+    Material Regularization, arXiv 2606.31065). "colour": the mean colour of the object, and nothing else. With a "+": both.
+    "sds": score distillation, which denoises the current render instead of sampling. Specular shading is a target in all but
+    the last (it varies with the view, so that no kernel of constant material applies), where it is distilled.
+    ``target_weight``, ``kernel_weight``, ``colour_weight``: of the terms of the albedo, all times ``fit.weights.albedo``;
     ``specular_weight`` times ``fit.weights.specular``: how far this prior's specular shading is to be trusted.
     ``kernel_scale``: standard deviation of the kernel, a Euclidean distance of sRGB colours.
     ``radius``: how far apart the pixels of a pair may be, as a fraction of the longer side of the image.
@@ -98,6 +100,7 @@ class SupervisionSettings:
     kind: str = "target"
     target_weight: float = 1.0
     kernel_weight: float = 0.3
+    colour_weight: float = 1.0
     specular_weight: float = 1.0
     kernel_scale: float = 0.1
     radius: float = 0.5
@@ -109,6 +112,11 @@ class SupervisionSettings:
     sds_period: int = 10
     sds_views: int = 4
     cache: bool = True
+
+    @property
+    def terms(self) -> frozenset[str]:
+        """The parts of ``kind``."""
+        return frozenset(self.kind.split("+"))
 
 
 def check_supervision(settings: SupervisionSettings) -> None:
@@ -122,7 +130,7 @@ def check_supervision(settings: SupervisionSettings) -> None:
         value = getattr(settings, name)
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{key}{name}: expected a finite number > 0, found {value}")
-    for name in ("target_weight", "kernel_weight", "specular_weight"):
+    for name in ("target_weight", "kernel_weight", "colour_weight", "specular_weight"):
         value = getattr(settings, name)
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{key}{name}: expected a finite number >= 0, found {value}")

@@ -1,4 +1,4 @@
-"""The prior's part of equation 5: its predictions as targets aligned per view, as a similarity kernel, or distilled."""
+"""The prior's part of equation 5: its predictions as targets, as a similarity kernel, as a mean colour, or distilled."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ia_bench.fit.kernel import SimilarityKernel
 from ia_bench.fit.losses import Alignment, align_views, encode, tone_map
+from ia_bench.fit.mean_colour import MeanColour
 from ia_bench.fit.problem import Problem
 from ia_bench.fit.targets import Targets
 from ia_bench.material.textures import fetch
@@ -37,6 +38,7 @@ class Supervision:
         self._coverage = (gbuffer.face >= 0).float().mean(1, keepdim=True)
         self._alignment: Alignment | None = None
         self._kernel: SimilarityKernel | None = None
+        self._colour: MeanColour | None = None
         if "albedo" not in targets.values:
             return
         asked = targets.weights["albedo"][:, 0] > 0
@@ -46,13 +48,20 @@ class Supervision:
         points = gbuffer.face[self._subset]
         self._hit = (points >= 0)[..., None]
         self._uv = problem.renderer.surface.uv(points.clamp_min(0).long(), gbuffer.barycentric[self._subset])
-        if self._settings.kind in ("similarity", "both"):
+        if "colour" in self._settings.terms:
+            self._colour = MeanColour(problem, targets, free_scale=self._ssi != "none")
+        if "similarity" in self._settings.terms:
             self._kernel = SimilarityKernel(problem, targets, self._settings, free_scale=self._ssi != "none")
 
     @property
     def sets_albedo(self) -> bool:
         """Whether the targets say which albedo a pixel has, not only which pixels share one."""
-        return "albedo" in self.targets.values and self._settings.kind in ("target", "both")
+        return "albedo" in self.targets.values and "target" in self._settings.terms
+
+    @property
+    def mean_colour(self) -> Tensor | None:
+        """The mean albedo (3,) that the targets stand for, where that is asked of them."""
+        return None if self._colour is None else self._colour.mean()
 
     def update(self, albedo: Tensor, step: int) -> None:
         """Estimate the alignment again if it is due at ``step``; a pure function of the step and the texture."""
@@ -84,7 +93,9 @@ class Supervision:
         loss = torch.zeros((), device=prediction.device)
         if self._kernel is not None:
             loss = loss + self._settings.kernel_weight * self._kernel.loss(prediction, pixels, texture, generator)
-        if self._settings.kind != "similarity":
+        if self._colour is not None:
+            loss = loss + self._settings.colour_weight * self._colour.loss(prediction, pixels)
+        if self._settings.terms & {"target", "sds"}:
             loss = loss + self._settings.target_weight * self._target_loss(prediction, pixels)
         return loss
 

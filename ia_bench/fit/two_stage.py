@@ -93,8 +93,8 @@ class _Run:
         for stage, end in (("stage1", boundary), ("stage2", self.steps)):
             if self.step >= end:
                 continue
-            sampled = self.problem.supervision.kind != "sds"
-            if stage == "stage2" and self.step == boundary and self.settings.guided and self.prior.guidable and sampled:
+            redrawn = self.settings.guided and self.prior.guidable and self.problem.supervision.kind not in ("colour", "sds")
+            if stage == "stage2" and self.step == boundary and redrawn:
                 self._draw(guided=True)
             first = 0 if stage == "stage1" else boundary
             task = self.monitor.task(stage.replace("stage", "stage "), end - first, self.step - first)
@@ -174,8 +174,14 @@ class _Run:
     # ---- start and prior------------------------------------------------------------------------------------------
 
     def _initial_albedo(self) -> None:
-        """The prior's albedo averaged over the views in texture space, or the constant ``albedo_initial`` without one."""
-        targets = self.supervision.targets
+        """The prior's albedo averaged over the views in texture space, its mean colour, or the constant ``albedo_initial``."""
+        targets, colour = self.supervision.targets, self.supervision.mean_colour
+        if colour is None or not self.settings.weights.albedo:
+            mean = self.images.mean(0) if self.settings.neutral_start == "light" else torch.ones_like(self.images[0])
+            colour = self.settings.albedo_initial * mean / mean.mean().clamp_min(1e-8)
+            colour = colour / colour.max().clamp_min(1.0)
+        with torch.no_grad():
+            self.parameters["albedo"].copy_(colour.clamp(0, 1).expand_as(self.parameters["albedo"]))
         if self.supervision.sets_albedo and self.settings.weights.albedo:  # a prior switched off must not leak in here
             gbuffer, target = self.problem.gbuffer, targets.values["albedo"]
             hit = (gbuffer.face >= 0) & (targets.weights["albedo"] > 0)
@@ -284,7 +290,11 @@ class _Run:
 
 
 def _check(settings: FitSettings) -> None:
-    choices = {"image_loss": ("l1", "squared"), "ssi": ("scale_shift", "scale", "none")}
+    choices = {
+        "image_loss": ("l1", "squared"),
+        "ssi": ("scale_shift", "scale", "none"),
+        "neutral_start": ("light", "albedo"),
+    }
     for key, allowed in choices.items():
         if getattr(settings, key) not in allowed:
             raise InputError(f"fit.{key}: expected one of {', '.join(allowed)}, found {getattr(settings, key)!r}")

@@ -26,10 +26,11 @@ SETTINGS = FitSettings(stage1_steps=6, stage2_steps=4, pixels=128, checkpoint_se
 
 KINDS: dict[str, dict[str, Any]] = {
     "similarity": {"kind": "similarity"},
-    "both": {"kind": "both", "samples": 2, "confidence": "spread"},
+    "target and kernel": {"kind": "target+similarity", "samples": 2, "confidence": "spread"},
     "fused": {"fuse": True, "confidence": "spread"},
     "few views": {"views": 3, "samples": 2},
-    "few views, fused": {"views": 3, "fuse": True, "kind": "both"},
+    "few views, fused": {"views": 3, "fuse": True, "kind": "target+similarity"},
+    "colour and kernel": {"kind": "colour+similarity"},
     "sds": {"kind": "sds", "sds_period": 3, "sds_views": 2},
 }
 
@@ -148,7 +149,7 @@ def test_distillation_of_a_prior_that_cannot(problem: Problem, scene: Scene, rec
         fit(supervised(problem, kind="sds"), prior, SETTINGS, record)
 
 
-@pytest.mark.parametrize("kind", ["similarity", "both", "sds"])
+@pytest.mark.parametrize("kind", ["similarity", "target+similarity", "colour", "sds"])
 def test_albedo_can_be_switched_off(problem: Problem, scene: Scene, kind: str) -> None:
     changed = supervised(problem, kind=kind)
     settings = replace(SETTINGS, guided=False, weights=LossWeights(albedo=0.0))
@@ -224,7 +225,7 @@ def test_distilled_gaussian_converges_to_its_mean(problem: Problem, scene: Scene
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kind": "kernel"}, r"prior\.supervision\.kind: expected one of target, similarity, both, sds, found 'kernel'"),
+        ({"kind": "kernel"}, r"prior\.supervision\.kind: expected one of target, similarity, colour, .*, sds, found 'kernel'"),
         ({"confidence": "high"}, r"prior\.supervision\.confidence: expected one of none, spread, found 'high'"),
         ({"kernel_scale": 0.0}, r"prior\.supervision\.kernel_scale: expected a finite number > 0, found 0\.0"),
         ({"radius": float("nan")}, r"prior\.supervision\.radius: .*found nan"),
@@ -241,3 +242,19 @@ def test_impossible_settings(problem: Problem, scene: Scene, record: Record, set
     changed = supervised(problem, **settings)
     with pytest.raises(InputError, match=message):
         TwoStage().fit(changed, OraclePrior(), SETTINGS, seed=0, monitor=record.monitor())
+
+
+def test_mean_colour_tells_light_from_paint(problem: Problem, scene: Scene) -> None:
+    """An oracle blurred until only colours are left: the fit's albedo has their mean, where none keeps the light's cast."""
+    settings = replace(SETTINGS, guided=False, stage1_steps=40, pixels=256, weights=LossWeights(specular=0.0))
+    casts = {}
+    for name, components in (("none", []), ("colour", ["albedo"])):
+        prior = OraclePrior(components=components, blur=20.0)
+        prior.reveal(scene.train)
+        albedo = fit(supervised(problem, kind="colour"), prior, settings, Record()).material.albedo
+        picture = texture_images(problem.renderer.surface, problem.gbuffer, albedo).numpy()
+        inside = np.stack([view.mask for view in scene.train]) > 0.99
+        ratio = np.log(picture[inside].mean(0) / np.stack([view.albedo for view in scene.train])[inside].mean(0))
+        casts[name] = float(np.abs(ratio - ratio.mean()).max())
+    assert casts["none"] > 0.2
+    assert casts["colour"] < 0.05
