@@ -48,7 +48,7 @@ class NetworkConfig:
     geometry: bool = True
     encoder: str = "small"
     tokens: int = 128
-    prediction_type: Literal["epsilon", "v_prediction", "sample"] = "v_prediction"
+    prediction_type: Literal["epsilon", "v_prediction", "sample"] = "sample"
     specular: SpecularEncoding = "display"
     schedule: dict[str, Any] = field(
         default_factory=lambda: {

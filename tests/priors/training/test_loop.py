@@ -92,14 +92,14 @@ def test_training_lowers_the_loss_and_is_followed(folders, tmp_path):
 
 
 def test_the_regressor_trains_by_the_same_command(folders, tmp_path):
-    train(command(folders, tmp_path / "run", "steps=2", "network.kind=regressor", "network.prediction_type=sample"))
+    train(command(folders, tmp_path / "run", "steps=2", "network.kind=regressor"))
     network, _ = load_network(tmp_path / "run/weights")
     assert network.config.kind == "regressor"
     assert network.unet.config.in_channels == 4 * 8  # no noise goes in
 
 
 def test_training_starts_from_given_weights(folders, tmp_path):
-    start = tiny_weights(tmp_path / "start", seed=5)
+    start = tiny_weights(tmp_path / "start", seed=5, prediction_type="sample")
     train(command(folders, tmp_path / "run", "steps=1", f"init={start}", "rate=1e-9", "warmup=0"))
     network, provenance = load_network(tmp_path / "run/weights")
     for name, value in load_network(start)[0].state_dict().items():
