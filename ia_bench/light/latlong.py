@@ -147,12 +147,15 @@ class LatLongSampler(NamedTuple):
         """Tables proportional to the mean over channels of ``radiance`` (H, W, 3), solid angle, and the cosine bound.
 
         ``uniform_fraction`` of the samples ignores the radiance, so that dark texels that must still learn are visited.
-        A cell that sees no light at all is sampled that way altogether.
+        A cell that sees no light at all is sampled that way altogether. Raises FloatingPointError for NaN or infinity.
         """
         height, width, _ = radiance.shape
         grid = sampling_grid(height, width, radiance.device)
         brightness = radiance.detach().mean(-1).clamp_min(0).reshape(-1)
         total = brightness.double() @ grid.solid_angle
+        if not bool(torch.isfinite(total)):
+            bad = int((~torch.isfinite(radiance)).any(-1).sum())
+            raise FloatingPointError(f"light: expected finite radiance, found NaN or Inf in {bad} of {height * width} texels")
         brightness = (brightness / torch.where(total > 0, total, 1.0)).float()
         texels = torch.cat([(brightness * grid.solid_angle)[grid.order], grid.solid_angle[grid.order]]).cumsum(0)
         edges = torch.cat([texels.new_zeros(1), texels[grid.end - 1], texels[grid.end - 1 + len(brightness)]])

@@ -154,7 +154,7 @@ class Renderer:
         images = {name: torch.zeros(*gbuffer.shape, 3, device=gbuffer.face.device).reshape(-1, 3) for name in parts}
         every = torch.arange(len(gbuffer.pixel), device=gbuffer.face.device)
         passes = -(-samples // PASS_SAMPLES)
-        for chunk in every.split(CHUNK):
+        for chunk in every.split(CHUNK) if len(every) else ():
             padded = torch.cat([chunk, chunk.new_full((CHUNK - len(chunk),), -1)])
             for _ in range(passes):
                 rendered = self.render_pixels(gbuffer, padded, material, light, round(samples / passes), generator)

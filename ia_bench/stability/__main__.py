@@ -1,0 +1,103 @@
+"""Run every extreme case, print one line for each, write them to a file, and fail when one does.
+
+    python -m ia_bench.stability [--out stability.json] [--only WORD]
+
+Columns: what is extreme, what is computed, finite or not, error against the reference and how much is allowed, the
+gradient's likewise, how often a guard (clamp, cut, refusal) was taken where that is counted, and the verdict.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from ia_bench.__main__ import OK, complain
+from ia_bench.stability import lights, materials, priors, rendering, scores
+from ia_bench.stability.case import Case, Row, judge
+
+FAILED = 1
+
+
+def all_cases() -> Iterator[Case]:
+    """Every case of every group."""
+    for part in (materials, lights, rendering, priors, scores):
+        yield from part.cases()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run, print, write; the exit status is 1 when a case failed."""
+    about, _, more = (__doc__ or "").partition("\n")
+    parser = argparse.ArgumentParser(
+        prog="python -m ia_bench.stability", description=about, epilog=more, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, help="JSON file to write (its folder must exist)")
+    parser.add_argument("--only", metavar="WORD", help="only cases whose group, extreme or quantity contains this")
+    options = parser.parse_args(arguments)
+    if options.out and not options.out.resolve().parent.is_dir():
+        return complain(f"--out: {options.out.parent}: expected a folder, found none")
+    wanted = [case for case in all_cases() if not options.only or options.only in f"{case.group} {case.extreme} {case.quantity}"]
+    if not wanted:
+        return complain(f"--only: no case contains {options.only!r}")
+    rows = [judge(case) for case in wanted]
+    print_rows(rows)
+    if options.out:
+        options.out.write_text(json.dumps([record(row) for row in rows], indent=1) + "\n")
+    failed = sum(row.problem is not None for row in rows)
+    print(f"{len(rows)} cases, {failed} failed")
+    return FAILED if failed else OK
+
+
+def print_rows(rows: list[Row]) -> None:
+    """One line each; as wide as it takes where the output is no terminal."""
+    console = Console(width=None if sys.stdout.isatty() else 240)
+    table = Table(box=None, pad_edge=False)
+    for name in ("group", "extreme", "quantity", "reference", "finite", "error", "allowed", "gradient error", "guards", "verdict"):
+        table.add_column(name, justify="right" if name in ("error", "allowed", "gradient error", "guards") else "left")
+    for row in rows:
+        case, measured = row.case, row.measured
+        gradient, guards = (None, None) if measured is None else (measured.gradient_error, measured.guards)
+        table.add_row(
+            case.group, case.extreme, case.quantity, case.reference,
+            "" if measured is None else "yes" if measured.finite else "NO",
+            "" if measured is None else f"{measured.error:.1e}",
+            f"{case.tolerance:g}",
+            "" if gradient is None else f"{gradient:.1e}",
+            "" if guards is None else str(guards),
+            "ok" if row.problem is None else f"FAILED: {row.problem}",
+        )  # fmt: skip
+    console.print(table)
+
+
+def record(row: Row) -> dict[str, Any]:
+    """A row as JSON values; what is not finite is written as text."""
+    case, measured = row.case, row.measured
+
+    def number(value: float | None) -> float | str | None:
+        return value if value is None or math.isfinite(value) else str(value)
+
+    return {
+        "group": case.group,
+        "extreme": case.extreme,
+        "quantity": case.quantity,
+        "reference": case.reference,
+        "tolerance": case.tolerance,
+        "gradient_tolerance": number(case.gradient_tolerance),
+        "finite": None if measured is None else measured.finite,
+        "error": None if measured is None else number(measured.error),
+        "gradient_error": None if measured is None else number(measured.gradient_error),
+        "guards": None if measured is None else measured.guards,
+        "verdict": "failed" if row.problem else "ok",
+        "problem": row.problem,
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""The table of extreme cases, by its command; and that a case fails where it should."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from ia_bench.material import brdf
+from ia_bench.stability import lights, materials
+from ia_bench.stability.__main__ import all_cases, main
+from ia_bench.stability.case import Case, Measured, judge, refused
+
+
+def test_every_case_passes_and_the_file_says_what_the_table_says(tmp_path: Path) -> None:
+    out = tmp_path / "stability.json"
+    ended = subprocess.run(
+        [sys.executable, "-m", "ia_bench.stability", "--out", str(out)], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    rows = json.loads(out.read_text())
+    assert len(rows) >= 60
+    assert f"{len(rows)} cases, 0 failed" in ended.stdout
+    assert all(row["verdict"] == "ok" and row["finite"] for row in rows)
+    assert len({(row["group"], row["extreme"], row["quantity"]) for row in rows}) == len(rows)
+    assert {row["group"] for row in rows} >= {"BRDF", "light", "rendering", "SSI", "schedule", "guidance", "scores"}
+
+
+@pytest.mark.parametrize(
+    ("measured", "problem"),
+    [
+        (Measured(0.1, 0.1), None),
+        (Measured(0.3), "error above 0.2"),
+        (Measured(math.nan), "error above 0.2"),
+        (Measured(0.1, 0.5), "gradient error above 0.4"),
+        (Measured(0.1, math.nan), "gradient error above 0.4"),
+        (Measured(0.0, finite=False), "NaN or Inf"),
+    ],
+    ids=str,
+)
+def test_verdicts(measured: Measured, problem: str | None) -> None:
+    assert judge(Case("", "", "", "", 0.2, lambda: measured, 0.4)).problem == problem
+
+
+def test_a_case_that_raises_has_failed_and_says_why() -> None:
+    row = judge(Case("", "", "", "", 1.0, lambda: Measured(1 / 0)))
+    assert row.problem == "ZeroDivisionError: division by zero"
+    assert row.measured is None
+
+
+def test_what_is_not_refused_or_with_other_words_has_failed() -> None:
+    assert refused(lambda: float("x"), ValueError, "could not convert").error == 0
+    assert refused(lambda: float("x"), ValueError, "banana").error == math.inf
+    assert refused(lambda: float("1"), ValueError, "").error == math.inf
+
+
+def test_a_wrong_brdf_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1 - (n.h)^2 taken literally loses the narrow lobes in float32."""
+
+    def careless(normal: torch.Tensor, half: torch.Tensor, alpha: torch.Tensor) -> torch.Tensor:
+        cosine = brdf.dot(normal, half)
+        return alpha**2 / (math.pi * (1 - cosine**2 + alpha**2 * cosine**2).clamp_min(1e-8) ** 2)
+
+    monkeypatch.setattr(brdf, "ggx_ndf", careless)
+    narrow = next(case for case in materials.cases() if "0.03, around" in case.extreme)
+    assert judge(narrow).problem is not None
+
+
+def test_a_wrong_light_sampler_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every draw lands one row too low."""
+    sample = lights.LatLongSampler.sample
+
+    def low(sampler: lights.LatLongSampler, cell: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
+        return (sample(sampler, cell, u) + sampler.width) % (sampler.height * sampler.width)
+
+    monkeypatch.setattr(lights.LatLongSampler, "sample", low)
+    shares = next(case for case in lights.cases() if case.extreme == "one texel of 1e6" and "share" in case.quantity)
+    assert judge(shares).problem is not None
+
+
+def test_part_of_the_cases_and_mistakes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--only", "SSIM"]) == 0
+    count = sum("SSIM" in f"{case.group} {case.extreme} {case.quantity}" for case in all_cases())
+    assert f"{count} cases, 0 failed" in capsys.readouterr().out
+    assert main(["--only", "banana"]) == 2
+    assert main(["--out", "/nowhere/at/all.json"]) == 2
+    assert "/nowhere/at" in capsys.readouterr().err
