@@ -67,8 +67,8 @@ def _precision(roughness: float, cosine: float | None) -> Measured:
     value = value.detach()
 
     def exact(offset: float) -> Tensor:
-        double = torch.full((len(vectors[0]), 1), roughness + offset, dtype=torch.float64)
-        return specular_brdf_cosine(*(vector.double() for vector in vectors), double)
+        normal, view, incident = (vector.double() for vector in vectors)
+        return specular_brdf_cosine(normal, view, incident, torch.full_like(normal[:, :1], roughness + offset))
 
     slope = (exact(STEP) - exact(-STEP)) / (2 * STEP)
     error = deviation(value, exact(0.0), 1e-3 * float(value.max()))
