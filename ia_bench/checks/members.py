@@ -46,6 +46,13 @@ def _optional_members(prior: Any) -> Iterator[Finding]:  # noqa: ANN401 (anythin
         yield judge(isinstance(value, bool), "reads_geometry", "True or False", _shown(value))
         signature = "give_geometry(normals, visibility), because it declares reads_geometry"
         yield _callable(prior, "give_geometry", signature, ("normals", "visibility"), {})
+    if hasattr(prior, "ceilings"):
+        yield _callable(prior, "ceilings", "ceilings(images, masks)", ("images", "masks"), {})
+    if hasattr(prior, "use_patches"):
+        value = getattr(prior, "patches", None)
+        expected = "True, False or auto, because it declares use_patches"
+        yield judge(value in (True, False, "auto"), "patches", expected, _shown(value))
+        yield _callable(prior, "use_patches", "use_patches(patches)", ("patches",), {})
     if hasattr(prior, "fingerprint"):
         value = prior.fingerprint
         yield judge(isinstance(value, str) and bool(value), "fingerprint", "a text", _shown(value))

@@ -50,6 +50,7 @@ class _Run:
         self.problem, self.prior, self.settings, self.seed, self.monitor = problem, prior, settings, seed, monitor
         device = problem.gbuffer.face.device
         self.images = problem.pixels_of(torch.stack([torch.from_numpy(v.image) for v in problem.scene.train]).to(device))
+        _check_images(problem)
         hit = problem.gbuffer.face >= 0
         seen = problem.renderer.surface.uv(problem.gbuffer.face[hit].long(), problem.gbuffer.barycentric[hit])
         self._observed = splat(seen, torch.zeros(len(seen), 0, device=device), problem.plan.texture)[1]
@@ -287,6 +288,13 @@ class _Run:
         self.supervision.restore_alignment(state["supervision"]["alignment"])
         self.sampler.counters = state["counters"]
         self.monitor.note(f"resumed at step {self.step} of {self.steps}")
+
+
+def _check_images(problem: Problem) -> None:
+    for view in problem.scene.train:
+        bad = int((~np.isfinite(view.image)).sum())
+        if bad:
+            raise FloatingPointError(f"training view {view.name}: NaN or Inf in {bad} values of the image")
 
 
 def _check(settings: FitSettings) -> None:

@@ -205,14 +205,21 @@ class Stretching(Sound):
 
 
 class Offering(Sound):
-    """Everything that a prior may offer besides: distillation, geometry, a fingerprint."""
+    """Everything that a prior may offer besides: distillation, geometry, ceilings, patches, a fingerprint."""
 
     reads_geometry = True
+    patches: bool | str = "auto"
     fingerprint = "offering, version 1"
     openness: Tensor | None = None
 
     def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:
         self.openness = visibility
+
+    def ceilings(self, images: Tensor, masks: Tensor) -> dict[str, Tensor]:
+        return {"specular": torch.ones(len(images))}
+
+    def use_patches(self, patches: bool) -> None:
+        self.patches = patches
 
     def sample(self, images: Tensor, masks: Tensor, *, seed: int, guidance: object = None) -> dict[str, Tensor]:
         samples = super().sample(images, masks, seed=seed, guidance=guidance)  # type: ignore[arg-type]
@@ -304,6 +311,9 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
         offering(give_geometry=lambda self, n, v: setattr(self, "openness", v / v)), "a sample with geometry"
     ),
     "remembers other geometry": (offering(give_geometry=remember_geometry), "the same geometry again"),
+    "ceilings of nothing": (offering(ceilings=lambda self: {}), "ceilings"),
+    "patches is a word": (offering(patches="maybe"), "patches"),
+    "use_patches takes nothing": (offering(use_patches=lambda self: None), "use_patches"),
     "an empty fingerprint": (offering(fingerprint=""), "fingerprint"),
 }
 
@@ -334,8 +344,8 @@ def test_what_is_offered_besides_is_checked(ball: Stack) -> None:
     assert {finding.status for finding in findings} == {"pass"}
     besides = [finding.what for finding in findings if finding.what not in {f.what for f in check_prior(Sound, ball)}]
     assert besides == [
-        "distill", "reads_geometry", "give_geometry", "fingerprint", "distilled components", "distilled estimates",
-        "distilled again", "a sample with geometry", "the same geometry again"
+        "distill", "reads_geometry", "give_geometry", "ceilings", "patches", "use_patches", "fingerprint",
+        "distilled components", "distilled estimates", "distilled again", "a sample with geometry", "the same geometry again"
     ]  # fmt: skip
     assert set(besides) == {expected for _, expected in BROKEN.values()} & set(besides)
 

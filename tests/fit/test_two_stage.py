@@ -24,7 +24,6 @@ from ia_bench.fit.problem import Fit, Problem
 from ia_bench.fit.settings import FitSettings, LossWeights
 from ia_bench.fit.two_stage import FIRST_SCORE
 from ia_bench.light.latlong import resize_light
-from ia_bench.material.textures import Material
 from ia_bench.plan import make_plan
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
@@ -242,23 +241,31 @@ def test_roughness_waits(problem: Problem) -> None:
     assert not torch.equal(roughness[16], roughness[15])
 
 
-def test_initial_light_explains_the_mean_image(problem: Problem, record: Record) -> None:
-    found = fit(problem, NoPrior(), replace(SETTINGS, stage1_steps=0, stage2_steps=0), record)
+@pytest.mark.parametrize("grey", ["light", "albedo"])
+def test_the_start_explains_the_mean_image(problem: Problem, record: Record, grey: str) -> None:
+    """With one constant light and albedo; what is to be grey is, but for the colour that the coat does not have."""
+    found = fit(problem, NoPrior(), replace(SETTINGS, stage1_steps=0, stage2_steps=0, neutral_start=grey), record)
     assert torch.equal(found.light, found.light[:1, :1].expand(16, 32, 3))
     generator = torch.Generator().manual_seed(0)
-    material = Material(torch.full((8, 8, 3), 0.5), torch.full((8, 8, 1), 0.5))
-    images = problem.renderer.render_images(problem.gbuffer, material, Light.of(found.light), 32, generator)
-    photographs = np.stack([view.image for view in problem.scene.train])
-    np.testing.assert_allclose(images["radiance"].numpy().mean((0, 1, 2)), photographs.mean((0, 1, 2)), rtol=0.03)
+    images = problem.renderer.render_images(problem.gbuffer, found.material, Light.of(found.light), 32, generator)
+    mean = np.stack([view.image for view in problem.scene.train]).mean((0, 1, 2))
+    np.testing.assert_allclose(images["radiance"].numpy().mean((0, 1, 2)), mean, rtol=0.03)
+    albedo, light = found.material.albedo[0, 0].numpy(), found.light[0, 0].numpy()
+    torch.testing.assert_close(found.material.albedo, found.material.albedo[:1, :1].expand_as(found.material.albedo))
+    neutral, coloured = (light, albedo) if grey == "light" else (albedo, light)
+    np.testing.assert_allclose(coloured / coloured.mean(), mean / mean.mean(), rtol=0.001 if grey == "light" else 0.1)
+    np.testing.assert_allclose(neutral / neutral.mean(), 1, rtol=0.1 if grey == "light" else 0.001)
 
 
 # ---- what goes wrong is said -----------------------------------------------------------------------------------------
 
 
-def test_nan_in_an_image_stops_with_step_and_tensor(scene: Scene, record: Record) -> None:
+def test_nan_in_an_image_stops_with_the_view(scene: Scene, record: Record) -> None:
     blind = scene.for_training()
-    spoiled = replace(blind, train=tuple(replace(v, image=np.full_like(v.image, np.nan)) for v in blind.train))
-    with pytest.raises(FloatingPointError, match="^step 0: the gradient of albedo is NaN or Inf in [1-9]"):
+    image = blind.train[2].image.copy()
+    image[5, 6, 1] = np.nan
+    spoiled = replace(blind, train=(*blind.train[:2], replace(blind.train[2], image=image), *blind.train[3:]))
+    with pytest.raises(FloatingPointError, match=f"^training view {blind.train[2].name}: NaN or Inf in 1 values of the image"):
         fit(make_problem(spoiled), NoPrior(), SETTINGS, record)
 
 
