@@ -43,7 +43,7 @@ class DiffusionPrior(LearnedPrior):
         self,
         *,
         weights: str | None = None,
-        steps: int = 10,
+        steps: int = 3,
         eta: float = 0.0,
         cfg_scale: float = 1.0,
         patches: bool | str = "auto",
