@@ -21,8 +21,8 @@ from ia_bench.records import finished_metrics
 from ia_bench.table import Request, Row, Table, jobs_and_threads, load_table, main, make_cells, parse, run_cells
 
 HERE = Path(__file__).parent
-ABLATIONS = [f"spoiled oracle{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
-ROWS = ["ceiling", "none", "oracle", *ABLATIONS]
+ABLATIONS = [f"diffusion, targets{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
+ROWS = ["ceiling", "none", "oracle", "diffusion", *ABLATIONS, "diffusion, distilled", "diffusion, kernel", "regressor"]
 
 
 @pytest.fixture(autouse=True)
@@ -63,20 +63,25 @@ def test_paper_table_has_the_ablations_as_configuration() -> None:
     cells = {cell.row.name: cell.config for cell in cells_of(table, scenes=("hat",))}
     assert cells["ceiling"].method.name == "ceiling"
     assert cells["none"].prior.name == "none"
-    assert cells["spoiled oracle w/o specular"].fit.weights.specular == 0
-    assert cells["spoiled oracle w/o albedo"].fit.weights.albedo == 0
-    assert not cells["spoiled oracle w/o guided"].fit.guided
+    assert cells["diffusion, targets w/o specular"].fit.weights.specular == 0
+    assert cells["diffusion, targets w/o albedo"].fit.weights.albedo == 0
+    assert not cells["diffusion, targets w/o guided"].fit.guided
+    kinds = {name: cell.prior.supervision.kind for name, cell in cells.items() if cell.prior.name in ("diffusion", "regressor")}
+    assert kinds == {
+        "diffusion": "colour", **dict.fromkeys(ABLATIONS, "target"), "diffusion, distilled": "sds",
+        "diffusion, kernel": "similarity", "regressor": "colour",
+    }  # fmt: skip
     assert cells["oracle"].fit == compose(["device=cpu"]).fit
     assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}
 
 
 def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
     cells = cells_of(load_table("paper"), scenes=("ship",), seeds=(3,))
-    (cell,) = [one for one in cells if one.row.name == "spoiled oracle w/o guided"]
+    (cell,) = [one for one in cells if one.row.name == "diffusion, targets w/o guided"]
     again = compose(cell.overrides)
     assert again == cell.config
     assert (again.seed, again.scene.name, again.threads) == (3, "ship", 1)
-    assert str(cell.folder).startswith("results/paper/runs/ship/spoiled-oracle-w-o-guided-seed3-")
+    assert str(cell.folder).startswith("results/paper/runs/ship/diffusion-targets-w-o-guided-seed3-")
 
 
 def test_overrides_go_to_every_cell() -> None:
