@@ -58,10 +58,10 @@ def main() -> None:
         cells = [f"{calls:.0f}", f"{seconds:.3f}", f"{one.mean():.2f}", f"{mean.mean():.2f}", f"{loss.mean():.2f} ± {half:.2f}"]
         print(f"| {steps} | " + " | ".join(cells) + " |")
     if arguments.figure:
-        draw(arguments.figure, rows, image)
+        plot(arguments.figure, rows, image)
 
 
-def draw(path: Path, rows: list[tuple[int, float, float, Tensor, Tensor]], image: float) -> None:
+def plot(path: Path, rows: list[tuple[int, float, float, Tensor, Tensor]], image: float) -> None:
     """Aligned albedo against CPU seconds of one sample, the numbers of steps beside the points."""
     figure = Figure(figsize=(5, 3.4), layout="constrained")
     axes = figure.add_subplot()
