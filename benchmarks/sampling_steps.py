@@ -15,6 +15,7 @@ from pathlib import Path
 
 import torch
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 from torch import Tensor
 
 from ia_bench.checks.single_view import SAMPLES, load_examples
@@ -72,6 +73,9 @@ def plot(path: Path, rows: list[tuple[int, float, float, Tensor, Tensor]], image
         axes.annotate(str(steps), (x, float(mean.mean())), textcoords="offset points", xytext=(0, 5), ha="center")
     axes.axhline(image, color="grey", linestyle=":", label="the image taken as albedo")
     axes.set(xscale="log", xlabel="CPU seconds an image and sample", ylabel="aligned albedo, PSNR (dB)")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend()
     figure.savefig(path, dpi=150)
 
