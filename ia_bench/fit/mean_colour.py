@@ -29,9 +29,10 @@ class MeanColour:
         self._weight = targets.weights["albedo"] * (problem.gbuffer.face >= 0).all(1)[:, None]
         self._free_scale = free_scale
 
-    def mean(self) -> Tensor:
-        """Mean albedo (3,) of all targets; NaN where nothing was asked."""
-        return (self._weight * self._target).sum(0) / self._weight.sum()
+    def mean(self) -> Tensor | None:
+        """Mean albedo (3,) of all targets; None where no pixel that was asked about is filled by the object."""
+        total = self._weight.sum()
+        return (self._weight * self._target).sum(0) / total if float(total) > 0 else None
 
     def loss(self, albedo: Tensor, pixels: Tensor) -> Tensor:
         """The loss of G-buffer entries (B,) whose rendered albedo (B, 3) is given."""

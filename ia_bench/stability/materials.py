@@ -80,7 +80,7 @@ def _mirror() -> Measured:
     roughness = torch.zeros(len(vectors[0]), 1, requires_grad=True)
     value = specular_brdf_cosine(*vectors, roughness)
     (gradient,) = torch.autograd.grad(value.sum(), roughness)
-    return Measured(float(value.abs().max()), finite=all_finite(value, gradient))
+    return Measured(float(value.detach().abs().max()), finite=all_finite(value, gradient))
 
 
 def _below() -> Measured:
@@ -88,7 +88,7 @@ def _below() -> Measured:
     roughness = torch.full((len(normal), 1), 0.5, requires_grad=True)
     value = specular_brdf_cosine(normal, view, incident - 2 * dot(normal, incident) * normal, roughness)
     (gradient,) = torch.autograd.grad(value.sum(), roughness)
-    return Measured(float(value.abs().max()), float(gradient.abs().max()), finite=all_finite(value, gradient))
+    return Measured(float(value.detach().abs().max()), float(gradient.abs().max()), finite=all_finite(value, gradient))
 
 
 def _no_half_vector() -> Measured:
@@ -97,14 +97,14 @@ def _no_half_vector() -> Measured:
     incident = (-view).requires_grad_(True)
     value = specular_brdf_cosine(normal, view, incident, roughness)
     gradients = torch.autograd.grad(value.sum(), (roughness, incident))
-    return Measured(float(value.abs().max()), finite=all_finite(value, *gradients))
+    return Measured(float(value.detach().abs().max()), finite=all_finite(value, *gradients))
 
 
 def _zero_vector() -> Measured:
     vector = torch.zeros(1, 3, requires_grad=True)
     unit = normalize(vector)
     (gradient,) = torch.autograd.grad(unit.sum(), vector)
-    return Measured(float(unit.abs().max()), finite=all_finite(unit, gradient))
+    return Measured(float(unit.detach().abs().max()), finite=all_finite(unit, gradient))
 
 
 def _frames() -> Measured:

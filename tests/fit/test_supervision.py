@@ -232,3 +232,11 @@ def test_mean_colour_counts_only_the_views_asked(problem: Problem, texture: Tens
     full = (problem.gbuffer.face >= 0).all(1) & (asked[:, 0] > 0)
     assert supervision.mean_colour is not None
     torch.testing.assert_close(supervision.mean_colour, pixels[full].mean(0), rtol=1e-4, atol=0)
+
+
+def test_a_mean_colour_of_nothing_is_none(problem: Problem, texture: Tensor) -> None:
+    """No view was asked: the fit then starts as it does without a prior, and nothing pulls."""
+    pixels = seen(problem, texture)
+    supervision = supervise(problem, "scale", Targets({"albedo": pixels}, {"albedo": torch.zeros(len(pixels), 1)}), kind="colour")
+    assert supervision.mean_colour is None
+    assert albedo_loss(supervision, pixels, torch.arange(len(pixels)), texture) == 0
