@@ -29,6 +29,7 @@ NATIVE_READER = "ia_bench.scenes.native:load_scene"
 CHOICES: dict[str, tuple[str, ...]] = {
     "geometry.uv": ("mesh", "xatlas"),
     "render.shadows": ("auto", "traced", "baked", "none"),
+    "render.coat": ("layered", "added"),
     "render.shading": ("auto", "compiled", "eager"),
     "fit.image_loss": ("l1", "squared"),
     "fit.neutral_start": ("light", "albedo"),
@@ -124,6 +125,9 @@ def resolved(config: RunConfig) -> RunConfig:
         value = attrgetter(key)(config)
         if value != "auto" and not (isinstance(value, int) and value > 0):
             raise InputError(f"{key}: expected a positive whole number or auto, found {value}")
+    bounces = config.render.bounces
+    if bounces != "auto" and not (isinstance(bounces, int) and bounces >= 0):
+        raise InputError(f"render.bounces: expected a whole number >= 0 or auto, found {bounces}")
     check_supervision(config.prior.supervision)
     if config.threads is not None and config.threads < 1:
         raise InputError(f"threads: expected at least 1, found {config.threads}")

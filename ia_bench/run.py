@@ -24,8 +24,7 @@ from ia_bench.records import SCHEMA, RunFolder
 from ia_bench.registry import create
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Renderer, choose_shading, texture_images
-from ia_bench.render.visibility import make_visibility
+from ia_bench.render.renderer import choose_shading, make_renderer, texture_images
 from ia_bench.scenes.scene import Scene, View
 from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol
@@ -61,8 +60,16 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
             if isinstance(prior, Patchwise) and prior.patches == "auto":
                 prior.use_patches(plan.patches)
             shading = choose_shading(config.render.shading, progress.note)
-            visibility = make_visibility(plan.shadows, scene.mesh, surface, rays)
-            renderer = Renderer(surface, visibility, shading=shading, notice=progress.note)
+            renderer = make_renderer(
+                scene.mesh,
+                surface,
+                rays,
+                shadows=plan.shadows,
+                bounces=plan.bounces,
+                coat=config.render.coat,
+                shading=shading,
+                notice=progress.note,
+            )
             gbuffer = trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, device)
         if prior.sees_truth:
             views = with_albedo(scene, surface, gbuffer)

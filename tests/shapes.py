@@ -77,3 +77,23 @@ def camera_at(position: tuple[float, float, float], *, pixels: int = 32, field_o
     to_world[:3] = np.column_stack([right, np.cross(backward, right), backward, position])
     focal = 0.5 * pixels / math.tan(math.radians(field_of_view) / 2)
     return Camera(to_world, (focal, focal), (pixels / 2, pixels / 2), pixels, pixels)
+
+
+def bowl(radius: float = 1.0, *, share: float = 0.5, rings: int = 48, segments: int = 96) -> Mesh:
+    """The lowest ``share`` of a sphere around the origin, seen from inside; its UV are an area-preserving disk."""
+    height = np.linspace(0, share, rings + 1)  # of a ring's rim, in diameters above the lowest point
+    angle = np.arange(segments) * (2 * math.pi / segments)
+    z = -1 + 2 * height[1:, None] + np.zeros(segments)
+    across = np.sqrt(1 - z * z)
+    normals = -np.stack([across * np.cos(angle), across * np.sin(angle), z], -1).reshape(-1, 3)
+    disk = np.sqrt(height[1:, None] / share) * np.ones(segments)
+    uv = 0.5 + 0.48 * np.stack([disk * np.cos(angle), disk * np.sin(angle)], -1).reshape(-1, 2)
+    normals, uv = np.vstack([normals, [(0, 0, 1)]]), np.vstack([uv, [(0.5, 0.5)]])
+    lowest, faces = rings * segments, []
+    for i in range(segments):
+        j = (i + 1) % segments
+        faces.append((lowest, i, j))
+        for ring in range(rings - 1):
+            a, b = ring * segments, (ring + 1) * segments
+            faces += [(a + i, b + i, b + j), (a + i, b + j, a + j)]
+    return mesh_of(-radius * normals, np.array(faces), normals=normals, uv=uv)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from shapes import camera_at, disk, plate, sphere, together
+from shapes import bowl, camera_at, disk, plate, sphere, together
 
 from ia_bench.errors import InputError
 from ia_bench.plan import (
@@ -104,6 +104,32 @@ def test_a_rare_shadow_is_a_shadow() -> None:
     mesh = together(plate(0.01), disk(0.05, height=1.5))
     plan = plan_of(mesh, camera_at((0.3, 0.0, 0.05), pixels=16, field_of_view=1.0))
     assert plan.shadows == "traced"
+
+
+# ---------------------------------------------------------------- indirect light
+
+
+def test_a_convex_mesh_needs_no_bounces() -> None:
+    plan = plan_of(sphere(3), camera_at((3.0, 1.0, 1.0)))
+    found = decision(plan, "render.bounces")
+    assert plan.bounces == 0
+    assert found.left_out == "indirect light"
+    assert found.measured is not None
+    assert found.measured["indirect_share"] < 0.001
+
+
+def test_a_hemisphere_needs_bounces() -> None:
+    """Half of the rays from its inside meet it again, each time: with albedo 1/2 the share of bounced light is 1/4.
+
+    Of 20 000 paths the share's standard error is 0.3 %; below 0.5 % are left after three bounces (1/4^4 = 0.4 %).
+    """
+    plan = plan_of(bowl(), camera_at((0.0, 0.0, 4.0)))
+    found = decision(plan, "render.bounces")
+    assert found.measured is not None
+    assert found.measured["indirect_share"] == pytest.approx(0.25, abs=0.012)
+    assert found.measured["share_beyond_one"] == pytest.approx(1 / 16, abs=0.008)
+    assert plan.bounces == 3
+    assert found.left_out == "more than 3 bounces"
 
 
 # ---------------------------------------------------------------- sub-samples
@@ -253,7 +279,7 @@ def test_patches_only_where_a_prior_would_reduce_the_object_too_far(
 
 
 # ---------------------------------------------------------------- the whole
-USERS = {"shadows": "baked", "subsamples": 3, "texture": 96, "light_height": 48}
+USERS = {"shadows": "baked", "bounces": 1, "subsamples": 3, "texture": 96, "light_height": 48}
 
 
 @pytest.mark.parametrize("name", USERS)
@@ -274,13 +300,13 @@ def test_samples_are_passed_on() -> None:
 
 def test_every_decision_is_printed_and_recorded_with_its_measurement() -> None:
     plan = plan_of(plate(FILLING), FROM_ABOVE)
-    whats = ["render.shadows", "render.subsamples", "render.texture", "render.light_height", "prior.patches"]
+    whats = ["render.shadows", "render.bounces", "render.subsamples", "render.texture", "render.light_height", "prior.patches"]
     assert [d.what for d in plan.decisions] == whats
     for line, found in zip(plan.lines(), plan.decisions, strict=True):
         assert line == f"plan: {found.what} = {found.value}: {found.why}"
     record = plan.record()
     assert [entry["what"] for entry in record["needed"]] == whats
-    assert all(entry["measured"] for entry in record["needed"][:4])
+    assert all(entry["measured"] for entry in record["needed"][:5])
     left_out = {entry["what"] for entry in record["left_out"]}
     assert {"shadow rays", "pixel sub-samples", "prior sampling"} <= left_out
 

@@ -3,10 +3,10 @@
     python -m ia_bench.checks.forward hat ship console figurine
 
 For each scene, PSNR (sRGB, inside the mask, mean over images) of our render with the true textures and the true light:
-against the full Cycles renders, which have indirect light that ours has not, and against the direct-only Cycles renders
-of a few test views, which isolate the rest. Every following column takes one cause away or adds it: the difference
-between the BRDFs (measured on the diffuse and the specular part apart, and by letting the coat take its share of the
-diffuse light, as the Principled BSDF does), the pixel footprint (G-buffer points a pixel), and the light's resolution.
+against the full Cycles renders, as a run renders (with indirect light, under a coat that takes its share of the diffuse light)
+and without the one, the other and both; and against the direct-only Cycles renders of a few test views, which isolate the
+rest. Every following column takes one cause away or adds it: the difference between the BRDFs (the coat, and the specular
+part alone), the pixel footprint (G-buffer points a pixel), and the light's resolution.
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ia_bench.config import SceneConfig, resolve_scene_folder
 from ia_bench.errors import InputError
 from ia_bench.light.latlong import resize_light
-from ia_bench.material.brdf import MIN_ROUGHNESS, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
-from ia_bench.material.textures import Material, fetch
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
+from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.textures import Material
+from ia_bench.render.atlas import cache_folder
+from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.indirect import bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays
 from ia_bench.render.renderer import Light, Renderer
 from ia_bench.render.visibility import TracedShadows
@@ -35,7 +36,7 @@ from ia_bench.scores.metrics import encode, psnr
 
 SAMPLES = 1024  # per pixel: noise must not be a cause
 LIGHT_ROWS = (64, 128)
-COAT_GRID = 32
+BOUNCES = 4
 
 
 @dataclass(frozen=True)
@@ -56,17 +57,22 @@ def check_scene(folder: Path, *, samples: int = SAMPLES) -> ForwardCheck:
     full = [view.image for view in views]
     stage = _Stage(scene, samples)
 
-    ours = stage.render(views, side=2)
+    ours = stage.render(views)
+    added = stage.render(views, coat="added")
     gaps = {
-        "full": _psnr(ours["radiance"], full, views),
+        "full": _psnr(stage.render(views, bounces=BOUNCES)["radiance"], full, views),
+        "full, 16 points a pixel": _psnr(stage.render(views, side=4, bounces=BOUNCES)["radiance"], full, views),
+        "full, coat added": _psnr(stage.render(views, coat="added", bounces=BOUNCES)["radiance"], full, views),
+        "full, without indirect light": _psnr(ours["radiance"], full, views),
+        "full, without both": _psnr(added["radiance"], full, views),
         "direct": _psnr(ours["radiance"], reference, views),
-        "direct, coat takes its share": _psnr(ours["coated"], reference, views),
+        "direct, coat added": _psnr(added["radiance"], reference, views),
         "specular part": _psnr(ours["specular"], [_specular(scene, view) for view in views], views),
         "1 point a pixel": _psnr(stage.render(views, side=1)["radiance"], reference, views),
         "16 points a pixel": _psnr(stage.render(views, side=4)["radiance"], reference, views),
     }
     for rows in LIGHT_ROWS:
-        coarse = stage.render(views, side=2, light_rows=rows)
+        coarse = stage.render(views, light_rows=rows)
         gaps[f"light of {rows} rows"] = _psnr(coarse["radiance"], reference, views)
     masks = [view.mask > 0.5 for view in views]
     brightness = [
@@ -87,52 +93,24 @@ class _Stage:
         device = torch.device("cpu")
         self._rays: RayCaster = make_rays(scene.mesh, device)
         self._surface = SurfaceInterpolator(scene.mesh, device)
-        shadows = TracedShadows(self._rays, self._surface.offset)
-        self._renderer = Renderer(self._surface, shadows, shading="eager")
+        self._shadows = TracedShadows(self._rays, self._surface.offset)
+        self._bounced = bake_interreflection(scene.mesh, self._surface, self._rays, BOUNCES, cache_folder())
         self._light = scene.truth.lights["train"]
         rough = torch.from_numpy(roughness)[..., None].clamp(MIN_ROUGHNESS, 1)
         self._material = Material(torch.from_numpy(albedo).float(), rough)
         self._samples = samples
-        self._coat = coat_reflectance(COAT_GRID)
 
-    def render(self, views: list[View], *, side: int, light_rows: int | None = None) -> dict[str, np.ndarray]:
-        """Images (V, H, W, 3) of "radiance", "specular", and "coated" (diffuse light less what the coat reflects)."""
+    def render(
+        self, views: list[View], *, side: int = 2, light_rows: int | None = None, coat: str = "layered", bounces: int = 0
+    ) -> dict[str, np.ndarray]:
+        """Images (V, H, W, 3) of "radiance" and its parts; ``bounces``: none or those of :data:`BOUNCES`."""
         gbuffer = trace_gbuffer([view.camera for view in views], self._rays, side, torch.device("cpu"))
         radiance = self._light if light_rows is None else resize_light(self._light, light_rows)
+        renderer = Renderer(self._surface, self._shadows, interreflection=self._bounced if bounces else None, coat=coat)
         generator = torch.Generator().manual_seed(0)
         light = Light.of(torch.from_numpy(radiance))
-        images = self._renderer.render_images(gbuffer, self._material, light, self._samples, generator)
-        passed = 1 - self._coat_image(gbuffer)
-        coated = images["diffuse"] * passed[..., None] + images["specular"]
-        return {name: image.numpy() for name, image in {**images, "coated": coated}.items()}
-
-    def _coat_image(self, gbuffer: GBuffer) -> Tensor:
-        """Share of light that the coat reflects toward the camera, averaged over each pixel's points: (V, H, W)."""
-        hit = gbuffer.face >= 0
-        camera = gbuffer.origin[gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])][:, None].expand(*hit.shape, 3)
-        points = self._surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit])
-        roughness = fetch(self._material.roughness, points.uv)[..., 0]
-        cosine = (points.normal * points.view).sum(-1)
-        cell = [(values * COAT_GRID).long().clamp(0, COAT_GRID - 1) for values in (roughness, cosine)]
-        share = torch.zeros(hit.shape)
-        share[hit] = self._coat[cell[0], cell[1]]
-        image = torch.zeros(gbuffer.shape).flatten()
-        image[gbuffer.pixel] = share.sum(1) / hit.sum(1).clamp_min(1)
-        return image.reshape(gbuffer.shape)
-
-
-def coat_reflectance(size: int, samples: int = 4096) -> Tensor:
-    """Directional albedo of the specular lobe on a (roughness, cosine) grid of cell centres in [0, 1]: (size, size)."""
-    centres = (torch.arange(size) + 0.5) / size
-    roughness, cosine = (grid[..., None, None] for grid in torch.meshgrid(centres, centres, indexing="ij"))
-    normal = torch.tensor([0.0, 0.0, 1.0]).expand(size, size, samples, 3)
-    view = torch.cat([torch.sqrt(1 - cosine * cosine), torch.zeros_like(cosine), cosine], -1).expand(normal.shape)
-    u = torch.rand(size, size, samples, 2, generator=torch.Generator().manual_seed(0))
-    rough = roughness.clamp_min(MIN_ROUGHNESS).expand(size, size, samples, 1)
-    incident = sample_visible_ggx(normal, view, rough, u)
-    density = visible_ggx_pdf(normal, view, incident, rough)
-    value = specular_brdf_cosine(normal, view, incident, rough) / density.clamp_min(1e-12)
-    return torch.where(density > 0, value, torch.zeros_like(value)).mean(2)[..., 0]
+        images = renderer.render_images(gbuffer, self._material, light, self._samples, generator)
+        return {name: image.numpy() for name, image in images.items()}
 
 
 def _specular(scene: Scene, view: View) -> np.ndarray:

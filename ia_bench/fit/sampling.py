@@ -16,7 +16,7 @@ from ia_bench.fit.problem import Problem
 from ia_bench.fit.sample_cache import SampleCache, StoredSample, content_key
 from ia_bench.fit.views import evenly_spread
 from ia_bench.priors.contract import Bounded, Distiller, Fingerprinted, GeometryReader, Prior
-from ia_bench.render.visibility import cache_folder
+from ia_bench.render.atlas import cache_folder
 
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
 

@@ -18,7 +18,8 @@ class SurfacePoints:
     """Points on the surface as seen by a camera, (N, ...) each.
 
     ``position``; unit ``normal`` (shading normal, on the viewer's side); unit ``view`` toward the camera; ``uv``;
-    ``geometric``, the triangle's unit normal, on the viewer's side.
+    ``geometric``, the triangle's unit normal, on the viewer's side; ``front`` (N, 1) bool, whether the viewer is on the side
+    from which the triangle is wound counter-clockwise.
     """
 
     position: Tensor
@@ -26,6 +27,7 @@ class SurfacePoints:
     view: Tensor
     uv: Tensor
     geometric: Tensor
+    front: Tensor
 
 
 @dataclass(frozen=True)
@@ -139,11 +141,12 @@ class SurfaceInterpolator:
         position, normal, uv = (self._corners[face] * weights).sum(1).split([3, 3, 2], -1)
         view = normalize(camera_centre - position)
         geometric = self._geometric[face]
-        side = torch.where(dot(geometric, view) < 0, -1.0, 1.0)
+        front = dot(geometric, view) >= 0
+        side = torch.where(front, 1.0, -1.0)
         geometric, normal = geometric * side, normalize(normal) * side
         cosine = dot(normal, view)
         bent = cosine < MIN_COSINE
         self.bent_normals += int((bent & hit).sum())
         self.points += int(hit.sum())
         normal = torch.where(bent, normalize(normal + (10 * MIN_COSINE - cosine) * view), normal)
-        return SurfacePoints(position=position, normal=normal, view=view, uv=uv, geometric=geometric)
+        return SurfacePoints(position=position, normal=normal, view=view, uv=uv, geometric=geometric, front=front)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import warnings
 from collections.abc import Callable
@@ -12,10 +13,16 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import LatLongSampler
+from ia_bench.material.brdf import dot
+from ia_bench.material.coat import passed_by_coat
 from ia_bench.material.textures import Material, fetch
+from ia_bench.render.atlas import cache_folder
 from ia_bench.render.estimator import lattice, sample_directions, shade_directions
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
-from ia_bench.render.visibility import Visibility
+from ia_bench.render.indirect import IndirectLight, Interreflection, bake_interreflection
+from ia_bench.render.rays import RayCaster
+from ia_bench.render.visibility import Visibility, make_visibility
+from ia_bench.scenes.scene import Mesh
 
 CHUNK = 4096  # pixels at a time where no gradient is needed ...
 PASS_SAMPLES = 32  # ... with this many samples, repeated as often as needed: one shape, so that it compiles once
@@ -49,18 +56,27 @@ class PixelRadiance:
 
 
 class Renderer:
-    """One mesh and its shadows. ``shading`` is "compiled" or "eager"; a compiler that fails falls back to eager once."""
+    """One mesh, its shadows and, where ``interreflection`` is given, the light that it throws onto itself.
+
+    ``coat``: "added", the paper's sum of a diffuse and a specular lobe, or "layered": the specular lobe lies above the
+    diffuse one, which is left what it does not reflect. ``shading`` is "compiled" or "eager"; a compiler that fails falls
+    back to eager once.
+    """
 
     def __init__(
         self,
         surface: SurfaceInterpolator,
         visibility: Visibility,
         *,
+        interreflection: Interreflection | None = None,
+        coat: str = "added",
         shading: str = "eager",
         notice: Callable[[str], None] = warnings.warn,
     ) -> None:
         self.surface = surface
         self.visibility = visibility
+        self.interreflection = interreflection
+        self.coat = coat
         self._notice = notice
         self._sample: Callable[..., Any] = sample_directions
         self._shade: Callable[..., Any] = shade_directions
@@ -80,6 +96,21 @@ class Renderer:
         Every point of a pixel takes as many, at least two, so ``samples`` is rounded to a multiple of twice the points. An
         entry of -1 is none: it is black, and no ray is spent on it.
         """
+        return self._render(gbuffer, pixels, material, light, self._bounce(material, light), samples, generator)
+
+    def _bounce(self, material: Material, light: Light) -> IndirectLight | None:
+        return None if self.interreflection is None else self.interreflection.solve(material.albedo, light.radiance)
+
+    def _render(
+        self,
+        gbuffer: GBuffer,
+        pixels: Tensor,
+        material: Material,
+        light: Light,
+        indirect: IndirectLight | None,
+        samples: int,
+        generator: torch.Generator,
+    ) -> PixelRadiance:
         points = gbuffer.subsamples
         count = max(1, round(samples / (2 * points)))
         face, barycentric = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1), gbuffer.barycentric[pixels]
@@ -102,7 +133,7 @@ class Renderer:
                 brdf_lattice,
                 light.sampler,
             )
-            weight = weight * self._visible(surface, direction, weight, hit)
+            visible, blocked = self._visible(surface, direction, weight, hit)
         diffuse, specular, albedo = self._run(
             "_shade",
             surface.normal,
@@ -110,22 +141,30 @@ class Renderer:
             surface.uv,
             direction,
             texel,
-            weight,
+            weight * visible,
             material.albedo,
             material.roughness,
             light.radiance.reshape(-1, 3),
         )
+        if indirect is not None:
+            assert self.interreflection is not None
+            diffuse = diffuse + albedo * self.interreflection.arriving(indirect, surface) / math.pi
+            mirrored = blocked[blocked % (2 * count) >= count]  # of a point's directions the second half follows the BRDF
+            index, toward = mirrored // (2 * count), direction.reshape(-1, 3)[mirrored]
+            specular = specular + self.interreflection.mirrored(indirect, surface, index, toward, material, count)
+        if self.coat == "layered":
+            diffuse = diffuse * passed_by_coat(fetch(material.roughness, surface.uv), dot(surface.normal, surface.view))
         pool = hit.reshape(-1, points, 1) / points
         return PixelRadiance(*((part.reshape(-1, points, 3) * pool).sum(1) for part in (diffuse, specular, albedo)))
 
-    def _visible(self, surface: SurfacePoints, direction: Tensor, weight: Tensor, hit: Tensor) -> Tensor:
-        """1 where a sample that counts sees the light, else 0: (N, K, 1)."""
+    def _visible(self, surface: SurfacePoints, direction: Tensor, weight: Tensor, hit: Tensor) -> tuple[Tensor, Tensor]:
+        """Which samples that count see the light, 1 or 0: (N, K, 1); and the flat indices (M,) of those that do not."""
         counts = (weight[..., 0] > 0) & hit[:, None]
         index = torch.nonzero(counts.reshape(-1))[:, 0]
         blocked = self.visibility.blocked(surface, index // direction.shape[1], direction.reshape(-1, 3)[index])
         visible = torch.zeros(counts.numel(), dtype=direction.dtype, device=direction.device)
         visible[index] = (~blocked).to(direction.dtype)
-        return visible.reshape(*counts.shape, 1)
+        return visible.reshape(*counts.shape, 1), index[blocked]
 
     def _run(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 (two functions of different signatures)
         if self.shading != "compiled":
@@ -154,14 +193,32 @@ class Renderer:
         images = {name: torch.zeros(*gbuffer.shape, 3, device=gbuffer.face.device).reshape(-1, 3) for name in parts}
         every = torch.arange(len(gbuffer.pixel), device=gbuffer.face.device)
         passes = -(-samples // PASS_SAMPLES)
+        indirect = self._bounce(material, light)
         for chunk in every.split(CHUNK) if len(every) else ():
             padded = torch.cat([chunk, chunk.new_full((CHUNK - len(chunk),), -1)])
             for _ in range(passes):
-                rendered = self.render_pixels(gbuffer, padded, material, light, round(samples / passes), generator)
+                rendered = self._render(gbuffer, padded, material, light, indirect, round(samples / passes), generator)
                 for name in parts:
                     images[name][gbuffer.pixel[chunk]] += getattr(rendered, name)[: len(chunk)] / passes
         images["radiance"] = images["diffuse"] + images["specular"]
         return {name: image.reshape(*gbuffer.shape, 3) for name, image in images.items()}
+
+
+def make_renderer(
+    mesh: Mesh,
+    surface: SurfaceInterpolator,
+    rays: RayCaster,
+    *,
+    shadows: str,
+    bounces: int,
+    coat: str,
+    shading: str = "eager",
+    notice: Callable[[str], None] = warnings.warn,
+) -> Renderer:
+    """The renderer that a plan describes; what it bakes is kept in the cache. Raises InputError as the parts do."""
+    visibility = make_visibility(shadows, mesh, surface, rays)
+    bounced = bake_interreflection(mesh, surface, rays, bounces, cache_folder()) if bounces else None
+    return Renderer(surface, visibility, interreflection=bounced, coat=coat, shading=shading, notice=notice)
 
 
 def texture_images(surface: SurfaceInterpolator, gbuffer: GBuffer, texture: Tensor) -> Tensor:

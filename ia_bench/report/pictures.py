@@ -23,8 +23,7 @@ from ia_bench.material.textures import Material
 from ia_bench.records import CONFIG, METRICS
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
-from ia_bench.render.renderer import Light, Renderer, texture_images
-from ia_bench.render.visibility import TracedShadows
+from ia_bench.render.renderer import Light, make_renderer, texture_images
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.native import load_scene
@@ -39,12 +38,17 @@ COLUMNS = ("photograph", "our render", "true albedo", "recovered", "true roughne
 
 @dataclass(frozen=True)
 class Recovered:
-    """A run's maps as tensors, and the words for its title; ``scale`` aligned the albedo in its scores."""
+    """A run's maps as tensors, and the words for its title; ``scale`` aligned the albedo in its scores.
+
+    ``bounces`` and ``coat``: how it rendered them.
+    """
 
     material: Material
     light: torch.Tensor
     scale: float
     title: str
+    bounces: int
+    coat: str
 
 
 def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, views: int = 3) -> None:
@@ -82,7 +86,9 @@ def _read_run(folder: Path) -> tuple[Recovered, str]:
     shown = [f"{key.replace('_', ' ')} {value:.1f} dB" for key, value in values.items() if value is not None]
     title = ", ".join([f"{metrics['row']}, scene {metrics['scene']}, seed {metrics['seed']}", *shown])
     material = Material(torch.from_numpy(albedo), torch.from_numpy(roughness))
-    return Recovered(material, light, float(np.mean(scales)), title), config["config"]["geometry"]["uv"]
+    bounces = next((entry["value"] for entry in metrics["plan"]["needed"] if entry["what"] == "render.bounces"), 0)
+    coat = config["config"]["render"].get("coat", "added")  # runs that knew neither had direct light and the paper's sum
+    return Recovered(material, light, float(np.mean(scales)), title, bounces, coat), config["config"]["geometry"]["uv"]
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -97,7 +103,9 @@ def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[lis
     """Pictures (H, W, 3) in [0, 1], one list per view in the order of COLUMNS."""
     surface, rays = SurfaceInterpolator(scene.mesh, torch.device("cpu")), EmbreeRays(scene.mesh)
     gbuffer = trace_gbuffer([view.camera for view in views], rays, SIDE, torch.device("cpu"))
-    renderer = Renderer(surface, TracedShadows(rays, surface.offset))
+    renderer = make_renderer(
+        scene.mesh, surface, rays, shadows="traced", bounces=recovered.bounces, coat=recovered.coat
+    )
     generator = torch.Generator().manual_seed(0)
     images = renderer.render_images(gbuffer, recovered.material, Light.of(recovered.light), SAMPLES, generator)
     rendered = images["radiance"].numpy()

@@ -7,13 +7,13 @@ is bounded in dB of sRGB, peak 1, noise of 256 samples a pixel included.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from shapes import camera_at, plate, sphere
+from shapes import bowl, camera_at, plate, sphere
 
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.textures import Material
@@ -21,9 +21,8 @@ from ia_bench.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Plan, make_plan
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Light, Renderer
+from ia_bench.render.renderer import Light, make_renderer
 from ia_bench.render.settings import RenderSettings
-from ia_bench.render.visibility import make_visibility
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View
 
@@ -52,10 +51,18 @@ def plan_of(mesh: Mesh, cameras: list[Camera]) -> Plan:
 
 
 def render(
-    mesh: Mesh, cameras: list[Camera], material: Material, radiance: torch.Tensor, *, side: int, shadows: str, seed: int = 0
+    mesh: Mesh,
+    cameras: list[Camera],
+    material: Material,
+    radiance: torch.Tensor,
+    *,
+    side: int,
+    shadows: str,
+    bounces: int = 0,
+    seed: int = 0,
 ) -> Rendered:
     surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
-    renderer = Renderer(surface, make_visibility(shadows, mesh, surface, rays))
+    renderer = make_renderer(mesh, surface, rays, shadows=shadows, bounces=bounces, coat="layered")
     gbuffer = trace_gbuffer(cameras, rays, side, CPU)
     light, generator = Light.of(radiance), torch.Generator().manual_seed(seed)
     started = time.perf_counter()
@@ -108,6 +115,26 @@ def test_no_shadow_rays_on_a_convex_mesh_change_nothing(smooth: bool) -> None:
     assert quality > 45
     if not smooth:
         np.testing.assert_array_equal(less.picture, more.picture)
+
+
+def test_no_indirect_light_where_little_bounces(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A shallow dish, which sees 0.8 % of itself: against a picture with all bounces and the errors of a fit to 33 dB, leaving
+    them out costs less than 0.1 dB. A deep one, where the plan keeps them, would lose more than 3.
+    """
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+    costs = {}
+    for share in (0.008, 0.5):
+        mesh, cameras = bowl(share=share), [camera_at((0.0, 0.0, 4.0), pixels=48, field_of_view=20.0)]
+        plan = plan_of(mesh, cameras)
+        less, more = (render(mesh, cameras, material(), soft_light(16), side=2, shadows="traced", bounces=b) for b in (0, 6))
+        report(f"indirect light of a dish, plan: {plan.bounces} bounces", less, more, decibels(less, more))
+        errors = np.random.default_rng(0).normal(0, 10 ** (-33 / 20), more.picture.shape)
+        taken = replace(more, picture=more.picture + errors)
+        costs[share] = decibels(more, taken) - decibels(less, taken), plan.bounces
+    assert costs[0.008][1] == 0
+    assert costs[0.008][0] < 0.1
+    assert costs[0.5][1] > 0
+    assert costs[0.5][0] > 3
 
 
 def test_one_point_a_pixel_where_nothing_varies_inside_it() -> None:

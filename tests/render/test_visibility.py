@@ -14,8 +14,9 @@ from stage import Stage
 from ia_bench.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.render import visibility
+from ia_bench.render.atlas import cache_folder
 from ia_bench.render.renderer import Light
-from ia_bench.render.visibility import BakedShadows, NoShadows, TracedShadows, bake, cache_folder, make_visibility
+from ia_bench.render.visibility import BakedShadows, NoShadows, TracedShadows, bake, make_visibility
 
 
 @pytest.fixture

@@ -1,0 +1,40 @@
+"""What the specular lobe reflects in all, and so keeps from the diffuse one below it."""
+
+from __future__ import annotations
+
+import functools
+
+import torch
+from torch import Tensor
+
+from ia_bench.material.brdf import MIN_ROUGHNESS, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
+
+GRID = 32
+SAMPLES = 1024
+
+
+@functools.cache
+def coat_reflectance(size: int = GRID, samples: int = SAMPLES) -> Tensor:
+    """Directional albedo of the specular lobe on a (roughness, cosine) grid of cell centres in [0, 1]: (size, size)."""
+    centres = (torch.arange(size) + 0.5) / size
+    roughness, cosine = (grid[..., None, None] for grid in torch.meshgrid(centres, centres, indexing="ij"))
+    normal = torch.tensor([0.0, 0.0, 1.0]).expand(size, size, samples, 3)
+    view = torch.cat([torch.sqrt(1 - cosine * cosine), torch.zeros_like(cosine), cosine], -1).expand(normal.shape)
+    u = torch.rand(size, size, samples, 2, generator=torch.Generator().manual_seed(0))
+    rough = roughness.clamp_min(MIN_ROUGHNESS).expand(size, size, samples, 1)
+    incident = sample_visible_ggx(normal, view, rough, u)
+    density = visible_ggx_pdf(normal, view, incident, rough)
+    value = specular_brdf_cosine(normal, view, incident, rough) / density.clamp_min(1e-12)
+    return torch.where(density > 0, value, torch.zeros_like(value)).mean(2)[..., 0]
+
+
+def passed_by_coat(roughness: Tensor, cosine: Tensor) -> Tensor:
+    """Share of light that the coat leaves to the diffuse lobe, (N, 1), for roughness (N, 1) and cosine to the viewer (N, 1).
+
+    One minus the directional albedo toward the viewer, as the Principled BSDF of Blender has it (Burley 2015 without
+    its diffuse retro-reflection). Differentiable in the roughness.
+    """
+    table = coat_reflectance().to(roughness.device)
+    place = torch.cat([2 * cosine - 1, 2 * roughness - 1], -1)[None, None]
+    found = torch.nn.functional.grid_sample(table[None, None], place, padding_mode="border", align_corners=False)
+    return 1 - found[0, 0, 0][:, None]

@@ -1,0 +1,203 @@
+"""Light that the object throws onto itself: radiosity between the texels of its atlas, baked once per mesh.
+
+Diffuse interreflection is linear in the light and in the radiance that leaves the surface: with ``S`` the irradiance of a
+texel per unit radiance of the sky's cells, and ``X`` that per unit radiance of the other texels,
+
+    E_direct = S L,    E_indirect = X (albedo / pi) (E_direct + E_indirect)
+
+(the radiosity equation; Goral et al. 1984). ``S`` and ``X`` are traced once along stratified directions from every texel; the
+equation is solved anew, by one Jacobi iteration a bounce, whenever albedo or light have changed, and is differentiable in
+both. What it leaves out: light that reaches a surface by a mirror reflection of another one, and the backs of open sheets,
+which neither send nor receive indirect light.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.light.latlong import row_solid_angles, texel_to_direction
+from ia_bench.material.brdf import dot, specular_brdf_cosine, visible_ggx_pdf
+from ia_bench.material.textures import Material, fetch
+from ia_bench.render.atlas import Atlas, kept_bake
+from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
+from ia_bench.render.rays import RayCaster
+from ia_bench.scenes.scene import Mesh
+
+ATLAS_SIZE = 128  # texels along a side of the atlas between whose texels light is exchanged
+SKY_ROWS = 16  # rows of the lat-long grid of directions; twice as many columns
+BAKE_CHUNK = 1024  # texels traced at once
+BURIED = 0.3  # a texel that sees more backs of triangles than this (cosine-weighted) lies inside the object
+
+
+@dataclass(frozen=True)
+class IndirectLight:
+    """Irradiance of the N texels of the atlas, each (N, 3): ``indirect``, from the object itself, and ``total``."""
+
+    indirect: Tensor
+    total: Tensor
+
+
+@dataclass(frozen=True)
+class Operator:
+    """A fixed sparse matrix (rows, columns) beside its transpose, both by rows: the gradient needs the latter as often."""
+
+    matrix: Tensor
+    transpose: Tensor
+
+    @classmethod
+    def of(cls, matrix: Tensor) -> Operator:
+        """From a dense matrix or a sparse one of coordinates."""
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta state", category=UserWarning)
+            return cls(matrix.to_sparse_csr(), matrix.t().to_sparse_csr())
+
+    def apply(self, values: Tensor) -> Tensor:
+        """The matrix times (columns, 3) values: (rows, 3). Differentiable in the values."""
+        product: Tensor = _Product.apply(values, self.matrix, self.transpose)
+        return product
+
+
+class Interreflection:
+    """The baked operators of one mesh, for ``bounces`` >= 1 reflections between light and the point that is seen."""
+
+    def __init__(
+        self,
+        atlas: Atlas,
+        sky: Operator,
+        exchange: Operator,
+        surface: SurfaceInterpolator,
+        rays: RayCaster,
+        bounces: int,
+    ) -> None:
+        """``sky`` is S, (N, cells), and ``exchange`` X, (N, N); :func:`bake_interreflection` makes them."""
+        self.atlas, self.bounces = atlas, bounces
+        self._sky, self._exchange = sky, exchange
+        self._surface, self._rays = surface, rays
+        self._uv = surface.uv(atlas.face, atlas.barycentric)
+
+    def solve(self, albedo: Tensor, radiance: Tensor) -> IndirectLight:
+        """Irradiance under a light ``radiance`` (H, W, 3) with ``albedo`` (T, T, 3); differentiable in both."""
+        direct = self._sky.apply(_cells(radiance))
+        reflectance = fetch(albedo, self._uv) / math.pi
+        indirect = torch.zeros_like(direct)
+        for _ in range(self.bounces):
+            indirect = self._exchange.apply(reflectance * (direct + indirect))
+        return IndirectLight(indirect, direct + indirect)
+
+    def arriving(self, light: IndirectLight, points: SurfacePoints) -> Tensor:
+        """Indirect irradiance (N, 3) of surface points."""
+        return self.atlas.interpolate(light.indirect, points.uv) * points.front
+
+    def mirrored(
+        self,
+        light: IndirectLight,
+        points: SurfacePoints,
+        index: Tensor,
+        direction: Tensor,
+        material: Material,
+        count: int,
+    ) -> Tensor:
+        """Specular radiance (N, 3) of N points that the object itself sends along directions in which it is in the way.
+
+        ``direction`` (M, 3), drawn from the visible GGX normals of points ``index`` (M,), ``count`` for every point.
+        """
+        origin = points.position[index] + self._surface.offset * points.geometric[index]
+        face, barycentric, _ = self._rays.intersect(origin, direction)
+        geometric, _ = self._surface.geometry(face.clamp_min(0), barycentric)
+        lit = (face >= 0) & (dot(geometric, direction)[:, 0] < 0)
+        index, direction, face, barycentric = index[lit], direction[lit], face[lit], barycentric[lit]
+        uv = self._surface.uv(face, barycentric)
+        sent = fetch(material.albedo, uv) * light.total[self.atlas.nearest(uv)] / math.pi
+        normal, view = points.normal[index], points.view[index]
+        roughness = fetch(material.roughness, points.uv[index])
+        density = visible_ggx_pdf(normal, view, direction, roughness.detach())
+        reflected = specular_brdf_cosine(normal, view, direction, roughness) / (count * density.clamp_min(1e-12))
+        return torch.zeros_like(points.normal).index_add(0, index, sent * reflected)
+
+
+class _Product(torch.autograd.Function):
+    """A sparse matrix times a dense one; the gradient is the transpose times its own."""
+
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, matrix: Tensor, transpose: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
+        ctx.save_for_backward(transpose)
+        return matrix @ values
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401 (torch's context)
+        (transpose,) = ctx.saved_tensors
+        return transpose @ gradients[0].contiguous(), None, None
+
+
+def _cells(radiance: Tensor) -> Tensor:
+    """Mean radiance of each of the sky's cells, weighted by solid angle: (H, W, 3) -> (cells, 3)."""
+    height, width, _ = radiance.shape
+    weight = row_solid_angles(height, width).to(radiance)[:, None].expand(height, width)
+    grid = (SKY_ROWS, 2 * SKY_ROWS)
+    power = torch.nn.functional.adaptive_avg_pool2d((radiance * weight[..., None]).permute(2, 0, 1), grid)
+    return (power / torch.nn.functional.adaptive_avg_pool2d(weight[None], grid)).permute(1, 2, 0).reshape(-1, 3)
+
+
+def bake_interreflection(mesh: Mesh, surface: SurfaceInterpolator, rays: RayCaster, bounces: int, cache: Path) -> Interreflection:
+    """Trace the operators of a mesh, or read them from the cache. Raises InputError where the mesh has no atlas to speak of."""
+    atlas = Atlas.of(mesh, ATLAS_SIZE, surface.device)
+    if len(atlas.face) == 0:
+        raise InputError(
+            f"render.bounces={bounces}: expected texture coordinates that cover a part of the texture, found none of "
+            f"{ATLAS_SIZE} x {ATLAS_SIZE} texels on a triangle; geometry.uv=xatlas makes some"
+        )
+    arrays = kept_bake("interreflection", mesh, (ATLAS_SIZE, SKY_ROWS), cache, lambda: _trace(atlas, surface, rays))
+    to_texel, from_texel, share = (torch.from_numpy(arrays[name]) for name in ("to_texel", "from_texel", "share"))
+    size = (len(atlas.face), len(atlas.face))
+    exchange = torch.sparse_coo_tensor(torch.stack([to_texel, from_texel]).long(), share, size, check_invariants=True)
+    sky = Operator.of(torch.from_numpy(arrays["sky"]).to(surface.device).float())
+    seen = atlas.keeping(torch.from_numpy(~arrays["buried"]))
+    return Interreflection(seen, sky, Operator.of(exchange.to(surface.device).coalesce()), surface, rays, bounces)
+
+
+def _trace(atlas: Atlas, surface: SurfaceInterpolator, rays: RayCaster) -> dict[str, np.ndarray]:
+    """``sky`` (N, cells) float16, X as ``share`` (E,) float32 of pairs ``to_texel``, ``from_texel``, and ``buried`` (N,) bool.
+
+    One direction in each cell above the triangle, weighted by cosine and solid angle; the weights of a texel sum to pi.
+    """
+    device, count = surface.device, len(atlas.face)
+    cells = torch.arange(2 * SKY_ROWS * SKY_ROWS)
+    solid_angle = row_solid_angles(SKY_ROWS, 2 * SKY_ROWS).float().repeat_interleave(2 * SKY_ROWS).to(device)
+    generator = torch.Generator().manual_seed(0)
+    sky = torch.zeros(count, len(cells), device=device)
+    backs = torch.zeros(count, device=device)
+    pairs: list[tuple[Tensor, Tensor, Tensor]] = []  # texel, weight, and where the ray ended, of rays that ended on a front
+    for texel in torch.arange(count, device=device).split(BAKE_CHUNK):
+        normal, position = surface.geometry(atlas.face[texel], atlas.barycentric[texel])
+        down, across = torch.rand(2, len(texel), len(cells), generator=generator)
+        direction = texel_to_direction(cells.expand(len(texel), -1), down, across, SKY_ROWS, 2 * SKY_ROWS).to(device)
+        weight = dot(normal[:, None], direction)[..., 0].clamp_min(0) * solid_angle
+        weight *= math.pi / weight.sum(1, keepdim=True).clamp_min(1e-12)
+        which, cell = torch.nonzero(weight, as_tuple=True)
+        direction, weight = direction[which, cell], weight[which, cell]
+        face, barycentric, _ = rays.intersect((position + surface.offset * normal)[which], direction)
+        missed = face < 0
+        sky[texel[which[missed]], cell[missed]] = weight[missed]
+        front = ~missed & (dot(surface.geometry(face.clamp_min(0), barycentric)[0], direction)[:, 0] < 0)
+        backs.index_add_(0, texel[which], weight * (~missed & ~front))
+        pairs.append((texel[which[front]], weight[front], surface.uv(face[front], barycentric[front])))
+    buried = backs > BURIED * math.pi
+    to_texel, share, uv = (torch.cat(parts) for parts in zip(*pairs, strict=True))
+    from_texel = atlas.keeping(~buried).nearest(uv)
+    matrix = torch.sparse_coo_tensor(torch.stack([to_texel, from_texel]), share, (count, count), check_invariants=True).coalesce()
+    return {
+        "sky": sky.half().cpu().numpy(),
+        "to_texel": matrix.indices()[0].int().cpu().numpy(),
+        "from_texel": matrix.indices()[1].int().cpu().numpy(),
+        "share": matrix.values().cpu().numpy(),
+        "buried": buried.cpu().numpy(),
+    }

@@ -1,0 +1,29 @@
+"""What the specular lobe reflects in all, and what it leaves to the diffuse one."""
+
+import pytest
+import torch
+
+from ia_bench.material.coat import coat_reflectance, passed_by_coat
+
+
+def test_coat_reflects_a_little_head_on_and_much_at_grazing() -> None:
+    share = coat_reflectance(16, samples=512)
+    assert (share >= 0).all()
+    assert (share <= 1).all()
+    smooth = share[2]  # roughness 0.16
+    assert float(smooth[-1]) == pytest.approx(0.04, abs=0.01)  # normal incidence: F0
+    assert float(smooth[0]) > 0.3  # grazing
+
+
+def test_coat_table_between_its_cells() -> None:
+    """Interpolated at the centres of the table's cells it is the table; its slope in the roughness is that of differences."""
+    table = coat_reflectance()
+    size = len(table)
+    centre = (torch.arange(size) + 0.5) / size
+    roughness, cosine = (grid.reshape(-1, 1) for grid in torch.meshgrid(centre, centre, indexing="ij"))
+    torch.testing.assert_close(passed_by_coat(roughness, cosine), 1 - table.reshape(-1, 1), atol=1e-5, rtol=0)
+    inside = torch.tensor([[0.33], [0.71]], requires_grad=True)
+    (slope,) = torch.autograd.grad(passed_by_coat(inside, torch.tensor([[0.4], [0.9]])).sum(), inside)
+    step = 1e-3
+    differences = [passed_by_coat(inside.detach() + s, torch.tensor([[0.4], [0.9]])) for s in (step, -step)]
+    torch.testing.assert_close(slope, (differences[0] - differences[1]) / (2 * step), atol=1e-3, rtol=0.02)

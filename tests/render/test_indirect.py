@@ -1,0 +1,218 @@
+"""Light that the object throws onto itself: in a hemisphere, where radiosity has a closed form, and against path tracing.
+
+A point inside a spherical bowl sees the bowl's own wall with the same cosine-weighted share everywhere, which is the wall's
+part of the sphere: one half for a hemisphere. Under light 1 from everywhere the irradiance after n bounces is therefore
+pi/2 (1 + rho/2 + ... + (rho/2)^n) at every point of it.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from shapes import bowl, camera_at, mesh_of, plate, sphere, together
+from stage import Stage
+
+from ia_bench.errors import InputError
+from ia_bench.material.brdf import normalize
+from ia_bench.material.textures import Material, fetch
+from ia_bench.render import atlas, indirect
+from ia_bench.render.atlas import Atlas
+from ia_bench.render.indirect import Interreflection, Operator, bake_interreflection
+from ia_bench.render.renderer import Light, PixelRadiance, Renderer
+from ia_bench.render.visibility import NoShadows, TracedShadows
+
+WHITE = torch.ones(16, 32, 3)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One folder for all, so that a mesh is traced once."""
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def bowl_stage() -> Stage:
+    return Stage.of(bowl(), [camera_at((0.0, 0.0, 4.0), pixels=24, field_of_view=24.0)])
+
+
+def flat(albedo: float, roughness: float = 0.5) -> Material:
+    return Material(torch.full((4, 4, 3), albedo), torch.full((4, 4, 1), roughness))
+
+
+def render(stage: Stage, material: Material, bounces: int, cache: Path, *, samples: int = 256) -> PixelRadiance:
+    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache)
+    renderer = Renderer(stage.surface, TracedShadows(stage.rays, stage.surface.offset), interreflection=bounced)
+    generator = torch.Generator().manual_seed(0)
+    pixels = torch.arange(len(stage.gbuffer.pixel))
+    return renderer.render_pixels(stage.gbuffer, pixels, material, Light.of(WHITE), samples, generator)
+
+
+@pytest.mark.parametrize("bounces", [1, 2, 5])
+def test_a_hemisphere_has_its_closed_form(bowl_stage: Stage, bounces: int, cache: Path) -> None:
+    """0.5 % in the mean (noise of 256 samples and of the bake's directions), 3 % RMS over pixels."""
+    rho = 0.8
+    rendered = render(bowl_stage, flat(rho), bounces, cache).diffuse
+    wanted = 0.5 * rho * sum((0.5 * rho) ** n for n in range(bounces + 1))
+    assert float(rendered.mean()) == pytest.approx(wanted, rel=5e-3)
+    assert float((rendered / wanted - 1).square().mean().sqrt()) < 0.03
+
+
+def test_a_white_bowl_in_a_white_furnace_disappears(bowl_stage: Stage, cache: Path) -> None:
+    """Albedo 1 and many bounces: 1 from every direction, so its specular lobe reflects what it would without shadows."""
+    material = flat(1.0, roughness=0.4)
+    rendered = render(bowl_stage, material, 16, cache)
+    assert float(rendered.diffuse.mean()) == pytest.approx(1.0, rel=5e-3)
+    generator, pixels = torch.Generator().manual_seed(0), torch.arange(len(bowl_stage.gbuffer.pixel))
+    renderer = Renderer(bowl_stage.surface, NoShadows())
+    free = renderer.render_pixels(bowl_stage.gbuffer, pixels, material, Light.of(WHITE), 256, generator).specular
+    assert float(rendered.specular.mean()) == pytest.approx(float(free.mean()), rel=0.01)
+    dark = render(bowl_stage, flat(0.0, roughness=0.4), 1, cache).specular
+    assert float(dark.mean()) < 0.8 * float(free.mean())  # so there is something to get wrong
+
+
+def test_against_path_tracing(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor, tmp_path: Path) -> None:
+    """Indirect irradiance of what the test views of `tiny` see, as a share of all that arrives: 1 % off in RMS, 3 % in the mean.
+
+    One direction a cell and a texel leave noise in the bake, of which that of the paths here is an eighth.
+    """
+    bounced = bake_interreflection(tiny_stage.mesh, tiny_stage.surface, tiny_stage.rays, 2, tmp_path)
+    points = tiny_stage.points(torch.arange(0, len(tiny_stage.gbuffer.pixel), 3))
+    light = bounced.solve(tiny_material.albedo, soft_light)
+    found, total = bounced.arriving(light, points), bounced.atlas.interpolate(light.total, points.uv)
+    expected = torch.zeros_like(found)
+    generator = torch.Generator().manual_seed(1)
+    paths = 1024
+    for _ in range(paths):
+        expected += path_traced(tiny_stage, points.position, points.geometric, tiny_material.albedo, soft_light, generator) / paths
+    assert float(expected.mean() / total.mean()) > 0.01
+    assert float(found.mean()) == pytest.approx(float(expected.mean()), rel=0.03)
+    assert float((found - expected).square().mean().sqrt() / total.square().mean().sqrt()) < 0.015
+
+
+def path_traced(
+    stage: Stage, position: torch.Tensor, normal: torch.Tensor, albedo: torch.Tensor, radiance: torch.Tensor, rng: torch.Generator
+) -> torch.Tensor:
+    """One sample of the irradiance after one and two diffuse bounces, by cosine-distributed rays."""
+    from ia_bench.light.latlong import direction_to_texel
+
+    total, weight = torch.zeros(len(position), 3), torch.full((len(position), 3), math.pi)
+    alive = torch.arange(len(position))
+    for bounce in range(3):
+        direction = normalize(normal + normalize(torch.randn(normal.shape, generator=rng)))
+        face, barycentric, _ = stage.rays.intersect(position + stage.surface.offset * normal, direction)
+        missed = face < 0
+        if bounce:
+            texel = direction_to_texel(direction[missed], *radiance.shape[:2])
+            total.index_add_(0, alive[missed], weight[missed] * radiance.reshape(-1, 3)[texel])
+        geometric, where = stage.surface.geometry(face[~missed], barycentric[~missed])
+        front = (geometric * direction[~missed]).sum(-1) < 0
+        weight = (weight[~missed] * fetch(albedo, stage.surface.uv(face[~missed], barycentric[~missed])))[front]
+        alive, position, normal = alive[~missed][front], where[front], geometric[front]
+    return total
+
+
+def test_gradients_of_the_solution() -> None:
+    """In float64, on made-up operators, against finite differences."""
+    generator = torch.Generator().manual_seed(2)
+    stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, 3.0))])
+    texels = Atlas.of(stage.mesh, 3, torch.device("cpu"))
+    count = len(texels.face)
+    exchange = torch.rand(count, count, generator=generator, dtype=torch.float64)
+    exchange *= torch.rand(count, count, generator=generator) < 0.4
+    sky = torch.rand(count, 2 * indirect.SKY_ROWS**2, generator=generator, dtype=torch.float64)
+    bounced = Interreflection(texels, Operator.of(sky), Operator.of(exchange), stage.surface, stage.rays, 3)
+    albedo = torch.rand(2, 2, 3, generator=generator, dtype=torch.float64, requires_grad=True)
+    radiance = torch.rand(2, 4, 3, generator=generator, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda a, r: bounced.solve(a, r).total, (albedo, radiance))
+
+
+def test_gradient_of_what_is_seen_in_a_mirror(bowl_stage: Stage, cache: Path) -> None:
+    """The specular part is linear in the albedo of what it shows: the gradient along a uniform change is the closed form."""
+    albedo = torch.full((4, 4, 3), 0.5, requires_grad=True)
+    material = Material(albedo, torch.full((4, 4, 1), 0.3))
+    specular = render(bowl_stage, material, 1, cache, samples=64).specular.sum()
+    (gradient,) = torch.autograd.grad(specular, albedo)
+    step = 1e-2
+    values = [
+        float(render(bowl_stage, flat(0.5 + change, roughness=0.3), 1, cache, samples=64).specular.sum())
+        for change in (step, -step)
+    ]
+    assert float(gradient.sum()) == pytest.approx((values[0] - values[1]) / (2 * step), rel=1e-3)
+
+
+def test_texels_inside_the_object_do_not_darken_their_neighbours(tmp_path: Path) -> None:
+    """A ball half sunk into a slab: texels below the slab's face are left out of every lookup."""
+    slab = plate(2.0)
+    ball = sphere(3)
+    u, v = np.arctan2(ball.vertices[:, 1], ball.vertices[:, 0]) / (2 * math.pi) + 0.5, 0.5 + 0.5 * ball.vertices[:, 2]
+    uv = np.column_stack([0.5 + 0.5 * u, v]).astype(np.float32)
+    sunk = mesh_of(ball.vertices, ball.faces, normals=ball.normals, uv=uv)
+    box = trimesh.creation.box((4.0, 4.0, 2.0))
+    box.apply_translation((0, 0, -1.0))
+    body = mesh_of(box.vertices, box.faces, uv=np.full((len(box.vertices), 2), 2.0))
+    mesh = together(body, sunk, mesh_of(slab.vertices, slab.faces, normals=slab.normals, uv=0.5 * slab.uv))
+    stage = Stage.of(mesh, [camera_at((3.0, 0.0, 3.0))])
+    bounced = bake_interreflection(mesh, stage.surface, stage.rays, 1, tmp_path)
+    texels = bounced.atlas
+    _, position = stage.surface.geometry(texels.face, texels.barycentric)
+    found = position[texels.row.reshape(-1).unique()]
+    assert (position[:, 2] < -0.2).any()
+    assert not (found[:, 2] < -0.2).any()
+
+
+def test_the_backs_of_a_sheet_get_no_indirect_light(tmp_path: Path) -> None:
+    stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, -3.0))])
+    points = stage.points(torch.arange(len(stage.gbuffer.pixel)))
+    assert not points.front.any()
+    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, 1, tmp_path)
+    light = bounced.solve(torch.ones(2, 2, 3), WHITE)
+    assert float(bounced.arriving(light, points).abs().max()) == 0
+
+
+def test_the_operators_are_kept_and_reused(bowl_stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(indirect, "ATLAS_SIZE", 32)
+    first = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8).radiance
+    traced = bowl_stage.rays.rays
+    again = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8).radiance
+    assert torch.equal(first, again)
+    assert bowl_stage.rays.rays - traced < 20_000  # the bake alone takes a hundred thousand
+    assert len(list(tmp_path.glob("interreflection-*.npz"))) == 1
+
+
+def test_a_mesh_without_an_atlas_is_refused(tmp_path: Path) -> None:
+    stage = Stage.of(sphere(1), [camera_at((2.0, 1.0, 1.5))])
+    with pytest.raises(InputError, match=r"render\.bounces=2: expected texture coordinates .* found none of 128 x 128"):
+        bake_interreflection(stage.mesh, stage.surface, stage.rays, 2, tmp_path)
+
+
+def test_the_atlas_knows_its_texels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plate over a quarter of the atlas: every texel's point projects back to the texel's centre."""
+    mesh = plate(1.0, uv_scale=0.5)
+    stage = Stage.of(mesh, [camera_at((0.5, 0.5, 3.0))])
+    texels = Atlas.of(mesh, 16, torch.device("cpu"))
+    uv = stage.surface.uv(texels.face, texels.barycentric)
+    assert len(uv) == 64
+    assert torch.equal(texels.nearest(uv), torch.arange(64))
+    torch.testing.assert_close(texels.interpolate(uv, uv), uv)
+    assert torch.equal(texels.nearest(torch.tensor([[0.9, 0.9]])), texels.nearest(torch.tensor([[0.49, 0.49]])))
+    left = texels.keeping(uv[:, 0] < 0.25)
+    assert set(left.row.reshape(-1).tolist()) == set(torch.nonzero(uv[:, 0] < 0.25)[:, 0].tolist())
+    assert torch.equal(texels.keeping(torch.zeros(64, dtype=torch.bool)).row, texels.row)
+    monkeypatch.setenv("IA_BENCH_CACHE", "elsewhere")
+    assert atlas.cache_folder() == Path("elsewhere")
+
+
+def test_a_layered_coat_conserves_energy() -> None:
+    """A white ball in a white furnace disappears: what the coat reflects and what it passes on make 1 (1 % of noise)."""
+    stage = Stage.of(sphere(3), [camera_at((2.0, 1.0, 1.5))])
+    pixels = torch.arange(len(stage.gbuffer.pixel))
+    for roughness in (0.1, 0.5, 1.0):
+        renderer = Renderer(stage.surface, NoShadows(), coat="layered")
+        generator = torch.Generator().manual_seed(0)
+        rendered = renderer.render_pixels(stage.gbuffer, pixels, flat(1.0, roughness), Light.of(WHITE), 1024, generator)
+        assert float((rendered.radiance / rendered.albedo).mean()) == pytest.approx(1.0, abs=0.01)
