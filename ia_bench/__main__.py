@@ -78,10 +78,10 @@ def summary(metrics: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def complain(message: str) -> int:
-    """Print one message for a mistake and return its exit status."""
+def complain(message: str, status: int = MISTAKE) -> int:
+    """Print one message and return the exit status, which is that of a mistake unless said otherwise."""
     print(f"ia_bench: {message}", file=sys.stderr)
-    return MISTAKE
+    return status
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -102,6 +102,10 @@ def main(arguments: list[str] | None = None) -> int:
         return complain(str(error) if isinstance(error, InputError) else explain(error))
     except SystemExit as stop:  # from argparse, or from a job that has said why
         return stop.code if isinstance(stop.code, int) else FAULT
+    except FloatingPointError as error:  # a fit that gave up has said what was not finite, and metrics.json says where
+        if _debugging():
+            raise
+        return complain(str(error), FAULT)
     except KeyboardInterrupt:
         print("ia_bench: interrupted; the same command resumes", file=sys.stderr)
         return INTERRUPTED

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.errors import InputError
+from ia_bench.fit.guard import PATIENCE, StepGuard
 from ia_bench.fit.losses import smoothness, tone_map
 from ia_bench.fit.neighbours import find_neighbours
 from ia_bench.fit.problem import Fit, Monitor, Problem
@@ -36,7 +37,9 @@ class TwoStage:
     def fit(self, problem: Problem, prior: Prior, settings: FitSettings, *, seed: int, monitor: Monitor) -> Fit:
         """See :class:`ia_bench.fit.problem.Method`. Resumes from the monitor's last checkpoint, to the same numbers.
 
-        Raises FloatingPointError, naming step and tensor, when a parameter's gradient stops being finite.
+        A step in which the loss, a gradient or a parameter is NaN or Inf is skipped, said and counted (``skipped_steps``).
+        Raises FloatingPointError, naming step, tensor and views, when that happens PATIENCE times in a row; the last good
+        state is then in the monitor's checkpoint.
         """
         return _Run(problem, prior, settings, seed, monitor).finish()
 
@@ -79,6 +82,7 @@ class _Run:
         )
         self.base_rates = [rates.albedo, rates.roughness, rates.light]
         self.sampler = PriorSampler(problem, prior, seed)
+        self.guard = StepGuard(problem, self.parameters)
         state = monitor.load()
         if state is None:
             self._draw(guided=False)
@@ -102,14 +106,35 @@ class _Run:
             while self.step < end:
                 self._distill()
                 started = time.perf_counter()
-                loss = self._optimise()
+                loss = self._step()
                 self.step += 1
                 self.seconds[stage] += time.perf_counter() - started
                 task.advance(1, loss=loss)
                 self._pause(stage)
+        if self.guard.skipped:
+            self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
         return self._snapshot(final=True)
 
     # ---- one step ----------------------------------------------------------------------------------------------
+
+    def _step(self) -> float:
+        """The loss of a step; NaN of one that was skipped, which leaves the parameters as they were."""
+        guard = self.guard
+        guard.keep()
+        try:
+            loss = self._optimise()
+        except FloatingPointError as error:
+            guard.back_off()
+            if guard.in_a_row + 1 == PATIENCE:
+                self.monitor.save(self._state())
+                raise FloatingPointError(
+                    f"step {self.step}: {error}; the fit stops after {PATIENCE} such steps in a row and keeps the last good state"
+                ) from error
+            guard.skipped, guard.in_a_row = guard.skipped + 1, guard.in_a_row + 1
+            self.monitor.note(f"step {self.step} is skipped: {error}")
+            return math.nan
+        guard.in_a_row = 0
+        return loss
 
     def _optimise(self) -> float:
         settings, weights = self.settings, self.settings.weights
@@ -127,11 +152,13 @@ class _Run:
         light = Light.of(torch.exp(self.parameters["log_light"]), uniform_fraction=settings.light_uniform)
         rendered = self._render(pixels, material, light)
         target = self.images[pixels]
+        causes = {"the rendered radiance": rendered.radiance, "the rendered albedo": rendered.albedo}
         if settings.image_loss == "l1":
             loss = weights.image * (tone_map(rendered.radiance) - tone_map(target)).abs().mean()
         else:
             with torch.no_grad():
                 residual = self._render(pixels, material, light).radiance - target
+            causes["the second estimate of the radiance"] = residual
             loss = weights.image * 2 * (residual * rendered.radiance).mean()
         if "albedo" in self.supervision.targets.values:
             supervised = self.supervision.albedo_loss(rendered.albedo, pixels, material.albedo, self.generator)
@@ -139,15 +166,17 @@ class _Run:
         if "specular" in self.supervision.targets.values:
             loss = loss + weights.specular * self.supervision.specular_loss(rendered.specular, pixels)
         loss = loss + self._smoothness(pixels, frozen)
+        self.guard.check_loss(loss.detach(), pixels, causes)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        self._check_finite()
+        self.guard.check_gradients(pixels)
         for name in frozen:  # the gradient is computed all the same, so that one compiled step serves the whole run
             self.parameters[name].grad = None
         self.optimizer.step()
         with torch.no_grad():  # projected onto the valid range, so that no clamp in the model can kill a gradient
             self.parameters["albedo"].clamp_(0, 1)
             self.parameters["roughness"].clamp_(MIN_ROUGHNESS, 1)
+        self.guard.check_parameters()
         return float(loss.detach())
 
     def _render(self, pixels: Tensor, material: Material, light: Light) -> PixelRadiance:
@@ -165,12 +194,6 @@ class _Run:
                 texture = self.parameters[name]
                 total = total + weight * smoothness(fetch(texture, uv), fetch(texture, neighbours.uv[other]), similarity)
         return total
-
-    def _check_finite(self) -> None:
-        for name, parameter in self.parameters.items():
-            if parameter.grad is not None and not bool(torch.isfinite(parameter.grad).all()):
-                bad = int((~torch.isfinite(parameter.grad)).sum())
-                raise FloatingPointError(f"step {self.step}: the gradient of {name} is NaN or Inf in {bad} values")
 
     # ---- start and prior------------------------------------------------------------------------------------------
 
@@ -201,6 +224,7 @@ class _Run:
         with torch.no_grad():
             material = Material(self.parameters["albedo"], self.parameters["roughness"])
             rendered = self._render(pixels, material, Light.of(torch.ones_like(self.parameters["log_light"])))
+            self.guard.check_loss(rendered.radiance.sum(), pixels, {"the first render's radiance": rendered.radiance})
             mean = self.images.mean(0).clamp_min(1e-8)
             self.parameters["log_light"] += torch.log(mean / rendered.radiance.mean(0).clamp_min(1e-8))
 
@@ -264,7 +288,8 @@ class _Run:
         if final:
             albedo, roughness = (fill_unobserved(t, self._observed > 0) for t in (albedo, roughness))
         light = torch.exp(self.parameters["log_light"].detach())
-        return Fit(Material(albedo, roughness), light, dict(self.seconds), dict(self.sampler.counters))
+        counters = {**self.sampler.counters, "skipped_steps": self.guard.skipped}
+        return Fit(Material(albedo, roughness), light, dict(self.seconds), counters)
 
     def _state(self) -> dict[str, Any]:
         return {
@@ -275,6 +300,7 @@ class _Run:
             "optimizer": self.optimizer.state_dict(),
             "supervision": self.supervision.state(),
             "counters": dict(self.sampler.counters),
+            "skipped": {"in_all": self.guard.skipped, "in_a_row": self.guard.in_a_row},
         }
 
     def _restore(self, state: dict[str, Any]) -> None:
@@ -287,6 +313,7 @@ class _Run:
         self._supervise(Targets(**state["supervision"]["targets"]))
         self.supervision.restore_alignment(state["supervision"]["alignment"])
         self.sampler.counters = state["counters"]
+        self.guard.skipped, self.guard.in_a_row = state["skipped"]["in_all"], state["skipped"]["in_a_row"]
         self.monitor.note(f"resumed at step {self.step} of {self.steps}")
 
 
