@@ -128,6 +128,8 @@ def resolved(config: RunConfig) -> RunConfig:
     bounces = config.render.bounces
     if bounces != "auto" and not (isinstance(bounces, int) and bounces >= 0):
         raise InputError(f"render.bounces: expected a whole number >= 0 or auto, found {bounces}")
+    if config.render.metallic not in (True, False, "auto"):
+        raise InputError(f"render.metallic: expected true, false or auto, found {config.render.metallic}")
     check_supervision(config.prior.supervision)
     if config.threads is not None and config.threads < 1:
         raise InputError(f"threads: expected at least 1, found {config.threads}")

@@ -58,6 +58,7 @@ class Plan:
     light_height: int
     shadows: str
     bounces: int = 0
+    metallic: bool = False
     patches: bool = False
     prior_views: int | str = "all"
     decisions: tuple[Decision, ...] = field(default=())
@@ -105,6 +106,7 @@ def make_plan(
         _subsamples(surface, settings, gbuffer, footprint),
         _texture(settings, footprint),
         _light(settings, footprint),
+        _metallic(scene, settings),
         _patches(prior, views),
     ]
     if prior.provides:
@@ -117,6 +119,7 @@ def make_plan(
         light_height=by_name["render.light_height"],
         shadows=by_name["render.shadows"],
         bounces=by_name["render.bounces"],
+        metallic=by_name["render.metallic"],
         patches=by_name["prior.patches"],
         prior_views=by_name.get("prior.supervision.views", "all"),
         decisions=tuple(decisions),
@@ -287,6 +290,15 @@ def _light(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
     why = f"mirror directions of a pixel span {math.degrees(angle):.1f} degrees, a texel {180 / size:.1f}"
     left_out = f"light rows above {size}" if size < LIGHT_HEIGHTS[-1] else None
     return Decision(what, size, why, {"mirror_footprint_degrees": math.degrees(angle)}, left_out=left_out)
+
+
+def _metallic(scene: Scene, settings: RenderSettings) -> Decision:
+    what = "render.metallic"
+    if settings.metallic != "auto":
+        return _users(what, bool(settings.metallic))
+    why = f"the scene's description names {'' if scene.metallic else 'no '}parts of metal"
+    left_out = None if scene.metallic else "a metallic texture"
+    return Decision(what, scene.metallic, why, {"metallic": float(scene.metallic)}, left_out=left_out)
 
 
 def _patches(prior: Prior, views: tuple[View, ...]) -> Decision:

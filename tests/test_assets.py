@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -128,3 +129,16 @@ def test_out_of_range_albedo_is_shown_at_the_limit(mesh: Mesh) -> None:
     description, data = chunks(glb(mesh, np.full((4, 4, 3), 1.7), np.full((4, 4), 0.3)))
     base = description["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["index"]
     assert (texture(description, data, base) == 255).all()
+
+
+def test_metal_has_a_map_and_the_blue_channel(tmp_path: Path, mesh: Mesh, fitted: Fit) -> None:
+    metallic = torch.linspace(0, 1, 256).reshape(16, 16, 1)
+    with RunFolder.open(tmp_path / "run", {"a": 1}, "0") as folder:
+        write_assets(folder, mesh, replace(fitted, material=replace(fitted.material, metallic=metallic)))
+    np.testing.assert_array_equal(read_exr(tmp_path / "run" / "metallic.exr", 1), metallic)
+    description, data = chunks((tmp_path / "run" / "asset.glb").read_bytes())
+    found = description["materials"][0]["pbrMetallicRoughness"]
+    assert found.get("metallicFactor", 1.0) == 1.0
+    packed = texture(description, data, found["metallicRoughnessTexture"]["index"])
+    np.testing.assert_array_equal(packed[..., 2], np.arange(256).reshape(16, 16))
+    np.testing.assert_array_equal(packed[..., 1], np.round(255 * fitted.material.roughness.numpy()[..., 0]))

@@ -15,7 +15,7 @@ CONFIDENCES = ("none", "spread")
 class LossWeights:
     """Weights of the paper's equation 5: lambda_1 image, lambda_2 albedo, lambda_3 specular, lambda_4 smoothness.
 
-    ``smooth`` is split into the part of the albedo and the part of the roughness.
+    ``smooth`` is split into the part of the albedo and the part of the roughness, which is that of metallic too.
     """
 
     image: float = 1.0
@@ -27,13 +27,14 @@ class LossWeights:
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Adam rates of albedo, roughness (both in [0, 1] units) and the light (log radiance).
+    """Adam rates of albedo, roughness, metallic (in [0, 1] units) and the light (log radiance).
 
     Over the run they fall exponentially to ``final`` times their value.
     """
 
     albedo: float = 0.03
     roughness: float = 0.1
+    metallic: float = 0.05
     light: float = 0.2
     final: float = 0.05
 
@@ -49,9 +50,10 @@ class FitSettings:
     (mean and spread, as in Ranftl et al.) or "none".
     ``albedo_start``: fraction of all steps in which the albedo stays as it is and the light alone explains the images.
     ``roughness_start``: fraction of all steps after which roughness is optimised; until the light is right it would
-    only learn the light's error. ``roughness_initial``, ``albedo_initial``: constant start of the textures (of
-    the albedo only where no prior gives a better one). ``neutral_start``: what is grey at that start, the "light" (the albedo
-    has the images' mean colour) or the "albedo" (the light has it); images alone hardly tell the two apart later.
+    only learn the light's error; so is metallic. ``roughness_initial``, ``metallic_initial``, ``albedo_initial``: constant
+    start of the textures (of the albedo only where no prior gives a better one). ``neutral_start``: what is grey at that
+    start, the "light" (the albedo has the images' mean colour) or the "albedo" (the light has it); images alone hardly tell
+    the two apart later.
     ``smooth_scale``: colour difference (log radiance) at which a pair of neighbouring pixels stops being smoothed.
     ``light_uniform``: fraction of light samples spread over the sphere, so that dark texels are visited too.
     """
@@ -67,6 +69,7 @@ class FitSettings:
     albedo_start: float = 0.1
     roughness_start: float = 0.3
     roughness_initial: float = 0.5
+    metallic_initial: float = 0.5
     albedo_initial: float = 0.5
     neutral_start: str = "light"
     smooth_scale: float = 0.1

@@ -64,23 +64,17 @@ class _Run:
             "roughness": torch.full((t, t, 1), settings.roughness_initial, device=device),
             "log_light": torch.zeros(plan.light_height, 2 * plan.light_height, 3, device=device),
         }
+        if plan.metallic:
+            self.parameters["metallic"] = torch.full((t, t, 1), settings.metallic_initial, device=device)
         self.steps = settings.stage1_steps + settings.stage2_steps
         self.step = 0
         self.seconds = {"prior": 0.0, "stage1": 0.0, "stage2": 0.0}
         self.generator = torch.Generator(device=device).manual_seed(seed)
         for parameter in self.parameters.values():
             parameter.requires_grad_(True)
-        rates = settings.rates
-        self.optimizer = torch.optim.Adam(
-            [
-                {"params": [self.parameters["albedo"]], "lr": rates.albedo},
-                {"params": [self.parameters["roughness"]], "lr": rates.roughness},
-                {"params": [self.parameters["log_light"]], "lr": rates.light},
-            ],
-            betas=(0.9, 0.99),
-            fused=True,
-        )
-        self.base_rates = [rates.albedo, rates.roughness, rates.light]
+        self.base_rates = [getattr(settings.rates, name.removeprefix("log_")) for name in self.parameters]
+        groups = [{"params": [p], "lr": rate} for p, rate in zip(self.parameters.values(), self.base_rates, strict=True)]
+        self.optimizer = torch.optim.Adam(groups, betas=(0.9, 0.99), fused=True)
         self.sampler = PriorSampler(problem, prior, seed)
         self.guard = StepGuard(problem, self.parameters)
         state = monitor.load()
@@ -142,13 +136,13 @@ class _Run:
         progress = self.step / max(self.steps - 1, 1)
         for group, rate in zip(self.optimizer.param_groups, self.base_rates, strict=True):
             group["lr"] = rate * settings.rates.final**progress
-        starts = {"albedo": settings.albedo_start, "roughness": settings.roughness_start, "log_light": 0.0}
-        frozen = [name for name, start in starts.items() if self.step < start * self.steps]
+        starts = {"albedo": settings.albedo_start, "log_light": 0.0}
+        frozen = [name for name in self.parameters if self.step < starts.get(name, settings.roughness_start) * self.steps]
         pixels = torch.randint(
             len(gbuffer.pixel), (settings.pixels,), generator=self.generator, device=gbuffer.pixel.device
         )
         self.supervision.update(self.parameters["albedo"], self.step)
-        material = Material(self.parameters["albedo"], self.parameters["roughness"])
+        material = self._material()
         light = Light.of(torch.exp(self.parameters["log_light"]), uniform_fraction=settings.light_uniform)
         rendered = self._render(pixels, material, light)
         target = self.images[pixels]
@@ -176,8 +170,14 @@ class _Run:
         with torch.no_grad():  # projected onto the valid range, so that no clamp in the model can kill a gradient
             self.parameters["albedo"].clamp_(0, 1)
             self.parameters["roughness"].clamp_(MIN_ROUGHNESS, 1)
+            if "metallic" in self.parameters:
+                self.parameters["metallic"].clamp_(0, 1)
         self.guard.check_parameters()
         return float(loss.detach())
+
+    def _material(self, *, detached: bool = False) -> Material:
+        textures = (self.parameters.get(name) for name in ("albedo", "roughness", "metallic"))
+        return Material(*(t.detach() if detached and t is not None else t for t in textures))  # type: ignore[arg-type]
 
     def _render(self, pixels: Tensor, material: Material, light: Light) -> PixelRadiance:
         samples = self.problem.plan.samples
@@ -189,9 +189,10 @@ class _Run:
         uv = neighbours.uv[pixels].repeat_interleave(2, 0)
         similarity = neighbours.similarity[pixels].reshape(-1)
         total = torch.zeros((), device=pixels.device)
-        for name, weight in (("albedo", weights.smooth_albedo), ("roughness", weights.smooth_roughness)):
-            if weight and name not in frozen:
-                texture = self.parameters[name]
+        smooth = {"albedo": weights.smooth_albedo, "roughness": weights.smooth_roughness, "metallic": weights.smooth_roughness}
+        for name, weight in smooth.items():
+            texture = self.parameters.get(name)
+            if weight and texture is not None and name not in frozen:
                 total = total + weight * smoothness(fetch(texture, uv), fetch(texture, neighbours.uv[other]), similarity)
         return total
 
@@ -222,7 +223,7 @@ class _Run:
         count = min(8192, len(gbuffer.pixel))
         pixels = torch.randint(len(gbuffer.pixel), (count,), generator=self.generator, device=gbuffer.pixel.device)
         with torch.no_grad():
-            material = Material(self.parameters["albedo"], self.parameters["roughness"])
+            material = self._material()
             rendered = self._render(pixels, material, Light.of(torch.ones_like(self.parameters["log_light"])))
             self.guard.check_loss(rendered.radiance.sum(), pixels, {"the first render's radiance": rendered.radiance})
             mean = self.images.mean(0).clamp_min(1e-8)
@@ -230,7 +231,7 @@ class _Run:
 
     def _renders(self, views: tuple[int, ...]) -> Images:
         """Current renders (V, H, W, 3) of what the prior provides, of some views; on the CPU, where a prior is asked."""
-        material = Material(self.parameters["albedo"].detach(), self.parameters["roughness"].detach())
+        material = self._material(detached=True)
         light = Light.of(torch.exp(self.parameters["log_light"].detach()))
         renderer, (part, _) = self.problem.renderer, restrict(self.problem.gbuffer, views)
         if self.prior.provides == {"albedo"}:  # no light, no samples
@@ -284,12 +285,12 @@ class _Run:
             self.saved = time.monotonic()
 
     def _snapshot(self, *, final: bool) -> Fit:
-        albedo, roughness = (self.parameters[name].detach().clone() for name in ("albedo", "roughness"))
+        textures = {name: p.detach().clone() for name, p in self.parameters.items() if name != "log_light"}
         if final:
-            albedo, roughness = (fill_unobserved(t, self._observed > 0) for t in (albedo, roughness))
+            textures = {name: fill_unobserved(texture, self._observed > 0) for name, texture in textures.items()}
         light = torch.exp(self.parameters["log_light"].detach())
         counters = {**self.sampler.counters, "skipped_steps": self.guard.skipped}
-        return Fit(Material(albedo, roughness), light, dict(self.seconds), counters)
+        return Fit(Material(**textures), light, dict(self.seconds), counters)
 
     def _state(self) -> dict[str, Any]:
         return {

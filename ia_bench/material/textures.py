@@ -10,10 +10,15 @@ from torch import Tensor
 
 @dataclass
 class Material:
-    """``albedo`` (T, T, 3) in [0, 1], linear; ``roughness`` (T', T', 1) in [MIN_ROUGHNESS, 1], perceptual. Row 0 is v = 1."""
+    """``albedo`` (T, T, 3) in [0, 1], linear; ``roughness`` (T', T', 1) in [MIN_ROUGHNESS, 1], perceptual. Row 0 is v = 1.
+
+    ``metallic`` (T'', T'', 1) in [0, 1], None for a dielectric: how much of the albedo is reflected by the specular lobe, at
+    normal incidence, instead of the diffuse one (the base colour of the metallic workflow; Burley 2012).
+    """
 
     albedo: Tensor
     roughness: Tensor
+    metallic: Tensor | None = None
 
 
 def bilinear_taps(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import LatLongSampler, direction_to_texel, normal_bin, texel_to_direction
-from ia_bench.material.brdf import dot, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
+from ia_bench.material.brdf import F0, dot, normal_reflectance, sample_visible_ggx, specular_lobes, visible_ggx_pdf
 from ia_bench.material.textures import fetch
 
 GOLDEN = 0.6180339887498949  # the lattice's second generator is the golden ratio's fraction ...
@@ -71,15 +71,21 @@ def shade_directions(
     albedo: Tensor,
     roughness: Tensor,
     radiance: Tensor,
+    metallic: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Sum the weighted samples: diffuse radiance, specular radiance and albedo of each point, each (N, 3).
 
-    Differentiable in the textures ``albedo`` (T, T, 3), ``roughness`` (T', T', 1) and ``radiance`` (H W, 3).
+    Differentiable in the textures ``albedo`` (T, T, 3), ``roughness`` (T', T', 1), ``metallic`` (T'', T'', 1) or None, and in
+    ``radiance`` (H W, 3).
     """
     point_albedo = fetch(albedo, uv)
     point_roughness = fetch(roughness, uv)[:, None]
     incoming = radiance[texel] * weight
     cosine = dot(normal[:, None], direction).clamp_min(0)
-    irradiance = (incoming * cosine).sum(1)
-    reflected = specular_brdf_cosine(normal[:, None], view[:, None], direction, point_roughness)
-    return point_albedo * irradiance / math.pi, (incoming * reflected).sum(1), point_albedo
+    diffuse = point_albedo * (incoming * cosine).sum(1) / math.pi
+    base, grazing = specular_lobes(normal[:, None], view[:, None], direction, point_roughness)
+    if metallic is None:
+        return diffuse, (incoming * (F0 * base + grazing)).sum(1), point_albedo
+    point_metallic = fetch(metallic, uv)
+    specular = normal_reflectance(point_albedo, point_metallic) * (incoming * base).sum(1) + (incoming * grazing).sum(1)
+    return diffuse * (1 - point_metallic), specular, point_albedo

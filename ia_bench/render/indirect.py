@@ -7,8 +7,8 @@ texel per unit radiance of the sky's cells, and ``X`` that per unit radiance of 
 
 (the radiosity equation; Goral et al. 1984). ``S`` and ``X`` are traced once along stratified directions from every texel; the
 equation is solved anew, by one Jacobi iteration a bounce, whenever albedo or light have changed, and is differentiable in
-both. What it leaves out: light that reaches a surface by a mirror reflection of another one, and the backs of open sheets,
-which neither send nor receive indirect light.
+both. What it leaves out: light that leaves a surface is spread as by a diffuse one, though it may come from a mirror or a
+metal, and the backs of open sheets neither send nor receive indirect light.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from torch import Tensor
 
 from ia_bench.errors import InputError
 from ia_bench.light.latlong import row_solid_angles, texel_to_direction
-from ia_bench.material.brdf import dot, specular_brdf_cosine, visible_ggx_pdf
+from ia_bench.material.brdf import F0, dot, normal_reflectance, specular_lobes, visible_ggx_pdf
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render.atlas import Atlas, kept_bake
 from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
@@ -120,8 +120,12 @@ class Interreflection:
         normal, view = points.normal[index], points.view[index]
         roughness = fetch(material.roughness, points.uv[index])
         density = visible_ggx_pdf(normal, view, direction, roughness.detach())
-        reflected = specular_brdf_cosine(normal, view, direction, roughness) / (count * density.clamp_min(1e-12))
-        return torch.zeros_like(points.normal).index_add(0, index, sent * reflected)
+        base, grazing = specular_lobes(normal, view, direction, roughness)
+        at_normal: Tensor | float = F0
+        if material.metallic is not None:
+            at_normal = normal_reflectance(*(fetch(texture, points.uv[index]) for texture in (material.albedo, material.metallic)))
+        reflected = sent * (at_normal * base + grazing) / (count * density.clamp_min(1e-12))
+        return torch.zeros_like(points.normal).index_add(0, index, reflected)
 
 
 class _Product(torch.autograd.Function):

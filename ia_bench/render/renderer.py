@@ -145,10 +145,12 @@ class Renderer:
             material.albedo,
             material.roughness,
             light.radiance.reshape(-1, 3),
+            material.metallic,
         )
         if indirect is not None:
             assert self.interreflection is not None
-            diffuse = diffuse + albedo * self.interreflection.arriving(indirect, surface) / math.pi
+            reflected = albedo if material.metallic is None else albedo * (1 - fetch(material.metallic, surface.uv))
+            diffuse = diffuse + reflected * self.interreflection.arriving(indirect, surface) / math.pi
             mirrored = blocked[blocked % (2 * count) >= count]  # of a point's directions the second half follows the BRDF
             index, toward = mirrored // (2 * count), direction.reshape(-1, 3)[mirrored]
             specular = specular + self.interreflection.mirrored(indirect, surface, index, toward, material, count)

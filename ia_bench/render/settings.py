@@ -16,6 +16,7 @@ class RenderSettings:
     ``bounces``: how often light may be reflected between the parts of the object before it is seen: 0 is direct light only,
     "auto" as often as a probe finds to matter. ``coat``: "layered", the specular lobe takes its share of the light before
     the diffuse one, as in a Principled BSDF; "added", both get all of it, as in the paper's equation 2.
+    ``metallic``: whether a metallic texture is recovered too; "auto" where the scene's description says that parts are metal.
     ``shading``: "compiled" (torch.compile), "eager" or "auto" (compiled where a C++ compiler is found).
     """
 
@@ -26,4 +27,5 @@ class RenderSettings:
     shadows: str = "auto"
     bounces: int | str = "auto"
     coat: str = "layered"
+    metallic: bool | str = "auto"
     shading: str = "auto"

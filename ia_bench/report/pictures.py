@@ -85,7 +85,9 @@ def _read_run(folder: Path) -> tuple[Recovered, str]:
     values = {key: metrics["metrics"][key]["psnr"] for key in ("aligned_albedo", "view_synthesis", "relighting")}
     shown = [f"{key.replace('_', ' ')} {value:.1f} dB" for key, value in values.items() if value is not None]
     title = ", ".join([f"{metrics['row']}, scene {metrics['scene']}, seed {metrics['seed']}", *shown])
-    material = Material(torch.from_numpy(albedo), torch.from_numpy(roughness))
+    metal = folder / "metallic.exr"
+    metallic = torch.from_numpy(read_exr(metal, 1)) if metal.is_file() else None
+    material = Material(torch.from_numpy(albedo), torch.from_numpy(roughness), metallic)
     bounces = next((entry["value"] for entry in metrics["plan"]["needed"] if entry["what"] == "render.bounces"), 0)
     coat = config["config"]["render"].get("coat", "added")  # runs that knew neither had direct light and the paper's sum
     return Recovered(material, light, float(np.mean(scales)), title, bounces, coat), config["config"]["geometry"]["uv"]

@@ -1,4 +1,4 @@
-"""Reader of the native scene folder (docs/scene_format.md): scene.json, mesh.ply, transforms_*.json, OpenEXR images."""
+"""Reader of the native scene folder (datasets/README.md): scene.json, mesh.ply, transforms_*.json, OpenEXR images."""
 
 from __future__ import annotations
 
@@ -50,8 +50,16 @@ def load_scene(folder: Path, *, truth: bool = False, uv: str = "mesh") -> Scene:
         mesh=mesh,
         truth=_read_truth(folder, description) if truth else None,
         notes=notes,
+        metallic=_metallic(folder, description),
         **views,
     )
+
+
+def _metallic(folder: Path, description: dict[str, Any]) -> bool:
+    metallic = description.get("metallic", False)
+    if not isinstance(metallic, bool):
+        raise InputError(f"{folder / 'scene.json'}: metallic: expected true or false, found {metallic!r}")
+    return metallic
 
 
 def _without_ringing(

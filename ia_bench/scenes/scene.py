@@ -78,6 +78,7 @@ class Scene:
     novel: tuple[View, ...] = ()
     truth: Truth | None = None
     notes: tuple[str, ...] = field(default=())  # repairs made while reading, one line each
+    metallic: bool = False  # whether the scene's description says that parts of the object are metal
 
     def for_training(self) -> Scene:
         """The same scene with nothing but the training images, masks and cameras: no truth, no test or novel view."""

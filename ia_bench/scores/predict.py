@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -82,7 +82,7 @@ class Scorer:
         novel = {name: views for name, views in self._novel.items() if name != "train" and self._light(name) is not None}
         if scale is not None and novel:
             factor = torch.from_numpy(scale).to(material.albedo)
-            aligned = Material(material.albedo * factor, material.roughness)
+            aligned = replace(material, albedo=material.albedo * factor)
             rendered = {}
             for name, views in novel.items():
                 shot, radiance = self._shot(views[::stride]), self._light(name)

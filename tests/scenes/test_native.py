@@ -149,7 +149,7 @@ def test_refuses_what_is_no_json_object(tiny_copy: Path, name: str, text: str, f
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("color_space", "srgb"), ("color_space", None), ("up", "y"), ("lights", [1]), ("truth_textures", 3)],
+    [("color_space", "srgb"), ("color_space", None), ("up", "y"), ("lights", [1]), ("truth_textures", 3), ("metallic", "yes")],
 )
 def test_refuses_another_description(tiny_copy: Path, key: str, value: object) -> None:
     edit_json(tiny_copy / "scene.json", lambda content: content.update({key: value}))

@@ -1,0 +1,87 @@
+"""The metallic workflow: a dielectric at 0, a conductor of the albedo's colour at 1, linear between."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from ia_bench.light.latlong import texel_centres
+from ia_bench.material.brdf import F0, fresnel_schlick, normal_reflectance, specular_brdf_cosine, specular_lobes
+from ia_bench.render.estimator import shade_directions
+
+
+def vectors(count: int) -> tuple[torch.Tensor, ...]:
+    generator = torch.Generator().manual_seed(3)
+    drawn = torch.randn(3, count, 3, generator=generator, dtype=torch.float64)
+    normal, view, incident = torch.nn.functional.normalize(drawn, dim=-1)
+    view, incident = (torch.nn.functional.normalize(v + 1.2 * normal, dim=-1) for v in (view, incident))
+    return normal, view, incident, 0.1 + 0.8 * torch.rand(count, 1, generator=generator, dtype=torch.float64)
+
+
+def test_the_lobes_of_a_dielectric_are_its_brdf() -> None:
+    arguments = vectors(1000)
+    base, grazing = specular_lobes(*arguments)
+    whole = specular_brdf_cosine(*arguments)
+    assert float(whole.max()) > 0.1
+    torch.testing.assert_close(F0 * base + grazing, whole)
+
+
+def test_a_perfect_reflector_reflects_all_at_every_angle() -> None:
+    """Reflectance 1 has no Fresnel term left: the BRDF of the dielectric divided by its Fresnel term."""
+    normal, view, incident, roughness = vectors(1000)
+    base, grazing = specular_lobes(normal, view, incident, roughness)
+    half = torch.nn.functional.normalize(view + incident, dim=-1)
+    fresnel = fresnel_schlick((view * half).sum(-1, keepdim=True))
+    torch.testing.assert_close(base + grazing, specular_brdf_cosine(normal, view, incident, roughness) / fresnel)
+
+
+def test_reflectance_at_its_ends() -> None:
+    albedo = torch.tensor([[0.9, 0.6, 0.2]])
+    assert normal_reflectance(albedo, None) == F0
+    torch.testing.assert_close(normal_reflectance(albedo, torch.zeros(1, 1)), torch.full((1, 3), F0))
+    torch.testing.assert_close(normal_reflectance(albedo, torch.ones(1, 1)), albedo)
+
+
+def shaded(
+    albedo: torch.Tensor, roughness: torch.Tensor, radiance: torch.Tensor, metallic: torch.Tensor | None
+) -> tuple[torch.Tensor, ...]:
+    """Every texel of a light as one sample of 5 points, weighted evenly."""
+    normal, view, _, _ = vectors(5)
+    height, width = 6, 12
+    uv = torch.rand(5, 2, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
+    direction = texel_centres(height, width).double().reshape(1, -1, 3).expand(5, -1, -1)
+    texel = torch.arange(height * width).expand(5, -1)
+    weight = torch.where((normal[:, None] * direction).sum(-1, keepdim=True) > 0, 0.1, 0.0).double()
+    return shade_directions(normal, view, uv, direction, texel, weight, albedo, roughness, radiance, metallic)
+
+
+@pytest.fixture
+def textures() -> tuple[torch.Tensor, ...]:
+    generator = torch.Generator().manual_seed(5)
+    albedo = torch.rand(3, 3, 3, generator=generator, dtype=torch.float64)
+    roughness = 0.3 + 0.6 * torch.rand(3, 3, 1, generator=generator, dtype=torch.float64)
+    return albedo, roughness, torch.rand(72, 3, generator=generator, dtype=torch.float64)
+
+
+def test_metallic_zero_is_the_dielectric(textures: tuple[torch.Tensor, ...]) -> None:
+    for without, zero in zip(shaded(*textures, None), shaded(*textures, torch.zeros(2, 2, 1).double()), strict=True):
+        torch.testing.assert_close(zero, without)
+
+
+def test_a_metal_has_no_diffuse_part_and_coloured_highlights(textures: tuple[torch.Tensor, ...]) -> None:
+    """A metal of grey albedo F0 reflects as the dielectric's coat; doubling the albedo of a metal at normal adds in proportion."""
+    albedo, roughness, radiance = textures
+    one = torch.ones(2, 2, 1).double()
+    diffuse, specular, shown = shaded(albedo, roughness, radiance, one)
+    assert float(diffuse.abs().max()) == 0
+    assert float(shown.std(0).max()) > 0.05
+    coat = shaded(albedo, roughness, radiance, None)[1]
+    torch.testing.assert_close(shaded(torch.full_like(albedo, F0), roughness, radiance, one)[1], coat)
+    black = shaded(torch.zeros_like(albedo), roughness, radiance, one)[1]
+    white = shaded(torch.ones_like(albedo), roughness, radiance, one)[1]
+    torch.testing.assert_close(specular, black + shown * (white - black))
+
+
+def test_gradients(textures: tuple[torch.Tensor, ...]) -> None:
+    inputs = tuple(t.clone().requires_grad_() for t in (*textures, torch.full((2, 2, 1), 0.4, dtype=torch.float64)))
+    assert torch.autograd.gradcheck(shaded, inputs, rtol=1e-4, atol=1e-6)
