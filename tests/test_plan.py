@@ -300,13 +300,14 @@ def test_samples_are_passed_on() -> None:
 
 def test_every_decision_is_printed_and_recorded_with_its_measurement() -> None:
     plan = plan_of(plate(FILLING), FROM_ABOVE)
-    whats = ["render.shadows", "render.bounces", "render.subsamples", "render.texture", "render.light_height", "prior.patches"]
+    renderer = ["shadows", "bounces", "subsamples", "texture", "light_height", "metallic"]
+    whats = [*(f"render.{name}" for name in renderer), "prior.patches"]
     assert [d.what for d in plan.decisions] == whats
     for line, found in zip(plan.lines(), plan.decisions, strict=True):
         assert line == f"plan: {found.what} = {found.value}: {found.why}"
     record = plan.record()
     assert [entry["what"] for entry in record["needed"]] == whats
-    assert all(entry["measured"] for entry in record["needed"][:5])
+    assert all(entry["measured"] for entry in record["needed"][:6])
     left_out = {entry["what"] for entry in record["left_out"]}
     assert {"shadow rays", "pixel sub-samples", "prior sampling"} <= left_out
 

@@ -89,7 +89,7 @@ def _read_run(folder: Path) -> tuple[Recovered, str]:
     metallic = torch.from_numpy(read_exr(metal, 1)) if metal.is_file() else None
     material = Material(torch.from_numpy(albedo), torch.from_numpy(roughness), metallic)
     bounces = next((entry["value"] for entry in metrics["plan"]["needed"] if entry["what"] == "render.bounces"), 0)
-    coat = config["config"]["render"].get("coat", "added")  # runs that knew neither had direct light and the paper's sum
+    coat = config["config"]["render"].get("coat", "added")  # older runs had direct light and the paper's sum
     return Recovered(material, light, float(np.mean(scales)), title, bounces, coat), config["config"]["geometry"]["uv"]
 
 
