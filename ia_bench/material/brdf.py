@@ -15,7 +15,7 @@ from torch import Tensor
 
 F0 = 0.04  # reflectance at normal incidence of a dielectric with IOR 1.5
 MIN_ROUGHNESS = 0.03  # alpha = 9e-4: the narrowest lobe that float32 resolves without loss
-NO_HALF = 1e-8  # below every spread of a unit half vector (alpha^2); a zero one (incident = -view) has a finite gradient
+MIRROR = 1e-30  # alpha = 0 at the mirror direction itself is 0 / this, not 0 / 0
 MIN_COSINE = 1e-4  # grazing cosines are held here; GBuffer counts how often that happens
 
 
@@ -32,13 +32,15 @@ def normalize(a: Tensor) -> Tensor:
 def ggx_ndf(normal: Tensor, half: Tensor, alpha: Tensor) -> Tensor:
     """GGX distribution of normals D(h), per steradian; zero below the horizon.
 
-    1 - (n.h)^2 is taken as |h - (n.h) n|^2, so that narrow lobes keep their precision where n.h is within an ulp of 1.
+    1 - (n.h)^2 is taken as |h - (n.h) n|^2, so that narrow lobes keep their precision where n.h is within an ulp of 1. A
+    perfect mirror (alpha = 0) has no density: 0 everywhere.
     """
     cos_h = dot(normal, half)
     tangential = half - cos_h * normal
-    alpha2 = alpha * alpha
-    spread = (dot(tangential, tangential) + alpha2 * cos_h * cos_h).clamp_min(NO_HALF)
-    return torch.where(cos_h > 0, alpha2 / (math.pi * spread * spread), torch.zeros_like(spread))
+    above = cos_h > 0
+    spread = (dot(tangential, tangential) + alpha * alpha * cos_h * cos_h).clamp_min(MIRROR)
+    height = alpha / torch.where(above, spread, 1.0)  # 1 where there is no half vector (incident = -view): a finite gradient
+    return torch.where(above, height * height / math.pi, torch.zeros_like(spread))
 
 
 def smith_visibility(cos_i: Tensor, cos_o: Tensor, alpha: Tensor) -> Tensor:
@@ -126,9 +128,12 @@ def sample_visible_ggx(normal: Tensor, view: Tensor, roughness: Tensor, u: Tenso
 
 
 def visible_ggx_pdf(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tensor) -> Tensor:
-    """Density per steradian of :func:`sample_visible_ggx`."""
+    """Density per steradian of :func:`sample_visible_ggx`.
+
+    It holds for every pair: (o.h) cannot be negative, but near incident = -view rounding gives it either sign, and a density
+    of zero for a direction that was drawn would give it all the weight of the other technique.
+    """
     alpha = roughness * roughness
     half = normalize(view + incident)
     cos_o = dot(normal, view).clamp_min(MIN_COSINE)
-    density = ggx_ndf(normal, half, alpha) * smith_g1(cos_o, alpha) / (4 * cos_o)
-    return torch.where(dot(view, half) > 0, density, torch.zeros_like(density))
+    return ggx_ndf(normal, half, alpha) * smith_g1(cos_o, alpha) / (4 * cos_o)

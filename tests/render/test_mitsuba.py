@@ -1,0 +1,101 @@
+"""Our renderer against Mitsuba 3: images and gradients, within the noise of both.
+
+A case is a BSDF and a path depth (2 is direct light alone). A test of indirect light is one more case: `ours` takes the
+depth, as `MitsubaTwin` does. Needs the extra `mitsuba` and libLLVM (docs/verification.md); skipped without them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from means import assert_same_mean
+from mitsuba_twin import MitsubaTwin, Twin, load_mitsuba, twin_scene
+
+from ia_bench.material.textures import Material
+from ia_bench.render.renderer import Light
+
+pytestmark = [pytest.mark.verify, pytest.mark.slow]
+
+DIRECT = 2
+CASES = [("diffuse", DIRECT), ("equation2", DIRECT)]
+REPEATS, SAMPLES, PASSES = 48, 512, 8  # of each renderer; ours takes its samples in passes of 64
+
+
+@pytest.fixture(scope="module")
+def mi() -> Any:
+    return load_mitsuba()
+
+
+@pytest.fixture(scope="module")
+def twin() -> Twin:
+    return twin_scene()
+
+
+@pytest.fixture(scope="module")
+def facing(twin: Twin) -> torch.Tensor:
+    """Entries of the G-buffer that are seen at a cosine above 0.1.
+
+    At smaller ones the two treat directions between the horizons of the triangle and of its smooth normal differently.
+    """
+    every = torch.arange(len(twin.stage.gbuffer.pixel))
+    points = twin.stage.points(every)
+    chosen = every[(points.normal * points.view).sum(-1) > 0.1]
+    assert len(chosen) > 0.9 * len(every)
+    return chosen
+
+
+def ours(twin: Twin, bsdf: str, pixels: torch.Tensor, leaves: dict[str, torch.Tensor], seed: int) -> torch.Tensor:
+    """Radiance (P, 3) of G-buffer entries ``pixels`` from SAMPLES directions each, direct light, differentiable in ``leaves``."""
+    part = twin.stage.renderer().render_pixels(
+        twin.stage.gbuffer,
+        pixels.repeat(PASSES),
+        Material(leaves["albedo"], leaves["roughness"]),
+        Light.of(leaves["light"]),
+        SAMPLES // PASSES,
+        torch.Generator().manual_seed(seed),
+    )
+    radiance = part.diffuse if bsdf == "diffuse" else part.radiance
+    return radiance.reshape(PASSES, len(pixels), 3).mean(0)
+
+
+def leaves_of(twin: Twin) -> dict[str, torch.Tensor]:
+    return {name: torch.tensor(getattr(twin, name), requires_grad=True) for name in ("albedo", "roughness", "light")}
+
+
+@pytest.mark.parametrize(("bsdf", "max_depth"), CASES)
+def test_images_agree(mi: Any, twin: Twin, facing: torch.Tensor, bsdf: str, max_depth: int) -> None:
+    """Every pixel and channel, and their sum to 0.05 %; the silhouettes are the same but for one pixel at most."""
+    theirs = MitsubaTwin(mi, twin, bsdf=bsdf, max_depth=max_depth)
+    images = np.stack([theirs.image(SAMPLES, seed) for seed in range(REPEATS)]).reshape(REPEATS, -1, 3)
+    covered = twin.stage.gbuffer.coverage().numpy().ravel() > 0
+    assert np.count_nonzero(covered != (images.mean((0, 2)) > 0)) <= 1
+    with torch.no_grad():
+        found = np.stack([ours(twin, bsdf, facing, leaves_of(twin), seed).numpy() for seed in range(REPEATS)])
+    assert_same_mean(found, images[:, twin.stage.gbuffer.pixel[facing].numpy()], resolution=5e-4)
+
+
+@pytest.mark.parametrize(("bsdf", "max_depth"), CASES)
+def test_gradients_agree(mi: Any, twin: Twin, facing: torch.Tensor, bsdf: str, max_depth: int) -> None:
+    """Of a random weighting of the pixels in every texel of albedo, roughness and light; in a texel to 1 % mostly."""
+    proxy = torch.zeros(twin.camera.height * twin.camera.width, 3)
+    chosen = twin.stage.gbuffer.pixel[facing]
+    proxy[chosen] = torch.rand(len(facing), 3, generator=torch.Generator().manual_seed(2))
+    theirs = MitsubaTwin(mi, twin, bsdf=bsdf, max_depth=max_depth)
+    weights = proxy.reshape(twin.camera.height, twin.camera.width, 3).numpy()
+    expected = [theirs.gradients(weights, SAMPLES, seed) for seed in range(REPEATS)]
+    found: list[dict[str, np.ndarray]] = []
+    for seed in range(REPEATS):
+        leaves = leaves_of(twin)
+        (ours(twin, bsdf, facing, leaves, seed) * proxy[chosen]).sum().backward()
+        found.append({name: leaves[name].grad.numpy().reshape(expected[0][name].shape) for name in expected[0]})
+    assert set(expected[0]) == ({"albedo", "light"} if bsdf == "diffuse" else {"albedo", "roughness", "light"})
+    for name in expected[0]:
+        a, b = (np.stack([gradient[name] for gradient in side]).reshape(REPEATS, -1) for side in (found, expected))
+        told = np.abs(b.mean(0)) > 1e-2 * np.abs(b.mean(0)).max()  # a texel that is hardly seen has no bell curve
+        assert told.mean() > 0.7  # the others are below the horizon of what is seen
+        spread = np.sqrt((a.var(0, ddof=1) + b.var(0, ddof=1)) / REPEATS) / np.abs(b.mean(0))
+        assert np.median(spread[told]) < 1e-2
+        assert_same_mean(a[:, told], b[:, told], resolution=3e-3)
