@@ -1,0 +1,172 @@
+"""Whole pictures against closed forms: a mirror ball, a ball in a constant light, two facing planes.
+
+The closed forms start from the camera's matrix and the shapes' equations; they share no code with the renderer. A ball in a
+constant light and the shadow of a disk are in test_estimator.py too, for diffuse light.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from means import assert_same_mean
+from shapes import camera_at, plate, sphere, together
+from stage import Stage
+
+from ia_bench.material.textures import Material
+from ia_bench.render.renderer import Light, PixelRadiance
+from ia_bench.scenes.scene import Camera
+
+pytestmark = pytest.mark.verify
+
+REPEATS = 24
+
+
+def rays_of(camera: Camera) -> np.ndarray:
+    """Unit directions (H W, 3) through the centres of the pixels of an OpenGL camera, float64."""
+    row, column = (np.indices((camera.height, camera.width)) + 0.5).reshape(2, -1)
+    across, down = (column - camera.centre[0]) / camera.focal[0], (row - camera.centre[1]) / camera.focal[1]
+    directions = np.stack([across, -down, -np.ones(len(row))], -1) @ camera.to_world[:3, :3].T
+    return directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+
+
+def unit_ball(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Where these rays meet the unit ball: normals (H W, 3), NaN for a miss, and directions toward the camera."""
+    origin, direction = camera.to_world[:3, 3], rays_of(camera)
+    along = direction @ origin
+    with np.errstate(invalid="ignore"):
+        distance = -along - np.sqrt(along**2 - origin @ origin + 1)
+    return origin + distance[:, None] * direction, -direction
+
+
+def repeats(stage: Stage, pixels: torch.Tensor, material: Material, radiance: torch.Tensor, samples: int) -> PixelRadiance:
+    """REPEATS independent estimates of some pixels: fields (REPEATS, P, 3) in float64."""
+    drawn = stage.renderer().render_pixels(
+        stage.gbuffer, pixels.repeat(REPEATS), material, Light.of(radiance), samples, torch.Generator().manual_seed(1)
+    )
+    parts = (drawn.diffuse, drawn.specular, drawn.albedo)
+    return PixelRadiance(*(part.double().reshape(REPEATS, len(pixels), 3) for part in parts))
+
+
+def grey(roughness: float) -> Material:
+    return Material(torch.full((1, 1, 3), 0.5), torch.full((1, 1, 1), roughness))
+
+
+@pytest.fixture(scope="module")
+def ball() -> Stage:
+    """A unit ball of 82 000 triangles: at the cosines used below, their normals are those of the ball to 3e-4."""
+    return Stage.of(sphere(6), [camera_at((2.1, -3.0, 1.4), pixels=40)])
+
+
+# ---------------------------------------------------------------- spherical mirror
+def test_spherical_mirror_shows_the_light_where_it_is(ball: Stage) -> None:
+    """At the smallest roughness a pixel shows the texel that it mirrors, times Schlick's reflectance.
+
+    Pixels that mirror a direction near the border of a texel are left out: within 0.06 (a lobe's tail has 0.1 % beyond that).
+    """
+    camera = camera_at((2.1, -3.0, 1.4), pixels=40)
+    normal, view = unit_ball(camera)
+    cosine = (normal * view).sum(-1)
+    mirrored = 2 * cosine[:, None] * normal - view
+    height, width = 6, 12
+    light = torch.rand(height, width, 3, generator=torch.Generator().manual_seed(2)) + 0.2
+
+    row = np.arccos(mirrored[:, 2].clip(-1, 1)) / np.pi * height
+    column = (np.pi - np.arctan2(mirrored[:, 1], mirrored[:, 0])) / (2 * np.pi) * width
+    inside = [np.abs(place - np.round(place)) for place in (row, column)]
+    sine = np.sqrt(1 - mirrored[:, 2] ** 2)
+    sharp = (inside[0] * np.pi / height > 0.06) & (inside[1] * 2 * np.pi / width * sine > 0.06) & (cosine > 0.2)
+
+    chosen = torch.nonzero(torch.from_numpy(sharp)[ball.gbuffer.pixel])[:, 0]
+    pixel = ball.gbuffer.pixel[chosen].numpy()
+    texel = row[pixel].astype(int) * width + column[pixel].astype(int)
+    assert len(pixel) > 200
+    assert len(np.unique(texel)) > 0.5 * height * width
+    expected = light.reshape(-1, 3).double().numpy()[texel] * (0.04 + 0.96 * (1 - cosine[pixel, None]) ** 5)
+    found = repeats(ball, chosen, grey(0.03), light, 64).specular.mean(0).numpy()
+    np.testing.assert_allclose(found, expected, rtol=0.02)
+    assert abs((found / expected).mean() - 1) < 2e-3
+
+
+# ---------------------------------------------------------------- a ball in a constant light
+def reflected_share(cos_o: np.ndarray, roughness: float) -> np.ndarray:
+    """Share of a constant light that the specular lobe reflects toward each cosine, by Gauss-Legendre over the hemisphere."""
+    node, weight = np.polynomial.legendre.leggauss(200)
+    cos_i, share = (node[:, None] + 1) / 2, weight[:, None] / 2
+    azimuth = (np.arange(256) + 0.5) * (2 * np.pi / 256)
+    alpha2 = roughness**4
+
+    def smith_lambda(cosine: np.ndarray) -> np.ndarray:
+        return (np.sqrt(1 + alpha2 * (1 / cosine**2 - 1)) - 1) / 2
+
+    found = []
+    for cosine in cos_o:
+        sine = np.sqrt((1 - cosine**2) * (1 - cos_i**2))
+        between = cosine * cos_i + sine * np.cos(azimuth)  # of view and light
+        cos_h2 = (cosine + cos_i) ** 2 / (2 + 2 * between)
+        ggx = alpha2 / (np.pi * (cos_h2 * (alpha2 - 1) + 1) ** 2)
+        fresnel = 0.04 + 0.96 * (1 - np.sqrt((1 + between) / 2)) ** 5
+        value = ggx * fresnel / (1 + smith_lambda(cosine) + smith_lambda(cos_i)) / (4 * cosine)
+        found.append((value * share).sum() * 2 * np.pi / len(azimuth))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("roughness", [0.3, 0.6, 1.0])
+def test_ball_in_a_constant_light(ball: Stage, roughness: float) -> None:
+    """t-test of every pixel: diffuse is albedo times radiance, specular the share that the lobe reflects."""
+    normal, view = unit_ball(camera_at((2.1, -3.0, 1.4), pixels=40))
+    cosine = (normal * view).sum(-1)
+    chosen = torch.nonzero(torch.from_numpy(cosine > 0.3)[ball.gbuffer.pixel])[:, 0][::3]
+    expected = reflected_share(cosine[ball.gbuffer.pixel[chosen].numpy()], roughness)
+    radiance = torch.tensor([0.5, 1.0, 2.0])
+    found = repeats(ball, chosen, grey(roughness), radiance.expand(16, 32, 3).contiguous(), 256)
+    mean = np.ones((len(chosen), 1)) * radiance.double().numpy()
+    # All channels share their samples, so one of them is tested.
+    assert_same_mean(found.diffuse[..., 1].numpy(), (0.5 * mean)[None, :, 1], resolution=1e-3)
+    assert_same_mean(found.specular[..., 1].numpy(), (expected[:, None] * mean)[None, :, 1], resolution=2e-3)
+    for part in (found.diffuse, found.specular):
+        torch.testing.assert_close(part / radiance, part[..., 1:2].expand_as(part), rtol=1e-5, atol=0)
+
+
+# ---------------------------------------------------------------- facing planes
+def blocked_share(x: np.ndarray, y: np.ndarray, half: float, gap: float) -> np.ndarray:
+    """Form factor from points (x, y) to the parallel square of side 2 ``half`` at distance ``gap`` (Howell, B-4).
+
+    It is the sum over the four rectangles that have a corner above the point; their sides count negative beyond the edge.
+    """
+    total = np.zeros_like(x)
+    for a in ((half - x) / gap, (half + x) / gap):
+        for b in ((half - y) / gap, (half + y) / gap):
+            total += a / np.sqrt(1 + a**2) * np.arctan(b / np.sqrt(1 + a**2))
+            total += b / np.sqrt(1 + b**2) * np.arctan(a / np.sqrt(1 + b**2))
+    return total / (2 * np.pi)
+
+
+@pytest.mark.parametrize("above", [True, False], ids=["the lower, from between", "the upper, from between"])
+def test_facing_planes_block_their_form_factor(above: bool) -> None:
+    """Two parallel squares in a constant light, direct light alone: albedo L (1 - form factor) at every pixel of either."""
+    half, gap, inside = 1.0, 1.6, 0.75
+    mesh = together(plate(half, height=-gap / 2), plate(half, height=gap / 2))
+    camera = camera_at((0.0, 0.0, inside if above else -inside), pixels=15, field_of_view=66.0)
+    stage = Stage.of(mesh, [camera])
+    every = torch.arange(len(stage.gbuffer.pixel))
+    assert len(every) == 15 * 15  # the plate fills the picture
+
+    direction = rays_of(camera)
+    seen = camera.to_world[:3, 3] + direction * ((gap / 2 + inside) / np.abs(direction[:, 2]))[:, None]
+    assert np.abs(seen[:, :2]).max() > 0.9 * half
+    expected = 0.5 * 2.0 * (1 - blocked_share(seen[:, 0], seen[:, 1], half, gap))
+    assert expected.min() < 0.75 < 0.9 < expected.max() / 0.85  # shadows differ over the plate
+    light = torch.full((16, 32, 3), 2.0)
+    found = repeats(stage, every, grey(1.0), light, 128).diffuse[..., 0]
+    assert_same_mean(found.numpy(), expected[None], resolution=1e-3)
+
+
+def test_form_factor_of_facing_planes_far_apart() -> None:
+    """The formula itself: far away it is area over pi times distance squared, and next to the plane it is 1 (or 0 beside)."""
+    zero = np.zeros(1)
+    assert blocked_share(zero, zero, 1.0, 100.0)[0] == pytest.approx(4 / (math.pi * 1e4), rel=1e-3)
+    assert blocked_share(zero, zero, 1.0, 1e-4)[0] == pytest.approx(1, abs=1e-3)
+    assert blocked_share(zero + 2, zero, 1.0, 1e-4)[0] == pytest.approx(0, abs=1e-3)
