@@ -25,6 +25,8 @@ from ia_bench.light.latlong import (
     texel_to_direction,
 )
 
+pytestmark = pytest.mark.verify
+
 SIZES = [(1, 1), (1, 2), (2, 4), (16, 32), (37, 31), (256, 512)]
 
 
@@ -125,6 +127,13 @@ def bright_pole() -> torch.Tensor:
     return radiance
 
 
+def bright_seam() -> torch.Tensor:
+    """Light on both sides of the azimuth seam, more on one."""
+    radiance = torch.full((16, 32, 3), 0.05)
+    radiance[7:10, 0], radiance[7:10, -1] = 200.0, 50.0
+    return radiance
+
+
 def random_map() -> torch.Tensor:
     return torch.rand(9, 14, 3, generator=torch.Generator().manual_seed(1)) ** 6
 
@@ -143,6 +152,7 @@ MAPS: dict[str, Callable[[], torch.Tensor]] = {
     "random": random_map,
     "with black texels": holes,
     "bright pole row": bright_pole,
+    "bright seam": bright_seam,
     "1 x 2": lambda: torch.tensor([[[1.0, 2.0, 3.0], [0.5, 0.5, 0.5]]]),
     "1 x 1": lambda: torch.ones(1, 1, 3),
     "one channel only": lambda: random_map() * torch.tensor([0.0, 1.0, 0.0]),
@@ -204,8 +214,7 @@ def test_texels_are_drawn_by_their_density(name: str, uniform_fraction: float) -
         u = torch.rand(DRAWS, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
         counts = np.bincount(draw(sampler, normal, u).numpy(), minlength=height * width)
         expected = density(sampler, normal) * solid_angles(height, width)
-        assert (counts[expected == 0] == 0).all()
-        assert_frequencies(counts, DRAWS * expected)
+        assert_frequencies(counts, DRAWS * expected, tests=2 * len(MAPS) * len(NORMALS))
 
 
 @pytest.mark.parametrize("name", MAPS)
@@ -243,14 +252,20 @@ def test_every_direction_that_can_light_a_normal_can_be_drawn(height: int) -> No
     assert float(ratio.min()) > 0.2
 
 
-@pytest.mark.parametrize("name", ["random", "bright pole row", "1 x 2", "1 x 1"])
+@pytest.mark.parametrize(
+    "name", ["random", "bright pole row", "bright seam", "one bright texel among dark", "black", "1 x 2", "1 x 1"]
+)
 def test_directions_follow_the_density_within_texels_too(name: str) -> None:
-    """Draws are counted in a grid four times as fine in cos(theta) and phi: equal solid angles in each texel."""
+    """Draws are counted in a grid four times as fine in cos(theta) and phi: equal solid angles in each texel.
+
+    For a normal toward the azimuth seam; false alarms in chi_square.py.
+    """
+    normal = NORMALS[4]
     radiance = MAPS[name]()
     height, width, _ = radiance.shape
     sampler = LatLongSampler.build(radiance)
     rng = torch.Generator().manual_seed(4)
-    texel = draw(sampler, NORMALS[0], torch.rand(DRAWS, dtype=torch.float64, generator=rng))
+    texel = draw(sampler, normal, torch.rand(DRAWS, dtype=torch.float64, generator=rng))
     direction = texel_to_direction(texel, *torch.rand(2, DRAWS, generator=rng), height, width).double().numpy()
     z = np.cos(np.pi * np.arange(height + 1) / height)
     edges = np.concatenate([np.linspace(a, b, 4, endpoint=False) for a, b in itertools.pairwise(z)] + [z[-1:]])
@@ -258,8 +273,8 @@ def test_directions_follow_the_density_within_texels_too(name: str) -> None:
     phi = np.arctan2(direction[:, 1], direction[:, 0])
     column = np.clip(((np.pi - phi) / (2 * np.pi) * 4 * width).astype(int), 0, 4 * width - 1)
     counts = np.bincount(row * 4 * width + column, minlength=16 * height * width)
-    expected = (density(sampler, NORMALS[0]) * solid_angles(height, width)).reshape(height, width)
-    assert_frequencies(counts, DRAWS * np.repeat(np.repeat(expected, 4, axis=0), 4, axis=1) / 16)
+    expected = (density(sampler, normal) * solid_angles(height, width)).reshape(height, width)
+    assert_frequencies(counts, DRAWS * np.repeat(np.repeat(expected, 4, axis=0), 4, axis=1) / 16, tests=7)
 
 
 def test_dark_texels_beside_a_sun_keep_their_share() -> None:
@@ -292,7 +307,7 @@ def test_dark_texels_beside_a_sun_keep_their_share() -> None:
         u = dark * torch.rand(DRAWS, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
         u = torch.where(u < ends[0], u, u - ends[0] + ends[1])
         counts = np.bincount(draw(sampler, normal, u).numpy(), minlength=64 * 128)
-        assert_frequencies(np.delete(counts, sun), DRAWS * np.delete(expected, sun) / dark)
+        assert_frequencies(np.delete(counts, sun), DRAWS * np.delete(expected, sun) / dark, tests=len(NORMALS))
     assert seen >= 2
 
 

@@ -16,6 +16,8 @@ from ia_bench.material.textures import Material, fetch
 from ia_bench.render.estimator import lattice, sample_directions, shade_directions
 from ia_bench.render.renderer import Light
 
+pytestmark = pytest.mark.verify
+
 RADIANCE = torch.tensor([0.5, 1.0, 2.0])
 ALBEDO = torch.tensor([0.2, 0.5, 0.9])
 
