@@ -10,7 +10,7 @@ READY := .venv/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup table test test-slow stability lint scenes prior-data clean
+.PHONY: help setup table test test-slow verify stability lint scenes prior-data clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -34,6 +34,9 @@ test: setup ## the fast tests
 
 test-slow: setup ## the slow tests: against Cycles, Ray, a real installation
 	$(PY) -m pytest -m slow $(ARGS)
+
+verify: setup ## the correctness battery of the renderer, slow tests included (docs/verification.md)
+	$(PY) -m pytest -m verify $(ARGS)
 
 stability: setup ## extreme inputs, one line each, against what the answer must be
 	$(PY) -m ia_bench.stability $(ARGS)
