@@ -9,6 +9,7 @@ from ia_bench.checks.forward import check_scene
 SCENES = Path(__file__).parents[2] / "datasets" / "scenes"
 
 
+@pytest.mark.verify
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hat", "ship", "console", "figurine"])
 def test_what_the_renderer_models_brings_it_nearer_to_cycles(name: str) -> None:

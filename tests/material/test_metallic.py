@@ -9,6 +9,8 @@ from ia_bench.light.latlong import texel_centres
 from ia_bench.material.brdf import F0, fresnel_schlick, normal_reflectance, specular_brdf_cosine, specular_lobes
 from ia_bench.render.estimator import shade_directions
 
+pytestmark = pytest.mark.verify
+
 
 def vectors(count: int) -> tuple[torch.Tensor, ...]:
     generator = torch.Generator().manual_seed(3)

@@ -26,6 +26,7 @@ from ia_bench.render.indirect import Interreflection, Operator, bake_interreflec
 from ia_bench.render.renderer import Light, PixelRadiance, Renderer
 from ia_bench.render.visibility import NoShadows, TracedShadows
 
+pytestmark = pytest.mark.verify
 WHITE = torch.ones(16, 32, 3)
 
 
