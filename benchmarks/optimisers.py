@@ -1,0 +1,426 @@
+"""Optimisers and parametrisations of the light on the image loss alone: error against CPU seconds.
+
+    python benchmarks/optimisers.py SCENE_FOLDER --out FOLDER [--only adam gauss-newton ...] [--steps 600] [--pixels 1024]
+
+Every case minimises the trainer's objective without a prior (L1 of tone-mapped radiance and smoothness) from the trainer's own
+start, on batches of random pixels, with the textures' late starts and with rates that fall to 5 % over the case. A case that
+does more work a step takes fewer steps, so that all cost about the same. Shading is eager for all: second-order methods need
+derivatives that the compiled code has not, so this favours them. Scores (off the clock) are the curve's: every fourth view.
+
+"adam": the trainer's. "adam, one rate x": the same rate for everything. "diagonal": momentum, divided by the diagonal of the
+Gauss-Newton matrix (Hutchinson's estimate, one more backward pass a step). "gauss-newton": Levenberg-Marquardt, ten iterations of
+conjugate gradients a step on one batch with fixed samples, damping adapted, L1 by reweighting. "l-bfgs": ten iterations with a
+line search a step on one batch, in units of the rates. The others are Adam on other parameters of the light: "linear"
+(radiance over its mean at the start, projected to be positive), "softplus" (of the same), "log + scale" (a factor a channel
+besides), "log pyramid" (means of blocks of 2, 4, ... texels besides).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from ia_bench.composition import compose
+from ia_bench.fit.losses import tone_map
+from ia_bench.fit.neighbours import find_neighbours
+from ia_bench.fit.problem import Fit, Monitor, Problem
+from ia_bench.fit.settings import FitSettings
+from ia_bench.fit.two_stage import TwoStage
+from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.textures import Material, fetch
+from ia_bench.plan import make_plan
+from ia_bench.priors.none import NoPrior
+from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.rays import make_rays
+from ia_bench.render.renderer import Light, Renderer
+from ia_bench.render.settings import RenderSettings
+from ia_bench.render.visibility import make_visibility
+from ia_bench.scenes.native import load_scene
+from ia_bench.scores.predict import Scorer
+from ia_bench.scores.protocol import Protocol
+from ia_bench.stability.stiffness.gauss_newton import Jacobian
+
+SCORED = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0)  # of the steps
+INNER = 10  # iterations of conjugate gradients or of L-BFGS a step
+SMALL = 0.01  # residual below which the reweighted square takes over from L1
+HELD = 8192  # pixels on which the objective is compared
+COLUMNS = ("objective", "aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse")
+
+Parameters = dict[str, Tensor]
+
+
+@dataclass
+class LightForm:
+    """A parametrisation: the leaves that give the radiance of a start, and the radiance that leaves give."""
+
+    leaves: Callable[[Tensor], Parameters]
+    radiance: Callable[[Parameters, float], Tensor]  # leaves, mean radiance of the start
+    least: float = -math.inf  # leaves are projected to be no smaller
+
+
+def _pyramid(start: Tensor) -> Parameters:
+    sizes = [start.shape[0] // 2**k for k in range(int(math.log2(start.shape[0])) + 1)]
+    return {f"level{k}": torch.zeros(rows, 2 * rows, 3) for k, rows in enumerate(sizes)} | {"level0": torch.log(start)}
+
+
+def _from_pyramid(leaves: Parameters, _: float) -> Tensor:
+    total, side = leaves["level0"], 1
+    for level in list(leaves.values())[1:]:
+        side *= 2
+        total = total + level.repeat_interleave(side, 0).repeat_interleave(side, 1)
+    return torch.exp(total)
+
+
+FORMS = {
+    "log": LightForm(lambda start: {"log": torch.log(start)}, lambda p, _: torch.exp(p["log"])),
+    "linear": LightForm(lambda start: {"linear": start / start.mean()}, lambda p, mean: mean * p["linear"], 1e-4),
+    "softplus": LightForm(
+        lambda start: {"inner": torch.log(torch.expm1(start / start.mean()))}, lambda p, mean: mean * F.softplus(p["inner"])
+    ),
+    "log + scale": LightForm(
+        lambda start: {"log": torch.log(start), "scale": torch.zeros(1, 1, 3)}, lambda p, _: torch.exp(p["log"] + p["scale"])
+    ),
+    "log pyramid": LightForm(_pyramid, _from_pyramid),
+}
+
+
+class Unknowns:
+    """The leaves of one case, and the material and light that they stand for."""
+
+    def __init__(self, start: Fit, form: LightForm) -> None:
+        self._form, self._mean = form, float(start.light.mean())
+        self.light = {name: leaf.clone().requires_grad_() for name, leaf in form.leaves(start.light).items()}
+        self.textures = {
+            "albedo": start.material.albedo.clone().requires_grad_(), "roughness": start.material.roughness.clone().requires_grad_()
+        }  # fmt: skip
+
+    def moving(self, progress: float, settings: FitSettings) -> Parameters:
+        """The leaves that are optimised by now."""
+        starts = {"albedo": settings.albedo_start, "roughness": settings.roughness_start}
+        return {**self.light, **{name: leaf for name, leaf in self.textures.items() if progress >= starts[name]}}
+
+    def material(self) -> Material:
+        """Differentiable."""
+        return Material(self.textures["albedo"], self.textures["roughness"])
+
+    def radiance(self) -> Tensor:
+        """Of the light, (H, W, 3), differentiable."""
+        return self._form.radiance(self.light, self._mean)
+
+    @torch.no_grad()
+    def project(self) -> None:
+        """Back into the valid range."""
+        self.textures["albedo"].clamp_(0, 1)
+        self.textures["roughness"].clamp_(MIN_ROUGHNESS, 1)
+        for leaf in self.light.values():
+            leaf.clamp_(min=self._form.least)
+
+    def fit(self) -> Fit:
+        """As they stand now."""
+        return Fit(Material(*(leaf.detach() for leaf in self.textures.values())), self.radiance().detach())
+
+
+class Objective:
+    """The trainer's objective without a prior: sums of weighted absolute residuals."""
+
+    def __init__(self, problem: Problem, settings: FitSettings) -> None:
+        self._problem, self._settings = problem, settings
+        self._images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]))
+        self._neighbours = find_neighbours(problem, self._images, settings.smooth_scale)
+        self.pixel_count = len(problem.gbuffer.pixel)
+        self.held = torch.randperm(self.pixel_count, generator=torch.Generator().manual_seed(7))[:HELD]
+
+    def residuals(self, unknowns: Unknowns, pixels: Tensor, seed: int, sampled: Light | None = None) -> tuple[Tensor, Tensor]:
+        """Signed residuals (M,) and their weights (M,); ``seed`` fixes the samples, ``sampled`` the light they follow."""
+        problem, weights, near = self._problem, self._settings.weights, self._neighbours
+        radiance = unknowns.radiance()
+        light = (
+            Light.of(radiance, uniform_fraction=self._settings.light_uniform)
+            if sampled is None
+            else Light(radiance, sampled.sampler)
+        )
+        rendered = problem.renderer.render_pixels(
+            problem.gbuffer, pixels, unknowns.material(), light, problem.plan.samples, torch.Generator().manual_seed(seed)
+        )
+        image = (tone_map(rendered.radiance) - tone_map(self._images[pixels])).reshape(-1)
+        parts, shares = [image], [torch.full_like(image, weights.image / len(image))]
+        uv, other = near.uv[pixels].repeat_interleave(2, 0), near.index[pixels].reshape(-1)
+        similarity = near.similarity[pixels].reshape(-1, 1)
+        for name, weight in (("albedo", weights.smooth_albedo), ("roughness", weights.smooth_roughness)):
+            texture = unknowns.textures[name]
+            step = fetch(texture, uv) - fetch(texture, near.uv[other])
+            parts.append(step.reshape(-1))
+            shares.append((weight / step.numel() * similarity).expand_as(step).reshape(-1))
+        return torch.cat(parts), torch.cat(shares)
+
+    def squares(self, unknowns: Unknowns, pixels: Tensor, seed: int) -> tuple[Tensor, float]:
+        """Residuals (M,) whose half sum of squares has, where they were recorded, the gradient of the weighted L1; that L1."""
+        residual, weight = self.residuals(unknowns, pixels, seed)
+        size = residual.detach().abs()
+        return residual * (weight / size.clamp_min(SMALL)).sqrt(), float((size * weight).sum())
+
+
+Clock = Callable[[int, Unknowns], None]
+
+
+@dataclass(frozen=True)
+class Case:
+    """How one name is run: a rate for each leaf, the optimiser, and how many steps of Adam one of its steps costs."""
+
+    run: Callable[[Unknowns, Objective, Case, FitSettings, int, int, Clock], None]
+    form: str = "log"
+    cost: float = 1.0
+    rates: tuple[float, float, float] = (0.03, 0.1, 0.2)  # albedo, roughness, light
+
+    def rate(self, name: str) -> float:
+        """Of one leaf."""
+        return {"albedo": self.rates[0], "roughness": self.rates[1]}.get(name, self.rates[2])
+
+
+def run_adam(
+    unknowns: Unknowns, objective: Objective, case: Case, settings: FitSettings, steps: int, pixels: int, clock: Clock
+) -> None:
+    """As the trainer does it."""
+    leaves = {**unknowns.light, **unknowns.textures}
+    adam = torch.optim.Adam([{"params": [leaf], "name": name} for name, leaf in leaves.items()], betas=(0.9, 0.99), fused=True)
+    for step, chosen in enumerate(batches(objective, steps, pixels)):
+        progress = step / max(steps - 1, 1)
+        for group in adam.param_groups:
+            group["lr"] = case.rate(group["name"]) * settings.rates.final**progress
+        residual, weight = objective.residuals(unknowns, chosen, step)
+        adam.zero_grad()
+        (residual.abs() * weight).sum().backward()
+        moving = unknowns.moving(step / steps, settings)
+        for name, leaf in leaves.items():
+            if name not in moving:
+                leaf.grad = None
+        adam.step()
+        unknowns.project()
+        clock(step + 1, unknowns)
+
+
+def run_diagonal(
+    unknowns: Unknowns, objective: Objective, case: Case, settings: FitSettings, steps: int, pixels: int, clock: Clock
+) -> None:
+    """Momentum 0.9 divided by a running mean of the diagonal, damped by 3 % of its mean over the leaf."""
+    noise = torch.Generator().manual_seed(1)
+    slope: Parameters = {}
+    bend: Parameters = {}
+    age: dict[str, int] = {}
+    for step, chosen in enumerate(batches(objective, steps, pixels)):
+        moving = unknowns.moving(step / steps, settings)
+        squares, _ = objective.squares(unknowns, chosen, step)
+        gradients = torch.autograd.grad(squares, list(moving.values()), squares.detach(), retain_graph=True)
+        signs = torch.randint(0, 2, squares.shape, generator=noise).to(squares) * 2 - 1
+        probes = torch.autograd.grad(squares, list(moving.values()), signs)
+        rate = 0.1 * settings.rates.final ** (step / max(steps - 1, 1))
+        for (name, leaf), gradient, probe in zip(moving.items(), gradients, probes, strict=True):
+            age[name] = age.get(name, 0) + 1
+            slope[name] = 0.9 * slope.get(name, torch.zeros_like(leaf)) + 0.1 * gradient
+            bend[name] = 0.99 * bend.get(name, torch.zeros_like(leaf)) + 0.01 * probe**2
+            mean, curvature = slope[name] / (1 - 0.9 ** age[name]), bend[name] / (1 - 0.99 ** age[name])
+            change = rate * mean / (curvature + 0.03 * curvature.mean()).clamp_min(1e-20)
+            with torch.no_grad():
+                leaf.sub_(change.clamp(-5 * case.rate(name), 5 * case.rate(name)))
+        unknowns.project()
+        clock(step + 1, unknowns)
+
+
+def run_gauss_newton(
+    unknowns: Unknowns, objective: Objective, case: Case, settings: FitSettings, steps: int, pixels: int, clock: Clock
+) -> None:
+    """Levenberg-Marquardt: (J^T J + damping D) x = -J^T r by conjugate gradients preconditioned with D."""
+    noise, damping = torch.Generator().manual_seed(1), 0.1
+    for step, chosen in enumerate(batches(objective, steps, pixels)):
+        moving = unknowns.moving(step / steps, settings)
+        squares, before = objective.squares(unknowns, chosen, step)
+        jacobian = Jacobian(squares, moving)
+        signs = torch.randint(0, 2, (4, *squares.shape), generator=noise).to(squares) * 2 - 1
+        diagonal = torch.stack([jacobian.backward(z) for z in signs]).square().mean(0)
+        limit = torch.zeros_like(diagonal)
+        for name, part in jacobian.slices.items():
+            diagonal[part] += 0.03 * diagonal[part].mean()
+            limit[part] = 10 * case.rate(name)  # ten steps of Adam
+        target = -jacobian.backward(squares.detach())
+
+        def product(vector: Tensor, jacobian: Jacobian = jacobian, added: Tensor = damping * diagonal) -> Tensor:
+            return jacobian.backward(jacobian.forward(vector)) + added * vector
+
+        change = conjugate_gradients(product, target, diagonal, INNER)
+        change = settings.rates.final ** (step / max(steps - 1, 1)) * change.clamp(-limit, limit)
+        expected = float(target @ change - 0.5 * jacobian.forward(change).square().sum())
+        with torch.no_grad():
+            for name, leaf in moving.items():
+                leaf += change[jacobian.slices[name]].reshape(leaf.shape)
+            unknowns.project()
+            residual, weight = objective.residuals(unknowns, chosen, step)
+            ratio = (before - float((residual.abs() * weight).sum())) / max(expected, 1e-12)
+        damping = min(max(damping * (0.5 if ratio > 0.5 else 2.0 if ratio < 0.1 else 1.0), 1e-3), 1e2)
+        clock(step + 1, unknowns)
+
+
+def conjugate_gradients(product: Callable[[Tensor], Tensor], target: Tensor, diagonal: Tensor, iterations: int) -> Tensor:
+    """An approximate solution of ``product(x) = target`` from zero, preconditioned with a positive ``diagonal``."""
+    solution, rest = torch.zeros_like(target), target.clone()
+    scaled = rest / diagonal
+    direction, power = scaled.clone(), rest @ scaled
+    for _ in range(iterations):
+        moved = product(direction)
+        length = power / (direction @ moved).clamp_min(1e-30)
+        solution, rest = solution + length * direction, rest - length * moved
+        scaled = rest / diagonal
+        power, last = rest @ scaled, power
+        direction = scaled + power / last.clamp_min(1e-30) * direction
+    return solution
+
+
+def run_lbfgs(
+    unknowns: Unknowns, objective: Objective, case: Case, settings: FitSettings, steps: int, pixels: int, clock: Clock
+) -> None:
+    """A fresh memory for every batch: differences of gradients between batches are noise."""
+    for step, chosen in enumerate(batches(objective, steps, pixels)):
+        moving = unknowns.moving(step / steps, settings)
+        origin = {name: leaf.detach().clone() for name, leaf in moving.items()}
+        units = {name: torch.zeros_like(leaf, requires_grad=True) for name, leaf in moving.items()}
+        size = settings.rates.final ** (step / max(steps - 1, 1))
+        sampled = Light.of(unknowns.radiance().detach(), uniform_fraction=settings.light_uniform)
+        solver = torch.optim.LBFGS(list(units.values()), lr=size, max_iter=INNER, line_search_fn="strong_wolfe")
+
+        def place(moving: Parameters = moving, origin: Parameters = origin, units: Parameters = units) -> None:
+            with torch.no_grad():
+                for name, leaf in moving.items():
+                    leaf.copy_(origin[name] + case.rate(name) * units[name])
+            unknowns.project()
+
+        def closure(chosen: Tensor = chosen, step: int = step, sampled: Light = sampled, units: Parameters = units) -> Tensor:
+            place()
+            residual, weight = objective.residuals(unknowns, chosen, step, sampled)
+            loss = (residual.abs() * weight).sum()
+            for (name, unit), gradient in zip(units.items(), torch.autograd.grad(loss, list(moving.values())), strict=True):  # noqa: B023
+                unit.grad = case.rate(name) * gradient
+            return loss.detach()
+
+        solver.step(closure)
+        place()
+        clock(step + 1, unknowns)
+
+
+def batches(objective: Objective, steps: int, pixels: int) -> Iterable[Tensor]:
+    """The same random pixels for every case, (pixels,) a step."""
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(steps):
+        yield torch.randint(objective.pixel_count, (pixels,), generator=generator)
+
+
+CASES = {
+    "adam": Case(run_adam),
+    "adam, one rate 0.03": Case(run_adam, rates=(0.03, 0.03, 0.03)),
+    "adam, one rate 0.1": Case(run_adam, rates=(0.1, 0.1, 0.1)),
+    "adam, light 0.05": Case(run_adam, rates=(0.03, 0.1, 0.05)),
+    "adam, light 0.4": Case(run_adam, rates=(0.03, 0.1, 0.4)),
+    "diagonal": Case(run_diagonal, cost=1.1),
+    "gauss-newton": Case(run_gauss_newton, cost=5.0),
+    "l-bfgs": Case(run_lbfgs, cost=11.0),
+    "linear": Case(run_adam, "linear"),
+    "softplus": Case(run_adam, "softplus"),
+    "log + scale": Case(run_adam, "log + scale"),
+    "log pyramid": Case(run_adam, "log pyramid", rates=(0.03, 0.1, 0.1)),
+}
+
+
+class Scored:
+    """The clock of a case: CPU seconds of its steps, scores beside them, off the clock."""
+
+    def __init__(self, scorer: Scorer, objective: Objective, steps: int) -> None:
+        self._scorer, self._objective, self._due = scorer, objective, {max(1, round(share * steps)) for share in SCORED}
+        self.seconds = 0.0
+        self.rows: list[dict[str, float]] = []
+        self._started = time.process_time()
+
+    def __call__(self, step: int, unknowns: Unknowns) -> None:
+        """Stop the clock, score where it is due, go on."""
+        self.seconds += time.process_time() - self._started
+        if step in self._due:
+            found = unknowns.fit()
+            with torch.no_grad():
+                residual, weight = self._objective.residuals(unknowns, self._objective.held, 2**32)
+            scores = {
+                **self._scorer.quick(found.material, found.light), "objective": float((residual.abs() * weight).sum())
+            }  # fmt: skip
+            values = {name: value for name in COLUMNS if (value := scores.get(name)) is not None}
+            self.rows.append({"step": step, "seconds": self.seconds, **values})
+        self._started = time.process_time()
+
+
+def load(folder: Path, settings: FitSettings) -> tuple[Problem, Scorer, Fit]:
+    """The problem that a run would have, how it would be scored, and where its trainer would start."""
+    scene, cpu = load_scene(folder, truth=True), torch.device("cpu")
+    blind = scene.for_training()
+    surface, rays = SurfaceInterpolator(scene.mesh, cpu), make_rays(scene.mesh, cpu)
+    plan = make_plan(blind, surface, rays, RenderSettings(), NoPrior(), cpu)
+    renderer = Renderer(surface, make_visibility(plan.shadows, scene.mesh, surface, rays))
+    problem = Problem(blind, trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, cpu), renderer, plan)
+    protocol = Protocol.from_config(compose(["scene=tiny"]).protocol)
+    silent = Monitor(lambda *_: None, print, lambda *_: None, lambda _: None, lambda: None)  # type: ignore[arg-type,return-value]
+    start = TwoStage().fit(problem, NoPrior(), replace(settings, stage1_steps=0, stage2_steps=0), seed=0, monitor=silent)
+    return problem, Scorer(scene, renderer, rays, protocol, seed=0), start
+
+
+def plot(path: Path, curves: dict[str, list[dict[str, float]]]) -> None:
+    """Aligned albedo and relighting against CPU seconds."""
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    for axes, column in zip(figure.subplots(1, 2), ("aligned_albedo_psnr", "relighting_psnr"), strict=True):
+        for number, (name, rows) in enumerate(curves.items()):
+            usable = [row for row in rows if column in row]
+            style = ("-", "--", ":")[number // 7]
+            axes.plot([row["seconds"] for row in usable], [row[column] for row in usable], style, marker=".", label=name)
+        label = column.removesuffix("_psnr").replace("_", " ")
+        axes.set(xscale="log", xlabel="CPU seconds", ylabel=f"{label}, PSNR (dB)")
+    axes.legend(fontsize="x-small")
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    """Run the cases one after the other, print and write their curves."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", type=Path, help="scene folder with its truth")
+    parser.add_argument("--out", type=Path, required=True, help="folder for optimisers.csv and optimisers.png")
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="cases")
+    parser.add_argument("--steps", type=int, default=600, help="steps of Adam; the others take as many as cost the same")
+    parser.add_argument("--pixels", type=int, default=1024, help="in a batch")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    settings = FitSettings()
+    problem, scorer, start = load(arguments.scene, settings)
+    objective = Objective(problem, settings)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    curves: dict[str, list[dict[str, float]]] = {}
+    print("| case | steps | CPU s | " + " | ".join(COLUMNS) + " |\n|" + " :--- |" * (3 + len(COLUMNS)))
+    for name in arguments.only:
+        case = CASES[name]
+        steps = max(1, round(arguments.steps / case.cost))
+        scored = Scored(scorer, objective, steps)
+        case.run(Unknowns(start, FORMS[case.form]), objective, case, settings, steps, arguments.pixels, scored)
+        curves[name] = scored.rows
+        last = scored.rows[-1]
+        shown = [f"{last[column]:.3f}" if column in last else "-" for column in COLUMNS]
+        print(f"| {name} | {steps} | {last['seconds']:.1f} | " + " | ".join(shown) + " |", flush=True)
+        with (arguments.out / "optimisers.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, ["case", "step", "seconds", *COLUMNS], lineterminator="\n")
+            writer.writeheader()
+            writer.writerows({"case": case_name, **row} for case_name, rows in curves.items() for row in rows)
+        plot(arguments.out / "optimisers.png", curves)
+
+
+if __name__ == "__main__":
+    main()
