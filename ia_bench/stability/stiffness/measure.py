@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+import torch
+from torch import Tensor
 
 from ia_bench.stability.stiffness import spectrum
-from ia_bench.stability.stiffness.gauss_newton import gram, stiffest
+from ia_bench.stability.stiffness.gauss_newton import Jacobian, gram, stiffest
 from ia_bench.stability.stiffness.stage import Stage
 
 CHUNK = 1024  # pixels recorded at a time
@@ -35,7 +37,6 @@ class Confusion:
     :func:`ia_bench.stability.stiffness.spectrum.confusions`; ``image_change``: root mean square, of tone-mapped radiance.
     """
 
-    name: str
     change: dict[str, np.ndarray]
     mu: float
     image_change: float
@@ -64,11 +65,11 @@ def measure(stage: Stage, grids: Grids, directions: int) -> Measurement:
     groups = {name: place[part][seen[part]] for name, part in slices.items()}
 
     values, vectors = scipy.linalg.eigh(matrix)
-    scaled, scaled_vectors = scipy.linalg.eigh(spectrum.jacobi(matrix))
+    scaled = scipy.linalg.eigvalsh(spectrum.jacobi(matrix))
     mu, _ = spectrum.confusions(matrix, groups)
     of_two, mixed = spectrum.confusions(matrix, {name: groups[name] for name in ("albedo", "log_light")})
     tenth = max(1, len(values) // 10)
-    albedo, radiance = (blocks.numpy().astype(np.float64) for blocks in stage.blocks_of(grids.texture, grids.light))
+    radiance = stage.block_radiance(grids.light).numpy().astype(np.float64)
     numbers = {
         "scene": stage.scene.name,
         "pixels": len(pixels),
@@ -84,7 +85,6 @@ def measure(stage: Stage, grids: Grids, directions: int) -> Measurement:
         "condition_jacobi": spectrum.condition(scaled),
         "shares_stiffest_percent": spectrum.shares(vectors[:, -max(1, len(values) // 100) :], groups),
         "shares_flattest_tenth": spectrum.shares(vectors[:, :tenth], groups),
-        "shares_stiffest_jacobi": spectrum.shares(scaled_vectors[:, -1:], groups),
         "median_of_group": {
             name: float(np.median(scipy.linalg.eigvalsh(matrix[np.ix_(own, own)])) / values[-1]) for name, own in groups.items()
         },
@@ -92,52 +92,18 @@ def measure(stage: Stage, grids: Grids, directions: int) -> Measurement:
         "confused_below": {str(bound): int((mu < bound).sum()) for bound in (0.001, 0.01, 0.1)},
         "compared": len(mu),
         "albedo_and_light_confused_below": {str(bound): int((of_two < bound).sum()) for bound in (0.001, 0.01, 0.1)},
-        "casts": _casts(matrix, groups, slices, seen, albedo),
         "light_parametrisations": _parametrisations(matrix, groups["log_light"], slices["log_light"], seen, radiance),
-        "fit_resolution": _at_fit_resolution(stage, grids),
+        **_at_fit_resolution(stage, grids),
     }
-    cast = _cast(slices, albedo, (0, 1, 2))[seen]
-    shown = {"light up, albedo down": cast} | {f"most confused {k + 1}": mixed[:, k] for k in range(directions)}
     confused = []
-    for name, direction in shown.items():
+    for direction in mixed[:, :directions].T:
         direction = direction * ALBEDO_CHANGE / np.abs(direction[groups["albedo"]]).max()
         whole = np.zeros(len(seen))
         whole[seen] = direction
         change = {group: whole[part].reshape(shapes[group]) for group, part in slices.items()}
         effect = float(np.sqrt(direction @ matrix @ direction))
-        confused.append(Confusion(name, change, spectrum.cancellation(matrix, groups, direction), effect))
+        confused.append(Confusion(change, spectrum.cancellation(matrix, groups, direction), effect))
     return Measurement(numbers, values, confused)
-
-
-def _casts(
-    matrix: np.ndarray, groups: spectrum.Groups, slices: dict[str, slice], seen: np.ndarray, albedo: np.ndarray
-) -> dict[str, dict[str, float]]:
-    """Light times c and albedo over c, for every channel and for all three at once.
-
-    "image_change": root mean square change of the tone-mapped images that a factor of 1.1 makes, to first order, over the channels
-    concerned; "light_alone": the same of the light without the albedo; "mu" as in :func:`spectrum.confusions`.
-    """
-    found = {}
-    for name, channels in (("red", (0,)), ("green", (1,)), ("blue", (2,)), ("all", (0, 1, 2))):
-        both = _cast(slices, albedo, channels)[seen]
-        alone = np.zeros_like(both)
-        alone[groups["log_light"]] = both[groups["log_light"]]
-        factor = np.log(1.1) * np.sqrt(3 / len(channels))
-        found[name] = {
-            "mu": spectrum.cancellation(matrix, groups, both),
-            "image_change": float(factor * np.sqrt(both @ matrix @ both)),
-            "light_alone": float(factor * np.sqrt(alone @ matrix @ alone)),
-        }
-    return found
-
-
-def _cast(slices: dict[str, slice], albedo: np.ndarray, channels: tuple[int, ...]) -> np.ndarray:
-    """The direction, of all parameters, that multiplies the light and divides the albedo of some channels."""
-    whole = np.zeros(max(part.stop for part in slices.values()))
-    for channel in channels:
-        whole[slices["albedo"]][channel::3] = -albedo[..., channel].reshape(-1)
-        whole[slices["log_light"]][channel::3] = 1
-    return whole
 
 
 def _parametrisations(
@@ -154,14 +120,43 @@ def _parametrisations(
 
 
 def _at_fit_resolution(stage: Stage, grids: Grids) -> dict[str, Any]:
-    """The stiffest directions of the fit's own parameters, matrix-free."""
+    """The stiffest directions of the fit's own parameters, and its casts, matrix-free."""
     size, rows = stage.material.albedo.shape[0], stage.log_light.shape[0]
-    jacobian = stage.jacobian(stage.pixels(min(grids.pixels, 2 * CHUNK)), size, rows)
+    jacobian = stage.jacobian(stage.pixels(min(grids.pixels, CHUNK)), size, rows)
     values, vectors = stiffest(jacobian, STIFFEST)
     groups = {name: np.arange(part.start, part.stop) for name, part in jacobian.slices.items()}
     return {
-        "parameters": jacobian.columns,
-        "unseen": int((~jacobian.columns_seen()).sum()),
-        "largest": values.tolist(),
-        "shares": [spectrum.shares(vectors[:, k : k + 1], groups) for k in range(STIFFEST)],
+        "fit_resolution": {
+            "parameters": jacobian.columns,
+            "unseen": int((~jacobian.columns_seen()).sum()),
+            "largest": values.tolist(),
+            "shares": [spectrum.shares(vectors[:, k : k + 1], groups) for k in range(STIFFEST)],
+        },
+        "casts": casts(jacobian, stage.material.albedo),
     }
+
+
+def casts(jacobian: Jacobian, albedo: Tensor) -> dict[str, dict[str, float]]:
+    """Light times c and albedo over c, for every channel and for all three at once; J must be of the fit's own textures (T, T, 3).
+
+    "image_change": root mean square change of the tone-mapped images that a factor of 1.1 makes, to first order, in the channels
+    concerned; "light_alone": the same of the light without the albedo; "mu" as in
+    :func:`ia_bench.stability.stiffness.spectrum.confusions`.
+    """
+    found = {}
+    for name, channels in (("red", [0]), ("green", [1]), ("blue", [2]), ("all", [0, 1, 2])):
+        change = {group: torch.zeros_like(leaf) for group, leaf in jacobian.parameters.items()}
+        change["albedo"][..., channels] = -albedo[..., channels]
+        change["log_light"][..., channels] = 1
+        effect = {}
+        for group in ("albedo", "log_light"):
+            alone = {other: leaf if other == group else torch.zeros_like(leaf) for other, leaf in change.items()}
+            effect[group] = jacobian.forward(torch.cat([leaf.reshape(-1) for leaf in alone.values()])).double()
+        power = {group: float(values[:, channels].square().mean()) for group, values in effect.items()}
+        both = float((effect["albedo"] + effect["log_light"])[:, channels].square().mean())
+        found[name] = {
+            "mu": both / sum(power.values()),
+            "image_change": float(np.log(1.1) * np.sqrt(both)),
+            "light_alone": float(np.log(1.1) * np.sqrt(power["log_light"])),
+        }
+    return found

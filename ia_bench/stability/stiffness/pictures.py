@@ -34,7 +34,7 @@ def draw_confusions(path: Path, stage: Stage, measured: Measurement) -> None:
     title, scaled to a largest albedo change of 0.1, with the root mean square change of the images beside them.
     """
     rows = measured.confused
-    figure = Figure(figsize=(7, 2.5 * len(rows)), layout="constrained")
+    figure = Figure(figsize=(7.5, 2.6 * len(rows)), layout="constrained")
     for pair, row in zip(figure.subplots(len(rows), 2, squeeze=False, width_ratios=(1, 2)), rows, strict=True):
         albedo, light = (row.change[name] for name in ("albedo", "log_light"))
         picture = texture_images(stage.renderer.surface, stage.gbuffer, torch.from_numpy(albedo).float())[0].numpy()
@@ -42,9 +42,6 @@ def draw_confusions(path: Path, stage: Stage, measured: Measurement) -> None:
             axes.imshow((0.5 + 0.5 * image / max(np.abs(image).max(), 1e-12)).clip(0, 1), interpolation="nearest")
             axes.set_axis_off()
         pair[0].set_title(f"albedo, up to {np.abs(albedo).max():.2g}", fontsize="small")
-        pair[1].set_title(
-            f"log light, up to {np.abs(light).max():.2g}; together they change the images by {row.image_change:.1e}\n"
-            f"{row.name}: mu = {row.mu:.2g}, roughness up to {np.abs(row.change['roughness']).max():.2g}",
-            fontsize="small",
-        )
+        title = f"log light, up to {np.abs(light).max():.2g}; together: mu = {row.mu:.2g}, images change by {row.image_change:.1e}"
+        pair[1].set_title(title, fontsize="small")
     figure.savefig(path, dpi=90)

@@ -105,9 +105,9 @@ class Stage:
         )
         return tone_map(rendered.radiance)
 
-    def blocks_of(self, texture: int, light_rows: int) -> tuple[Tensor, Tensor]:
-        """Mean true albedo (t, t, 3) and mean true radiance (h, 2 h, 3) of the blocks of :meth:`jacobian`."""
-        return _resized(self.material.albedo, texture), _resized(torch.exp(self.log_light), light_rows, 2 * light_rows)
+    def block_radiance(self, light_rows: int) -> Tensor:
+        """Mean true radiance (h, 2 h, 3) of the light's blocks of :meth:`jacobian`."""
+        return _resized(torch.exp(self.log_light), light_rows, 2 * light_rows)
 
 
 def _resized(image: Tensor, height: int, width: int | None = None) -> Tensor:
