@@ -10,7 +10,7 @@ READY := .venv/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup table test test-slow verify stability lint scenes prior-data clean
+.PHONY: help setup table test test-slow verify stability stiffness lint scenes prior-data clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,6 +40,9 @@ verify: setup ## the correctness battery of the renderer, slow tests included (d
 
 stability: setup ## extreme inputs, one line each, against what the answer must be
 	$(PY) -m ia_bench.stability $(ARGS)
+
+stiffness: setup ## how stiff the shipped scenes are, and what their images confuse (some minutes)
+	$(PY) -m ia_bench.stability.stiffness $(SCENES) --out results/stiffness $(ARGS)
 
 lint: setup ## ruff and mypy
 	.venv/bin/ruff check .
