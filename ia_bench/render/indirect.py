@@ -133,13 +133,13 @@ class _Product(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, values: Tensor, matrix: Tensor, transpose: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
-        ctx.save_for_backward(transpose)
+        ctx.save_for_backward(matrix, transpose)
         return matrix @ values
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401 (torch's context)
-        (transpose,) = ctx.saved_tensors
-        return transpose @ gradients[0].contiguous(), None, None
+        matrix, transpose = ctx.saved_tensors
+        return _Product.apply(gradients[0].contiguous(), transpose, matrix), None, None  # which can be differentiated again
 
 
 def _cells(radiance: Tensor) -> Tensor:

@@ -130,6 +130,7 @@ def test_gradients_of_the_solution() -> None:
     albedo = torch.rand(2, 2, 3, generator=generator, dtype=torch.float64, requires_grad=True)
     radiance = torch.rand(2, 4, 3, generator=generator, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda a, r: bounced.solve(a, r).total, (albedo, radiance))
+    assert torch.autograd.gradgradcheck(lambda a, r: bounced.solve(a, r).total, (albedo, radiance))  # for Gauss-Newton
 
 
 def test_gradient_of_what_is_seen_in_a_mirror(bowl_stage: Stage, cache: Path) -> None:
