@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.brdf import MIN_ROUGHNESS, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
+from ia_bench.material.textures import bilinear_taps
 
 GRID = 32
 SAMPLES = 1024
@@ -34,7 +35,6 @@ def passed_by_coat(roughness: Tensor, cosine: Tensor) -> Tensor:
     One minus the directional albedo toward the viewer, as the Principled BSDF of Blender has it (Burley 2015 without
     its diffuse retro-reflection). Differentiable in the roughness.
     """
-    table = coat_reflectance().to(roughness.device)
-    place = torch.cat([2 * cosine - 1, 2 * roughness - 1], -1)[None, None]
-    found = torch.nn.functional.grid_sample(table[None, None], place, padding_mode="border", align_corners=False)
-    return 1 - found[0, 0, 0][:, None]
+    table = coat_reflectance().to(roughness)
+    index, weight = bilinear_taps(torch.cat([cosine, 1 - roughness], -1), *table.shape)
+    return 1 - (table.reshape(-1)[index] * weight).sum(-1, keepdim=True)

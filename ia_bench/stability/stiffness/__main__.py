@@ -40,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder for the files")
     parser.add_argument("--pixels", type=int, default=3072, help="random pixels of the training views")
     parser.add_argument("--samples", type=int, default=512, help="a pixel")
+    parser.add_argument("--bounces", type=int, help="of indirect light (default: as many as a run's plan takes)")
     parser.add_argument("--texture", type=int, default=16, help="blocks along a side of the textures")
     parser.add_argument("--light", type=int, default=16, help="rows of blocks of the light")
     parser.add_argument("--directions", type=int, default=3, help="confused directions in the pictures")
@@ -51,7 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name in options.scenes:
             folder = resolve_scene_folder(SceneConfig(name=name, path=name if Path(name).is_dir() else None))
             assert folder is not None
-            stage = Stage.at_truth(folder, samples=options.samples)
+            bounces = "auto" if options.bounces is None else options.bounces
+            stage = Stage.at_truth(folder, samples=options.samples, bounces=bounces)
             found = measure(stage, Grids(options.pixels, options.texture, options.light), options.directions)
             if not measured:
                 print("| " + " | ".join(row(found.numbers)) + " |\n|" + " :--- |" * len(row(found.numbers)))

@@ -20,9 +20,8 @@ from ia_bench.plan import make_plan
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Light, Renderer
+from ia_bench.render.renderer import Light, Renderer, make_renderer
 from ia_bench.render.settings import RenderSettings
-from ia_bench.render.visibility import make_visibility
 from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene
 from ia_bench.stability.stiffness.gauss_newton import Jacobian
@@ -46,18 +45,21 @@ class Stage:
     floored: int
 
     @classmethod
-    def at_truth(cls, folder: Path, *, samples: int | None = None) -> Stage:
+    def at_truth(cls, folder: Path, *, samples: int | None = None, bounces: int | str = "auto") -> Stage:
         """Load a scene folder that ships true textures and its training light; sizes are those of a run's plan.
 
-        ``samples``: per pixel, the fit's by default. Raises InputError where the truth is missing.
+        ``samples``: per pixel, the fit's by default; ``bounces`` as render.bounces. Raises InputError where the truth is missing.
         """
         scene = load_scene(folder, truth=True)
         truth, cpu = scene.truth, torch.device("cpu")
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
             raise InputError(f"{folder}: stiffness is measured at the truth, and this scene ships no true textures and light")
         surface, rays = SurfaceInterpolator(scene.mesh, cpu), make_rays(scene.mesh, cpu)
-        plan = make_plan(scene.for_training(), surface, rays, RenderSettings(), NoPrior(), cpu)
-        renderer = Renderer(surface, make_visibility(plan.shadows, scene.mesh, surface, rays))
+        settings = RenderSettings(bounces=bounces)
+        plan = make_plan(scene.for_training(), surface, rays, settings, NoPrior(), cpu)
+        renderer = make_renderer(
+            scene.mesh, surface, rays, shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat
+        )
         gbuffer = trace_gbuffer([view.camera for view in scene.train], rays, plan.subsamples, cpu)
         albedo = _resized(torch.from_numpy(truth.albedo).float(), plan.texture)
         roughness = _resized(torch.from_numpy(truth.roughness).float()[..., None], plan.texture).clamp(MIN_ROUGHNESS, 1)
