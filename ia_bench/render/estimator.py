@@ -21,13 +21,14 @@ GOLDEN = 0.6180339887498949  # the lattice's second generator is the golden rati
 PLASTIC = 0.7548776662466927  # ... and its third comes from the plastic number (Roberts' R2 sequence)
 
 
-def lattice(shift: Tensor, points: int, count: int) -> Tensor:
+def lattice(shift: Tensor, points: int, count: int, part: int = 0, parts: int = 1) -> Tensor:
     """Lattice samples of (P, 3) pixel shifts in [0, 1): (P, points, count, 3), uniform in [0, 1)^3, float64.
 
-    Point s of a pixel takes the lattice's entries s, s + points, s + 2 points, ..., so that each spans the whole range.
+    Point s of a pixel takes the lattice's entries s, s + points, s + 2 points, ..., so that each spans the whole range. A
+    lattice too long for one pass is dealt out to ``parts`` of them likewise; ``part`` says which.
     """
-    index = torch.arange(points * count, dtype=torch.float64, device=shift.device)
-    generators = torch.stack([index / (points * count), index * GOLDEN, index * PLASTIC], -1)
+    index = part + parts * torch.arange(points * count, dtype=torch.float64, device=shift.device)
+    generators = torch.stack([index / (parts * points * count), index * GOLDEN, index * PLASTIC], -1)
     samples = torch.remainder(shift[:, None] + generators, 1.0).clamp(max=1 - 2**-24)
     return samples.reshape(len(shift), count, points, 3).transpose(1, 2)
 

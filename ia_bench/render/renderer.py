@@ -96,7 +96,8 @@ class Renderer:
         Every point of a pixel takes as many, at least two, so ``samples`` is rounded to a multiple of twice the points. An
         entry of -1 is none: it is black, and no ray is spent on it.
         """
-        return self._render(gbuffer, pixels, material, light, self._bounce(material, light), samples, generator)
+        shift = lattice_shift(pixels, generator)
+        return self._render(gbuffer, pixels, material, light, self._bounce(material, light), samples, shift)
 
     def _bounce(self, material: Material, light: Light) -> IndirectLight | None:
         return None if self.interreflection is None else self.interreflection.solve(material.albedo, light.radiance)
@@ -109,8 +110,11 @@ class Renderer:
         light: Light,
         indirect: IndirectLight | None,
         samples: int,
-        generator: torch.Generator,
+        shift: Tensor,
+        part: int = 0,
+        parts: int = 1,
     ) -> PixelRadiance:
+        """As :meth:`render_pixels`, for one of several parts of the lattices that start at ``shift`` (2, P, 3)."""
         points = gbuffer.subsamples
         count = max(1, round(samples / (2 * points)))
         face, barycentric = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1), gbuffer.barycentric[pixels]
@@ -122,8 +126,7 @@ class Renderer:
                 barycentric.reshape(-1, 2),
                 camera[:, None].expand(-1, points, -1).reshape(-1, 3),
             )
-            shift = torch.rand(2, len(pixels), 3, generator=generator, dtype=torch.float64, device=face.device)
-            light_lattice, brdf_lattice = (lattice(s, points, count).reshape(-1, count, 3) for s in shift)
+            light_lattice, brdf_lattice = (lattice(s, points, count, part, parts).reshape(-1, count, 3) for s in shift)
             direction, texel, weight = self._run(
                 "_sample",
                 surface.normal,
@@ -189,7 +192,7 @@ class Renderer:
     ) -> dict[str, Tensor]:
         """Whole images of all views, premultiplied: "radiance", "diffuse", "specular", "albedo", each (V, H, W, 3).
 
-        The samples of a pixel are spread evenly over as few passes of at most PASS_SAMPLES as will do.
+        The samples of a pixel are one lattice, dealt out evenly to as few passes of at most PASS_SAMPLES as will do.
         """
         parts = ("diffuse", "specular", "albedo")
         images = {name: torch.zeros(*gbuffer.shape, 3, device=gbuffer.face.device).reshape(-1, 3) for name in parts}
@@ -198,12 +201,19 @@ class Renderer:
         indirect = self._bounce(material, light)
         for chunk in every.split(CHUNK) if len(every) else ():
             padded = torch.cat([chunk, chunk.new_full((CHUNK - len(chunk),), -1)])
-            for _ in range(passes):
-                rendered = self._render(gbuffer, padded, material, light, indirect, round(samples / passes), generator)
+            shift = lattice_shift(padded, generator)
+            for part in range(passes):
+                each = round(samples / passes)
+                rendered = self._render(gbuffer, padded, material, light, indirect, each, shift, part, passes)
                 for name in parts:
                     images[name][gbuffer.pixel[chunk]] += getattr(rendered, name)[: len(chunk)] / passes
         images["radiance"] = images["diffuse"] + images["specular"]
         return {name: image.reshape(*gbuffer.shape, 3) for name, image in images.items()}
+
+
+def lattice_shift(pixels: Tensor, generator: torch.Generator) -> Tensor:
+    """Random starts of the lattices of light and BRDF samples of (P,) pixels: (2, P, 3) float64."""
+    return torch.rand(2, len(pixels), 3, generator=generator, dtype=torch.float64, device=pixels.device)
 
 
 def make_renderer(
