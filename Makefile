@@ -10,10 +10,10 @@ READY := .venv/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup table test test-slow verify stability stiffness lint scenes prior-data clean
+.PHONY: help setup table test test-slow verify stability stiffness work-precision lint scenes prior-data clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## make .venv with the locked versions
 
@@ -43,6 +43,8 @@ stability: setup ## extreme inputs, one line each, against what the answer must 
 
 stiffness: setup ## how stiff the shipped scenes are, and what their images confuse (some minutes)
 	$(PY) -m ia_bench.stability.stiffness $(SCENES) --out results/stiffness $(ARGS)
+work-precision: setup ## error against run time: forward and inverse (ARGS="--scene tiny --out FOLDER")
+	$(PY) -m ia_bench.checks.work_precision $(ARGS)
 
 lint: setup ## ruff and mypy
 	.venv/bin/ruff check .

@@ -1,0 +1,77 @@
+"""What the benchmarks of the renderer share: a shipped scene with its true material and light, at any size of view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.light.latlong import resize_light
+from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.textures import Material
+from ia_bench.paths import scenes_folder
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.rays import RayCaster, make_rays
+from ia_bench.scenes.native import load_scene
+from ia_bench.scenes.scene import Camera, Scene
+
+if TYPE_CHECKING:
+    from ia_bench.checks.mitsuba_scene import MitsubaScene
+
+CPU = torch.device("cpu")
+POINTS = 2  # G-buffer points along a side of a pixel, as the plan mostly chooses
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A scene with ground truth: its ``material``, its ``light`` (H, 2H, 3), its geometry ready to be asked."""
+
+    scene: Scene
+    material: Material
+    light: Tensor
+    surface: SurfaceInterpolator
+    rays: RayCaster
+
+    @classmethod
+    def of(cls, name: str, *, light_rows: int, threads: int) -> Stage:
+        """The shipped scene ``name`` under its training light averaged to ``light_rows``."""
+        run_as_a_run(threads)
+        scene = load_scene(scenes_folder() / name, truth=True)
+        roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
+        light = torch.from_numpy(resize_light(scene.truth.lights["train"], light_rows))
+        surface, rays = SurfaceInterpolator(scene.mesh, CPU), make_rays(scene.mesh, CPU)
+        return cls(scene, Material(torch.from_numpy(scene.truth.albedo).float(), roughness), light, surface, rays)
+
+    def cameras(self, views: int, size: int) -> list[Camera]:
+        """``views`` training cameras, evenly strided, with images of ``size`` x ``size`` pixels."""
+        chosen = np.linspace(0, len(self.scene.train) - 1, views).round().astype(int)
+        return [resized(self.scene.train[view].camera, size) for view in chosen]
+
+    def gbuffer(self, cameras: list[Camera]) -> GBuffer:
+        """What the cameras see, POINTS x POINTS points a pixel."""
+        return trace_gbuffer(cameras, self.rays, POINTS, CPU)
+
+    def mitsuba(self, cameras: list[Camera], threads: int, integrator: str = "direct") -> MitsubaScene:
+        """The same for Mitsuba. Raises InputError where it is missing."""
+        from ia_bench.checks.mitsuba_scene import MitsubaScene
+
+        return MitsubaScene(
+            self.scene.mesh, cameras, self.material, self.light, integrator=integrator, threads=threads
+        )
+
+
+def resized(camera: Camera, size: int) -> Camera:
+    """The same camera with square images of ``size`` pixels a side."""
+    factor = size / camera.width
+    scaled = {name: tuple(value * factor for value in getattr(camera, name)) for name in ("focal", "centre")}
+    return replace(camera, **scaled, width=size, height=size)
+
+
+def run_as_a_run(threads: int) -> None:
+    """Make torch work as ia_bench/run.py has it."""
+    torch.set_num_threads(threads)
+    torch.use_deterministic_algorithms(True)
+    torch.utils.deterministic.fill_uninitialized_memory = False

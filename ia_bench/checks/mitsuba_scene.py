@@ -1,0 +1,183 @@
+"""A scene of ours as Mitsuba 3 sees it: the same mesh, textures, light and cameras, rendered with direct light only.
+
+What differs: Mitsuba's ``principled`` BSDF couples its lobes and uses a separable Smith term, its environment map is
+interpolated between texels, and its samples fall anywhere in a pixel. Mitsuba is an extra (``pip install mitsuba==3.9.1``)
+and needs libLLVM, whose path goes into DRJIT_LIBLLVM_PATH where it is not found by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from ia_bench.errors import InputError
+from ia_bench.material.textures import Material
+from ia_bench.scenes.scene import Camera, Mesh
+
+INTEGRATORS: dict[str, tuple[int, dict[str, Any]]] = {  # samples that a camera ray takes, half of them of each technique
+    "direct": (8, {"type": "direct", "bsdf_samples": 4, "emitter_samples": 4, "hide_emitters": True}),
+    "prb": (2, {"type": "prb", "max_depth": 2, "hide_emitters": True}),  # detached sampling, as ours; direct light only
+}
+TEXTURES = {"albedo": "base_color", "roughness": "roughness"}
+
+
+def import_mitsuba(threads: int | None = None) -> tuple[Any, Any]:
+    """The modules ``mitsuba`` (variant llvm_ad_rgb) and ``drjit``, on ``threads`` threads.
+
+    Raises InputError, saying why, where Mitsuba is not installed or libLLVM is not found.
+    """
+    try:
+        import mitsuba
+
+        mitsuba.set_variant("llvm_ad_rgb")
+        import drjit
+
+        drjit.eval(drjit.llvm.Float(0) + 1)  # loads libLLVM, or raises
+    except ImportError as error:
+        raise InputError(f"Mitsuba 3 cannot be imported ({error}): pip install mitsuba==3.9.1") from error
+    except Exception as error:
+        reason = str(error).strip().splitlines()[0]
+        raise InputError(f"Mitsuba 3 finds no libLLVM ({reason}): set DRJIT_LIBLLVM_PATH, e.g. to libLLVM.so.19.1") from error
+    if threads is not None:
+        drjit.set_thread_count(threads)
+    return mitsuba, drjit
+
+
+class MitsubaScene:
+    """One object under one light, seen by some cameras.
+
+    ``camera_rays`` of a render is what Mitsuba calls spp; each takes ``samples_per_ray`` light and BSDF samples.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        cameras: Sequence[Camera],
+        material: Material,
+        light: Tensor,
+        *,
+        integrator: str = "direct",
+        threads: int | None = None,
+    ) -> None:
+        """``material`` and ``light`` (H, W, 3) as our renderer takes them; ``integrator`` is a key of INTEGRATORS.
+
+        Raises InputError where Mitsuba is missing.
+        """
+        self.mi, self.dr = import_mitsuba(threads)
+        mi = self.mi
+        self.samples_per_ray, settings = INTEGRATORS[integrator]
+        self.scene = mi.load_dict(
+            {
+                "type": "scene",
+                "integrator": settings,
+                "light": {
+                    "type": "envmap",
+                    "bitmap": mi.Bitmap(np.ascontiguousarray(light.detach().numpy(), np.float32)),
+                    # Mitsuba's map has its pole on +y and its middle column toward -z; ours +z and -x ... +x
+                    "to_world": mi.ScalarTransform4f(np.array([[0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])),
+                },
+                "object": self._shape(mesh, material),
+            }
+        )
+        self.sensors = [mi.load_dict(self._sensor(camera)) for camera in cameras]
+        self.parameters = mi.traverse(self.scene)
+        found = [name for name, _ in self.parameters]
+        self.names = {ours: next(n for n in found if n.endswith(f"{its}.data")) for ours, its in TEXTURES.items()}
+        self.names["light"] = next(n for n in found if n == "light.data")
+        self.leaves: dict[str, Any] = {}  # what gradients are taken of: the scene may keep something derived from it
+
+    def render(self, camera: int, camera_rays: int, seed: int) -> Any:  # noqa: ANN401 (a Dr.Jit tensor)
+        """The (H, W, 3) image of one camera, lazily evaluated, differentiable in what :meth:`track` names."""
+        return self.mi.render(self.scene, self.parameters, sensor=self.sensors[camera], spp=camera_rays, seed=seed)
+
+    def image(self, camera: int, camera_rays: int, seed: int) -> np.ndarray:
+        """The evaluated image of one camera, (H, W, 3) float32."""
+        image = np.array(self.render(camera, camera_rays, seed))
+        self.dr.sync_thread()
+        return image
+
+    def albedo(self, camera: int) -> Any:  # noqa: ANN401 (a Dr.Jit tensor)
+        """Albedo (H, W, 3) at the pixel centres of one camera, 0 where it sees nothing; differentiable in the texture."""
+        mi, dr = self.mi, self.dr
+        sensor = self.sensors[camera]
+        width, height = sensor.film().size()
+        index = dr.arange(mi.UInt32, width * height)
+        position = mi.Point2f((index % width + 0.5) / width, (index // width + 0.5) / height)
+        ray, _ = sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
+        hit = self.scene.ray_intersect(ray)
+        values = hit.bsdf().eval_diffuse_reflectance(hit, hit.is_valid())
+        return mi.TensorXf(dr.ravel(mi.Color3f(values)), (height, width, 3))
+
+    def track(self) -> None:
+        """Forget earlier gradients and record new ones of albedo, roughness and light."""
+        for ours, name in self.names.items():
+            self.leaves[ours] = type(self.parameters[name])(self.dr.detach(self.parameters[name]))
+            self.dr.enable_grad(self.leaves[ours])
+            self.parameters[name] = self.leaves[ours]
+        self.parameters.update()
+
+    def evaluate_gradients(self) -> None:
+        """Compute the gradients after ``dr.backward`` and wait for them."""
+        self.dr.eval(*[self.dr.grad(leaf) for leaf in self.leaves.values()])
+        self.dr.sync_thread()
+
+    def gradients(self) -> dict[str, np.ndarray]:
+        """Evaluated gradients in our shapes; Mitsuba keeps the light's last and first column once more on the other side."""
+        grads = {ours: np.array(self.dr.grad(leaf)) for ours, leaf in self.leaves.items()}
+        padded = grads["light"][..., :3]
+        light = padded[:, 1:-1].copy()
+        light[:, -1] += padded[:, 0]
+        light[:, 0] += padded[:, -1]
+        return {**grads, "light": light}
+
+    def _shape(self, mesh: Mesh, material: Material) -> Any:  # noqa: ANN401 (mi.Mesh)
+        mi = self.mi
+
+        def texture(values: Tensor) -> dict[str, Any]:
+            return {"type": "bitmap", "raw": True, "wrap_mode": "clamp", "bitmap": mi.Bitmap(values.detach().numpy())}
+
+        properties = mi.Properties()
+        properties["mesh_bsdf"] = mi.load_dict(
+            {
+                "type": "principled",
+                "base_color": texture(material.albedo),
+                "roughness": texture(material.roughness),
+                "specular": 0.5,  # F0 = 0.04
+            }
+        )
+        shape = mi.Mesh(
+            "object",
+            len(mesh.vertices),
+            len(mesh.faces),
+            has_vertex_normals=True,
+            has_vertex_texcoords=True,
+            props=properties,
+        )
+        buffers = mi.traverse(shape)
+        buffers["vertex_positions"], buffers["faces"] = mesh.vertices.ravel(), mesh.faces.astype(np.uint32).ravel()
+        buffers["vertex_normals"] = mesh.normals.ravel()
+        buffers["vertex_texcoords"] = np.stack([mesh.uv[:, 0], 1 - mesh.uv[:, 1]], -1).ravel()  # its row 0 is v = 0
+        buffers.update()
+        return shape
+
+    def _sensor(self, camera: Camera) -> dict[str, Any]:
+        """Mitsuba's cameras look along +z with +x to the left."""
+        mi = self.mi
+        return {
+            "type": "perspective",
+            "fov": math.degrees(2 * math.atan(camera.width / 2 / camera.focal[0])),
+            "to_world": mi.ScalarTransform4f(camera.to_world @ np.diag([-1.0, 1.0, -1.0, 1.0])),
+            "film": {
+                "type": "hdrfilm",
+                "width": camera.width,
+                "height": camera.height,
+                "rfilter": {"type": "box"},
+                "pixel_format": "rgb",
+            },
+            "sampler": {"type": "independent"},
+        }
+

@@ -1,0 +1,71 @@
+"""Mitsuba 3 sees the same scene: orientation of textures, light and cameras, and gradients that belong to our texels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ia_bench.checks.forward_precision import ForwardStage
+from ia_bench.checks.mitsuba_scene import MitsubaScene, import_mitsuba
+from ia_bench.errors import InputError
+from ia_bench.render.gbuffer import trace_gbuffer
+from ia_bench.render.renderer import Renderer, texture_images
+
+pytest.importorskip("mitsuba", reason="the extra `mitsuba` is not installed")
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[ForwardStage, MitsubaScene]:
+    stage = ForwardStage("tiny")
+    try:
+        import_mitsuba(1)
+    except InputError as error:
+        pytest.skip(str(error))
+    return stage, MitsubaScene(stage.mesh, [stage.camera], stage.material, stage.light.radiance, threads=1)
+
+
+def test_images_agree_but_for_the_brdf(pair: tuple[ForwardStage, MitsubaScene]):
+    """Correlation over pixels; a texture that is upside down gives 0.7, noise and the other BRDF leave 0.98."""
+    stage, scene = pair
+    ours = stage.scored(stage.render(Renderer(stage.surface, stage.visibility("traced")), 128, 0))
+    theirs = stage.scored(scene.image(0, 64, 0))
+    assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.95
+    assert theirs.mean() == pytest.approx(ours.mean(), rel=0.1)
+
+
+def test_albedo_image_is_the_texture_at_the_pixel_centres(pair: tuple[ForwardStage, MitsubaScene]):
+    stage, scene = pair
+    centres = trace_gbuffer([stage.camera], stage.rays, 1, torch.device("cpu"))
+    ours = texture_images(stage.surface, centres, stage.material.albedo)[0].numpy()
+    theirs = np.array(scene.albedo(0))
+    assert np.abs(ours - theirs)[stage.inside].max() < 2e-3
+
+
+def test_gradients_lie_where_ours_do(pair: tuple[ForwardStage, MitsubaScene]):
+    """Of the mean radiance: cosine between both gradients, over blocks of texels that hold more than a pixel."""
+    stage, scene = pair
+    scene.track()
+    scene.dr.backward(scene.dr.sum(scene.render(0, 64, 0)))
+    scene.evaluate_gradients()
+    theirs = scene.gradients()
+    leaves = {
+        "albedo": stage.material.albedo.clone().requires_grad_(),
+        "light": stage.light.radiance.clone().requires_grad_(),
+    }
+    material, light = type(stage.material)(leaves["albedo"], stage.material.roughness), type(stage.light).of(leaves["light"])
+    every = torch.arange(len(stage.gbuffer.pixel))
+    renderer = Renderer(stage.surface, stage.visibility("traced"))
+    rendered = renderer.render_pixels(stage.gbuffer, every, material, light, 256, torch.Generator().manual_seed(0))
+    rendered.radiance.sum().backward()
+    for name, leaf in leaves.items():
+        assert leaf.grad is not None
+        assert theirs[name].shape == leaf.grad.shape
+        ours, its = (_blocks(gradient) for gradient in (leaf.grad.numpy(), theirs[name]))
+        cosine = (ours * its).sum() / np.sqrt(np.square(ours).sum() * np.square(its).sum())
+        assert cosine > 0.95, name
+
+
+def _blocks(texture: np.ndarray, side: int = 8) -> np.ndarray:
+    height, width = (length // side for length in texture.shape[:2])
+    return texture.reshape(height, side, width, side, -1).sum((1, 3))

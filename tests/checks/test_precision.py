@@ -1,0 +1,119 @@
+"""Pure functions of the work-precision diagrams against closed forms and against drawn noise of known variance."""
+
+from __future__ import annotations
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+from ia_bench.checks.precision import (
+    Moments,
+    converged,
+    efficiency,
+    first_time,
+    log_slope,
+    relative_rmse,
+    time_in_turns,
+    without_compilation,
+    write_rows,
+)
+
+
+def test_relative_rmse_is_the_root_mean_square_over_the_mean():
+    reference = np.array([[1.0, 3.0], [2.0, 2.0]])
+    assert relative_rmse(reference + np.array([[3.0, 0.0], [0.0, -4.0]]), reference) == pytest.approx(2.5 / 2.0)
+
+
+def test_relative_rmse_of_float32_images_is_taken_in_float64():
+    reference = np.full((1000, 1000), 1e4, np.float32)
+    assert relative_rmse(reference + np.float32(1), reference) == pytest.approx(1e-4, rel=1e-6)
+
+
+def test_converged_knows_its_own_error():
+    """The claimed standard error against the true one: 300 x 300 values, so 5 % is more than 10 of its deviations."""
+    noise = np.random.default_rng(0).normal(size=(8, 300, 300))
+    mean, error = converged(2 + noise)
+    true = relative_rmse(mean, np.full((300, 300), 2.0))
+    assert error == pytest.approx(1 / math.sqrt(8) / 2, rel=0.05)
+    assert error == pytest.approx(true, rel=0.05)
+
+
+def test_moments_match_numpy():
+    gradients = np.random.default_rng(0).normal(3, 2, size=(6, 5, 7))
+    moments = Moments()
+    for gradient in gradients:
+        moments.add(gradient.astype(np.float64))
+    assert moments.variance == pytest.approx(gradients.var(0, ddof=1).sum())
+    np.testing.assert_allclose(moments.mean, gradients.mean(0))
+
+
+def test_relative_variance_and_distance_have_no_bias_from_few_estimates():
+    """3 estimates of 40 000 values, mean 1 and variance 4: a plain |mean|^2 would be 1 + 4/3 and the distance 8/3.
+
+    Standard deviations of the tested means are below 0.02, so a bound of 0.1 is more than 5 of them (false alarms below
+    1e-6); both biases are more than ten times the bound.
+    """
+    random = np.random.default_rng(0)
+    one, other = Moments(), Moments()
+    for _ in range(3):
+        one.add(random.normal(1, 2, 40_000))
+        other.add(random.normal(1, 2, 40_000))
+    assert one.power / 40_000 == pytest.approx(1, abs=0.1)
+    assert one.relative_variance == pytest.approx(4, abs=0.5)
+    assert one.relative_distance(other) == pytest.approx(0, abs=0.1)
+
+
+def test_relative_variance_of_a_mean_hidden_in_noise_is_undefined():
+    moments = Moments()
+    moments.add(np.array([1.0, -1.0]))
+    moments.add(np.array([-1.0, 1.0]))
+    assert math.isnan(moments.relative_variance)
+
+
+def test_efficiency_does_not_depend_on_the_number_of_samples():
+    assert efficiency(variance=0.5, seconds=2.0) == pytest.approx(efficiency(variance=0.125, seconds=8.0))
+
+
+def test_log_slope_of_independent_samples():
+    work = [8, 16, 32, 64]
+    assert log_slope(work, [3 / math.sqrt(w) for w in work]) == pytest.approx(-0.5)
+    assert math.isnan(log_slope([8], [1.0]))
+
+
+def test_log_slope_leaves_out_what_has_no_logarithm():
+    assert log_slope([1, 2, 4, 8], [1.0, 0.5, 0.0, 0.125]) == pytest.approx(-1)
+
+
+def test_without_compilation_replaces_the_time_of_the_first_steps():
+    """Ten seconds of compiling in the first of 25 steps, then 0.1 s a step."""
+    seconds = without_compilation([25, 50, 100], [12.5, 15.0, 20.0])
+    assert seconds == pytest.approx([2.5, 5.0, 10.0])
+
+
+def test_first_time_takes_measured_points_only():
+    assert first_time([1, 2, 3], [20.0, 25.0, 24.0], 24.0) == 2
+    assert first_time([1, 2, 3], [20.0, 25.0, 24.0], 26.0) is None
+
+
+def test_cases_are_timed_in_turns_without_their_warm_up():
+    calls, results = [], []
+    cases = {name: (lambda number, name=name: calls.append((name, number)) or number) for name in "ab"}
+    times = time_in_turns(cases, rounds=2, warm_up=1, after=lambda name, result: results.append((name, result)))
+    assert calls == [("a", 0), ("b", 0), ("a", 1), ("b", 1), ("a", 2), ("b", 2)]
+    assert results == [("a", 1), ("b", 1), ("a", 2), ("b", 2)]
+    assert all(wall.shape == cpu.shape == (2,) for wall, cpu in times.values())
+
+
+def test_rows_become_a_csv_with_empty_cells_for_none(tmp_path):
+    rows = [{"case": "a, b", "error": 1 / 3, "failure": ""}, {"case": "c", "error": None, "failure": "NaN in 3 values"}]
+    write_rows(tmp_path / "x.csv", rows)
+    with (tmp_path / "x.csv").open(newline="") as file:
+        read = list(csv.DictReader(file))
+    assert read == [
+        {"case": "a, b", "error": "0.333333", "failure": ""},
+        {"case": "c", "error": "", "failure": "NaN in 3 values"},
+    ]
+    with pytest.raises(ValueError, match="columns"):
+        write_rows(tmp_path / "x.csv", [*rows, {"case": "d"}])

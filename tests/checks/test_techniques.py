@@ -1,0 +1,82 @@
+"""Every technique of the work-precision diagrams estimates what the renderer estimates; only its noise differs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from ia_bench.checks.forward_precision import WAYS, ForwardStage
+from ia_bench.checks.techniques import POINT_RULES, unit_points
+from ia_bench.render.renderer import Light, Renderer
+
+PARTS, SAMPLES, TRUE_SAMPLES = 16, 64, 256
+BIAS = 0.1  # relative, that every test must be able to see
+FALSE_ALARM = 1e-3  # of the whole file, shared by its z-tests
+
+
+@pytest.fixture(scope="module")
+def stage() -> ForwardStage:
+    """A view of `tiny`, its materials at least 0.4 rough and under a light without a sun, so that any technique converges."""
+    stage = ForwardStage("tiny")
+    stage.material.roughness.clamp_(min=0.4)
+    rows = torch.linspace(0.2, 2, 16)[:, None, None]
+    columns = 1 + 0.5 * torch.sin(torch.arange(32) * (2 * math.pi / 32))[None, :, None]
+    stage.light = Light.of(rows * columns * torch.tensor([1.0, 0.8, 0.6]))
+    return stage
+
+
+def means(images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean radiance of (R, H, W, 3) images in a 2 x 2 grid of the view, (4, 3), and its standard error."""
+    half = images.shape[1] // 2
+    cells = images.astype(np.float64).reshape(len(images), 2, half, 2, half, 3).mean((2, 4)).reshape(len(images), 4, 3)
+    return cells.mean(0), cells.std(0, ddof=1) / math.sqrt(len(images))
+
+
+@pytest.fixture(scope="module")
+def truth(stage: ForwardStage) -> tuple[np.ndarray, np.ndarray]:
+    renderer = Renderer(stage.surface, stage.visibility("traced"))
+    every, images = torch.arange(len(stage.gbuffer.pixel)), torch.zeros(PARTS, *stage.gbuffer.shape[1:], 3)
+    for part, image in enumerate(images):
+        generator = torch.Generator().manual_seed(part)
+        rendered = renderer.render_pixels(stage.gbuffer, every, stage.material, stage.light, TRUE_SAMPLES, generator)
+        image.reshape(-1, 3)[stage.gbuffer.pixel] = rendered.radiance
+    return means(images.numpy())
+
+
+UNBIASED = [name for name, way in WAYS.items() if way.shadows == "traced"]
+
+
+@pytest.mark.parametrize("name", UNBIASED)
+def test_a_technique_has_the_renderers_mean(stage: ForwardStage, truth: tuple[np.ndarray, np.ndarray], name: str):
+    """Largest z of four quarters of the view and three channels, t-distributed, Sidak."""
+    from scipy.stats import t
+
+    images = np.stack([stage.estimate(WAYS[name], SAMPLES, 10_000 + seed) for seed in range(PARTS)])
+    mean, error = means(images)
+    z = np.abs(mean - truth[0]) / np.sqrt(error**2 + truth[1] ** 2)
+    tests = z.size * len(UNBIASED)
+    limit = t.isf((1 - (1 - FALSE_ALARM) ** (1 / tests)) / 2, PARTS - 1)
+    assert z.max() < limit, f"{name}: {mean.mean():.5f} against {truth[0].mean():.5f}, z = {z.max():.2f}, limit {limit:.2f}"
+    assert (BIAS * mean / error).max() > 2 * limit, f"so noisy that a bias of {BIAS} would not be found"
+
+
+@pytest.mark.parametrize("rule", POINT_RULES)
+def test_points_are_uniform_and_a_pixel_shares_the_strata(rule: str):
+    pixels, points, count = 4000, 4, 8
+    unit = unit_points(rule, pixels, points, count, torch.Generator().manual_seed(0))
+    assert unit.shape == (pixels, points, count, 3)
+    assert 0 <= float(unit.min()) <= float(unit.max()) < 1
+    # the mean of each coordinate: no rule is noisier than independent points; 4.5 standard deviations, 7e-6 a test
+    bound = 4.5 * math.sqrt(1 / 12 / (pixels * points * count))
+    assert float((unit.reshape(-1, 3).mean(0) - 0.5).abs().max()) < bound
+    strata = (unit[..., 0].reshape(pixels, -1) * (points * count)).long().sort(-1).values
+    filled = (strata == torch.arange(points * count)).all(-1).float().mean()
+    if rule == "independent":
+        assert filled == 0
+    if rule == "stratified":
+        assert filled == 1
+        deal = (unit[0, ..., 0] * (points * count)).long()
+        assert torch.equal(deal[1], 1 + points * torch.arange(count)), "a point's own samples span the whole range"
