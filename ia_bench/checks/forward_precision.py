@@ -14,11 +14,11 @@ from torch import Tensor
 from ia_bench.checks.mitsuba_scene import MitsubaScene
 from ia_bench.checks.precision import converged, log_slope, relative_rmse, time_in_turns
 from ia_bench.checks.techniques import TECHNIQUES, technique_directions, unit_points
+from ia_bench.config import SceneConfig, resolve_scene_folder
 from ia_bench.errors import InputError
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
-from ia_bench.paths import scenes_folder
 from ia_bench.render.estimator import shade_directions
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
@@ -57,8 +57,10 @@ class ForwardStage:
     """One test view of a shipped scene with its true material and light."""
 
     def __init__(self, name: str) -> None:
-        """Raises InputError where the scene has no ground truth."""
-        scene = load_scene(scenes_folder() / name, truth=True)
+        """Raises InputError for an unknown scene and where one has no ground truth."""
+        folder = resolve_scene_folder(SceneConfig(name))
+        assert folder is not None
+        scene = load_scene(folder, truth=True)
         if scene.truth is None or scene.truth.albedo is None or scene.truth.roughness is None:
             raise InputError(f"{name}: work-precision needs the true textures")
         self.mesh, self.camera = scene.mesh, scene.test[0].camera

@@ -7,7 +7,11 @@ and needs libLLVM, whose path goes into DRJIT_LIBLLVM_PATH where it is not found
 
 from __future__ import annotations
 
+import functools
+import importlib.util
 import math
+import subprocess
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,29 +26,40 @@ INTEGRATORS: dict[str, tuple[int, dict[str, Any]]] = {  # samples that a camera 
     "direct": (8, {"type": "direct", "bsdf_samples": 4, "emitter_samples": 4, "hide_emitters": True}),
     "prb": (2, {"type": "prb", "max_depth": 2, "hide_emitters": True}),  # detached sampling, as ours; direct light only
 }
+TRIAL = """
+import numpy, mitsuba
+mitsuba.set_variant("llvm_ad_rgb")
+numpy.array(mitsuba.render(mitsuba.load_dict(mitsuba.cornell_box()), spp=1))
+"""
 TEXTURES = {"albedo": "base_color", "roughness": "roughness"}
 
 
 def import_mitsuba(threads: int | None = None) -> tuple[Any, Any]:
     """The modules ``mitsuba`` (variant llvm_ad_rgb) and ``drjit``, on ``threads`` threads.
 
-    Raises InputError, saying why, where Mitsuba is not installed or libLLVM is not found.
+    Raises InputError, saying why, where Mitsuba is not installed or cannot render.
     """
-    try:
-        import mitsuba
+    reason = _missing()
+    if reason is not None:
+        raise InputError(f"Mitsuba 3 cannot be used: {reason}. It needs mitsuba==3.9.1 and libLLVM (DRJIT_LIBLLVM_PATH)")
+    import drjit
+    import mitsuba
 
-        mitsuba.set_variant("llvm_ad_rgb")
-        import drjit
-
-        drjit.eval(drjit.llvm.Float(0) + 1)  # loads libLLVM, or raises
-    except ImportError as error:
-        raise InputError(f"Mitsuba 3 cannot be imported ({error}): pip install mitsuba==3.9.1") from error
-    except Exception as error:
-        reason = str(error).strip().splitlines()[0]
-        raise InputError(f"Mitsuba 3 finds no libLLVM ({reason}): set DRJIT_LIBLLVM_PATH, e.g. to libLLVM.so.19.1") from error
+    mitsuba.set_variant("llvm_ad_rgb")
     if threads is not None:
         drjit.set_thread_count(threads)
     return mitsuba, drjit
+
+
+@functools.cache
+def _missing() -> str | None:
+    """Why Mitsuba cannot be used, None if it can. Tried in a process of its own, which an unfit libLLVM may end."""
+    if importlib.util.find_spec("mitsuba") is None:
+        return "it is not installed"
+    trial = subprocess.run([sys.executable, "-c", TRIAL], capture_output=True, text=True)
+    if trial.returncode == 0:
+        return None
+    return (trial.stderr.strip().splitlines() or [f"a trial ended with {trial.returncode}"])[-1]
 
 
 class MitsubaScene:

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from ia_bench.checks.inverse_precision import BUDGETS, SPLITS, Setting, against_default
 from ia_bench.checks.precision import (
     Moments,
     converged,
@@ -19,6 +20,7 @@ from ia_bench.checks.precision import (
     without_compilation,
     write_rows,
 )
+from ia_bench.checks.work_precision import main
 
 
 def test_relative_rmse_is_the_root_mean_square_over_the_mean():
@@ -117,3 +119,35 @@ def test_rows_become_a_csv_with_empty_cells_for_none(tmp_path):
     ]
     with pytest.raises(ValueError, match="columns"):
         write_rows(tmp_path / "x.csv", [*rows, {"case": "d"}])
+
+
+def test_every_way_of_dividing_a_budget_draws_as_many_samples():
+    for budget in BUDGETS:
+        drawn = {s.steps * s.pixels * s.samples for s in (Setting.of("none", split, budget) for split in SPLITS)}
+        assert drawn == {budget * 4096 * 32}
+        assert min(Setting.of("none", split, budget).steps for split in SPLITS) > 25, "the first score has to come earlier"
+
+
+def test_a_split_is_compared_with_the_default_at_the_same_budget():
+    def row(case: str, budget: int, value: float | None) -> dict:
+        return {"prior": "none", "case": case, "budget": budget, "aligned_albedo_psnr": value}
+
+    default, other = "4096 pixels x 32 samples", "4096 pixels x 8 samples"
+    rows = [row(default, 1, 20.0), row(default, 2, 22.0), row(other, 1, 21.0), row(other, 2, None)]
+    assert against_default(rows) == {"none": {default: 0.0, other: 1.0}}
+
+
+@pytest.mark.slow
+def test_forward_command_writes_its_files_and_says_what_was_left_out(tmp_path, capsys):
+    assert main(["--quick", "--only", "forward", "--scene", "tiny", "--out", str(tmp_path)]) == 0
+    with (tmp_path / "forward.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    by_case = {row["case"]: float(row["relative_rmse"]) for row in rows if row["samples"] == "16"}
+    assert by_case["MIS"] < by_case["BRDF"], "the light of this scene has a small bright sun"
+    assert (tmp_path / "forward.png").stat().st_size > 10_000
+    assert ("left out" in capsys.readouterr().out) == ("Mitsuba 3" not in by_case)
+
+
+def test_an_unknown_scene_is_a_mistake_with_a_message(tmp_path, capsys):
+    assert main(["--only", "forward", "--scene", "hta", "--out", str(tmp_path)]) == 2
+    assert "hta" in capsys.readouterr().err
