@@ -103,9 +103,9 @@ def mitsuba_fit(problem: Problem, prior: Prior, scorer: Scorer, steps: int, thre
 
 
 def levels_of(curves: list[list[dict[str, float]]]) -> list[float]:
-    """Whole decibels worth asking for: above every start, up to the best of all curves."""
+    """Whole decibels from the worst of the first scores to the best of all."""
     values = [[row["aligned_albedo_psnr"] for row in rows] for rows in curves]
-    low, high = max(v[0] for v in values), max(max(v) for v in values)
+    low, high = min(v[0] for v in values), max(max(v) for v in values)
     return [float(level) for level in range(math.ceil(low), math.floor(high) + 1)]
 
 

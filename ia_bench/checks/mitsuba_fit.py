@@ -34,12 +34,14 @@ class MitsubaFit:
         *,
         albedo: Sequence[np.ndarray] | None = None,
         samples: int | None = None,
+        integrator: str = "prb",
         threads: int | None = None,
         seed: int = 0,
     ) -> None:
         """``albedo``: a prior's images, one premultiplied (H, W, 3) for each training view, or None for no prior.
 
-        ``samples`` a pixel and step, by default as many as the plan has. Raises InputError where Mitsuba is missing.
+        ``samples`` a pixel and step, by default as many as the plan has. ``integrator``: "prb" or "direct", whose attached
+        samples make the gradient of the roughness so noisy that long fits diverge. Raises InputError where Mitsuba is missing.
         """
         self.step, self._steps, self._final = 0, steps, settings.rates.final
         self._random = np.random.default_rng(seed)
@@ -49,6 +51,7 @@ class MitsubaFit:
             [view.camera for view in views],
             initial_material(problem, settings, albedo),
             torch.ones(rows, 2 * rows, 3),
+            integrator=integrator,
             threads=threads,
         )
         mi = self._scene.mi
