@@ -57,7 +57,6 @@ class MitsubaFit:
         mi = self._scene.mi
         self._rays = max(1, round((samples or problem.plan.samples) / self._scene.samples_per_ray))
         self._images = [mi.TensorXf(np.ascontiguousarray(view.image, np.float32)) for view in views]
-        self._masks = [mi.TensorXf(np.ascontiguousarray(view.mask[..., None], np.float32)) for view in views]
         self._albedo = None if albedo is None else [mi.TensorXf(np.ascontiguousarray(a, np.float32)) for a in albedo]
         names, rates = self._scene.names, settings.rates
         self._rates = {names["albedo"]: rates.albedo, names["roughness"]: rates.roughness, "log_light": rates.light}
@@ -81,8 +80,8 @@ class MitsubaFit:
         rendered = self._scene.render(view, self._rays, seed=self.step)
         loss = dr.mean(dr.abs(self._tone_map(rendered) - self._tone_map(self._images[view])))
         if self._albedo is not None:
-            albedo = self._scene.albedo(view) * self._masks[view]
-            loss += self._weight * dr.mean(dr.abs(self._srgb(albedo) - self._srgb(self._albedo[view])))
+            difference = self._srgb(self._scene.albedo(view)) - self._srgb(self._albedo[view])
+            loss += self._weight * dr.mean(dr.abs(difference))
         dr.backward(loss)
         self._optimizer.step()
         for key, low in ((names["albedo"], 0.0), (names["roughness"], MIN_ROUGHNESS)):

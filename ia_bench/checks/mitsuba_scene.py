@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import itertools
 import math
 import subprocess
 import sys
@@ -116,16 +117,18 @@ class MitsubaScene:
         return image
 
     def albedo(self, camera: int) -> Any:  # noqa: ANN401 (a Dr.Jit tensor)
-        """Albedo (H, W, 3) at the pixel centres of one camera, 0 where it sees nothing; differentiable in the texture."""
+        """Premultiplied albedo (H, W, 3) of one camera, the mean of 2 x 2 points of a pixel; differentiable in the texture."""
         mi, dr = self.mi, self.dr
         sensor = self.sensors[camera]
         width, height = sensor.film().size()
         index = dr.arange(mi.UInt32, width * height)
-        position = mi.Point2f((index % width + 0.5) / width, (index // width + 0.5) / height)
-        ray, _ = sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
-        hit = self.scene.ray_intersect(ray)
-        values = hit.bsdf().eval_diffuse_reflectance(hit, hit.is_valid())
-        return mi.TensorXf(dr.ravel(mi.Color3f(values)), (height, width, 3))
+        total = mi.Color3f(0)
+        for down, across in itertools.product((0.25, 0.75), repeat=2):
+            position = mi.Point2f((index % width + across) / width, (index // width + down) / height)
+            ray, _ = sensor.sample_ray(0.0, 0.5, position, mi.Point2f(0.5))
+            hit = self.scene.ray_intersect(ray)
+            total += hit.bsdf().eval_diffuse_reflectance(hit, hit.is_valid()) / 4
+        return mi.TensorXf(dr.ravel(total), (height, width, 3))
 
     def track(self) -> None:
         """Forget earlier gradients and record new ones of albedo, roughness and light."""
