@@ -43,6 +43,7 @@ stability: setup ## extreme inputs, one line each, against what the answer must 
 
 stiffness: setup ## how stiff the shipped scenes are, and what their images confuse (some minutes)
 	$(PY) -m ia_bench.stability.stiffness $(SCENES) --out results/stiffness $(ARGS)
+
 work-precision: setup ## error against run time: forward and inverse (ARGS="--scene tiny --out FOLDER")
 	$(PY) -m ia_bench.checks.work_precision $(ARGS)
 

@@ -2,7 +2,7 @@
 
 Every fit is a run of ``python -m ia_bench`` with other settings, so what is compared is what a user gets. The learning rates
 fall over a fit's own steps, so every point is a fit of its own, not a moment of a longer one. All ways of dividing a budget
-draw the same number of samples in all: steps x fit.pixels x render.samples. Mitsuba's plain loop (mitsuba_fit.py) draws as
+draw the same number of samples in all: steps x fit.pixels x render.samples. Direct light on both sides. Mitsuba's plain loop (mitsuba_fit.py) draws as
 many on the object; of the oracle it gets the albedo, ours the specular shading as well.
 
 ``seconds`` is the wall time of the optimisation as curve.csv has it, without the compiler's. ``cpu_s`` is that times the
@@ -76,7 +76,7 @@ class Setting:
         return [
             f"scene={SCENE}", f"prior={self.prior}", f"fit.pixels={self.pixels}", f"render.samples={self.samples}",
             f"fit.stage1_steps={self.steps - second}", f"fit.stage2_steps={second}", f"threads={threads}", "device=cpu",
-            f"out={out}",
+            f"out={out}", "render.bounces=0", "render.coat=added",
         ]  # fmt: skip
 
 

@@ -8,8 +8,6 @@ equation 2 from these parts, and the light and its axes in the words of scene.js
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,16 +21,11 @@ import trimesh
 from shapes import camera_at
 from stage import Stage
 
+from ia_bench.checks.mitsuba_scene import import_mitsuba
+from ia_bench.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.scenes.scene import Camera, Mesh
 
-TRIAL = """
-import numpy, mitsuba
-mitsuba.set_variant("llvm_ad_rgb")
-camera = {"type": "perspective", "film": {"type": "hdrfilm", "width": 4, "height": 4}}
-scene = {"type": "scene", "ball": {"type": "sphere"}, "light": {"type": "constant"}, "camera": camera}
-numpy.array(mitsuba.render(mitsuba.load_dict({**scene, "integrator": {"type": "prb"}}), spp=1))
-"""
 FINE = 16  # Mitsuba interpolates between texels: each of ours is this many of its own along a side, so that it hardly does
 
 
@@ -81,13 +74,10 @@ def twin_scene() -> Twin:
 # ---------------------------------------------------------------- Mitsuba's side
 def load_mitsuba() -> Any:
     """Mitsuba in the variant `llvm_ad_rgb`, with what it lacks; skips the test, with the reason, where it cannot be had."""
-    mi = pytest.importorskip("mitsuba", reason="mitsuba is not installed (it comes with the extra `mitsuba`)")
-    # Tried in a process of its own, because a libLLVM that is too old for the processor ends the process.
-    tried = subprocess.run([sys.executable, "-c", TRIAL], capture_output=True, text=True, check=False)
-    if tried.returncode != 0:
-        said = (tried.stderr.strip() or "no message").splitlines()[0]
-        pytest.skip(f"Mitsuba cannot compile: set DRJIT_LIBLLVM_PATH to a libLLVM that it takes, e.g. libllvm19 ({said})")
-    mi.set_variant("llvm_ad_rgb")
+    try:
+        mi, _ = import_mitsuba()
+    except InputError as error:
+        pytest.skip(str(error))
     register(mi)
     return mi
 
