@@ -7,21 +7,24 @@ import functools
 import torch
 from torch import Tensor
 
-from ia_bench.material.brdf import MIN_ROUGHNESS, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
+from ia_bench.material.brdf import MIN_COSINE, MIN_ROUGHNESS, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
 from ia_bench.material.textures import bilinear_taps
 
 GRID = 32
 SAMPLES = 1024
+GOLDEN = 0.6180339887498949  # fraction of the golden ratio: its multiples fill [0, 1] evenly
 
 
 @functools.cache
 def coat_reflectance(size: int = GRID, samples: int = SAMPLES) -> Tensor:
-    """Directional albedo of the specular lobe on a (roughness, cosine) grid of cell centres in [0, 1]: (size, size)."""
-    centres = (torch.arange(size) + 0.5) / size
-    roughness, cosine = (grid[..., None, None] for grid in torch.meshgrid(centres, centres, indexing="ij"))
+    """Directional albedo of the specular lobe at ``size`` values each of roughness and cosine, from 0 to 1: (size, size)."""
+    values = torch.linspace(0, 1, size)
+    roughness, cosine = (grid[..., None, None] for grid in torch.meshgrid(values, values, indexing="ij"))
+    cosine = cosine.clamp_min(MIN_COSINE)
     normal = torch.tensor([0.0, 0.0, 1.0]).expand(size, size, samples, 3)
     view = torch.cat([torch.sqrt(1 - cosine * cosine), torch.zeros_like(cosine), cosine], -1).expand(normal.shape)
-    u = torch.rand(size, size, samples, 2, generator=torch.Generator().manual_seed(0))
+    index = torch.arange(samples, dtype=torch.float64)
+    u = torch.stack([(index + 0.5) / samples, torch.remainder((index + 0.5) * GOLDEN, 1)], -1).float()
     rough = roughness.clamp_min(MIN_ROUGHNESS).expand(size, size, samples, 1)
     incident = sample_visible_ggx(normal, view, rough, u)
     density = visible_ggx_pdf(normal, view, incident, rough)
@@ -36,5 +39,7 @@ def passed_by_coat(roughness: Tensor, cosine: Tensor) -> Tensor:
     its diffuse retro-reflection). Differentiable in the roughness.
     """
     table = coat_reflectance().to(roughness)
-    index, weight = bilinear_taps(torch.cat([cosine, 1 - roughness], -1), *table.shape)
+    size = len(table)
+    column, row = ((place * (size - 1) + 0.5) / size for place in (cosine, roughness))  # entries are texel centres
+    index, weight = bilinear_taps(torch.cat([column, 1 - row], -1), size, size)
     return 1 - (table.reshape(-1)[index] * weight).sum(-1, keepdim=True)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
 import trimesh
 from torch import Tensor
 
-from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.brdf import MIN_ROUGHNESS, dot
+from ia_bench.material.coat import passed_by_coat
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.indirect import bake_interreflection
 from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Light, PixelRadiance, Renderer
 from ia_bench.render.visibility import make_visibility
@@ -57,7 +61,15 @@ def cases() -> Iterator[Case]:
     yield Case(GROUP, "albedo 1 in a white furnace", "diffuse radiance", "1 (1.5 % noise)", 0.015, lambda: _furnace(1.0))
     for roughness in (MIN_ROUGHNESS, 1.0):
         extreme = f"roughness {roughness:g} in a white furnace"
-        yield Case(GROUP, extreme, "specular radiance beyond 1", "0", 0.0, lambda r=roughness: _specular(r))  # type: ignore[misc]
+        reference = "the lobe's directional albedo (1 % noise)"
+        yield Case(GROUP, extreme, "specular radiance", reference, 0.02, lambda r=roughness: _specular(r))  # type: ignore[misc]
+    for metallic, reference in ((0.0, "the dielectric"), (1.0, "no diffuse radiance")):
+        yield Case(GROUP, f"metallic {metallic:g}", "radiance", reference, 1e-6, lambda m=metallic: _metal(m))  # type: ignore[misc]
+    extreme = "albedo 1 and 100 bounces in an open box in a white furnace"
+    yield Case(GROUP, extreme, "diffuse radiance; gradient in albedo", "1; finite", 0.02, _white_box)
+    for factor in (1e-20, 1e20):
+        what = "radiance of an open box with 3 bounces"
+        yield Case(GROUP, f"exposure {factor:g}", what, linear, 1e-4, lambda f=factor: _exposed_box(f))  # type: ignore[misc]
     same = "the same at scale 1"
     for scale in (1e-4, 1e4):
         yield Case(GROUP, f"mesh and camera at scale {scale:g}", "mean radiance", same, 2e-3, lambda s=scale: _scaled(s))  # type: ignore[misc]
@@ -157,9 +169,63 @@ def _furnace(albedo: float) -> Measured:
 
 
 def _specular(roughness: float) -> Measured:
-    rendered = _render(Setup(roughness=roughness, light="white", samples=256, albedo=1.0))
-    mean = float(rendered.specular.sum() / rendered.albedo.sum())
-    return Measured(max(0.0, mean - 1), finite=all_finite(rendered.specular))
+    setup = Setup(roughness=roughness, light="white", samples=256, albedo=1.0, shadows="none")
+    rendered = _render(setup)
+    renderer, gbuffer = _scene(setup)
+    hit = gbuffer.face >= 0
+    points = renderer.surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], gbuffer.origin.expand(int(hit.sum()), 3))
+    cosine = dot(points.normal, points.view)
+    expected = (1 - passed_by_coat(torch.full_like(cosine, roughness), cosine)).mean()
+    mean = rendered.specular.sum() / rendered.albedo.sum()
+    return Measured(deviation(mean, expected), finite=all_finite(rendered.specular))
+
+
+def _metal(metallic: float) -> Measured:
+    setup = Setup()
+    plain, metal = _material(setup), replace(_material(setup), metallic=torch.full((4, 4, 1), metallic))
+    found, dielectric = _render(setup, metal), _render(setup, plain)
+    error = float(found.diffuse.abs().max()) if metallic else deviation(found.radiance, dielectric.radiance, 1e-6)
+    return Measured(error, finite=all_finite(found.radiance))
+
+
+def _box(radiance: Tensor, albedo: Tensor, bounces: int) -> Tensor:
+    """Diffuse radiance (P, 3) of the inside of a box without a lid, seen from above."""
+    corners = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
+    sides = [(0, 1, 3, 2), (0, 4, 5, 1), (1, 5, 7, 3), (3, 7, 6, 2), (2, 6, 4, 0)]  # counter-clockwise from inside
+    vertices = corners[np.array(sides).reshape(-1)]
+    faces = np.array([[4 * i + j for j in triangle] for i in range(5) for triangle in ((0, 1, 2), (0, 2, 3))], np.int32)
+    edges = vertices[1::4] - vertices[0::4], vertices[3::4] - vertices[0::4]
+    normals = np.repeat(np.cross(*edges) / 4, 4, axis=0).astype(np.float32)
+    tile = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    uv = np.concatenate([(tile * 0.9 + 0.05 + (i % 3, i // 3)) / 3 for i in range(5)]).astype(np.float32)
+    mesh = Mesh(vertices, faces, normals, uv)
+    to_world = np.eye(4)
+    to_world[2, 3] = 6.0
+    camera = Camera(to_world, (3.0 * PIXELS, 3.0 * PIXELS), (0.5 * PIXELS, 0.5 * PIXELS), PIXELS, PIXELS)
+    rays, surface = make_rays(mesh, CPU), SurfaceInterpolator(mesh, CPU)
+    with tempfile.TemporaryDirectory() as cache:
+        operators = bake_interreflection(mesh, surface, rays, bounces, Path(cache))
+    renderer = Renderer(surface, make_visibility("traced", mesh, surface, rays), interreflection=operators)
+    gbuffer = trace_gbuffer([camera], rays, 1, CPU)
+    material = Material(albedo, torch.full((1, 1, 1), 0.5))
+    generator = torch.Generator().manual_seed(0)
+    pixels = torch.arange(len(gbuffer.pixel))
+    return renderer.render_pixels(gbuffer, pixels, material, Light.of(radiance), 512, generator).diffuse
+
+
+def _white_box() -> Measured:
+    albedo = torch.ones(1, 1, 3, requires_grad=True)
+    diffuse = _box(torch.ones(16, 32, 3), albedo, bounces=100)
+    (gradient,) = torch.autograd.grad(diffuse.mean(), albedo)
+    mean = diffuse.detach().mean()
+    return Measured(deviation(mean, torch.ones(())), finite=all_finite(diffuse, gradient))
+
+
+def _exposed_box(factor: float) -> Measured:
+    radiance, albedo = _light(Setup()), torch.full((1, 1, 3), 0.8)
+    plain, exposed = (_box(light, albedo, bounces=3) for light in (radiance, factor * radiance))
+    wanted = plain.double() * factor
+    return Measured(deviation(exposed, wanted, 1e-3 * float(wanted.max())), finite=all_finite(exposed))
 
 
 def _scaled(scale: float) -> Measured:

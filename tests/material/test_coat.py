@@ -16,11 +16,10 @@ def test_coat_reflects_a_little_head_on_and_much_at_grazing() -> None:
 
 
 def test_coat_table_between_its_cells() -> None:
-    """Interpolated at the centres of the table's cells it is the table; its slope in the roughness is that of differences."""
+    """At the table's own values it is the table; its slope in the roughness is that of differences."""
     table = coat_reflectance()
-    size = len(table)
-    centre = (torch.arange(size) + 0.5) / size
-    roughness, cosine = (grid.reshape(-1, 1) for grid in torch.meshgrid(centre, centre, indexing="ij"))
+    values = torch.linspace(0, 1, len(table))
+    roughness, cosine = (grid.reshape(-1, 1) for grid in torch.meshgrid(values, values, indexing="ij"))
     torch.testing.assert_close(passed_by_coat(roughness, cosine), 1 - table.reshape(-1, 1), atol=1e-5, rtol=0)
     inside = torch.tensor([[0.33], [0.71]], requires_grad=True)
     (slope,) = torch.autograd.grad(passed_by_coat(inside, torch.tensor([[0.4], [0.9]])).sum(), inside)
