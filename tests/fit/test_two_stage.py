@@ -301,7 +301,8 @@ def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Reco
         trap({"name": v.name, "camera": v.camera, "image": v.image, "mask": v.mask, "light": v.light}, "view")
         for v in scene.train
     )
-    blind = trap({"name": scene.name, "folder": scene.folder, "mesh": scene.mesh, "train": views, "notes": ()}, "scene")
+    told = {"name": scene.name, "folder": scene.folder, "mesh": scene.mesh, "notes": (), "metallic": scene.metallic}
+    blind = trap({**told, "train": views}, "scene")
     with pytest.raises(AssertionError, match="training read view.albedo"):
         _ = views[0].albedo
     with pytest.raises(AssertionError, match="training read scene.truth"):
