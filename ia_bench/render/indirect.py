@@ -40,10 +40,10 @@ BURIED = 0.3  # a texel that sees more backs of triangles than this (cosine-weig
 
 @dataclass(frozen=True)
 class IndirectLight:
-    """Irradiance of the N texels of the atlas, each (N, 3): ``indirect``, from the object itself, and ``total``."""
+    """Of the N texels of the atlas, each (N, 3): ``arriving``, the irradiance from the object itself, and ``leaving``, radiance."""
 
-    indirect: Tensor
-    total: Tensor
+    arriving: Tensor
+    leaving: Tensor
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Operator:
         """From a dense matrix or a sparse one of coordinates."""
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta state", category=UserWarning)
-            return cls(matrix.to_sparse_csr(), matrix.t().to_sparse_csr())
+            return cls(_by_rows(matrix), _by_rows(matrix.t()))
 
     def apply(self, values: Tensor) -> Tensor:
         """The matrix times (columns, 3) values: (rows, 3). Differentiable in the values."""
@@ -85,17 +85,17 @@ class Interreflection:
         self._uv = surface.uv(atlas.face, atlas.barycentric)
 
     def solve(self, albedo: Tensor, radiance: Tensor) -> IndirectLight:
-        """Irradiance under a light ``radiance`` (H, W, 3) with ``albedo`` (T, T, 3); differentiable in both."""
+        """The balance under a light ``radiance`` (H, W, 3) with ``albedo`` (T, T, 3); differentiable in both."""
         direct = self._sky.apply(_cells(radiance))
         reflectance = fetch(albedo, self._uv) / math.pi
         indirect = torch.zeros_like(direct)
         for _ in range(self.bounces):
             indirect = self._exchange.apply(reflectance * (direct + indirect))
-        return IndirectLight(indirect, direct + indirect)
+        return IndirectLight(indirect, reflectance * (direct + indirect))
 
     def arriving(self, light: IndirectLight, points: SurfacePoints) -> Tensor:
         """Indirect irradiance (N, 3) of surface points."""
-        return self.atlas.interpolate(light.indirect, points.uv) * points.front
+        return self.atlas.interpolate(light.arriving, points.uv) * points.front
 
     def mirrored(
         self,
@@ -115,8 +115,7 @@ class Interreflection:
         geometric, _ = self._surface.geometry(face.clamp_min(0), barycentric)
         lit = (face >= 0) & (dot(geometric, direction)[:, 0] < 0)
         index, direction, face, barycentric = index[lit], direction[lit], face[lit], barycentric[lit]
-        uv = self._surface.uv(face, barycentric)
-        sent = fetch(material.albedo, uv) * light.total[self.atlas.nearest(uv)] / math.pi
+        sent = light.leaving[self.atlas.nearest(self._surface.uv(face, barycentric))]
         normal, view = points.normal[index], points.view[index]
         roughness = fetch(material.roughness, points.uv[index])
         density = visible_ggx_pdf(normal, view, direction, roughness.detach())
@@ -126,6 +125,12 @@ class Interreflection:
             at_normal = normal_reflectance(*(fetch(texture, points.uv[index]) for texture in (material.albedo, material.metallic)))
         reflected = sent * (at_normal * base + grazing) / (count * density.clamp_min(1e-12))
         return torch.zeros_like(points.normal).index_add(0, index, reflected)
+
+
+def _by_rows(matrix: Tensor) -> Tensor:
+    """Compressed rows with 32-bit indices: others are converted to these with every product."""
+    rows = matrix.to_sparse_csr()
+    return torch.sparse_csr_tensor(rows.crow_indices().int(), rows.col_indices().int(), rows.values(), rows.shape)
 
 
 class _Product(torch.autograd.Function):

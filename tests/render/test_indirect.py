@@ -84,7 +84,8 @@ def test_against_path_tracing(tiny_stage: Stage, tiny_material: Material, soft_l
     bounced = bake_interreflection(tiny_stage.mesh, tiny_stage.surface, tiny_stage.rays, 2, tmp_path)
     points = tiny_stage.points(torch.arange(0, len(tiny_stage.gbuffer.pixel), 3))
     light = bounced.solve(tiny_material.albedo, soft_light)
-    found, total = bounced.arriving(light, points), bounced.atlas.interpolate(light.total, points.uv)
+    found = bounced.arriving(light, points)
+    total = math.pi * bounced.atlas.interpolate(light.leaving, points.uv) / fetch(tiny_material.albedo, points.uv)
     expected = torch.zeros_like(found)
     generator = torch.Generator().manual_seed(1)
     paths = 1024
@@ -129,8 +130,8 @@ def test_gradients_of_the_solution() -> None:
     bounced = Interreflection(texels, Operator.of(sky), Operator.of(exchange), stage.surface, stage.rays, 3)
     albedo = torch.rand(2, 2, 3, generator=generator, dtype=torch.float64, requires_grad=True)
     radiance = torch.rand(2, 4, 3, generator=generator, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda a, r: bounced.solve(a, r).total, (albedo, radiance))
-    assert torch.autograd.gradgradcheck(lambda a, r: bounced.solve(a, r).total, (albedo, radiance))  # for Gauss-Newton
+    assert torch.autograd.gradcheck(lambda a, r: bounced.solve(a, r).leaving, (albedo, radiance))
+    assert torch.autograd.gradgradcheck(lambda a, r: bounced.solve(a, r).leaving, (albedo, radiance))  # for Gauss-Newton
 
 
 def test_gradient_of_what_is_seen_in_a_mirror(bowl_stage: Stage, cache: Path) -> None:
