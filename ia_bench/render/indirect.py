@@ -130,7 +130,8 @@ class Interreflection:
 def _by_rows(matrix: Tensor) -> Tensor:
     """Compressed rows with 32-bit indices: others are converted to these with every product."""
     rows = matrix.to_sparse_csr()
-    return torch.sparse_csr_tensor(rows.crow_indices().int(), rows.col_indices().int(), rows.values(), rows.shape)
+    indices = rows.crow_indices().int(), rows.col_indices().int()
+    return torch.sparse_csr_tensor(*indices, rows.values(), rows.shape, check_invariants=True)
 
 
 class _Product(torch.autograd.Function):
