@@ -43,16 +43,22 @@ class Light:
 
 @dataclass(frozen=True)
 class PixelRadiance:
-    """Premultiplied values of P pixels, each (P, 3): ``diffuse`` and ``specular`` radiance, ``albedo``."""
+    """Premultiplied values of P pixels, each (P, 3).
+
+    ``diffuse`` radiance, indirect light included; ``specular`` radiance of the light itself, the paper's specular shading;
+    ``mirrored``, specular radiance of the object in itself, None without indirect light; ``albedo``.
+    """
 
     diffuse: Tensor
     specular: Tensor
     albedo: Tensor
+    mirrored: Tensor | None = None
 
     @property
     def radiance(self) -> Tensor:
         """Everything that reaches the camera, (P, 3)."""
-        return self.diffuse + self.specular
+        shaded = self.diffuse + self.specular
+        return shaded if self.mirrored is None else shaded + self.mirrored
 
 
 class Renderer:
@@ -150,17 +156,18 @@ class Renderer:
             light.radiance.reshape(-1, 3),
             material.metallic,
         )
+        mirrored = []
         if indirect is not None:
             assert self.interreflection is not None
             reflected = albedo if material.metallic is None else albedo * (1 - fetch(material.metallic, surface.uv))
             diffuse = diffuse + reflected * self.interreflection.arriving(indirect, surface) / math.pi
-            mirrored = blocked[blocked % (2 * count) >= count]  # of a point's directions the second half follows the BRDF
-            index, toward = mirrored // (2 * count), direction.reshape(-1, 3)[mirrored]
-            specular = specular + self.interreflection.mirrored(indirect, surface, index, toward, material, count)
+            onto_itself = blocked[blocked % (2 * count) >= count]  # of a point's directions the second half follows the BRDF
+            index, toward = onto_itself // (2 * count), direction.reshape(-1, 3)[onto_itself]
+            mirrored.append(self.interreflection.mirrored(indirect, surface, index, toward, material, count))
         if self.coat == "layered":
             diffuse = diffuse * passed_by_coat(fetch(material.roughness, surface.uv), dot(surface.normal, surface.view))
         pool = hit.reshape(-1, points, 1) / points
-        return PixelRadiance(*((part.reshape(-1, points, 3) * pool).sum(1) for part in (diffuse, specular, albedo)))
+        return PixelRadiance(*((part.reshape(-1, points, 3) * pool).sum(1) for part in (diffuse, specular, albedo, *mirrored)))
 
     def _visible(self, surface: SurfacePoints, direction: Tensor, weight: Tensor, hit: Tensor) -> tuple[Tensor, Tensor]:
         """Which samples that count see the light, 1 or 0: (N, K, 1); and the flat indices (M,) of those that do not."""
@@ -190,11 +197,11 @@ class Renderer:
     def render_images(
         self, gbuffer: GBuffer, material: Material, light: Light, samples: int, generator: torch.Generator
     ) -> dict[str, Tensor]:
-        """Whole images of all views, premultiplied: "radiance", "diffuse", "specular", "albedo", each (V, H, W, 3).
+        """Whole images of all views, premultiplied, each (V, H, W, 3): "radiance" and the parts of :class:`PixelRadiance`.
 
         The samples of a pixel are one lattice, dealt out evenly to as few passes of at most PASS_SAMPLES as will do.
         """
-        parts = ("diffuse", "specular", "albedo")
+        parts = ["diffuse", "specular", "albedo"] + ["mirrored"] * (self.interreflection is not None)
         images = {name: torch.zeros(*gbuffer.shape, 3, device=gbuffer.face.device).reshape(-1, 3) for name in parts}
         every = torch.arange(len(gbuffer.pixel), device=gbuffer.face.device)
         passes = -(-samples // PASS_SAMPLES)
@@ -207,7 +214,7 @@ class Renderer:
                 rendered = self._render(gbuffer, padded, material, light, indirect, each, shift, part, passes)
                 for name in parts:
                     images[name][gbuffer.pixel[chunk]] += getattr(rendered, name)[: len(chunk)] / passes
-        images["radiance"] = images["diffuse"] + images["specular"]
+        images["radiance"] = sum((images[name] for name in parts if name != "albedo"), torch.zeros(()))
         return {name: image.reshape(*gbuffer.shape, 3) for name, image in images.items()}
 
 

@@ -71,9 +71,9 @@ def test_a_white_bowl_in_a_white_furnace_disappears(bowl_stage: Stage, cache: Pa
     generator, pixels = torch.Generator().manual_seed(0), torch.arange(len(bowl_stage.gbuffer.pixel))
     renderer = Renderer(bowl_stage.surface, NoShadows())
     free = renderer.render_pixels(bowl_stage.gbuffer, pixels, material, Light.of(WHITE), 256, generator).specular
-    assert float(rendered.specular.mean()) == pytest.approx(float(free.mean()), rel=0.01)
-    dark = render(bowl_stage, flat(0.0, roughness=0.4), 1, cache).specular
-    assert float(dark.mean()) < 0.8 * float(free.mean())  # so there is something to get wrong
+    assert rendered.mirrored is not None
+    assert float((rendered.specular + rendered.mirrored).mean()) == pytest.approx(float(free.mean()), rel=0.01)
+    assert float(rendered.specular.mean()) < 0.8 * float(free.mean())  # so there is something to get wrong
 
 
 def test_against_path_tracing(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor, tmp_path: Path) -> None:
@@ -135,14 +135,15 @@ def test_gradients_of_the_solution() -> None:
 
 
 def test_gradient_of_what_is_seen_in_a_mirror(bowl_stage: Stage, cache: Path) -> None:
-    """The specular part is linear in the albedo of what it shows: the gradient along a uniform change is the closed form."""
+    """Along a uniform change of the albedo, by differences."""
     albedo = torch.full((4, 4, 3), 0.5, requires_grad=True)
     material = Material(albedo, torch.full((4, 4, 1), 0.3))
-    specular = render(bowl_stage, material, 1, cache, samples=64).specular.sum()
-    (gradient,) = torch.autograd.grad(specular, albedo)
+    mirrored = render(bowl_stage, material, 1, cache, samples=64).mirrored
+    assert mirrored is not None
+    (gradient,) = torch.autograd.grad(mirrored.sum(), albedo)
     step = 1e-2
     values = [
-        float(render(bowl_stage, flat(0.5 + change, roughness=0.3), 1, cache, samples=64).specular.sum())
+        float(render(bowl_stage, flat(0.5 + change, roughness=0.3), 1, cache, samples=64).mirrored.sum())
         for change in (step, -step)
     ]
     assert float(gradient.sum()) == pytest.approx((values[0] - values[1]) / (2 * step), rel=1e-3)
