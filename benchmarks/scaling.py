@@ -69,7 +69,8 @@ def measure(case: dict[str, int], name: str, threads: int) -> dict[str, float]:
     """Run one case in this process: seconds of the bake and of a step, foreground pixels, megabytes at the peak."""
     stage = Stage.of(name, light_rows=case["light_rows"], threads=threads)
     scene = enlarged(stage.scene, case["views"], case["size"])
-    settings = RenderSettings(case["samples"], POINTS, case["texture"], case["light_rows"], "traced", "compiled")
+    sizes = {"subsamples": POINTS, "texture": case["texture"], "light_height": case["light_rows"]}
+    settings = RenderSettings(case["samples"], **sizes, shadows="traced", bounces=0, shading="compiled")
     plan = make_plan(scene, stage.surface, stage.rays, settings, NoPrior(), CPU)
     started = time.process_time()
     gbuffer = trace_gbuffer([view.camera for view in scene.train], stage.rays, POINTS, CPU)
