@@ -101,11 +101,11 @@ def measure_apart(case: dict[str, int], arguments: argparse.Namespace) -> dict[s
     return result
 
 
-def memory_model(rows: list[dict[str, Any]]) -> tuple[float, float, float]:
-    """Least squares of peak MB = base + a x foreground pixels + b x pixels of all images, over the cases: (base, a, b)."""
-    design = np.array([[1.0, row["foreground"], row["views"] * row["size"] ** 2] for row in rows])
-    base, foreground, images = np.linalg.lstsq(design, np.array([row["peak_mb"] for row in rows]), rcond=None)[0]
-    return float(base), float(foreground), float(images)
+def memory_model(rows: list[dict[str, Any]]) -> tuple[float, float]:
+    """Least squares of peak MB = base + a x foreground pixels over the cases: (base, a)."""
+    design = np.array([[1.0, row["foreground"]] for row in rows])
+    base, foreground = np.linalg.lstsq(design, np.array([row["peak_mb"] for row in rows]), rcond=None)[0]
+    return float(base), float(foreground)
 
 
 def table(title: str, rows: Iterable[dict[str, Any]], columns: dict[str, str]) -> list[dict[str, Any]]:
@@ -155,8 +155,8 @@ def main() -> None:
         geometry,
     )
     if len(sizes) > 1:
-        base, foreground, images = memory_model(views)
-        print(f"\npeak MB = {base:.0f} + {1e6 * foreground:.0f} B x foreground pixels + {1e6 * images:.0f} B x image pixels")
+        base, foreground = memory_model(views)
+        print(f"\npeak MB = {base:.0f} + {1e6 * foreground:.0f} B x foreground pixels")
     if arguments.out:
         arguments.out.mkdir(parents=True, exist_ok=True)
         content = {"work": work, "views": views, "paper": paper}
