@@ -39,8 +39,7 @@ from ia_bench.environment import environment
 from ia_bench.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.renderer import Light, Renderer
-from ia_bench.render.visibility import make_visibility
+from ia_bench.render.renderer import Light, make_renderer
 
 PIXELS, SAMPLES, VIEWS, SIZE = 4096, 32, 20, 128
 LIGHT_UNIFORM = 0.2  # fit.light_uniform
@@ -48,15 +47,18 @@ WARM_UP = 3
 BLOCK = 8  # texels along a side; at 512 texels a pixel of the default scene spans about 3
 MITSUBA = {"direct": (1, 8), "prb": (1,)}  # integrators, and how many times the samples of a step
 CASES = ("traced", "baked")
+BOUNCES = 3  # of the step with indirect light (and a layered coat), which Mitsuba has no counterpart for here
 
 
 class OurStep:
     """The gradient of our image of some pixels, as the two-stage trainer computes it."""
 
-    def __init__(self, stage: Stage, gbuffer: GBuffer, shadows: str, shading: str) -> None:
+    def __init__(
+        self, stage: Stage, gbuffer: GBuffer, shadows: str, shading: str, *, bounces: int = 0, coat: str = "added"
+    ) -> None:
         self.gbuffer = gbuffer
-        visibility = make_visibility(shadows, stage.scene.mesh, stage.surface, stage.rays)
-        self.renderer = Renderer(stage.surface, visibility, shading=shading)
+        how = stage.scene.mesh, stage.surface, stage.rays
+        self.renderer = make_renderer(*how, shadows=shadows, bounces=bounces, coat=coat, shading=shading)
         tensors = stage.material.albedo, stage.material.roughness, stage.light
         self.albedo, self.roughness, self.light = (tensor.clone().requires_grad_() for tensor in tensors)
         self.generator = torch.Generator().manual_seed(0)
@@ -83,6 +85,7 @@ def per_sample(stage: Stage, rounds: int, threads: int, mitsuba: bool) -> dict[s
     gbuffer = stage.gbuffer(cameras)
     steps = {f"ours, {shadows}": OurStep(stage, gbuffer, shadows, "compiled") for shadows in CASES}
     steps["ours, traced, eager"] = OurStep(stage, gbuffer, "traced", "eager")
+    steps[f"ours, traced, {BOUNCES} bounces"] = OurStep(stage, gbuffer, "traced", "compiled", bounces=BOUNCES, coat="layered")
     cases: dict[str, Callable[[int], None]] = {name: step.random_step for name, step in steps.items()}
     samples = dict.fromkeys(cases, float(PIXELS * SAMPLES))
     covered = float(gbuffer.coverage()[0].sum())

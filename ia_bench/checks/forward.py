@@ -12,12 +12,14 @@ part alone), the pixel footprint (G-buffer points a pixel), and the light's reso
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from ia_bench.__main__ import OK, complain
 from ia_bench.config import SceneConfig, resolve_scene_folder
 from ia_bench.errors import InputError
 from ia_bench.light.latlong import resize_light
@@ -127,7 +129,7 @@ def _psnr(rendered: np.ndarray, reference: list[np.ndarray], views: list[View]) 
     return float(np.mean(values))
 
 
-def main() -> None:
+def main() -> int:
     """Print one Markdown row per scene."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="+", help="names of shipped scenes, or scene folders")
@@ -136,15 +138,19 @@ def main() -> None:
     header: list[str] | None = None
     for name in arguments.scenes:
         shipped = SceneConfig(name=name, path=name if Path(name).is_dir() else None)
-        folder = resolve_scene_folder(shipped)
-        assert folder is not None
-        result = check_scene(folder, samples=arguments.samples)
+        try:
+            folder = resolve_scene_folder(shipped)
+            assert folder is not None
+            result = check_scene(folder, samples=arguments.samples)
+        except InputError as error:
+            return complain(str(error))
         if header is None:
             header = ["scene", *result.psnr, "mean radiance, ours / Cycles"]
             print("| " + " | ".join(header) + " |\n|" + " :--- |" * len(header))
         cells = [result.scene, *(f"{value:.1f}" for value in result.psnr.values()), f"{result.ratio:.3f}"]
         print("| " + " | ".join(cells) + " |", flush=True)
+    return OK
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,9 +1,10 @@
 """The inverse half of the work-precision diagrams: whole fits of the scene ``tiny``, error against seconds.
 
-Every fit is a run of ``python -m ia_bench`` with other settings, so what is compared is what a user gets. The learning rates
+Every fit is a run of ``python -m ia_bench`` with other settings, so what is compared is what a user gets, but for indirect
+light and the layered coat, which the other side has not. The learning rates
 fall over a fit's own steps, so every point is a fit of its own, not a moment of a longer one. All ways of dividing a budget
 draw the same number of samples in all: steps x fit.pixels x render.samples. Mitsuba's plain loop (mitsuba_fit.py) draws as
-many on the object; both render direct light only. Of the oracle it gets the albedo, ours the specular shading as well.
+many on the object. Of the oracle it gets the albedo, ours the specular shading as well.
 
 ``seconds`` is the wall time of the optimisation as curve.csv has it, without the compiler's. ``cpu_s`` is that times the
 share of the run's wall time in which the processor worked for it: 1 on a quiet machine, with one thread.

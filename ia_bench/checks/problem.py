@@ -20,14 +20,15 @@ from ia_bench.scores.protocol import Protocol
 
 
 def make_problem(scene: Scene, prior: Prior, *, shading: str = "eager") -> tuple[Problem, Scorer]:
-    """Plan, geometry and renderer of a scene with truth, default settings, on the CPU; the oracle is given its truth.
+    """Plan, geometry and renderer of a scene with truth, on the CPU; the oracle is given its truth.
 
-    The problem itself holds no truth; the scorer does, and renders with its own (eager) renderer.
+    Default settings but for direct light and the paper's sum of lobes, which is what the other method has. The problem itself
+    holds no truth; the scorer does, and renders with its own (eager) renderer.
     """
     device = torch.device("cpu")
     blind = scene.for_training()
     surface, rays = SurfaceInterpolator(scene.mesh, device), make_rays(scene.mesh, device)
-    plan = make_plan(blind, surface, rays, RenderSettings(), prior, device)
+    plan = make_plan(blind, surface, rays, RenderSettings(bounces=0, coat="added"), prior, device)
     gbuffer = trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, device)
     if isinstance(prior, OraclePrior):
         prior.reveal(with_albedo(scene, surface, gbuffer))

@@ -156,7 +156,7 @@ class Renderer:
             light.radiance.reshape(-1, 3),
             material.metallic,
         )
-        mirrored = []
+        mirrored: list[Tensor] = []
         if indirect is not None:
             assert self.interreflection is not None
             reflected = albedo if material.metallic is None else albedo * (1 - fetch(material.metallic, surface.uv))

@@ -4,9 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.checks.forward import check_scene
+from ia_bench.checks.forward import check_scene, main
 
 SCENES = Path(__file__).parents[2] / "datasets" / "scenes"
+
+
+def test_a_misspelt_scene_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["forward", "hatt"])
+    assert main() == 2
+    assert "did you mean 'hat'" in capsys.readouterr().err
 
 
 @pytest.mark.verify
