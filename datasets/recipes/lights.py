@@ -158,6 +158,42 @@ def snowfield(d: Array) -> Array:
     return mix(land, sky, ramp(up - peaks, -0.8, 0.8))
 
 
+def workshop(d: Array) -> Array:
+    """teaset: brick walls, a teal cupboard and tungsten lamps over a bench, one small cool window: orange on the whole."""
+    up, tungsten = elevation(d), rgb(1.0, 0.52, 0.20)
+    azimuth = np.degrees(np.arctan2(d[..., 1], d[..., 0]))
+    courses = 1 + 0.15 * np.sign(np.sin(up * 1.6)) + 0.10 * noise(d * rgb(1, 1, 4), 8.0, seed=71, octaves=2)
+    brick = np.maximum(courses, 0.3)[..., None] * mix(rgb(0.30, 0.105, 0.060), rgb(0.46, 0.19, 0.10), ramp(up, -20, 40))
+    cupboard = ramp(np.abs(azimuth - 150.0), 31, 29) * ramp(up, 22, 20)
+    wall = mix(brick, rgb(0.05, 0.17, 0.16), cupboard)
+    boards = 1 + 0.2 * noise(d * rgb(7, 1, 1), 5.0, seed=72, octaves=2)
+    bench = np.maximum(boards, 0.3)[..., None] * rgb(0.26, 0.14, 0.065)
+    room = mix(mix(bench, wall, ramp(up, -24, -22)), rgb(0.34, 0.25, 0.17), ramp(up, 55, 58))
+    for at, height, diameter, power in ((35, 48, 11, 75), (-80, 62, 14, 40), (-170, 30, 9, 60)):
+        axis = toward(at, height)
+        room = room + 0.7 * glow(d, axis, 12.0)[..., None] * tungsten
+        room = mix(room, power * tungsten, disc(d, axis, diameter, edge=1.5))
+    return mix(room, 9.0 * rgb(0.62, 0.85, 1.15), panel(d, toward(95, 24), 17, 22, edge=1.5))
+
+
+def balcony(d: Array) -> Array:
+    """owl: a low golden sun in a dim violet sky, a rose house wall behind, planted boxes, tiles below."""
+    sun, up = toward(-28, 17), elevation(d)
+    facing = 0.5 + 0.5 * np.cos(np.radians(angle_to(d, toward(-28, 0))))
+    sky = mix(mix(rgb(0.20, 0.18, 0.34), rgb(0.60, 0.36, 0.34), facing**3), rgb(0.10, 0.12, 0.36), ramp(up, 0, 45))
+    sky = mix(sky, rgb(0.42, 0.30, 0.42), 0.5 * ramp(noise(d * rgb(1, 1, 4), 2.4, seed=81), 0.5, 2.0))
+    sky += 1.2 * glow(d, sun, 8.0)[..., None] * rgb(1.0, 0.74, 0.42)
+    sky += 1500.0 * disc(d, sun, 4.0)[..., None] * rgb(1.0, 0.78, 0.50)
+    azimuth = np.degrees(np.arctan2(d[..., 1], d[..., 0]))
+    plaster = rgb(0.44, 0.22, 0.20) * (1 + 0.10 * noise(d, 6.0, seed=82, octaves=3))[..., None]
+    house = ramp(np.abs(azimuth - 145.0), 51, 49) * ramp(up, 56, 54)
+    leaves = rgb(0.07, 0.14, 0.045) * np.exp(0.5 * noise(d, 14.0, seed=83, octaves=3))[..., None]
+    boxes = 5.0 + 2.5 * noise(d * rgb(1, 1, 0), 6.0, seed=84, octaves=3)
+    tiles = 1 + 0.25 * np.sign(np.sin(18 * d[..., 0]) * np.sin(18 * d[..., 1]))
+    ground = mix(tiles[..., None] * rgb(0.22, 0.13, 0.11), leaves, ramp(up, -19, -17))
+    return mix(ground, mix(sky, plaster, house), ramp(up - np.minimum(boxes, 11.0), -0.8, 0.8))
+
+
 # -- novel lights ------------------------------------------------------------------------------------------------------
 def studio(d: Array) -> Array:
     """Softboxes in front of a dark grey sweep: a large cool key, a warm strip, an overhead bank."""
@@ -214,7 +250,8 @@ def night(d: Array) -> Array:
 
 
 MODELS: dict[str, Radiance] = {
-    model.__name__: model for model in (garden, harbour, lamp_room, spotlight, snowfield, studio, sunset, night)
+    model.__name__: model
+    for model in (garden, harbour, lamp_room, spotlight, snowfield, workshop, balcony, studio, sunset, night)
 }
 
 

@@ -15,9 +15,9 @@ import trimesh
 RECIPES = Path(__file__).resolve().parents[2] / "datasets" / "recipes"
 
 HEIGHT = 256
-TRAINING_LIGHTS = ("garden", "harbour", "lamp_room", "spotlight", "snowfield")
+TRAINING_LIGHTS = ("garden", "harbour", "lamp_room", "spotlight", "snowfield", "workshop", "balcony")
 NOVEL_LIGHTS = ("studio", "sunset", "night")
-SUNS = ("harbour", "spotlight", "snowfield", "sunset")
+SUNS = ("harbour", "spotlight", "snowfield", "balcony", "sunset")
 """Lights with one small source that is hundreds of times brighter than anything else."""
 
 
@@ -85,7 +85,7 @@ def test_rasterise_refuses_negative_radiance() -> None:
 
 
 # -- lights ------------------------------------------------------------------------------------------------------------
-def test_there_are_five_training_and_three_novel_lights() -> None:
+def test_there_are_seven_training_and_three_novel_lights() -> None:
     assert set(lights.MODELS) == {*TRAINING_LIGHTS, *NOVEL_LIGHTS}
     assert {r.light for r in recipe.RECIPES.values()} == set(TRAINING_LIGHTS)
     with pytest.raises(ValueError, match="light must be one of garden, .* got 'moon'"):
@@ -121,6 +121,17 @@ def test_the_lamp_room_is_yellow(rendered_lights: dict[str, np.ndarray]) -> None
     assert (light[..., 2] < 0.5 * light[..., 0]).all()
 
 
+def test_the_workshop_is_orange_but_for_a_cool_window(rendered_lights: dict[str, np.ndarray]) -> None:
+    """A cast as strong as the lamp room's is another one, and is not in every direction."""
+    light = rendered_lights["workshop"].astype(float)
+    red, green, blue = (light * latlong.solid_angles(HEIGHT)[..., None]).sum(axis=(0, 1))
+    assert 2.5 * blue < red < 3.5 * blue
+    assert 1.6 * green < red  # the lamp room: 1.4
+    luminance = light @ latlong.LUMINANCE * latlong.solid_angles(HEIGHT)
+    cool = light[..., 2] > light[..., 0]
+    assert 0.05 < luminance[cool].sum() / luminance.sum() < 0.25
+
+
 def test_lights_do_not_depend_on_resolution() -> None:
     coarse, fine = lights.make_light("harbour", 32), lights.make_light("harbour", 64)
     pooled = fine.reshape(32, 2, 64, 2, 3).mean(axis=(1, 3))
@@ -130,7 +141,10 @@ def test_lights_do_not_depend_on_resolution() -> None:
 
 
 # -- parts of a light --------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("name", "sources"), [("garden", 1), ("harbour", 1), ("lamp_room", 5), ("studio", 3), ("night", 7)])
+@pytest.mark.parametrize(
+    ("name", "sources"),
+    [("garden", 1), ("harbour", 1), ("lamp_room", 5), ("workshop", 4), ("balcony", 1), ("studio", 3), ("night", 7)],
+)
 def test_parts_of_a_light_partition_it(name: str, sources: int, rendered_lights: dict[str, np.ndarray]) -> None:
     """One part per lamp, sign, sun or moon of the light's model, and the rest; no texel twice, none lost."""
     light = rendered_lights[name]

@@ -252,6 +252,16 @@ def tube_along_curve(
     return grid_surface(name, rings, material)
 
 
+def smooth_path(points: list[tuple[float, float, float]] | np.ndarray, count: int) -> np.ndarray:
+    """Points (count, 3) on the Catmull-Rom spline through the given ones."""
+    p = np.asarray(points, float)
+    p = np.vstack([2 * p[0] - p[1], p, 2 * p[-1] - p[-2]])
+    s = np.linspace(0.0, len(p) - 3 - 1e-9, count)
+    i, f = s.astype(int), (s % 1.0)[:, None]
+    a, b, c, d = p[i], p[i + 1], p[i + 2], p[i + 3]
+    return 0.5 * (2 * b + f * (c - a) + f**2 * (2 * a - 5 * b + 4 * c - d) + f**3 * (3 * b - a - 3 * c + d))
+
+
 # ---------------------------------------------------------------- solids with hard edges
 def solid(
     name: str,
