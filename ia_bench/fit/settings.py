@@ -29,6 +29,7 @@ class LossWeights:
 class LearningRates:
     """Adam rates of albedo, roughness, metallic (in [0, 1] units) and the light (log radiance).
 
+    ``cast``: of a log factor per channel that the light takes from the albedo, both in one step; 0 leaves it out.
     Over the run they fall exponentially to ``final`` times their value.
     """
 
@@ -36,6 +37,7 @@ class LearningRates:
     roughness: float = 0.1
     metallic: float = 0.05
     light: float = 0.2
+    cast: float = 0.05
     final: float = 0.05
 
 
@@ -50,10 +52,11 @@ class FitSettings:
     (mean and spread, as in Ranftl et al.) or "none".
     ``albedo_start``: fraction of all steps in which the albedo stays as it is and the light alone explains the images.
     ``roughness_start``: fraction of all steps after which roughness is optimised; until the light is right it would
-    only learn the light's error; so is metallic. ``roughness_initial``, ``metallic_initial``, ``albedo_initial``: constant
-    start of the textures (of the albedo only where no prior gives a better one). ``neutral_start``: what is grey at that
-    start, the "light" (the albedo has the images' mean colour) or the "albedo" (the light has it); images alone hardly tell
-    the two apart later.
+    only learn the light's error; so is metallic. ``cast_start``: fraction of all steps after which light and albedo exchange
+    a colour; highlights, which decide it, must be there first. ``roughness_initial``, ``metallic_initial``,
+    ``albedo_initial``: constant start of the textures (of the albedo only where no prior gives a better one).
+    ``neutral_start``: what is grey at that start, the "light" (the albedo has the images' mean colour) or the "albedo" (the
+    light has it); images alone hardly tell the two apart later.
     ``smooth_scale``: colour difference (log radiance) at which a pair of neighbouring pixels stops being smoothed.
     ``light_uniform``: fraction of light samples spread over the sphere, so that dark texels are visited too.
     """
@@ -68,6 +71,7 @@ class FitSettings:
     ssi: str = "scale"
     albedo_start: float = 0.1
     roughness_start: float = 0.3
+    cast_start: float = 0.3
     roughness_initial: float = 0.5
     metallic_initial: float = 0.5
     albedo_initial: float = 0.5

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.errors import InputError
+from ia_bench.fit.cast import CastStep
 from ia_bench.fit.guard import PATIENCE, StepGuard
 from ia_bench.fit.losses import smoothness, tone_map
 from ia_bench.fit.neighbours import find_neighbours
@@ -75,6 +76,7 @@ class _Run:
         self.base_rates = [getattr(settings.rates, name.removeprefix("log_")) for name in self.parameters]
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.parameters.values(), self.base_rates, strict=True)]
         self.optimizer = torch.optim.Adam(groups, betas=(0.9, 0.99), fused=True)
+        self.cast = CastStep(self.parameters["albedo"], self.parameters["log_light"], self._observed > 0)
         self.sampler = PriorSampler(problem, prior, seed)
         self.guard = StepGuard(problem, self.parameters)
         state = monitor.load()
@@ -164,6 +166,8 @@ class _Run:
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         self.guard.check_gradients(pixels)
+        if settings.rates.cast and self.step >= settings.cast_start * self.steps:
+            self.cast(settings.rates.cast * settings.rates.final**progress)
         for name in frozen:  # the gradient is computed all the same, so that one compiled step serves the whole run
             self.parameters[name].grad = None
         self.optimizer.step()
@@ -299,6 +303,7 @@ class _Run:
             "generator": self.generator.get_state(),
             "parameters": {name: parameter.detach() for name, parameter in self.parameters.items()},
             "optimizer": self.optimizer.state_dict(),
+            "cast": self.cast.state_dict(),
             "supervision": self.supervision.state(),
             "counters": dict(self.sampler.counters),
             "skipped": {"in_all": self.guard.skipped, "in_a_row": self.guard.in_a_row},
@@ -311,6 +316,7 @@ class _Run:
             for name, parameter in self.parameters.items():
                 parameter.copy_(state["parameters"][name])
         self.optimizer.load_state_dict(state["optimizer"])
+        self.cast.load_state_dict(state["cast"])
         self._supervise(Targets(**state["supervision"]["targets"]))
         self.supervision.restore_alignment(state["supervision"]["alignment"])
         self.sampler.counters = state["counters"]
@@ -334,5 +340,7 @@ def _check(settings: FitSettings) -> None:
     for key, allowed in choices.items():
         if getattr(settings, key) not in allowed:
             raise InputError(f"fit.{key}: expected one of {', '.join(allowed)}, found {getattr(settings, key)!r}")
+    if not (math.isfinite(settings.rates.cast) and settings.rates.cast >= 0):
+        raise InputError(f"fit.rates.cast: expected a finite number >= 0, found {settings.rates.cast}")
     if settings.stage1_steps < 0 or settings.stage2_steps < 0 or settings.pixels < 1:
         raise InputError("fit: stage1_steps and stage2_steps must be >= 0 and pixels >= 1")
