@@ -38,11 +38,12 @@ MEMORY_PER_JOB = 3 << 30
 
 @dataclass
 class Row:
-    """A row of the table: the overrides that make it, and what a reader has to know of it."""
+    """A row of the table: the overrides that make it, what a reader has to know of it, its seeds if not the table's."""
 
     name: str
     overrides: list[str]
     note: str = ""
+    seeds: list[int] | None = None
 
 
 @dataclass
@@ -134,11 +135,15 @@ def load_table(name: str) -> Table:
 
 
 def make_cells(table: Table, request: Request, threads: int, results: Path) -> list[Cell]:
-    """Every row x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene."""
+    """Every row x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
+
+    The request's seeds replace the table's, not those of a row that has its own.
+    """
+    seeds = table.seeds if request.seeds is None else request.seeds
     return [
         _cell(row, scene, seed, request, threads, results)
         for row in table.rows
-        for seed in (request.seeds if request.seeds is not None else table.seeds)
+        for seed in (seeds if row.seeds is None else row.seeds)
         for scene in (request.scenes if request.scenes is not None else table.scenes)
     ]
 
