@@ -24,12 +24,13 @@ from yaml import YAMLError
 
 from ia_bench.__main__ import FAULT, INTERRUPTED, MISTAKE, OK
 from ia_bench.composition import compose
-from ia_bench.config import RunConfig, hash_of, identity, labels, slug
+from ia_bench.config import NATIVE_READER, RunConfig, hash_of, identity, labels, resolve_scene_folder, slug
 from ia_bench.environment import commit, total_memory
 from ia_bench.errors import InputError
 from ia_bench.paths import conf_folder
 from ia_bench.progress import Progress
 from ia_bench.records import METRICS, RunFolder, finished_metrics
+from ia_bench.report.columns import METRIC_OF, Claim
 from ia_bench.suggest import unknown
 
 MEMORY_PER_JOB = 3 << 30
@@ -48,12 +49,17 @@ class Row:
 
 @dataclass
 class Table:
-    """``conf/table/<name>.yaml``; ``reference`` names the row that the others are compared with, scene by scene."""
+    """``conf/table/<name>.yaml``; ``reference`` names the row that the others are compared with, scene by scene.
+
+    ``claims``: orderings of rows that the report judges. ``pictured``: rows that one picture per scene shows beside the truth.
+    """
 
     scenes: list[str] = field(default_factory=list)
     seeds: list[int] = field(default_factory=lambda: [0])
     rows: list[Row] = field(default_factory=list)
     reference: str | None = None
+    claims: list[Claim] = field(default_factory=list)
+    pictured: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -131,6 +137,16 @@ def load_table(name: str) -> Table:
         raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
     if table.reference is not None and table.reference not in names:
         raise InputError(f"{path}: reference: {unknown('row', table.reference, names)}")
+    for name in table.pictured:
+        if name not in names:
+            raise InputError(f"{path}: pictured: {unknown('row', name, names)}")
+    for claim in table.claims:
+        for key, name, known in (
+            *(("row", row, names) for row in (claim.better, claim.worse)),
+            *(("metric", metric, list(METRIC_OF)) for metric in claim.metrics),
+        ):
+            if name not in known:
+                raise InputError(f"{path}: claims: {unknown(key, name, known)}")
     return table
 
 
@@ -225,14 +241,34 @@ def make_table(request: Request) -> int:
         [row.name for row in table.rows],
         scenes_order=list(dict.fromkeys(cell.config.scene.name for cell in cells)),
         reference=table.reference,
+        claims=table.claims,
     )
     print(f"Protocol {report.findings.results.protocol}, mean over scenes\n")
     print(markdown_block(report.findings.results.overall))
     print("\n".join(f"{row.name}: {row.note}" for row in table.rows if row.note))
-    print("\n" + "\n".join(str(path) for path in report.files))
+    print("\n" + "\n".join(str(path) for path in (*report.files, *_write_pictures(table.pictured, cells, results))))
     if failed:
         print(f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why", file=sys.stderr)
     return FAULT if failed else OK
+
+
+def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -> list[Path]:
+    """One picture per scene of the first finished cell of each of ``rows``; what has none is left out, as are scene plugins."""
+    from ia_bench.report.comparison import write_comparison  # brings in torch
+
+    finished: dict[tuple[str, str], Cell] = {}
+    for cell in cells:
+        if finished_metrics(cell.folder, cell.config_hash) is not None and cell.config.scene.reader == NATIVE_READER:
+            finished.setdefault((cell.config.scene.name, cell.row.name), cell)
+    written = []
+    for scene in dict.fromkeys(cell.config.scene.name for cell in cells):
+        shown = {row: finished[scene, row] for row in rows if (scene, row) in finished}
+        if shown:
+            folder = resolve_scene_folder(next(iter(shown.values())).config.scene)
+            assert folder is not None
+            written.append(results / "pictures" / f"{slug(scene)}.png")
+            write_comparison({row: cell.folder for row, cell in shown.items()}, folder, written[-1])
+    return written
 
 
 def _cell(row: Row, scene: str, seed: int, request: Request, threads: int, results: Path) -> Cell:

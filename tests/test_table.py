@@ -22,7 +22,7 @@ from ia_bench.table import Request, Row, Table, jobs_and_threads, load_table, ma
 
 HERE = Path(__file__).parent
 ABLATIONS = [f"diffusion, targets{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
-ROWS = ["ceiling", "none", "oracle", "diffusion", *ABLATIONS, "diffusion, distilled", "diffusion, kernel", "regressor"]
+ROWS = ["ceiling", "none", "oracle", "diffusion", "regressor", *ABLATIONS, "diffusion, kernel", "diffusion, distilled"]
 
 
 @pytest.fixture(autouse=True)
@@ -73,6 +73,12 @@ def test_paper_table_has_the_ablations_as_configuration() -> None:
     }  # fmt: skip
     assert cells["oracle"].fit == compose(["device=cpu"]).fit
     assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}
+
+
+def test_a_row_may_have_seeds_of_its_own() -> None:
+    rows = [Row("a", ["prior=none"]), Row("b", ["prior=oracle"], seeds=[7])]
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=rows), seeds=(0, 1))
+    assert [(cell.row.name, cell.config.seed) for cell in cells] == [("a", 0), ("a", 1), ("b", 7)]
 
 
 def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
@@ -127,6 +133,9 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("rowes: []", r"bad\.yaml: .*rowes"),
         ("rows: [{name: a, overrides: []}, {name: a, overrides: []}]", "expected different names, found a, a"),
         ("rows: [{name: a, overrides: []}]\nreference: b", "reference: unknown row 'b'"),
+        ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
+        ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
+        ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
         ("rows: [", "bad.yaml: "),
     ]:
         (tmp_path / "table" / "bad.yaml").write_text(content)
@@ -181,7 +190,7 @@ def test_whole_table_on_the_tiny_scene(monkeypatch: pytest.MonkeyPatch, capfd: p
     said = capfd.readouterr().out
     assert all(row in said for row in ROWS)
     results = Path("results/paper")
-    for name in ("report.md", "table.tex", "table.csv", "table.json"):
+    for name in ("report.md", "table.tex", "table.csv", "table.json", "pictures/tiny.png"):
         assert (results / name).stat().st_size > 0
     files = sorted(results.rglob("metrics.json"))
     times = [path.stat().st_mtime_ns for path in files]

@@ -1,8 +1,11 @@
-"""The metrics as data: name, place in the paper's table, direction, precision. Tables, arrows and figures follow it."""
+"""The metrics as data: name, place in the paper's table, direction, precision. Tables, arrows and figures follow it.
+
+And what may be claimed in terms of them.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -53,3 +56,13 @@ METRICS = (
 )
 
 CURVE_METRICS = tuple(metric for metric in METRICS if metric.name in ("psnr", "mse"))  # the columns of curve.csv
+METRIC_OF = {metric.key: metric for metric in METRICS}
+
+
+@dataclass
+class Claim:
+    """Row ``better`` is above row ``worse`` in each of ``metrics``, named as in :attr:`Metric.key`."""
+
+    better: str
+    worse: str
+    metrics: list[str] = field(default_factory=lambda: ["albedo.psnr", "aligned_albedo.psnr", "relighting.psnr"])

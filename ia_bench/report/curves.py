@@ -23,7 +23,11 @@ LEVELS: dict[str, tuple[float, ...]] = {  # what "given errors" are: dB for PSNR
     "relighting_psnr": (20.0, 25.0, 30.0),
     "roughness_mse": (0.1, 0.05, 0.02, 0.01),
 }
+BEATEN = ("aligned_albedo.psnr", "relighting.psnr")  # metrics in which rows are timed against the reference
 WORSE_DB = 0.1  # a loss below this is taken for the noise of the scoring renders and not reported
+
+Points = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Steps, seconds and values of one run's curve."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +91,28 @@ def time_to_error(runs: Sequence[Run], levels: dict[str, tuple[float, ...]] = LE
     table = []
     for metric in CURVE_METRICS:
         for (row, scene), curves in _measured(runs, metric).items():
-            for level in levels[metric.column]:
-                times = [_first_time(seconds, values, level, metric) for _, seconds, values in curves]
-                reached = [time for time in times if time is not None]
-                table.append(TimeToError(row, scene, metric, level, over_seeds(reached), len(reached), len(times)))
+            table += [_reach(row, scene, metric, level, curves) for level in levels[metric.column]]
+    return table
+
+
+def time_to_beat(runs: Sequence[Run], reference: str, metrics: Sequence[str] = BEATEN) -> list[TimeToError]:
+    """For every scene and metric and every row but ``reference``: until it is where the reference is at its best.
+
+    The level is the best value that the reference's curve ever has on the scene, the mean over its seeds; seconds hold those
+    of the prior.
+    """
+    table = []
+    for metric in (one for one in CURVE_METRICS if one.key in metrics):
+        best = max if metric.higher_is_better else min
+        curves = _measured(runs, metric)
+        levels = {
+            scene: float(np.mean([best(values) for _, _, values in theirs]))
+            for (row, scene), theirs in curves.items()
+            if row == reference
+        }
+        for (row, scene), ours in curves.items():
+            if row != reference and scene in levels:
+                table.append(_reach(row, scene, metric, levels[scene], ours))
     return table
 
 
@@ -109,11 +131,15 @@ def worsening(runs: Sequence[Run], threshold_db: float = WORSE_DB) -> list[Worse
     return sorted(found, key=lambda one: -one.loss_db)
 
 
-def _measured(
-    runs: Sequence[Run], metric: Metric
-) -> dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
+def _reach(row: str, scene: str, metric: Metric, level: float, curves: Sequence[Points]) -> TimeToError:
+    times = [_first_time(seconds, values, level, metric) for _, seconds, values in curves]
+    reached = [time for time in times if time is not None]
+    return TimeToError(row, scene, metric, level, over_seeds(reached), len(reached), len(times))
+
+
+def _measured(runs: Sequence[Run], metric: Metric) -> dict[tuple[str, str], list[Points]]:
     """Steps, seconds and values per row and scene, one entry per seed, of optimisations that measured the metric."""
-    curves: dict[tuple[str, str], list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
+    curves: dict[tuple[str, str], list[Points]] = {}
     for run in runs:
         if run.curve is None or run.curve.is_ceiling:
             continue

@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from ia_bench.report.claims import Verdict, judge
 from ia_bench.report.collect import Collection, Run
-from ia_bench.report.columns import METRICS
-from ia_bench.report.curves import TimeToError, Worsening, time_to_error, worsening
+from ia_bench.report.columns import METRICS, Claim
+from ia_bench.report.curves import TimeToError, Worsening, time_to_beat, time_to_error, worsening
 from ia_bench.report.statistics import Estimate, paired_difference
 from ia_bench.report.table import Results, summarise
 
@@ -17,7 +18,8 @@ from ia_bench.report.table import Results, summarise
 class Findings:
     """``runs`` of one protocol in the order of ``rows`` and ``scenes``, and what follows from them.
 
-    ``differences``: row -> metric -> row minus ``reference``, scenes paired. ``failures`` and ``notes`` are sentences.
+    ``differences``: row -> metric -> row minus ``reference``, scenes paired; ``beats``: how soon rows are where the reference
+    is at its best. ``verdicts``: on what the table claims. ``failures`` and ``notes`` are sentences.
     """
 
     runs: tuple[Run, ...]
@@ -26,18 +28,24 @@ class Findings:
     results: Results
     reference: str | None
     differences: dict[str, dict[str, Estimate | None]]
+    verdicts: tuple[Verdict, ...]
     times: tuple[TimeToError, ...]
+    beats: tuple[TimeToError, ...]
     worsening: tuple[Worsening, ...]
     failures: tuple[str, ...]
     notes: tuple[str, ...]
 
 
 def analyse(
-    collection: Collection, rows_order: Sequence[str], scenes_order: Sequence[str], reference: str | None
+    collection: Collection,
+    rows_order: Sequence[str],
+    scenes_order: Sequence[str],
+    reference: str | None,
+    claims: Sequence[Claim] = (),
 ) -> Findings:
     """Gather the findings. Numbers of different protocols do not mix: the most frequent one is kept, the rest is named.
 
-    Raises ValueError where ``reference`` is no row.
+    Raises ValueError where ``reference`` or a row of ``claims`` is no row, and for a claim about an unknown metric.
     """
     counted = Counter(run.protocol for run in collection.runs if run.protocol is not None)
     protocol = counted.most_common(1)[0][0] if counted else "(no finished run)"
@@ -45,6 +53,9 @@ def analyse(
     rows, scenes = _ordered(rows_order, (run.row for run in runs)), _ordered(scenes_order, (run.scene for run in runs))
     if reference is not None and reference not in rows:
         raise ValueError(f"reference: expected one of the rows {', '.join(rows)}, found {reference}")
+    for row in (row for claim in claims for row in (claim.better, claim.worse)):
+        if row not in rows:
+            raise ValueError(f"claims: expected rows among {', '.join(rows)}, found {row}")
     return Findings(
         runs=runs,
         rows=rows,
@@ -52,7 +63,9 @@ def analyse(
         results=summarise(runs, rows, scenes, protocol),
         reference=reference,
         differences=_differences(runs, rows, reference),
+        verdicts=tuple(judge(runs, claims)),
         times=tuple(time_to_error(runs)),
+        beats=tuple(time_to_beat(runs, reference)) if reference is not None else (),
         worsening=tuple(worsening(runs)),
         failures=(
             *(f"{_cell(run)}: {run.problem}" for run in runs if run.problem is not None),

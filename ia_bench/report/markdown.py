@@ -17,6 +17,12 @@ not see the ground truth and has every scene. † sees the ground truth and is n
 below. (3/4): the mean over 3 of 4 scenes, not ranked. Seconds are of a whole run without scoring. Failed: failed runs
 of all runs; they enter no mean."""
 TIMES_NOTE = "Seconds of optimisation until a measured point first is at or beyond the level."
+BEATS_NOTE = """\
+Seconds of optimisation, those of the prior included, until a measured point first is where {reference} is at its best on the
+scene at any time."""
+CLAIMS_NOTE = """\
+A row is claimed to be above another one. The difference is positive where it is, seed by seed on the same scenes, with the 95 %
+interval over seeds: reproduced above zero, not reproduced below it, undecided around it or without an interval."""
 WORSENING_NOTE = f"""\
 Final against best value of every curve, mean over seeds, where at least {WORSE_DB:g} dB are lost (for a squared error,
 10 log10 of final over best)."""
@@ -37,9 +43,11 @@ def report_text(findings: Findings, pictures: Sequence[str]) -> str:
     for block in results.scenes:
         parts += [f"## Scene {markdown_escape(block.title)}", markdown_block(block)]
     parts += _differences(findings)
+    parts += _claims(findings)
     if pictures:
         parts += ["## Error against run time", *(f"![{Path(name).stem}]({name})" for name in pictures)]
         parts += ["Curves score fewer views than the tables do. A band reaches from the lowest to the highest seed."]
+    parts += _beats(findings)
     parts += _times(findings)
     parts += ["## Where more time makes it worse", WORSENING_NOTE, _worsening(findings)]
     parts += ["## Failed runs", _bullets(findings.failures, "None.")]
@@ -93,6 +101,40 @@ def _differences(findings: Findings) -> list[str]:
     title = f"## Difference to {markdown_escape(findings.reference or '')}"
     note = "Scenes are paired: the mean over scenes of (row - reference), with the 95 % interval over scenes."
     return [title, note, markdown_table(header, body)]
+
+
+def _claims(findings: Findings) -> list[str]:
+    """One line for every two rows and metric."""
+    if not findings.verdicts:
+        return []
+    body = [
+        [
+            f"{markdown_escape(one.better)} above {markdown_escape(one.worse)}",
+            one.metric.title,
+            estimate_text(one.advantage, one.metric, len(findings.scenes)),
+            one.outcome.value,
+        ]
+        for one in findings.verdicts
+    ]
+    return ["## Claimed orderings", CLAIMS_NOTE, markdown_table(["Claim", "Metric", "Difference", "Outcome"], body)]
+
+
+def _beats(findings: Findings) -> list[str]:
+    """A line per scene and metric, a column per row."""
+    if not findings.beats:
+        return []
+    reference = markdown_escape(findings.reference or "")
+    cells = {(one.scene, one.metric, one.row): one for one in findings.beats}
+    rows = [row for row in findings.rows if any(row == key[-1] for key in cells)]
+    body = []
+    for scene in findings.scenes:
+        for metric in dict.fromkeys(one.metric for one in findings.beats if one.scene == scene):
+            here = {row: cells[scene, metric, row] for row in rows if (scene, metric, row) in cells}
+            best = metric.text(next(iter(here.values())).level)
+            texts = [here[row].text if row in here else "–" for row in rows]
+            body.append([markdown_escape(scene), f"{metric.group} {metric.label}", best, *texts])
+    header = ["Scene", "Metric", f"Best of {reference}", *map(markdown_escape, rows)]
+    return [f"## Time to beat {reference}", BEATS_NOTE.format(reference=reference), markdown_table(header, body)]
 
 
 def _times(findings: Findings) -> list[str]:

@@ -7,25 +7,21 @@ roughness), and the true and the recovered light below. No OpenGL: the saved map
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
 
 from ia_bench.errors import InputError
-from ia_bench.material.textures import Material
-from ia_bench.records import CONFIG, METRICS
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import Light, make_renderer, texture_images
+from ia_bench.report.panels import exposure, on_white, to_image, unmultiplied
+from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene, View
 
@@ -34,21 +30,6 @@ SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
 CELL = 192  # pixels of a picture on the sheet, at least; smaller images are enlarged by whole factors
 MARGIN, LINE = 8, 24  # pixels around pictures, and of a line of text
 COLUMNS = ("photograph", "our render", "true albedo", "recovered", "true roughness", "recovered")
-
-
-@dataclass(frozen=True)
-class Recovered:
-    """A run's maps as tensors, and the words for its title; ``scale`` aligned the albedo in its scores.
-
-    ``bounces`` and ``coat``: how it rendered them.
-    """
-
-    material: Material
-    light: torch.Tensor
-    scale: float
-    title: str
-    bounces: int
-    coat: str
 
 
 def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, views: int = 3) -> None:
@@ -60,7 +41,7 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
     """
     if views < 1:
         raise InputError(f"expected at least one view, found {views}")
-    recovered, uv = _read_run(run_folder)
+    recovered, uv = read_run(run_folder)
     scene = load_scene(scene_folder, truth=True, uv=uv)
     usable = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     if not usable or scene.truth is None or "train" not in scene.truth.lights:
@@ -71,34 +52,6 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
     sheet = _compose(rows, lights, recovered.title)
     out.parent.mkdir(parents=True, exist_ok=True)
     sheet.save(out, format="PNG")
-
-
-def _read_run(folder: Path) -> tuple[Recovered, str]:
-    """The run's maps, and how the scene's mesh was unwrapped for it."""
-    metrics, config = (_read_json(folder / name) for name in (METRICS, CONFIG))
-    if metrics.get("status") != "ok":
-        raise InputError(f"{folder / METRICS}: expected a finished run, found status {metrics.get('status')!r}")
-    name = metrics["protocol_description"]["alignment"]
-    scales = metrics["albedo_scales"].get(name) or [1.0]  # a run whose albedo cannot be aligned is shown as it is
-    albedo, roughness = read_exr(folder / "albedo.exr", 3), read_exr(folder / "roughness.exr", 1)
-    light = torch.from_numpy(read_exr(folder / "light.exr", 3))
-    values = {key: metrics["metrics"][key]["psnr"] for key in ("aligned_albedo", "view_synthesis", "relighting")}
-    shown = [f"{key.replace('_', ' ')} {value:.1f} dB" for key, value in values.items() if value is not None]
-    title = ", ".join([f"{metrics['row']}, scene {metrics['scene']}, seed {metrics['seed']}", *shown])
-    metal = folder / "metallic.exr"
-    metallic = torch.from_numpy(read_exr(metal, 1)) if metal.is_file() else None
-    material = Material(torch.from_numpy(albedo), torch.from_numpy(roughness), metallic)
-    bounces = next((entry["value"] for entry in metrics["plan"]["needed"] if entry["what"] == "render.bounces"), 0)
-    coat = config["config"]["render"].get("coat", "added")  # older runs had direct light and the paper's sum
-    return Recovered(material, light, float(np.mean(scales)), title, bounces, coat), config["config"]["geometry"]["uv"]
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: expected a run's results ({error})") from None
-    return content
 
 
 def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[list[np.ndarray]]:
@@ -114,37 +67,22 @@ def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[lis
     coverage = gbuffer.coverage().numpy()
     albedo = recovered.scale * texture_images(surface, gbuffer, recovered.material.albedo).numpy()
     roughness = texture_images(surface, gbuffer, recovered.material.roughness).numpy()
-    exposure = _exposure(np.stack([view.image for view in views]), np.stack([view.mask for view in views]))
+    gain = exposure(np.stack([view.image for view in views]), np.stack([view.mask for view in views]))
     rows = []
     for i, view in enumerate(views):
         assert view.albedo is not None
         assert view.roughness is not None
         rows.append(
             [
-                _on_white(linear_to_srgb(_unmultiplied(exposure * view.image, view.mask)), view.mask),
-                _on_white(linear_to_srgb(_unmultiplied(exposure * rendered[i], coverage[i])), coverage[i]),
-                _on_white(linear_to_srgb(_unmultiplied(view.albedo, view.mask)), view.mask),
-                _on_white(linear_to_srgb(_unmultiplied(albedo[i], coverage[i])), coverage[i]),
-                _on_white(_unmultiplied(view.roughness[..., None], view.mask), view.mask),
-                _on_white(_unmultiplied(roughness[i], coverage[i]), coverage[i]),
+                on_white(linear_to_srgb(unmultiplied(gain * view.image, view.mask)), view.mask),
+                on_white(linear_to_srgb(unmultiplied(gain * rendered[i], coverage[i])), coverage[i]),
+                on_white(linear_to_srgb(unmultiplied(view.albedo, view.mask)), view.mask),
+                on_white(linear_to_srgb(unmultiplied(albedo[i], coverage[i])), coverage[i]),
+                on_white(unmultiplied(view.roughness[..., None], view.mask), view.mask),
+                on_white(unmultiplied(roughness[i], coverage[i]), coverage[i]),
             ]
         )
     return rows
-
-
-def _exposure(images: np.ndarray, masks: np.ndarray) -> float:
-    """Brings all but the brightest hundredth of the foreground into [0, 1]."""
-    return 1 / max(float(np.quantile(images[masks > 0.5].max(-1), 0.99)), 1e-12)
-
-
-def _unmultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """What covers the pixel, (H, W, C) in [0, 1]."""
-    return (image / np.maximum(coverage, 1e-3)[..., None]).clip(0, 1)
-
-
-def _on_white(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    alpha = coverage[..., None].clip(0, 1)
-    return np.broadcast_to(alpha * picture + (1 - alpha), (*coverage.shape, 3))
 
 
 def _lights(true: np.ndarray, found: np.ndarray) -> list[np.ndarray]:
@@ -168,19 +106,15 @@ def _compose(rows: list[list[np.ndarray]], lights: list[np.ndarray], title: str)
         left = MARGIN + column * (width + MARGIN)
         draw.text((left, LINE + 3), name, fill="black", font=font)
         for row, pictures in enumerate(rows):
-            picture = _image(pictures[column]).resize((width, height), Image.Resampling.NEAREST)
+            picture = to_image(pictures[column]).resize((width, height), Image.Resampling.NEAREST)
             sheet.paste(picture, (left, 2 * LINE + row * (height + MARGIN)))
     top = 2 * LINE + len(rows) * (height + MARGIN)
     for column, (name, light) in enumerate(zip(("true light", "recovered light"), lights, strict=True)):
         left = MARGIN + column * (light_width + MARGIN)
         draw.text((left, top + 3), name, fill="black", font=font)
         kind = Image.Resampling.NEAREST if light.shape[1] < light_width else Image.Resampling.BOX
-        sheet.paste(_image(light).resize((light_width, light_height), kind), (left, top + LINE))
+        sheet.paste(to_image(light).resize((light_width, light_height), kind), (left, top + LINE))
     return sheet
-
-
-def _image(picture: np.ndarray) -> Image.Image:
-    return Image.fromarray(np.round(255 * picture).astype(np.uint8))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

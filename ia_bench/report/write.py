@@ -14,6 +14,8 @@ from typing import Any
 
 from ia_bench.report import figures
 from ia_bench.report.collect import Cell, collect, find_run_folders
+from ia_bench.report.columns import Claim
+from ia_bench.report.curves import TimeToError
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.latex import latex
 from ia_bench.report.markdown import report_text
@@ -35,19 +37,21 @@ def write_report(
     *,
     scenes_order: Sequence[str] = (),
     reference: str | None = None,
+    claims: Sequence[Claim] = (),
 ) -> Report:
-    """Write report.md, table.tex, table.csv, table.json, time_to_error.csv and curves/SCENE.{png,svg} into ``out``.
+    """Write the report as report.md, table.{tex,csv,json}, time_to_{error,beat}.csv and curves/SCENE.{png,svg} into ``out``.
 
     ``runs`` is a folder that is searched for run folders, or a table's run folders, best as a mapping to (row, scene,
     seed): then a run that was killed before it wrote anything counts as a failure of its row. Rows and scenes come in
     the given order, others after them by name; a row without a run is shown empty. ``reference`` names the row that all
-    others are compared with, scene by scene.
-    Raises ValueError where no run is found, two folders hold the same cell, or ``reference`` is no row.
+    others are compared with, scene by scene; ``claims`` are orderings to judge.
+    Raises ValueError where no run is found, two folders hold the same cell, ``reference`` or a row of ``claims`` is no row,
+    or a claim is about an unknown metric.
     """
     collection = collect(find_run_folders(runs) if isinstance(runs, Path) else runs)
     if not collection.runs and not collection.unreadable:
         raise ValueError(f"{runs}: expected at least one run folder with a metrics.json, found none")
-    findings = analyse(collection, rows_order, scenes_order, reference)
+    findings = analyse(collection, rows_order, scenes_order, reference, claims)
 
     out.mkdir(parents=True, exist_ok=True)
     pictures = _draw(findings, out / "curves")
@@ -57,7 +61,8 @@ def write_report(
         "table.tex": latex(findings.results),
         "table.csv": csv_text(findings.results),
         "table.json": json.dumps(_json(findings), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-        "time_to_error.csv": _times_csv(findings),
+        "time_to_error.csv": _times_csv(findings.times),
+        "time_to_beat.csv": _times_csv(findings.beats),
     }
     return Report((*(_write(out / name, text) for name, text in texts.items()), *pictures), findings)
 
@@ -79,17 +84,27 @@ def _json(findings: Findings) -> dict[str, Any]:
     }
     return json_data(findings.results) | {
         "differences": {"reference": findings.reference, "rows": differences},
+        "claims": [
+            {
+                "better": one.better,
+                "worse": one.worse,
+                "metric": one.metric.key,
+                "advantage": one.advantage and asdict(one.advantage),
+                "outcome": one.outcome.value,
+            }
+            for one in findings.verdicts
+        ],
         "worsening": [one.text for one in findings.worsening],
         "failures": findings.failures,
         "notes": findings.notes,
     }
 
 
-def _times_csv(findings: Findings) -> str:
+def _times_csv(times: Sequence[TimeToError]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["scene", "row", "metric", "level", "seconds", "seeds_reached", "seeds"])
-    for one in findings.times:
+    for one in times:
         seconds = "never" if one.seconds is None else one.seconds.mean
         writer.writerow([one.scene, one.row, one.metric.key, one.level, seconds, one.reached, one.seeds])
     return out.getvalue()

@@ -10,7 +10,7 @@ import pytest
 
 from ia_bench.report.collect import Run, read_run
 from ia_bench.report.columns import CURVE_METRICS
-from ia_bench.report.curves import LEVELS, time_to_error, worsening
+from ia_bench.report.curves import LEVELS, time_to_beat, time_to_error, worsening
 from ia_bench.report.figures import draw_scene, save
 
 Write = Callable[..., Path]
@@ -52,6 +52,19 @@ def test_rows_without_an_optimisation_have_no_times(runs: list[Run]) -> None:
 def test_a_metric_that_was_never_measured_is_not_called_never(write_run: Write) -> None:
     run = read_run(write_run("ours", "hat", curve="stage1,0,1,20,,,,\n"))
     assert {one.metric.column for one in time_to_error([run])} == {"albedo_psnr"}
+
+
+def test_time_to_beat_is_against_the_best_that_the_reference_ever_has(runs: list[Run]) -> None:
+    """None is best in the middle of its curve, with 18 dB: at 5 s it is, ours are later."""
+    found = {(one.row, one.metric.key): one for one in time_to_beat(runs, "none")}
+    assert set(found) == {("ours", "aligned_albedo.psnr"), ("ours", "relighting.psnr")}
+    beaten = found["ours", "relighting.psnr"]
+    assert beaten.level == 18
+    assert beaten.seconds is not None
+    assert beaten.seconds.mean == (20 + 30) / 2
+    assert {one.row for one in time_to_beat(runs, "ours")} == {"none"}
+    assert time_to_beat(runs, "ours")[0].text == "never"
+    assert time_to_beat(runs, "ceiling") == []
 
 
 def test_where_more_time_makes_it_worse(runs: list[Run]) -> None:

@@ -10,42 +10,7 @@ import pytest
 from PIL import Image
 
 from ia_bench.errors import InputError
-from ia_bench.paths import scenes_folder
 from ia_bench.report.pictures import CELL, COLUMNS, LINE, MARGIN, main, write_contact_sheet
-from ia_bench.scenes.exr import write_exr
-from ia_bench.scenes.native import load_scene
-
-SCALE = 1.25
-
-
-@pytest.fixture
-def scene_folder() -> Path:
-    return scenes_folder() / "tiny"
-
-
-@pytest.fixture
-def perfect_run(tmp_path: Path, scene_folder: Path) -> Path:
-    """The folder of a run that recovered everything up to the one scale that cannot be known."""
-    truth = load_scene(scene_folder, truth=True).truth
-    assert truth is not None
-    folder = tmp_path / "run"
-    write_exr(folder / "albedo.exr", truth.albedo / SCALE, half=False)
-    write_exr(folder / "roughness.exr", truth.roughness, half=False)
-    write_exr(folder / "light.exr", truth.lights["train"] * SCALE, half=False)
-    psnr = {"psnr": 40.0, "ssim": 1.0, "lpips": None}
-    metrics = {
-        "status": "ok",
-        "row": "perfect",
-        "scene": "tiny",
-        "seed": 0,
-        "protocol_description": {"alignment": "mean_rgb"},
-        "albedo_scales": {"mean_rgb": [SCALE] * 3},
-        "plan": {"needed": [{"what": "render.bounces", "value": 2}]},
-        "metrics": {"aligned_albedo": psnr, "view_synthesis": psnr, "relighting": {"psnr": None}},
-    }
-    (folder / "metrics.json").write_text(json.dumps(metrics))
-    (folder / "config.json").write_text(json.dumps({"config": {"geometry": {"uv": "mesh"}, "render": {"coat": "layered"}}}))
-    return folder
 
 
 def cells(sheet: Path, row: int) -> list[np.ndarray]:

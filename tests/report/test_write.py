@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.report.columns import METRICS
+from ia_bench.report.columns import METRICS, Claim
 from ia_bench.report.latex import escape
 from ia_bench.report.table import best_paper_methods, paper_rows
 from ia_bench.report.write import Report, write_report
@@ -36,7 +36,10 @@ def report(write_run_below: Write, tmp_path_factory: pytest.TempPathFactory) -> 
     write_run("ours", "hat", 3, psnr=99.0, protocol="paper-v1 (lpips.net=vgg)")
     (root / "runs" / "torn").mkdir()
     (root / "runs" / "torn" / "metrics.json").write_text("{")
-    return write_report(root / "runs", root / "out", ["ours", "later"], scenes_order=["ship"], reference="none")
+    claims = [Claim("ours", "none", ["albedo.psnr"]), Claim("later", "ours", ["roughness.mse"])]
+    return write_report(
+        root / "runs", root / "out", ["ours", "later"], scenes_order=["ship"], reference="none", claims=claims
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +50,7 @@ def out(report: Report) -> Path:
 def test_every_file_is_written_and_nothing_partial_is_left(report: Report, out: Path) -> None:
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     pictures = {f"curves/{scene}.{kind}" for scene in ("hat", "ship") for kind in ("png", "svg")}
-    assert names == {"report.md", "table.tex", "table.csv", "table.json", "time_to_error.csv"} | pictures
+    assert names == {"report.md", "table.tex", "table.csv", "table.json", "time_to_error.csv", "time_to_beat.csv"} | pictures
     assert {path.relative_to(out).as_posix() for path in report.files} == names
 
 
@@ -67,6 +70,8 @@ def test_json_holds_the_numbers(out: Path) -> None:
     assert data["failures"][0] == "ours, hat, seed 2: loss is not finite at step 3"
     assert "torn" in data["failures"][1]
     assert "left out, scored under paper-v1 (lpips.net=vgg) and not paper-v1" in data["notes"][0]
+    assert [claim["outcome"] for claim in data["claims"]] == ["undecided", "undecided"]
+    assert data["claims"][0]["advantage"] == {"mean": 4.0, "half_width": None, "scenes": 2}
 
 
 def test_markdown_says_what_a_reader_needs(out: Path) -> None:
@@ -81,6 +86,9 @@ def test_markdown_says_what_a_reader_needs(out: Path) -> None:
     assert any(line.startswith("### The paper's own figures") for line in lines)
     assert "![ship](curves/ship.png)" in lines
     assert "| Albedo PSNR ≥ 15 | 5.0 s | 5.0 s | 5.0 s |" in lines
+    assert "| hat | Relighting PSNR | 16.00 | 5.0 s | 5.0 s |" in lines  # when ours and the oracle are where none is best
+    assert "| ours above none | Albedo PSNR ↑ | 4.00 | undecided |" in lines  # none has one seed
+    assert "| later above ours | Roughness MSE ↓ | – | undecided |" in lines
 
 
 def test_csv_reads_back(out: Path) -> None:
@@ -94,6 +102,10 @@ def test_csv_reads_back(out: Path) -> None:
         times = {(line["row"], line["scene"], line["metric"], line["level"]): line for line in csv.DictReader(file)}
     assert times["ours", "hat", "albedo.psnr", "15.0"]["seconds"] == "5.0"
     assert times["ours", "hat", "albedo.psnr", "30.0"]["seconds"] == "never"
+    with (out / "time_to_beat.csv").open(newline="") as file:
+        assert {(line["row"], line["level"], line["seconds"]) for line in csv.DictReader(file)} == {
+            ("ours", "16.0", "5.0"), ("oracle_*", "16.0", "5.0")
+        }  # fmt: skip
 
 
 def test_latex_has_the_papers_layout(out: Path) -> None:
