@@ -7,7 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-BRIGHTEST = 0.01  # fraction of the observed texels that a step may push into white
+BRIGHTEST = 0.01  # fraction of the observed texels that a step may push into white ...
+TEXELS = 16_384  # ... counted on about so many of them, evenly chosen
 
 
 class CastStep:
@@ -18,13 +19,15 @@ class CastStep:
     the image is wrong first. Along c both move at once and the diffuse part of the loss is silent; its gradient is that of the
     two tensors, summed up, which the backward pass has anyway.
 
-    Where BRIGHTEST of the texels are white, c may only darken: against the bound of the albedo the two would no longer balance.
+    A step that would push more than BRIGHTEST of the texels beyond white is not taken in that channel: against the bound of the
+    albedo the two would no longer balance.
     """
 
     def __init__(self, albedo: Tensor, log_light: Tensor, observed: Tensor) -> None:
         """``albedo`` (T, T, 3) and ``log_light`` (H, W, 3) are changed in place; ``observed`` (T, T) bool: texels that count."""
         self._albedo, self._log_light = albedo, log_light
-        self._observed = torch.nonzero(observed.reshape(-1))[:, 0]
+        texels = torch.nonzero(observed.reshape(-1))[:, 0]
+        self._observed = texels[:: max(1, len(texels) // TEXELS)]
         self._factor = torch.zeros(3, device=albedo.device, requires_grad=True)
         self._optimizer = torch.optim.Adam([self._factor], betas=(0.9, 0.99))
 
@@ -42,9 +45,9 @@ class CastStep:
         self._optimizer.param_groups[0]["lr"] = rate
         self._optimizer.step()
         if len(self._observed):
-            texels = self._albedo.reshape(-1, 3)[self._observed]
-            white = torch.quantile(texels, 1 - BRIGHTEST, dim=0).clamp_min(torch.finfo(texels.dtype).tiny)
-            self._factor.copy_(torch.maximum(self._factor, torch.log(white)))
+            moved = self._albedo.reshape(-1, 3)[self._observed] * torch.exp(-self._factor)
+            blocked = ((moved > 1).float().mean(0) > BRIGHTEST) & (self._factor < 0)
+            self._factor[blocked] = 0
         self._log_light.add_(self._factor)
         self._albedo.mul_(torch.exp(-self._factor))
         self._factor.zero_()
