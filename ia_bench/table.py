@@ -137,16 +137,16 @@ def load_table(name: str) -> Table:
         raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
     if table.reference is not None and table.reference not in names:
         raise InputError(f"{path}: reference: {unknown('row', table.reference, names)}")
-    for name in table.pictured:
-        if name not in names:
-            raise InputError(f"{path}: pictured: {unknown('row', name, names)}")
+    for row in table.pictured:
+        if row not in names:
+            raise InputError(f"{path}: pictured: {unknown('row', row, names)}")
     for claim in table.claims:
-        for key, name, known in (
+        for key, found, known in (
             *(("row", row, names) for row in (claim.better, claim.worse)),
             *(("metric", metric, list(METRIC_OF)) for metric in claim.metrics),
         ):
-            if name not in known:
-                raise InputError(f"{path}: claims: {unknown(key, name, known)}")
+            if found not in known:
+                raise InputError(f"{path}: claims: {unknown(key, found, known)}")
     return table
 
 
@@ -253,7 +253,10 @@ def make_table(request: Request) -> int:
 
 
 def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -> list[Path]:
-    """One picture per scene of the first finished cell of each of ``rows``; what has none is left out, as are scene plugins."""
+    """One picture per scene of the first finished cell of each of ``rows``; what has none is left out, as are scene plugins.
+
+    A scene that cannot be pictured (no novel light, say) is named on stderr: the table is finished without it.
+    """
     from ia_bench.report.comparison import write_comparison  # brings in torch
 
     finished: dict[tuple[str, str], Cell] = {}
@@ -266,8 +269,13 @@ def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -
         if shown:
             folder = resolve_scene_folder(next(iter(shown.values())).config.scene)
             assert folder is not None
-            written.append(results / "pictures" / f"{slug(scene)}.png")
-            write_comparison({row: cell.folder for row, cell in shown.items()}, folder, written[-1])
+            picture = results / "pictures" / f"{slug(scene)}.png"
+            try:
+                write_comparison({row: cell.folder for row, cell in shown.items()}, folder, picture)
+            except InputError as error:
+                print(f"ia_bench.table: no picture of {scene}: {error}", file=sys.stderr)
+            else:
+                written.append(picture)
     return written
 
 

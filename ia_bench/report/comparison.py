@@ -138,7 +138,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="PNG file to write")
     wanted = parser.parse_args(arguments)
     pairs = [text.split("=", 1) if "=" in text else (Path(text).name, text) for text in wanted.runs]
+    names = [name for name, _ in pairs]
     try:
+        if len(set(names)) < len(names):
+            raise InputError(f"expected different names of the runs, found {', '.join(names)}; write NAME=RUN_FOLDER")
         write_comparison({name: Path(folder) for name, folder in pairs}, wanted.scene, wanted.out)
     except InputError as error:
         return complain(str(error))

@@ -18,11 +18,12 @@ below. (3/4): the mean over 3 of 4 scenes, not ranked. Seconds are of a whole ru
 of all runs; they enter no mean."""
 TIMES_NOTE = "Seconds of optimisation until a measured point first is at or beyond the level."
 BEATS_NOTE = """\
-Seconds of optimisation, those of the prior included, until a measured point first is where {reference} is at its best on the
-scene at any time."""
+Seconds of optimisation, those of the prior included, until a measured point first is at or beyond the best that {reference}
+has on the scene at any time."""
 CLAIMS_NOTE = """\
 A row is claimed to be above another one. The difference is positive where it is, seed by seed on the same scenes, with the 95 %
-interval over seeds: reproduced above zero, not reproduced below it, undecided around it or without an interval."""
+interval over seeds: reproduced above zero, not reproduced below it, undecided around it or without an interval. Every line is
+judged alone, without a correction for their number."""
 WORSENING_NOTE = f"""\
 Final against best value of every curve, mean over seeds, where at least {WORSE_DB:g} dB are lost (for a squared error,
 10 log10 of final over best)."""

@@ -87,8 +87,8 @@ def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[lis
 
 def _lights(true: np.ndarray, found: np.ndarray) -> list[np.ndarray]:
     """Both maps at one exposure, in sRGB."""
-    exposure = 0.5 / max(float(np.quantile(true.mean(-1), 0.9)), 1e-12)
-    return [linear_to_srgb((exposure * light).clip(0, 1)) for light in (true, found)]
+    gain = 0.5 / max(float(np.quantile(true.mean(-1), 0.9)), 1e-12)
+    return [linear_to_srgb((gain * light).clip(0, 1)) for light in (true, found)]
 
 
 def _compose(rows: list[list[np.ndarray]], lights: list[np.ndarray], title: str) -> Image.Image:
