@@ -16,8 +16,8 @@ class CastStep:
 
     Albedo times exp(-c) under light times exp(c) gives the same diffuse images, so only highlights and interreflections tell
     c (docs/stiffness.md). A step of every texel of its own never finds it: where the albedo has moved and the light has not,
-    the image is wrong first. Along c both move at once and the diffuse part of the loss is silent; its gradient is that of the
-    two tensors, summed up, which the backward pass has anyway.
+    the image is wrong first. Along c both move at once and the diffuse part of the loss is silent; the gradient follows from
+    those of the two tensors, which the backward pass has anyway.
 
     A step that would push more than BRIGHTEST of the texels beyond white is not taken in that channel: against the bound of the
     albedo the two would no longer balance.

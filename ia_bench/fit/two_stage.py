@@ -33,7 +33,7 @@ FIRST_SCORE = 25  # steps; later scores follow at doubling steps
 
 
 class TwoStage:
-    """Adam on albedo, roughness and the log radiance of the light, against equation 5."""
+    """Adam on albedo, roughness, the log radiance of the light, and a cast that light and paint exchange; see equation 5."""
 
     def fit(self, problem: Problem, prior: Prior, settings: FitSettings, *, seed: int, monitor: Monitor) -> Fit:
         """See :class:`ia_bench.fit.problem.Method`. Resumes from the monitor's last checkpoint, to the same numbers.
