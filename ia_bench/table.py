@@ -135,6 +135,9 @@ def load_table(name: str) -> Table:
     names = [row.name for row in table.rows]
     if len(set(names)) != len(names):
         raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
+    for where, seeds in (("seeds", table.seeds), *((f"rows: {row.name}: seeds", row.seeds) for row in table.rows)):
+        if seeds is not None and not seeds:
+            raise InputError(f"{path}: {where}: expected at least one, found none")
     if table.reference is not None and table.reference not in names:
         raise InputError(f"{path}: reference: {unknown('row', table.reference, names)}")
     for row in table.pictured:

@@ -136,6 +136,8 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
         ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
+        ("rows: [{name: a, overrides: [], seeds: []}]", "rows: a: seeds: expected at least one, found none"),
+        ("seeds: []", "seeds: expected at least one, found none"),
         ("rows: [", "bad.yaml: "),
     ]:
         (tmp_path / "table" / "bad.yaml").write_text(content)

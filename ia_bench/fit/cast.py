@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-BRIGHTEST = 0.01  # fraction of the observed texels that a step may push into white ...
+MAX_WHITE = 0.01  # fraction of the observed texels that a step may leave beyond white ...
 TEXELS = 16_384  # ... counted on about so many of them, evenly chosen
 
 
@@ -19,8 +19,8 @@ class CastStep:
     the image is wrong first. Along c both move at once and the diffuse part of the loss is silent; the gradient follows from
     those of the two tensors, which the backward pass has anyway.
 
-    A step that would push more than BRIGHTEST of the texels beyond white is not taken in that channel: against the bound of the
-    albedo the two would no longer balance.
+    A step that would leave more than MAX_WHITE of the texels beyond white is not taken in that channel (only there, so the
+    others still move): against the bound of the albedo the two would no longer balance. ``blocked`` counts these steps.
     """
 
     def __init__(self, albedo: Tensor, log_light: Tensor, observed: Tensor) -> None:
@@ -30,6 +30,7 @@ class CastStep:
         self._observed = texels[:: max(1, len(texels) // TEXELS)]
         self._factor = torch.zeros(3, device=albedo.device, requires_grad=True)
         self._optimizer = torch.optim.Adam([self._factor], betas=(0.9, 0.99))
+        self.blocked = 0
 
     def gradient(self) -> Tensor:
         """Of the loss with respect to c (3,) at c = 0, from the gradients of both tensors."""
@@ -46,16 +47,18 @@ class CastStep:
         self._optimizer.step()
         if len(self._observed):
             moved = self._albedo.reshape(-1, 3)[self._observed] * torch.exp(-self._factor)
-            blocked = ((moved > 1).float().mean(0) > BRIGHTEST) & (self._factor < 0)
+            blocked = ((moved > 1).float().mean(0) > MAX_WHITE) & (self._factor < 0)
             self._factor[blocked] = 0
+            self.blocked += bool(blocked.any())
         self._log_light.add_(self._factor)
         self._albedo.mul_(torch.exp(-self._factor))
         self._factor.zero_()
 
     def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint must keep: Adam's moments."""
-        return self._optimizer.state_dict()
+        """What a checkpoint must keep: Adam's moments and the count."""
+        return {"optimizer": self._optimizer.state_dict(), "blocked": self.blocked}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over a :meth:`state_dict`."""
-        self._optimizer.load_state_dict(state)
+        self._optimizer.load_state_dict(state["optimizer"])
+        self.blocked = state["blocked"]

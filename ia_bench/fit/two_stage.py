@@ -166,7 +166,7 @@ class _Run:
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
         self.guard.check_gradients(pixels)
-        if settings.rates.cast and self.step >= settings.cast_start * self.steps:
+        if settings.rates.cast and "albedo" not in frozen and self.step >= settings.cast_start * self.steps:
             self.cast(settings.rates.cast * settings.rates.final**progress)
         for name in frozen:  # the gradient is computed all the same, so that one compiled step serves the whole run
             self.parameters[name].grad = None
@@ -293,7 +293,7 @@ class _Run:
         if final:
             textures = {name: fill_unobserved(texture, self._observed > 0) for name, texture in textures.items()}
         light = torch.exp(self.parameters["log_light"].detach())
-        counters = {**self.sampler.counters, "skipped_steps": self.guard.skipped}
+        counters = {**self.sampler.counters, "skipped_steps": self.guard.skipped, "cast_blocked_steps": self.cast.blocked}
         return Fit(Material(**textures), light, dict(self.seconds), counters)
 
     def _state(self) -> dict[str, Any]:
@@ -340,7 +340,8 @@ def _check(settings: FitSettings) -> None:
     for key, allowed in choices.items():
         if getattr(settings, key) not in allowed:
             raise InputError(f"fit.{key}: expected one of {', '.join(allowed)}, found {getattr(settings, key)!r}")
-    if not (math.isfinite(settings.rates.cast) and settings.rates.cast >= 0):
-        raise InputError(f"fit.rates.cast: expected a finite number >= 0, found {settings.rates.cast}")
+    for key, value in (("rates.cast", settings.rates.cast), ("cast_start", settings.cast_start)):
+        if not (math.isfinite(value) and value >= 0):
+            raise InputError(f"fit.{key}: expected a finite number >= 0, found {value}")
     if settings.stage1_steps < 0 or settings.stage2_steps < 0 or settings.pixels < 1:
         raise InputError("fit: stage1_steps and stage2_steps must be >= 0 and pixels >= 1")

@@ -21,17 +21,21 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """``advantage`` of the row ``better`` over ``worse``, positive where the claim holds; None where they share no run."""
+    """``advantage`` of the row ``better`` over ``worse``, positive where the claim holds; None where they share no run.
+
+    ``complete``: whether they share runs in every scene.
+    """
 
     better: str
     worse: str
     metric: Metric
     advantage: Estimate | None
+    complete: bool
 
     @property
     def outcome(self) -> Outcome:
-        """Undecided also without an interval, which needs two seeds that both rows have in every scene."""
-        if self.advantage is None or self.advantage.half_width is None:
+        """Undecided also where a scene is missing, and without an interval, which needs two seeds of both rows in every scene."""
+        if self.advantage is None or self.advantage.half_width is None or not self.complete:
             return Outcome.UNDECIDED
         if self.advantage.mean - self.advantage.half_width > 0:
             return Outcome.REPRODUCED
@@ -40,8 +44,8 @@ class Verdict:
         return Outcome.UNDECIDED
 
 
-def judge(runs: Sequence[Run], claims: Sequence[Claim]) -> list[Verdict]:
-    """One verdict for every metric of every claim, over the scenes and seeds that both rows have.
+def judge(runs: Sequence[Run], claims: Sequence[Claim], scenes: Sequence[str]) -> list[Verdict]:
+    """One verdict for every metric of every claim about ``scenes``, over the scenes and seeds that both rows have.
 
     A difference is taken seed by seed; the interval tells how far other seeds on the same scenes would move its mean.
     Raises ValueError for a metric that there is not.
@@ -54,10 +58,11 @@ def judge(runs: Sequence[Run], claims: Sequence[Claim]) -> list[Verdict]:
             metric = METRIC_OF[key]
             better, worse = (_values(runs, row, metric) for row in (claim.better, claim.worse))
             sign = 1 if metric.higher_is_better else -1
-            scenes: dict[str, list[float]] = {}
+            differences: dict[str, list[float]] = {}
             for scene, seed in sorted(better.keys() & worse.keys()):
-                scenes.setdefault(scene, []).append(sign * (better[scene, seed] - worse[scene, seed]))
-            verdicts.append(Verdict(claim.better, claim.worse, metric, over_scenes(list(scenes.values()))))
+                differences.setdefault(scene, []).append(sign * (better[scene, seed] - worse[scene, seed]))
+            advantage = over_scenes(list(differences.values()))
+            verdicts.append(Verdict(claim.better, claim.worse, metric, advantage, differences.keys() >= set(scenes)))
     return verdicts
 
 

@@ -30,15 +30,18 @@ SAMPLES = 128  # per pixel of the relit picture, as in scoring
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
 CELL = 192  # pixels of a picture on the sheet, at least; smaller images are enlarged by whole factors
 MARGIN, LINE, LEGEND = 8, 20, 110  # pixels around pictures, of a line of text, and of the words to the left
+TRUTH = "truth"
 LINES = (("albedo", "aligned_albedo", "psnr"), ("roughness", "roughness", "mse"), ("relighting", "relighting", "psnr"))
 
 
 def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) -> None:
     """Write the sheet of ``runs``, run folders by the names of their columns, to the PNG file ``out``.
 
-    Raises InputError for a run without results, runs that unwrapped the mesh differently, and for a scene without a test view
-    with true albedo and roughness or without a novel light.
+    Raises InputError for a run without results or named as the truth, runs that unwrapped the mesh differently, and for a scene
+    without a test view with true albedo and roughness or without a novel light.
     """
+    if TRUTH in runs:
+        raise InputError(f"expected another name than {TRUTH}, which is the first column's, for {runs[TRUTH]}")
     read = {name: read_run(folder) for name, folder in runs.items()}
     atlases = {uv for _, uv in read.values()}
     if len(atlases) != 1:
@@ -49,7 +52,7 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     if not shown or not novel:
         raise InputError(f"{scene_folder}: expected a test view with true albedo and roughness, and a novel light")
     stage = _Stage(scene, shown[len(shown) // 2], novel[len(novel) // 2])
-    columns = {"truth": stage.truth()} | {name: stage.recovered(run) for name, (run, _) in read.items()}
+    columns = {TRUTH: stage.truth()} | {name: stage.recovered(run) for name, (run, _) in read.items()}
     scores = [[_score(run, component, metric) for _, component, metric in LINES] for run, _ in read.values()]
     out.parent.mkdir(parents=True, exist_ok=True)
     _compose(columns, [[""] * len(LINES), *scores], stage.relit.light).save(out, format="PNG")

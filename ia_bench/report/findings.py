@@ -63,7 +63,7 @@ def analyse(
         results=summarise(runs, rows, scenes, protocol),
         reference=reference,
         differences=_differences(runs, rows, reference),
-        verdicts=tuple(judge(runs, claims)),
+        verdicts=tuple(judge(runs, claims, scenes)),
         times=tuple(time_to_error(runs)),
         beats=tuple(time_to_beat(runs, reference)) if reference is not None else (),
         worsening=tuple(worsening(runs)),

@@ -11,7 +11,7 @@ from small_fit import Record, fit
 from torch import Tensor
 
 from ia_bench.errors import InputError
-from ia_bench.fit.cast import BRIGHTEST, CastStep
+from ia_bench.fit.cast import MAX_WHITE, CastStep
 from ia_bench.fit.problem import Problem
 from ia_bench.fit.settings import FitSettings
 from ia_bench.light.latlong import resize_light
@@ -95,13 +95,18 @@ def test_it_finds_the_cast_that_rates_of_their_own_do_not() -> None:
 
 def test_white_texels_are_not_pushed_further() -> None:
     albedo, log_light, images = tensors()
-    albedo[0] = 1.0  # 16 of 256 texels, more than BRIGHTEST of them
-    assert BRIGHTEST < 16 / 256
+    albedo[0] = 1.0  # 16 of 256 texels, more than MAX_WHITE of them
+    assert MAX_WHITE < 16 / 256
     albedo.requires_grad_(), log_light.requires_grad_()
     (loss_of(albedo, log_light, images) + 10 * log_light.sum()).backward()  # darker light, brighter paint
     start = albedo.detach().clone()
-    CastStep(albedo, log_light, OBSERVED)(0.05)
+    cast = CastStep(albedo, log_light, OBSERVED)
+    cast(0.05)
     torch.testing.assert_close(albedo.detach(), start)
+    assert cast.blocked == 1
+    again = CastStep(albedo, log_light, OBSERVED)
+    again.load_state_dict(cast.state_dict())
+    assert again.blocked == 1
     unseen = OBSERVED.clone()
     unseen[0] = False
     CastStep(albedo, log_light, unseen)(0.05)
@@ -139,8 +144,10 @@ def test_a_fit_gets_the_level_of_the_albedo_right(problem: Problem, scene: Scene
     assert off[0.05] < 0.1 < 0.3 < off[0.0]
 
 
-@pytest.mark.parametrize("rate", [-0.1, float("nan"), float("inf")])
-def test_rates_that_cannot_be_meant_are_refused(problem: Problem, rate: float) -> None:
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+def test_settings_that_cannot_be_meant_are_refused(problem: Problem, value: float) -> None:
     settings = FitSettings(stage1_steps=1, stage2_steps=0, pixels=16)
     with pytest.raises(InputError, match=r"fit.rates.cast: expected a finite number >= 0, found"):
-        fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, cast=rate)), Record())
+        fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, cast=value)), Record())
+    with pytest.raises(InputError, match=r"fit.cast_start: expected a finite number >= 0, found"):
+        fit(problem, NoPrior(), replace(settings, cast_start=value), Record())

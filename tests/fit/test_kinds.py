@@ -129,7 +129,7 @@ def test_samples_and_views_that_are_asked_for(problem: Problem, scene: Scene) ->
     found = fit(changed, prior, SETTINGS, Record())
     assert [(what, views) for what, views, _ in prior.asked] == [("sample", 4)] * 3 + [("guided", 4)] * 3
     assert len({seed for *_, seed in prior.asked[:3]}) == 3
-    assert found.counters == {"network_calls": 60, "prior_cached": 0, "skipped_steps": 0}
+    assert found.counters == {"network_calls": 60, "prior_cached": 0, "skipped_steps": 0, "cast_blocked_steps": 0}
 
 
 def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None:

@@ -15,6 +15,7 @@ from ia_bench.report.columns import Claim
 
 Write = Callable[..., Path]
 PSNR = ["albedo.psnr"]
+HAT = ["hat"]
 
 
 def runs_of(write_run: Write, values: dict[str, dict[str, list[float]]]) -> list[Run]:
@@ -29,7 +30,7 @@ def runs_of(write_run: Write, values: dict[str, dict[str, list[float]]]) -> list
 
 def outcome(write_run: Write, ours: list[float], theirs: list[float]) -> Outcome:
     runs = runs_of(write_run, {"ours": {"hat": ours}, "theirs": {"hat": theirs}})
-    return judge(runs, [Claim("ours", "theirs", PSNR)])[0].outcome
+    return judge(runs, [Claim("ours", "theirs", PSNR)], HAT)[0].outcome
 
 
 @pytest.mark.parametrize(
@@ -50,7 +51,7 @@ def test_outcome_is_where_the_interval_lies(
 def test_differences_are_taken_seed_by_seed(write_run: Write) -> None:
     """Seeds move both rows by much and their difference by little: only pairing tells them apart."""
     runs = runs_of(write_run, {"ours": {"hat": [30.1, 20.2, 25.3]}, "theirs": {"hat": [30.0, 20.0, 25.0]}})
-    found = judge(runs, [Claim("ours", "theirs", PSNR)])[0].advantage
+    found = judge(runs, [Claim("ours", "theirs", PSNR)], HAT)[0].advantage
     assert found is not None
     assert found.mean == pytest.approx(0.2)
     assert found.half_width == pytest.approx(student.ppf(0.975, 2) * 0.1 / 3**0.5)
@@ -58,10 +59,18 @@ def test_differences_are_taken_seed_by_seed(write_run: Write) -> None:
 
 def test_only_runs_that_both_rows_have_count(write_run: Write) -> None:
     runs = runs_of(write_run, {"ours": {"hat": [22.0, 23.0], "ship": [50.0]}, "theirs": {"hat": [20.0], "console": [1.0]}})
-    found = judge(runs, [Claim("ours", "theirs", PSNR)])[0].advantage
+    found = judge(runs, [Claim("ours", "theirs", PSNR)], HAT)[0].advantage
     assert found is not None
     assert (found.mean, found.half_width, found.scenes) == (2.0, None, 1)
-    assert judge(runs, [Claim("ours", "nobody", PSNR)])[0].advantage is None
+    assert judge(runs, [Claim("ours", "nobody", PSNR)], HAT)[0].advantage is None
+
+
+def test_a_missing_scene_leaves_it_undecided(write_run: Write) -> None:
+    """What survives of a row that failed elsewhere says nothing about the table."""
+    runs = runs_of(write_run, {"ours": {"hat": [30.0, 30.1]}, "theirs": {"hat": [20.0, 20.1], "ship": [20.0, 20.1]}})
+    claim = Claim("ours", "theirs", PSNR)
+    assert judge(runs, [claim], HAT)[0].outcome is Outcome.REPRODUCED
+    assert judge(runs, [claim], ["hat", "ship"])[0].outcome is Outcome.UNDECIDED
 
 
 def test_a_lower_error_is_an_advantage(write_run: Write) -> None:
@@ -70,7 +79,7 @@ def test_a_lower_error_is_an_advantage(write_run: Write) -> None:
         for seed in range(3):
             run = read_run(write_run(row, "hat", seed))
             runs.append(replace(run, metrics={**run.metrics, "roughness.mse": error + 0.001 * seed}))
-    verdict = judge(runs, [Claim("ours", "theirs", ["roughness.mse"])])[0]
+    verdict = judge(runs, [Claim("ours", "theirs", ["roughness.mse"])], HAT)[0]
     assert verdict.advantage is not None
     assert verdict.advantage.mean == pytest.approx(0.02)
     assert verdict.outcome is Outcome.REPRODUCED
@@ -78,4 +87,4 @@ def test_a_lower_error_is_an_advantage(write_run: Write) -> None:
 
 def test_an_unknown_metric_is_named(write_run: Write) -> None:
     with pytest.raises(ValueError, match=r"expected some of albedo.psnr, .* found albedo.pnsr"):
-        judge(runs_of(write_run, {"ours": {"hat": [1.0]}}), [Claim("ours", "ours", ["albedo.pnsr"])])
+        judge(runs_of(write_run, {"ours": {"hat": [1.0]}}), [Claim("ours", "ours", ["albedo.pnsr"])], HAT)

@@ -54,6 +54,8 @@ def test_mistakes(
     assert "nowhere/metrics.json: expected a run's results" in capsys.readouterr().err
     assert main([str(perfect_run), f"{perfect_run.name}={spoiled_run}", "--scene", str(scene_folder), "--out", str(out)]) == 2
     assert "expected different names of the runs, found run, run" in capsys.readouterr().err
+    with pytest.raises(InputError, match="expected another name than truth"):
+        write_comparison({"truth": perfect_run}, scene_folder, out)
     with pytest.raises(InputError, match="expected at least one run"):
         write_comparison({}, scene_folder, out)
     config = {"config": {"geometry": {"uv": "xatlas"}, "render": {"coat": "layered"}}}
