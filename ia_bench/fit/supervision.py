@@ -93,7 +93,7 @@ class Supervision:
         loss = torch.zeros((), device=prediction.device)
         if self._kernel is not None:
             loss = loss + self._settings.kernel_weight * self._kernel.loss(prediction, pixels, texture, generator)
-        if self._colour is not None:
+        if self._colour is not None and self._settings.colour_weight:
             loss = loss + self._settings.colour_weight * self._colour.loss(prediction, pixels)
         if self._settings.terms & {"target", "sds"}:
             loss = loss + self._settings.target_weight * self._target_loss(prediction, pixels)
@@ -111,6 +111,8 @@ class Supervision:
         Where the prior could hardly have said more, only what falls short of it counts.
         Distilled: the square in the prior's encoding, in which it was noised and denoised.
         """
+        if not self._settings.specular_weight:
+            return torch.zeros((), device=prediction.device)
         if self._distilled:
             return self._settings.specular_weight * self._difference("specular", prediction, pixels)
         difference = tone_map(prediction) - tone_map(self.targets.values["specular"][pixels])
