@@ -31,7 +31,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "render.shadows": ("auto", "traced", "baked", "none"),
     "render.coat": ("layered", "added"),
     "render.shading": ("auto", "compiled", "eager"),
-    "fit.image_loss": ("l1", "squared"),
+    "fit.image_loss": ("crossed", "l1"),
     "fit.neutral_start": ("light", "albedo"),
     "fit.ssi": ("scale_shift", "scale", "none"),
     "prior.supervision.kind": KINDS,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -23,6 +24,40 @@ def decode(encoded: Tensor, encoding: str) -> Tensor:
 def tone_map(radiance: Tensor) -> Tensor:
     """Encode log(1 + x) as sRGB: compresses highlights, keeps gradients at black finite. For any radiance >= 0."""
     return linear_to_srgb(torch.log1p(radiance))
+
+
+def crossed_loss(first: Tensor, second: Tensor, target: Tensor, cut: float) -> Tensor:
+    """The image term of equation 5 from two independent estimates (P, 3) of the radiance that should be ``target`` (P, 3).
+
+    Each estimate's tone-mapped difference from the target is weighed by the other one's residual, which is the difference
+    times the slope of the tone map at the target, over ``cut``, within [-1, 1]; weights carry no gradient. Far from the target
+    this is the L1 of tone-mapped radiance, near it a parabola. An L1 that takes residual and gradient from the same samples
+    falls with the noise of the render too, and so prefers dim lights and rough surfaces; here the residual's mean is zero where
+    the mean render is right, and noise pulls nowhere (but for the skewness of what is cut). The value may be negative.
+    """
+    with torch.enable_grad():
+        at = target.detach().clamp_min(0).requires_grad_(True)
+        shown = tone_map(at)
+        (slope,) = torch.autograd.grad(shown.sum(), at)
+    shown = shown.detach()
+
+    def weight(estimate: Tensor) -> Tensor:
+        return (slope * (estimate.detach() - target) / cut).clamp(-1, 1)
+
+    return 0.5 * (weight(second) * (tone_map(first) - shown) + weight(first) * (tone_map(second) - shown)).mean()
+
+
+def total_variation(log_radiance: Tensor) -> Tensor:
+    """Mean over the sphere and the channels of the slope, per radian, of an equirectangular (H, W, 3) log radiance.
+
+    The sum of slopes along and across the parallels: a light in patches costs their borders, however bright they are.
+    """
+    height = len(log_radiance)
+    step = math.pi / height
+    parallels = torch.arange(1, height, device=log_radiance.device) * step
+    along = (log_radiance - log_radiance.roll(1, 1)).abs().sum()  # over sin(polar angle) for the slope, times it for the area
+    across = ((log_radiance[1:] - log_radiance[:-1]).abs() * parallels.sin()[:, None, None]).sum()
+    return (along + across) * step / (4 * math.pi * log_radiance.shape[-1])
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ class LossWeights:
     """Weights of the paper's equation 5: lambda_1 image, lambda_2 albedo, lambda_3 specular, lambda_4 smoothness.
 
     ``smooth`` is split into the part of the albedo and the part of the roughness, which is that of metallic too.
+    ``smooth_light``: of the total variation of the light's log radiance (:func:`ia_bench.fit.losses.total_variation`).
     """
 
     image: float = 1.0
@@ -23,6 +24,7 @@ class LossWeights:
     specular: float = 1.0
     smooth_albedo: float = 0.02
     smooth_roughness: float = 0.1
+    smooth_light: float = 0.001
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class LearningRates:
     metallic: float = 0.05
     light: float = 0.2
     cast: float = 0.05
-    final: float = 0.05
+    final: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,9 @@ class FitSettings:
     """Two stages of ``stage1_steps`` and ``stage2_steps`` Adam steps over ``pixels`` random foreground pixels each.
 
     ``guided``: stage 2 draws samples again with the current renders as guidance; otherwise it goes on with stage 1's.
-    ``image_loss``: "l1" of tone-mapped radiance (value and gradient from the same samples: biased, robust) or "squared"
-    (the residual from an independent second estimate: unbiased gradient, twice the samples).
+    ``image_loss``: "crossed", each half of a pixel's samples weighed by the residual of the other half, cut at
+    ``residual_cut`` (:func:`ia_bench.fit.losses.crossed_loss`: noise pulls nowhere), or "l1" of tone-mapped radiance, value and
+    gradient from the same samples: it also fits a light and a material whose renders have little noise.
     ``ssi``: how a prior's albedo is aligned with the prediction, per view: "scale", "scale_shift"
     (mean and spread, as in Ranftl et al.) or "none".
     ``albedo_start``: fraction of all steps in which the albedo stays as it is and the light alone explains the images.
@@ -67,7 +70,8 @@ class FitSettings:
     weights: LossWeights = field(default_factory=LossWeights)
     rates: LearningRates = field(default_factory=LearningRates)
     guided: bool = True
-    image_loss: str = "l1"
+    image_loss: str = "crossed"
+    residual_cut: float = 0.1
     ssi: str = "scale"
     albedo_start: float = 0.1
     roughness_start: float = 0.3

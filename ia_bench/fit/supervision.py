@@ -36,6 +36,7 @@ class Supervision:
         view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
         self._group = torch.zeros_like(view) if targets.common_scale else view
         self._coverage = (gbuffer.face >= 0).float().mean(1, keepdim=True)
+        self._takes_targets = "albedo" in targets.values and bool(self._settings.terms & {"target", "sds"})
         self._alignment: Alignment | None = None
         self._kernel: SimilarityKernel | None = None
         self._colour: MeanColour | None = None
@@ -64,8 +65,8 @@ class Supervision:
         return None if self._colour is None else self._colour.mean()
 
     def update(self, albedo: Tensor, step: int) -> None:
-        """Estimate the alignment again if it is due at ``step``; a pure function of the step and the texture."""
-        if "albedo" in self.targets.values and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
+        """Estimate the alignment again if targets need it and it is due at ``step``; a pure function of step and texture."""
+        if self._takes_targets and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
             with torch.no_grad():
                 prediction = (fetch(albedo, self._uv) * self._hit).sum(1) / self._hit.shape[1]
             self._alignment = align_views(
@@ -95,7 +96,7 @@ class Supervision:
             loss = loss + self._settings.kernel_weight * self._kernel.loss(prediction, pixels, texture, generator)
         if self._colour is not None and self._settings.colour_weight:
             loss = loss + self._settings.colour_weight * self._colour.loss(prediction, pixels)
-        if self._settings.terms & {"target", "sds"}:
+        if self._takes_targets:
             loss = loss + self._settings.target_weight * self._target_loss(prediction, pixels)
         return loss
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from ia_bench.errors import InputError
 from ia_bench.fit.cast import CastStep
 from ia_bench.fit.guard import PATIENCE, StepGuard
-from ia_bench.fit.losses import smoothness, tone_map
+from ia_bench.fit.losses import crossed_loss, smoothness, tone_map, total_variation
 from ia_bench.fit.neighbours import find_neighbours
 from ia_bench.fit.problem import Fit, Monitor, Problem
 from ia_bench.fit.sampling import Images, PriorSampler
@@ -146,22 +146,24 @@ class _Run:
         self.supervision.update(self.parameters["albedo"], self.step)
         material = self._material()
         light = Light.of(torch.exp(self.parameters["log_light"]), uniform_fraction=settings.light_uniform)
-        rendered = self._render(pixels, material, light)
         target = self.images[pixels]
-        causes = {"the rendered radiance": rendered.radiance, "the rendered albedo": rendered.albedo}
         if settings.image_loss == "l1":
+            rendered = self._render(pixels, material, light, self.problem.plan.samples)
             loss = weights.image * (tone_map(rendered.radiance) - tone_map(target)).abs().mean()
         else:
-            with torch.no_grad():
-                residual = self._render(pixels, material, light).radiance - target
-            causes["the second estimate of the radiance"] = residual
-            loss = weights.image * 2 * (residual * rendered.radiance).mean()
+            halves = self._render(pixels.repeat(2), material, light, max(1, self.problem.plan.samples // 2))
+            rendered = halves.averaged(2)
+            first, second = halves.radiance.chunk(2)
+            loss = weights.image * crossed_loss(first, second, target, settings.residual_cut)
+        causes = {"the rendered radiance": rendered.radiance, "the rendered albedo": rendered.albedo}
         if "albedo" in self.supervision.targets.values:
             supervised = self.supervision.albedo_loss(rendered.albedo, pixels, material.albedo, self.generator)
             loss = loss + weights.albedo * supervised
         if "specular" in self.supervision.targets.values:
             loss = loss + weights.specular * self.supervision.specular_loss(rendered.specular, pixels)
         loss = loss + self._smoothness(pixels, frozen)
+        if weights.smooth_light:
+            loss = loss + weights.smooth_light * total_variation(self.parameters["log_light"])
         self.guard.check_loss(loss.detach(), pixels, causes)
         self.optimizer.zero_grad(set_to_none=True)
         loss.backward()
@@ -183,8 +185,7 @@ class _Run:
         textures = (self.parameters.get(name) for name in ("albedo", "roughness", "metallic"))
         return Material(*(t.detach() if detached and t is not None else t for t in textures))  # type: ignore[arg-type]
 
-    def _render(self, pixels: Tensor, material: Material, light: Light) -> PixelRadiance:
-        samples = self.problem.plan.samples
+    def _render(self, pixels: Tensor, material: Material, light: Light, samples: int) -> PixelRadiance:
         return self.problem.renderer.render_pixels(self.problem.gbuffer, pixels, material, light, samples, self.generator)
 
     def _smoothness(self, pixels: Tensor, frozen: list[str]) -> Tensor:
@@ -228,7 +229,8 @@ class _Run:
         pixels = torch.randint(len(gbuffer.pixel), (count,), generator=self.generator, device=gbuffer.pixel.device)
         with torch.no_grad():
             material = self._material()
-            rendered = self._render(pixels, material, Light.of(torch.ones_like(self.parameters["log_light"])))
+            ones = Light.of(torch.ones_like(self.parameters["log_light"]))
+            rendered = self._render(pixels, material, ones, self.problem.plan.samples)
             self.guard.check_loss(rendered.radiance.sum(), pixels, {"the first render's radiance": rendered.radiance})
             mean = self.images.mean(0).clamp_min(1e-8)
             self.parameters["log_light"] += torch.log(mean / rendered.radiance.mean(0).clamp_min(1e-8))
@@ -333,15 +335,21 @@ def _check_images(problem: Problem) -> None:
 
 def _check(settings: FitSettings) -> None:
     choices = {
-        "image_loss": ("l1", "squared"),
+        "image_loss": ("crossed", "l1"),
         "ssi": ("scale_shift", "scale", "none"),
         "neutral_start": ("light", "albedo"),
     }
     for key, allowed in choices.items():
         if getattr(settings, key) not in allowed:
             raise InputError(f"fit.{key}: expected one of {', '.join(allowed)}, found {getattr(settings, key)!r}")
-    for key, value in (("rates.cast", settings.rates.cast), ("cast_start", settings.cast_start)):
+    for key, value in (
+        ("rates.cast", settings.rates.cast),
+        ("cast_start", settings.cast_start),
+        ("weights.smooth_light", settings.weights.smooth_light),
+    ):
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"fit.{key}: expected a finite number >= 0, found {value}")
+    if not (math.isfinite(settings.residual_cut) and settings.residual_cut > 0):
+        raise InputError(f"fit.residual_cut: expected a finite number > 0, found {settings.residual_cut}")
     if settings.stage1_steps < 0 or settings.stage2_steps < 0 or settings.pixels < 1:
         raise InputError("fit: stage1_steps and stage2_steps must be >= 0 and pixels >= 1")

@@ -60,6 +60,15 @@ class PixelRadiance:
         shaded = self.diffuse + self.specular
         return shaded if self.mirrored is None else shaded + self.mirrored
 
+    def averaged(self, estimates: int) -> PixelRadiance:
+        """The mean of several estimates of the same pixels, one after another: (estimates P, 3) to (P, 3)."""
+
+        def mean(values: Tensor) -> Tensor:
+            return values.unflatten(0, (estimates, -1)).mean(0)
+
+        mirrored = None if self.mirrored is None else mean(self.mirrored)
+        return PixelRadiance(mean(self.diffuse), mean(self.specular), mean(self.albedo), mirrored)
+
 
 class Renderer:
     """One mesh, its shadows and, where ``interreflection`` is given, the light that it throws onto itself.

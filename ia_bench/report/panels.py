@@ -7,8 +7,9 @@ from PIL import Image
 
 
 def exposure(images: np.ndarray, masks: np.ndarray) -> float:
-    """Brings all but the brightest hundredth of the foreground into [0, 1]."""
-    return 1 / max(float(np.quantile(images[masks > 0.5].max(-1), 0.99)), 1e-12)
+    """Brings all but the brightest hundredth of the foreground into [0, 1]; 1 where there is no foreground."""
+    brightest = images[masks > 0.5].max(-1, initial=0.0)
+    return 1 / max(float(np.quantile(brightest, 0.99)), 1e-12) if len(brightest) else 1.0
 
 
 def unmultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:

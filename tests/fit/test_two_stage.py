@@ -94,8 +94,8 @@ def test_light_is_found_with_the_exact_oracle(scene: Scene, long_fits: dict[str,
     assert np.corrcoef(truth, found)[0, 1] > 0.5
 
 
-def test_squared_loss_recovers_too(problem: Problem, scene: Scene, record: Record) -> None:
-    settings = replace(SETTINGS, image_loss="squared", stage1_steps=60, stage2_steps=20, pixels=512)
+def test_l1_recovers_too(problem: Problem, scene: Scene, record: Record) -> None:
+    settings = replace(SETTINGS, image_loss="l1", stage1_steps=60, stage2_steps=20, pixels=512)
     found = fit(problem, oracle(scene), settings, record)
     assert albedo_error(problem, scene, found.material.albedo) < 0.5 * albedo_error(
         problem, scene, torch.full((64, 64, 3), 0.5)
@@ -105,10 +105,10 @@ def test_squared_loss_recovers_too(problem: Problem, scene: Scene, record: Recor
 # ---- it repeats and resumes ------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=["guided", "unguided", "squared"])
+@pytest.fixture(scope="module", params=["guided", "unguided", "l1"])
 def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene) -> tuple[Fit, Record, FitSettings]:
     """A whole fit that has kept its state after every step."""
-    changes = {"guided": {}, "unguided": {"guided": False}, "squared": {"image_loss": "squared"}}[request.param]
+    changes = {"guided": {}, "unguided": {"guided": False}, "l1": {"image_loss": "l1"}}[request.param]
     settings = replace(SETTINGS, checkpoint_seconds=0.0, **changes)
     record = Record()
     return fit(problem, oracle(scene, noise=0.1, scale=0.2), settings, record), record, settings
@@ -272,7 +272,7 @@ def test_nan_in_an_image_stops_with_the_view(scene: Scene, record: Record) -> No
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"image_loss": "l2"}, "fit.image_loss: expected one of l1, squared, found 'l2'"),
+        ({"image_loss": "l2"}, "fit.image_loss: expected one of crossed, l1, found 'l2'"),
         ({"ssi": "affine"}, "fit.ssi: expected one of scale_shift, scale, none, found 'affine'"),
         ({"pixels": 0}, "pixels >= 1"),
         ({"stage1_steps": -1}, "must be >= 0"),
