@@ -40,7 +40,7 @@ class LearningRates:
     metallic: float = 0.05
     light: float = 0.2
     cast: float = 0.05
-    final: float = 0.1
+    final: float = 0.05
 
 
 @dataclass(frozen=True)
