@@ -48,6 +48,16 @@ def test_ground_truth_through_the_renderer_is_cycles_direct_light(
     assert np.abs(ours["albedo"].numpy() - true_albedo)[mask].mean() < 0.02
 
 
+def test_averaged_is_the_mean_of_estimates_one_after_another() -> None:
+    parts = torch.rand(3, 4, 5, 3, generator=torch.Generator().manual_seed(0))  # diffuse, specular, mirrored; estimates; pixels
+    albedo = torch.rand(5, 3, generator=torch.Generator().manual_seed(1)).repeat(4, 1)
+    diffuse, specular, mirrored = parts.reshape(3, 20, 3)
+    mean = PixelRadiance(diffuse, specular, albedo, mirrored).averaged(4)
+    torch.testing.assert_close(mean.radiance, parts.sum(0).mean(0))
+    torch.testing.assert_close(mean.albedo, albedo[:5])
+    assert PixelRadiance(diffuse, specular, albedo).averaged(4).mirrored is None
+
+
 def test_texture_images_are_box_filtered_and_premultiplied() -> None:
     """A plate with columns of texels, two texels a pixel and four points a pixel, seen from straight above."""
     camera = camera_at((0, 0, 5), pixels=8)
