@@ -105,7 +105,7 @@ def test_squared_loss_is_biased_by_shared_samples_alone(leaves: Leaves, estimate
     """Shared samples add 2 Cov(I, dI) to the gradient of (I - y)^2, seen at 10 sigma; with a second estimate nothing is added.
 
     y is 3 % off the mean, near the end of a fit. The gradient without noise, and the covariance, come from other draws than
-    the two kinds of gradient. That the fit takes a second estimate: tests/fit/test_squared_loss.py.
+    the two kinds of gradient. That the fit takes two estimates: tests/fit/test_crossed_loss.py.
     """
     size = {"samples": 8, "repeats": 600}
     move = moves(leaves[name])[0]
