@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ia_bench.errors import InputError
 from ia_bench.priors.contract import COMPONENTS
+from ia_bench.priors.truth import RevealedTruth
 from ia_bench.scenes.scene import View
 
 
@@ -73,20 +74,15 @@ class OraclePrior:
         self.baked, self.inconsistency, self.patch = baked, inconsistency, patch
         self.guidance_strength = guidance_strength
         self.stochastic = any((scale, shift, noise, inconsistency))
-        self._truth: dict[str, np.ndarray] = {}
+        self._truth = RevealedTruth("oracle")
         self._unit: dict[str, float] = {}  # mean of the component over the scene
 
     def reveal(self, views: tuple[View, ...]) -> None:
         """Receive the training views with ground truth. Raises InputError when a view lacks a component."""
-        for component in sorted(self.provides):
-            truths = [getattr(view, component) for view in views]
-            for view, truth in zip(views, truths, strict=True):
-                if truth is None:
-                    raise InputError(f"prior=oracle: training view {view.name} has no ground-truth {component}")
-            stacked = np.stack(truths)
-            self._truth[component] = stacked
-            lit = (stacked.sum(-1) > 0).sum()
-            self._unit[component] = float(stacked.sum() / max(3 * int(lit), 1))
+        self._truth.reveal(views, self.provides)
+        for component in self.provides:
+            lit = (self._truth[component].sum(-1) > 0).sum()
+            self._unit[component] = float(self._truth[component].sum() / max(3 * int(lit), 1))
 
     def sample(
         self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
@@ -96,10 +92,7 @@ class OraclePrior:
             raise InputError("prior=oracle: expected finite images, found NaN or Inf")
         samples = {}
         for component in sorted(self.provides):
-            truth = self._truth.get(component)
-            if truth is None or truth.shape != tuple(images.shape):
-                found = "nothing" if truth is None else f"views of shape {truth.shape}"
-                raise InputError(f"prior=oracle: asked for images of shape {tuple(images.shape)}, was revealed {found}")
+            self._truth.check(component, tuple(images.shape))
             render = None if guidance is None else guidance.get(component)
             samples[component] = torch.stack(
                 [
