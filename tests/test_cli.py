@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from ia_bench.__main__ import main
 from ia_bench.paths import conf_folder
@@ -257,6 +258,10 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     assert "paper-v1" in shown.stdout
     settings = subprocess.run([python, "-m", "ia_bench", "prior=oracle", "preset=paper", "--cfg", "job"], **run)
     assert "texture: 2048" in settings.stdout
+    Image.new("RGB", (64, 64), (200, 120, 40)).save(elsewhere / "photo.png")
+    decomposed = subprocess.run([python, "-m", "ia_bench.decompose", "photo.png", "--samples", "1", "--out", "parts"], **run)
+    assert decomposed.returncode == 0, decomposed.stderr  # the weights are in the package
+    assert (elsewhere / "parts/photo_albedo.exr").is_file()
     del environment["IA_BENCH_DATASETS"]
     without = subprocess.run([python, "-m", "ia_bench", "device=cpu"], **run)
     assert without.returncode == 2

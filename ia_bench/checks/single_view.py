@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,15 @@ import torch
 from torch import Tensor
 
 from ia_bench.__main__ import OK, complain
+from ia_bench.checks.problem import make_problem
 from ia_bench.config import SceneConfig, resolve_scene_folder
 from ia_bench.decompose import make_prior
 from ia_bench.errors import InputError
+from ia_bench.fit.geometry import view_geometry
+from ia_bench.priors.contract import GeometryReader
 from ia_bench.priors.diffusion.encoding import exposure
 from ia_bench.priors.diffusion.sampler import derive_seed
+from ia_bench.priors.none import NoPrior
 from ia_bench.priors.training.dataset import TrainingImages
 from ia_bench.priors.training.validation import aligned_psnr, psnr
 from ia_bench.report.statistics import over_seeds
@@ -38,39 +42,54 @@ HELD_OUT = 64  # images of a folder of shards
 
 @dataclass(frozen=True)
 class Examples:
-    """Images with truth: ``images``, ``albedo``, ``specular`` (N, H, W, 3) linear, premultiplied by ``masks`` (N, H, W)."""
+    """Images with truth: ``images``, ``albedo``, ``specular`` (N, H, W, 3) linear, premultiplied by ``masks`` (N, H, W).
+
+    ``geometry``: normals and visibility, as :class:`ia_bench.priors.contract.GeometryReader` takes them, where asked for.
+    """
 
     name: str
     images: Tensor
     masks: Tensor
     albedo: Tensor
     specular: Tensor
+    geometry: tuple[Tensor, Tensor] | None = None
 
 
-def load_examples(name: str, limit: int | None = None) -> Examples:
-    """The test views of a shipped scene or scene folder, or the images of a folder of shards. Raises InputError."""
+def load_examples(name: str, limit: int | None = None, *, geometry: bool = False) -> Examples:
+    """The test views of a shipped scene or scene folder, or the images of a folder of shards. Raises InputError.
+
+    ``geometry``: normals and visibility too, of a scene by rays against its mesh.
+    """
     folder = Path(name)
     if folder.is_dir() and list(folder.glob("shard_*.safetensors")):
         held_out = TrainingImages(folder, limit=limit or HELD_OUT)
         linear = held_out.linear(torch.arange(len(held_out)))
         radiance, masks = linear["image"][..., :3], linear["image"][..., 3]
-        return Examples(folder.name, radiance, masks, linear["albedo"], linear["specular"])
+        seen = (linear["normal"], linear["visibility"]) if geometry else None
+        return Examples(folder.name, radiance, masks, linear["albedo"], linear["specular"], seen)
     path = resolve_scene_folder(SceneConfig(name=name, path=name if folder.is_dir() else None))
     assert path is not None
-    views = load_scene(path, truth=True).test[:limit]
+    scene = load_scene(path, truth=True)
+    views = scene.test[:limit]
     for view in views:
         if view.albedo is None or view.specular is None:
             raise InputError(f"{path}: test view {view.name}: expected true albedo and specular shading, found none")
     images, masks, albedo, specular = (
         torch.stack([torch.from_numpy(getattr(view, key)) for view in views]) for key in ("image", "mask", "albedo", "specular")
     )
-    return Examples(name, images, masks, albedo, specular)
+    seen = None
+    if geometry:
+        problem, _ = make_problem(replace(scene, train=views), NoPrior())
+        seen = view_geometry(problem, tuple(range(len(views))))
+    return Examples(name, images, masks, albedo, specular, seen)
 
 
 def score(prior: Any, examples: Examples, *, samples: int, seed: int) -> dict[str, float]:  # noqa: ANN401 (any prior)
     """Mean PSNR by column of the report, of one prior and one seed."""
     inside = examples.masks > 0.5
     count = samples if prior.stochastic else 1
+    if examples.geometry is not None:
+        prior.give_geometry(*examples.geometry)
     drawn = [prior.sample(examples.images, examples.masks, seed=derive_seed(seed, draw)) for draw in range(count)]
     figures: dict[str, Tensor] = {}
     if "albedo" in prior.provides:
@@ -107,8 +126,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if wanted.samples < 1:
             raise InputError(f"--samples: expected at least 1, found {wanted.samples}")
-        loaded = [load_examples(name, wanted.limit) for name in wanted.examples]
         prior = make_prior(wanted.prior, wanted.option)
+        geometry = isinstance(prior, GeometryReader) and prior.reads_geometry
+        loaded = [load_examples(name, wanted.limit, geometry=geometry) for name in wanted.examples]
         header: list[str] | None = None
         for examples in loaded:
             runs = [score(prior, examples, samples=wanted.samples, seed=seed) for seed in wanted.seeds]

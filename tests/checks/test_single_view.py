@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -5,6 +7,7 @@ from priors.tiny_network import tiny_weights
 from priors.training.test_dataset import shard
 
 from ia_bench.checks.single_view import load_examples, main, score
+from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.priors.training.shards import ShardInfo, shard_path, write_shard
 from ia_bench.scores.alignment import ALIGNMENTS
 
@@ -54,6 +57,24 @@ def test_the_command_scores_scenes_and_shards(tmp_path, tiny_folder, capsys):
     assert shards.startswith("| shards (2) |")
     assert "±" in shards
     assert not torch.isnan(torch.tensor([float(cell.split()[0]) for cell in shards.split("|")[2:-1]])).any()
+
+
+@pytest.mark.parametrize("scene", [True, False])
+def test_geometry_reaches_a_prior_that_reads_it(tmp_path, tiny_folder, scene):
+    if not scene:
+        write_shard(shard_path(tmp_path, 0), shard(count=3), ShardInfo(5, 0, 3, 16))
+    examples = load_examples(str(tiny_folder if scene else tmp_path), 2, geometry=True)
+    normals, visibility = examples.geometry
+    inside = examples.masks > 0.99
+    assert normals.shape == examples.images.shape
+    assert float(normals[inside].norm(dim=-1).median()) == pytest.approx(1, abs=0.01)
+    assert visibility.shape == (*examples.masks.shape, 1)
+    assert 0.1 < float(visibility[inside].mean()) < 1
+    options = {"weights": str(tiny_weights(tmp_path / "weights", geometry=True)), "steps": 1}
+    reading, blind = DiffusionPrior(**options, geometry=True), DiffusionPrior(**options)
+    with_geometry = score(reading, examples, samples=1, seed=0)
+    without = score(blind, replace(examples, geometry=None), samples=1, seed=0)
+    assert with_geometry["albedo: one sample"] != without["albedo: one sample"]
 
 
 def test_an_unknown_scene_is_a_mistake(capsys):

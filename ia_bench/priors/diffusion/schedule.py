@@ -98,6 +98,18 @@ class NoiseSchedule:
         raise InputError(f"spacing: expected one of {', '.join(get_args(Spacing))}, found {spacing!r}")
 
 
+def ideal_output(prediction_type: PredictionType, clean: Tensor, noise: Tensor, alpha_bar: float | Tensor) -> Tensor:
+    """What a network should return for x_t = a ``clean`` + b ``noise``, all of one shape; the inverse of :func:`estimate_x0`."""
+    a, b = _signal_and_noise(alpha_bar, clean)
+    if prediction_type == "epsilon":
+        return noise
+    if prediction_type == "v_prediction":
+        return a * noise - b * clean
+    if prediction_type == "sample":
+        return clean
+    raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
+
+
 def estimate_x0(prediction_type: PredictionType, output: Tensor, noisy: Tensor, alpha_bar: float | Tensor) -> Tensor:
     """The estimate of x_0 that a network's raw ``output`` stands for, same shape as ``noisy`` x_t.
 

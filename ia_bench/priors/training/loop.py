@@ -23,7 +23,7 @@ from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.checkpoints import read_description, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.schedule import NoiseSchedule, ideal_output
 from ia_bench.priors.training.dataset import Batch, TrainingImages
 from ia_bench.priors.training.settings import TrainSettings
 from ia_bench.priors.training.validation import score_single_view
@@ -80,6 +80,11 @@ class _Training:
             optimizer.load_state_dict(state["optimizer"])
             self.ema.load_state_dict(state["ema"])
             self.step, self.seconds = state["step"], state["seconds"]
+            if state["images"] != len(self.images):
+                progress.note(
+                    f"{settings.data}: {len(self.images)} images, and {state['images']} when the run was stopped; "
+                    "the weights will not be those of a run without the stop"
+                )
         self.model, self.optimizer = accelerator.prepare(self.network, optimizer)
         self.ema.to(accelerator.device)
         self.predict = torch.compile(self.model) if settings.compile else self.model
@@ -165,11 +170,7 @@ class _Training:
             return self.predict(None, timestep, batch.condition, None), batch.target
         level = self.schedule.to(device)[draws["timestep"]][:, None, None, None]
         noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
-        wanted = {
-            "epsilon": draws["noise"],
-            "v_prediction": level.sqrt() * draws["noise"] - (1 - level).sqrt() * batch.target,
-            "sample": batch.target,
-        }[self.settings.network.prediction_type]
+        wanted = ideal_output(self.settings.network.prediction_type, batch.target, draws["noise"], level)
         dropped = (draws["drop_channels"], draws["drop_tokens"])
         return self.predict(noisy, draws["timestep"], batch.condition, dropped), wanted
 
@@ -209,6 +210,7 @@ class _Training:
             "identity": settings.identity(),
             "step": self.step,
             "seconds": self.seconds,
+            "images": len(self.images),
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "ema": self.ema.state_dict(),

@@ -10,9 +10,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 from gaussian_prior import gaussian_denoiser, wide_schedule
+from scipy.integrate import solve_ivp
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
@@ -204,6 +206,69 @@ def test_shortcut_drops_the_network(norm: str):
     expected = x0 - 1e-2 * math.sqrt(1 - level) / level * slope
     found = Guidance(target, 1e-2, rule="shortcut", norm=norm).estimate_x0(coupled, noisy, 0, level)
     torch.testing.assert_close(found, expected)
+
+
+def explicit_limit(
+    rule: str, strength: float, mean: float, variance: float, target: Tensor, eigenvalue: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Where infinitely many DDIM steps of an explicit rule with the squared norm end: offset and slope in the start noise.
+
+    In the eigenbasis of the blur, (K,) ``target`` and ``eigenvalue``, with v = x_t / a: dv / d ln sigma = v - x_0(v), where the
+    guided x_0 = m - gain eigenvalue (eigenvalue m - target) and m = E[x_0 | v]. Without a blur the cut is gain <= 1.
+    """
+    eigen = eigenvalue.numpy()
+
+    def guided(sigma: float, v: np.ndarray, centre: float, goal: np.ndarray) -> np.ndarray:
+        share = variance / (variance + sigma**2)
+        x0 = share * v + (1 - share) * centre
+        gain = strength * sigma * math.sqrt(1 + sigma**2) * (share if rule == "paper" else 1.0)
+        return x0 - (min(gain, 1.0) if np.all(eigen == 1) else gain) * eigen * (eigen * x0 - goal)
+
+    ends = []
+    nothing, noise = np.zeros(len(eigen)), np.full(len(eigen), math.sqrt(1 + 1e8))
+    for start, centre, goal in ((nothing, mean, target.numpy()), (noise, 0.0, nothing)):  # a slope knows no mean and no target
+
+        def flow(t: float, v: np.ndarray, known: tuple[float, np.ndarray] = (centre, goal)) -> np.ndarray:
+            return v - guided(math.exp(t), v, *known)
+
+        ran = solve_ivp(flow, (math.log(1e4), math.log(1e-4)), start, "LSODA", rtol=1e-8, atol=1e-10)
+        ends.append(torch.from_numpy(guided(1e-4, ran.y[:, -1], centre, goal)))
+    return ends[0], ends[1]
+
+
+@pytest.mark.parametrize(("rule", "strength"), [("paper", 1.0), ("paper", 100.0), ("shortcut", 1.0), ("shortcut", 100.0)])
+def test_explicit_rules_have_the_bias_of_their_differential_equation(rule: str, strength: float):
+    """Mean and full covariance without a blur, cut steps included; far from the posterior, as docs/sampling.md says."""
+    mean, variance, count = 0.2, 0.09, math.prod(SIZE)
+    target = random(1, 1, *SIZE, seed=20)
+    offset, slope = explicit_limit(rule, strength, mean, variance, target.flatten(), torch.ones(count))
+    errors = []
+    for steps in (150, 300):
+        found_mean, found = affine_map(Guidance(target, strength, rule=rule), steps, mean, variance)
+        errors.append(float((found_mean - offset).abs().max() / (target - mean).abs().max()))
+        errors.append(float((found - torch.diag(slope.square())).norm() / (variance * math.sqrt(count))))
+    assert max(errors) < 0.03
+    assert errors[2] < 0.75 * errors[0] + 1e-3
+    posterior = 1 / (1 / variance + strength)
+    assert float(slope.square().max()) < (0.7 if strength == 1 else 0.1) * posterior
+
+
+def test_the_paper_rule_through_a_blur_has_the_bias_of_its_differential_equation():
+    """Mean and full covariance, in the cosine basis, where the blur is diagonal."""
+    mean, variance, strength, count = 0.0, 0.09, 1.0, math.prod(SIZE)
+    blur, target = GaussianBlur(1.5), random(1, 1, *SIZE, seed=20)
+    guidance = Guidance(target, strength, operator=blur, rule="paper")
+    basis = cosine_transform(torch.eye(count, dtype=torch.float64).reshape(count, 1, *SIZE)).reshape(count, count)
+    eigenvalue = blur.eigenvalues(target).expand(1, 1, *SIZE).flatten()
+    offset, slope = explicit_limit("paper", strength, mean, variance, cosine_transform(target).flatten(), eigenvalue)
+    expected, errors = basis @ torch.diag(slope.square()) @ basis.T, []
+    for steps in (150, 300):
+        found_mean, found = affine_map(guidance, steps, mean, variance)
+        assert float((found_mean - basis @ offset).norm() / offset.norm()) < 0.03
+        errors.append(float((found - expected).norm() / expected.norm()))
+    assert guidance.report.bounded == 0
+    assert errors[1] < 0.05
+    assert errors[1] / errors[0] == pytest.approx(0.5, abs=0.12)
 
 
 @pytest.mark.parametrize("rule", ["paper", "shortcut"])

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from ia_bench.errors import InputError
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_noise, estimate_x0
+from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_noise, estimate_x0, ideal_output
 
 SIGMAS = [1e-4, 1e-2, 1.0, 1e2, 1e4]
 
@@ -23,6 +23,7 @@ def test_raw_outputs_become_image_and_noise(prediction_type: str, sigma: float):
     level = 1 / (1 + sigma**2)
     signal, spread = level**0.5, (1 - level) ** 0.5
     output = {"epsilon": noise, "v_prediction": signal * noise - spread * x0, "sample": x0}[prediction_type]
+    assert torch.allclose(ideal_output(prediction_type, x0, noise, level), output, rtol=0, atol=1e-12)
     raw, noisy = output.float(), (signal * x0 + spread * noise).float()
     rounding = 1e-6  # a few units in the last place, magnified where the definition itself divides
     found = estimate_x0(prediction_type, raw, noisy, level).double()
@@ -109,6 +110,7 @@ def test_unknown_names():
         lambda: schedule.require("noise"),
         lambda: schedule.timesteps(1, "linear"),
         lambda: estimate_x0("noise", image, image, 0.5),
+        lambda: ideal_output("noise", image, image, 0.5),
         lambda: estimate_noise("noise", image, image, 0.5),
     ):
         with pytest.raises(InputError, match="expected one of"):

@@ -1,16 +1,17 @@
 import json
 import os
+import shutil
 import subprocess
 import sys
+import time
 
 import pytest
 import torch
 from priors.tiny_network import tiny_weights
 from priors.training.test_dataset import shard
-from safetensors.torch import load_file
 
 from ia_bench.errors import InputError
-from ia_bench.priors.diffusion.checkpoints import UNET, load_network
+from ia_bench.priors.diffusion.checkpoints import load_network
 from ia_bench.priors.training.loop import FINAL_RATE, batch_index, rate_factor
 from ia_bench.priors.training.settings import TrainSettings, parse, usage
 from ia_bench.priors.training.shards import ShardInfo, shard_path, write_shard
@@ -32,10 +33,16 @@ def command(folders, out, *more):
     return [f"data={folders / 'data'}", f"validation={folders / 'validation'}", f"out={out}", *SMALL, *QUICK, *more]
 
 
-def run(arguments, launcher=()):
+def start(arguments, launcher=()):
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "ACCELERATE_USE_CPU": "true"}
-    started = [sys.executable, "-m", *launcher, "ia_bench.priors.train", *arguments]
-    return subprocess.run(started, capture_output=True, text=True, check=False, env=environment)
+    line = [sys.executable, "-m", *launcher, "ia_bench.priors.train", *arguments]
+    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def run(arguments, launcher=()):
+    started = start(arguments, launcher)
+    printed = started.communicate()
+    return subprocess.CompletedProcess(started.args, started.returncode, *printed)
 
 
 def train(arguments):
@@ -64,18 +71,52 @@ def test_the_rate_rises_and_falls():
     assert factors[-1] == pytest.approx(FINAL_RATE)
 
 
+def weights_of(folder):
+    return load_network(folder / "weights")[0].state_dict()
+
+
 def test_a_resumed_run_ends_with_the_weights_of_an_uninterrupted_one(folders, tmp_path):
     train(command(folders, tmp_path / "whole", "steps=4"))
     # Stopped by its time limit after the first step; the next command goes on.
     train(command(folders, tmp_path / "parts", "steps=4", "minutes=0"))
     assert json.loads((tmp_path / "parts/weights/prior.json").read_text())["provenance"]["steps"] == 1
     train(command(folders, tmp_path / "parts", "steps=4"))
-    whole, parts = (load_file(tmp_path / name / "weights" / UNET) for name in ("whole", "parts"))
+    whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     for name, value in whole.items():
         assert torch.equal(value, parts[name]), name
 
 
-def test_training_lowers_the_loss_and_is_followed(folders, tmp_path):
+@pytest.mark.slow
+def test_a_killed_run_resumes_from_whichever_checkpoint_it_left(folders, tmp_path):
+    arguments = ("steps=40", "network.prediction_type=v_prediction")
+    train(command(folders, tmp_path / "whole", *arguments))
+    often = command(folders, tmp_path / "parts", *arguments, "checkpoint_minutes=0")
+    for wanted in (1, 9):
+        killed = start(often)
+        while step_of(tmp_path / "parts/state.pt") < wanted and killed.poll() is None:
+            time.sleep(0.01)
+        killed.kill()
+        killed.communicate()
+        assert wanted <= step_of(tmp_path / "parts/state.pt") < 40
+    train(command(folders, tmp_path / "parts", *arguments))
+    whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
+    for name, value in whole.items():
+        assert torch.equal(value, parts[name]), name
+
+
+def step_of(state):
+    return torch.load(state, weights_only=True)["step"] if state.is_file() else 0
+
+
+def test_data_that_has_grown_since_the_last_checkpoint_is_said(folders, tmp_path):
+    shutil.copytree(folders, tmp_path / "grown")
+    train(command(tmp_path / "grown", tmp_path / "run", "steps=2", "minutes=0"))
+    write_shard(shard_path(tmp_path / "grown/data", 1), shard(count=12, seed=2), ShardInfo(0, 12, 12, 16))
+    ended = train(command(tmp_path / "grown", tmp_path / "run", "steps=2"))
+    assert "24 images, and 12 when the run was stopped" in ended.stderr
+
+
+def test_training_improves_the_samples_and_is_followed(folders, tmp_path):
     ended = train(command(folders, tmp_path / "run", "steps=30", "rate=3e-3", "validate_steps=15"))
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -112,12 +153,18 @@ def test_training_starts_from_given_weights(folders, tmp_path):
 
 @pytest.mark.slow
 def test_two_processes_train_together(folders, tmp_path):
-    ended = run(command(folders, tmp_path / "two", "steps=3"), ("torch.distributed.run", "--nproc_per_node", "2", "-m"))
+    """Without random numbers in a batch, two halves of it make the step of the whole: only if gradients are averaged."""
+    still = [f"augmentation.{name}=0" for name in ("mirror", "permute", "cast", "exposure", "noise")]
+    plain = ("steps=3", "network.kind=regressor", "ema=0", "augmentation.no_geometry=1", *still)
+    train(command(folders, tmp_path / "one", *plain))
+    ended = run(command(folders, tmp_path / "two", *plain), ("torch.distributed.run", "--nproc_per_node", "2", "-m"))
     assert ended.returncode == 0, ended.stderr
-    _, provenance = load_network(tmp_path / "two/weights")
-    assert provenance["processes"] == 2
-    assert provenance["steps"] == 3
-    assert all(bool(torch.isfinite(value).all()) for value in load_file(tmp_path / "two/weights" / UNET).values())
+    provenance = load_network(tmp_path / "two/weights")[1]
+    assert (provenance["processes"], provenance["steps"]) == (2, 3)
+    train(command(folders, tmp_path / "half", *plain, "batch=2"))
+    runs = [weights_of(tmp_path / name).values() for name in ("one", "two", "half")]
+    one, two, half = (torch.cat([value.flatten() for value in values]) for values in runs)
+    assert float((two - one).norm()) < 0.05 * float((half - one).norm())
 
 
 def test_another_run_in_the_folder_is_refused(folders, tmp_path):
