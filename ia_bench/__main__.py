@@ -14,7 +14,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from ia_bench.composition import CONFIG_NAME, HYDRA_VERSION, explain, register, to_run_config
+from ia_bench.composition import CONFIG_NAME, HYDRA_VERSION, explain, register, to_run_config, written_out
 from ia_bench.config import RunConfig, hash_of, identity, labels, run_folder
 from ia_bench.errors import InputError
 from ia_bench.paths import conf_folder
@@ -86,7 +86,7 @@ def complain(message: str, status: int = MISTAKE) -> int:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    arguments = sys.argv[1:] if arguments is None else arguments
+    arguments = written_out(sys.argv[1:] if arguments is None else arguments)
     if not {"-h", "--help"}.isdisjoint(arguments):
         print(usage(), end="")
         return OK

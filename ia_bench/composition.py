@@ -23,6 +23,8 @@ from ia_bench.suggest import unknown
 HYDRA_VERSION = "1.3"
 CONFIG_NAME = "config"
 LAUNCHER_EXTRAS = ("ray", "submitit")
+SHORT = {"prior.supervision": "prior.supervision.kind"}
+"""Settings that may be named by what is chosen first in them."""
 
 
 def register(overrides: Sequence[str]) -> None:
@@ -34,12 +36,19 @@ def register(overrides: Sequence[str]) -> None:
     schema = _writable(OmegaConf.structured(RunConfig))
     store.store(name="schema", node=schema)
     for kind in registry.KINDS:
-        for plugin in [*registry.installed(kind).values(), *_spelled_out(kind, overrides)]:
+        for plugin in [*registry.installed(kind).values(), *_named_plugins(kind, overrides)]:
             store.store(group=kind, name=plugin.name, node=_node(plugin))
+
+
+def written_out(overrides: Sequence[str]) -> list[str]:
+    """``overrides`` with the short names written out."""
+    parts = [text.partition("=") for text in overrides]
+    return [SHORT.get(key, key) + separator + value for key, separator, value in parts]
 
 
 def compose(overrides: Sequence[str]) -> RunConfig:
     """The resolved configuration of ``python -m ia_bench <overrides>``. Raises InputError for what it cannot mean."""
+    overrides = written_out(overrides)
     register(overrides)
     try:
         with initialize_config_dir(str(conf_folder()), version_base=HYDRA_VERSION):
@@ -96,7 +105,7 @@ def _refuse_added_keys(node: Any, schema: type, prefix: str) -> None:  # noqa: A
             _refuse_added_keys(node[name], kind, f"{prefix}{name}.")
 
 
-def _spelled_out(kind: registry.Kind, overrides: Sequence[str]) -> list[registry.Plugin]:
+def _named_plugins(kind: registry.Kind, overrides: Sequence[str]) -> list[registry.Plugin]:
     """Plugins written as ``kind=module:attribute``, also as one of several values of a sweep."""
     values = [text.partition("=")[2] for text in overrides if text.partition("=")[0] == kind]
     targets = [target.strip("'\" ") for value in values for target in value.split(",")]

@@ -87,6 +87,12 @@ def test_result_is_typed_and_frozen_again() -> None:
         fit.pixels = 1  # type: ignore[misc]
 
 
+def test_the_kind_of_supervision_may_be_named_alone() -> None:
+    assert compose(["device=cpu", "prior=diffusion", "prior.supervision=sds"]).prior.supervision.kind == "sds"
+    with pytest.raises(InputError, match=r"prior.supervision.kind.*did you mean 'similarity'"):
+        compose(["device=cpu", "prior=diffusion", "prior.supervision=similarty"])
+
+
 def test_command_line_beats_preset() -> None:
     assert compose(["device=cpu", "render.samples=7", "preset=paper"]).render.samples == 7
 
