@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,15 @@ from omegaconf import MISSING
 
 from ia_bench import registry
 from ia_bench.errors import InputError
-from ia_bench.fit.settings import CONFIDENCES, KINDS, FitSettings, SupervisionSettings, check_supervision
+from ia_bench.fit.settings import (
+    CONFIDENCES,
+    FIT_CHOICES,
+    KINDS,
+    FitSettings,
+    SupervisionSettings,
+    check_fit,
+    check_supervision,
+)
 from ia_bench.paths import scenes_folder
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
@@ -24,6 +33,7 @@ from ia_bench.suggest import unknown
 IDENTITY_VERSION = 1
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 
+PACKAGED_WEIGHTS = Path(__file__).parent / "priors" / "weights"
 NATIVE_READER = "ia_bench.scenes.native:load_scene"
 
 CHOICES: dict[str, tuple[str, ...]] = {
@@ -31,9 +41,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "render.shadows": ("auto", "traced", "baked", "none"),
     "render.coat": ("layered", "added"),
     "render.shading": ("auto", "compiled", "eager"),
-    "fit.image_loss": ("crossed", "l1"),
-    "fit.neutral_start": ("light", "albedo"),
-    "fit.ssi": ("scale_shift", "scale", "none"),
+    **{f"fit.{key}": choices for key, choices in FIT_CHOICES.items()},
     "prior.supervision.kind": KINDS,
     "prior.supervision.confidence": CONFIDENCES,
     "device": ("auto", "cpu", "cuda"),
@@ -130,6 +138,9 @@ def resolved(config: RunConfig) -> RunConfig:
         raise InputError(f"render.bounces: expected a whole number >= 0 or auto, found {bounces}")
     if config.render.metallic not in (True, False, "auto"):
         raise InputError(f"render.metallic: expected true, false or auto, found {config.render.metallic}")
+    if config.render.samples < 1:
+        raise InputError(f"render.samples: expected at least 1, found {config.render.samples}")
+    check_fit(config.fit)
     check_supervision(config.prior.supervision)
     if config.threads is not None and config.threads < 1:
         raise InputError(f"threads: expected at least 1, found {config.threads}")
@@ -175,13 +186,19 @@ def identity(config: RunConfig) -> dict[str, Any]:
     """Everything that decides the numbers of a resolved run, as JSON types.
 
     Left out: where results go, the row's label, the preset's name (its values are in), how often checkpoints are
-    written, whether samples are kept, and where files lie. Instead of the scene's path, a hash of its content.
+    written, whether samples are kept, and where files lie. Instead of the path of the scene, or of a prior's weights, there
+    is a hash of the content; the weights of the package count for every prior that takes some.
     """
     content = asdict(config)
     for label in ("out", "row", "preset"):
         del content[label]
     del content["fit"]["checkpoint_seconds"]
     del content["prior"]["supervision"]["cache"]
+    content["prior"]["options"] = {key: _without_paths(key, value) for key, value in config.prior.options.items()}
+    options = config.prior.options
+    weights = (options.get("of_options") or {}).get("weights") if "of_options" in options else options.get("weights", "none")
+    if weights is None:
+        content["prior"]["packaged_weights"] = _file_content(PACKAGED_WEIGHTS)
     content["scene"]["path"] = None
     content["scene"]["content"] = _scene_content(config.scene)
     protocol = Protocol.from_config(config.protocol).describe()
@@ -229,6 +246,33 @@ def _device(wanted: str) -> str:
     if wanted == "cuda" and not available:
         raise InputError("device=cuda: torch finds no CUDA device here; use device=cpu or device=auto")
     return "cuda" if available else "cpu"
+
+
+def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (a prior's option, whatever it is)
+    """``value`` with a hash of the content in place of every file or folder that it names."""
+    if isinstance(value, dict):
+        return {inner: _without_paths(inner, part) for inner, part in value.items()}
+    if isinstance(value, str) and (key == "weights" or os.sep in value) and Path(value).expanduser().exists():
+        return f"content {_file_content(Path(value).expanduser().resolve())}"
+    return value
+
+
+def _file_content(path: Path) -> str:
+    """SHA-256 (hex) over the names and bytes of a file, or of all files of a folder."""
+    files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file())
+    return _hash_files(path, tuple((file, file.stat().st_size, file.stat().st_mtime_ns) for file in files))
+
+
+@cache
+def _hash_files(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str:
+    """Kept for as long as no size and no time of change differs: a table asks once for every cell."""
+    digest = hashlib.sha256()
+    for path, size, _ in files:
+        digest.update(f"{path.relative_to(root).as_posix()}\0{size}\n".encode())
+        with path.open("rb") as opened:
+            while block := opened.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
 
 
 def _scene_content(scene: SceneConfig) -> str:

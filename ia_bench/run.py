@@ -18,7 +18,7 @@ from ia_bench.environment import environment
 from ia_bench.fit.problem import Fit, Monitor, Problem
 from ia_bench.fit.views import evenly_spread
 from ia_bench.plan import make_plan
-from ia_bench.priors.contract import Patchwise
+from ia_bench.priors.contract import Counted, Patchwise
 from ia_bench.progress import Progress
 from ia_bench.records import SCHEMA, RunFolder
 from ia_bench.registry import create
@@ -113,7 +113,12 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "rays": rays.rays,
         "network_calls": result.counters.get("network_calls", prior.network_calls),
-        "counters": {"points": surface.points, "bent_normals": surface.bent_normals, **result.counters},
+        "counters": {
+            "points": surface.points,
+            "bent_normals": surface.bent_normals,
+            **result.counters,
+            **(prior.counters if isinstance(prior, Counted) else {}),
+        },
         "plan": plan.record(),
         "environment": environment(config.device, config.threads or 1),
     }

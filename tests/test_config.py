@@ -19,7 +19,7 @@ from ia_bench import config as configuration
 from ia_bench.composition import compose
 from ia_bench.config import RunConfig, SceneConfig, config_hash, identity, resolve_scene_folder, run_folder, slug
 from ia_bench.errors import InputError
-from ia_bench.fit.settings import FitSettings, SupervisionSettings
+from ia_bench.fit.settings import FIT_RANGES, FitSettings, SupervisionSettings
 from ia_bench.paths import conf_folder
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
@@ -85,6 +85,34 @@ def test_result_is_typed_and_frozen_again() -> None:
     assert fit.weights.albedo == 2.0
     with pytest.raises(dataclasses.FrozenInstanceError):
         fit.pixels = 1  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("render.samples=0", "render.samples: expected at least 1, found 0"),
+        ("fit.smooth_scale=0", r"fit.smooth_scale: expected a finite number >= 1e-06, found 0"),
+        ("fit.rates.albedo=-1", r"fit.rates.albedo: expected a finite number >= 0, found -1"),
+        ("fit.rates.final=-1", r"fit.rates.final: expected a finite number >= 1e-06, found -1"),
+        ("fit.light_uniform=2", r"fit.light_uniform: expected a finite number from 0 to 1, found 2"),
+        ("fit.roughness_initial=7", r"fit.roughness_initial: expected a finite number from 0 to 1, found 7"),
+        ("fit.weights.image=nan", r"fit.weights.image: expected a finite number >= 0, found nan"),
+        ("fit.residual_cut=0", r"fit.residual_cut: expected a finite number >= 1e-06, found 0"),
+        ("fit.pixels=0", r"fit.pixels: expected a finite number >= 1, found 0"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(override: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        compose(["device=cpu", override])
+
+
+def test_every_number_of_the_fit_has_a_range() -> None:
+    flat = {}
+    for name, value in dataclasses.asdict(FitSettings()).items():
+        flat |= {f"{name}.{part}": inner for part, inner in value.items()} if isinstance(value, dict) else {name: value}
+    assert FIT_RANGES.keys() == {key for key, value in flat.items() if type(value) in (int, float)}
+    for key, (least, most) in FIT_RANGES.items():
+        assert least <= flat[key] <= most
 
 
 def test_the_kind_of_supervision_may_be_named_alone() -> None:
@@ -197,6 +225,28 @@ def test_hash_follows_the_scene_content_and_not_its_place(scenes: Path, tmp_path
     assert hash_with(f"scene.path={elsewhere}") == before
     (scenes / "hat" / "mesh.ply").write_bytes(b"ply")
     assert hash_with("scene=hat") != before
+
+
+def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path) -> None:
+    for name in ("here", "there"):
+        (tmp_path / name / "unet").mkdir(parents=True)
+        (tmp_path / name / "unet" / "weights.safetensors").write_bytes(b"one")
+    option = f"prior.options.weights={tmp_path / 'here'}"
+    before = hash_with("prior=diffusion", option)
+    assert hash_with("prior=diffusion", f"prior.options.weights={tmp_path / 'there'}") == before
+    assert hash_with("prior=diffusion") != before
+    (tmp_path / "here" / "unet" / "weights.safetensors").write_bytes(b"other")
+    assert hash_with("prior=diffusion", option) != before
+    nested = [f"prior.options.of_options={{weights: {tmp_path / name}}}" for name in ("here", "there")]
+    assert hash_with("prior=corrected", nested[0]) != hash_with("prior=corrected", nested[1])
+
+
+def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    before = {name: hash_with(f"prior={name}") for name in ("none", "diffusion", "corrected")}
+    (tmp_path / "weights").write_bytes(b"others")
+    monkeypatch.setattr(configuration, "PACKAGED_WEIGHTS", tmp_path)
+    after = {name: hash_with(f"prior={name}") for name in before}
+    assert {name: after[name] == before[name] for name in before} == {"none": True, "diffusion": False, "corrected": False}
 
 
 def test_lpips_weights_path_is_no_part_of_the_hash(tmp_path: Path) -> None:

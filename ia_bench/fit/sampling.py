@@ -35,13 +35,18 @@ class PriorSampler:
     """
 
     def __init__(self, problem: Problem, prior: Prior, seed: int) -> None:
-        """Raises InputError when distillation is asked of a prior that cannot do it."""
+        """Raises InputError when distillation, or a spread of samples, is asked of a prior that has none."""
         self._problem, self._prior, self._seed = problem, prior, seed
         settings = problem.supervision
         if settings.kind == "sds" and not isinstance(prior, Distiller):
             raise InputError(
                 f"prior.supervision.kind=sds: expected a prior with a method distill(images, masks, renders, *, seed), "
                 f"found {type(prior).__name__}, which has none"
+            )
+        if settings.confidence == "spread" and not settings.fuse and prior.provides and not prior.stochastic:
+            raise InputError(
+                f"prior.supervision.confidence=spread: expected a prior whose samples differ, or prior.supervision.fuse=true; "
+                f"found {type(prior).__name__}, which always gives the same sample"
             )
         self.views = evenly_spread(problem.scene, problem.plan.prior_views if settings.views == "auto" else settings.views)
         self.counters = {"network_calls": 0, "prior_cached": 0}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 from ia_bench.errors import InputError
 
 KINDS = ("target", "similarity", "colour", "target+similarity", "colour+similarity", "sds")
 CONFIDENCES = ("none", "spread")
+TINY = 1e-6  # the least value of what divides
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,53 @@ class SupervisionSettings:
     def terms(self) -> frozenset[str]:
         """The parts of ``kind``."""
         return frozenset(self.kind.split("+"))
+
+
+FIT_RANGES = {
+    "weights.image": (0, math.inf),
+    "weights.albedo": (0, math.inf),
+    "weights.specular": (0, math.inf),
+    "weights.smooth_albedo": (0, math.inf),
+    "weights.smooth_roughness": (0, math.inf),
+    "weights.smooth_light": (0, math.inf),
+    "rates.albedo": (0, math.inf),
+    "rates.roughness": (0, math.inf),
+    "rates.metallic": (0, math.inf),
+    "rates.light": (0, math.inf),
+    "rates.cast": (0, math.inf),
+    "rates.final": (TINY, math.inf),
+    "stage1_steps": (0, math.inf),
+    "stage2_steps": (0, math.inf),
+    "pixels": (1, math.inf),
+    "residual_cut": (TINY, math.inf),
+    "albedo_start": (0, 1),
+    "roughness_start": (0, 1),
+    "cast_start": (0, 1),
+    "roughness_initial": (0, 1),
+    "metallic_initial": (0, 1),
+    "albedo_initial": (0, 1),
+    "smooth_scale": (TINY, math.inf),
+    "light_uniform": (0, 1),
+    "checkpoint_seconds": (0, math.inf),
+}
+"""Least and largest value of every number of :class:`FitSettings`; all are finite."""
+FIT_CHOICES = {
+    "image_loss": ("crossed", "l1"),
+    "ssi": ("scale_shift", "scale", "none"),
+    "neutral_start": ("light", "albedo"),
+}
+
+
+def check_fit(settings: FitSettings) -> None:
+    """Raise InputError, naming the key, for a value that cannot be meant."""
+    for key, choices in FIT_CHOICES.items():
+        if getattr(settings, key) not in choices:
+            raise InputError(f"fit.{key}: expected one of {', '.join(choices)}, found {getattr(settings, key)!r}")
+    for key, (least, most) in FIT_RANGES.items():
+        value = attrgetter(key)(settings)
+        if not (math.isfinite(value) and least <= value <= most):
+            expected = f"from {least:g} to {most:g}" if most < math.inf else f">= {least:g}"
+            raise InputError(f"fit.{key}: expected a finite number {expected}, found {value}")
 
 
 def check_supervision(settings: SupervisionSettings) -> None:

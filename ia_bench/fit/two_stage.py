@@ -12,14 +12,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
 from ia_bench.fit.cast import CastStep
 from ia_bench.fit.guard import PATIENCE, StepGuard
 from ia_bench.fit.losses import crossed_loss, smoothness, tone_map, total_variation
 from ia_bench.fit.neighbours import find_neighbours
 from ia_bench.fit.problem import Fit, Monitor, Problem
 from ia_bench.fit.sampling import Images, PriorSampler
-from ia_bench.fit.settings import FitSettings, check_supervision
+from ia_bench.fit.settings import FitSettings, check_fit, check_supervision
 from ia_bench.fit.supervision import Supervision
 from ia_bench.fit.targets import Targets, distilled_targets, make_targets
 from ia_bench.fit.views import restrict
@@ -49,7 +48,7 @@ class _Run:
     """State of one fit."""
 
     def __init__(self, problem: Problem, prior: Prior, settings: FitSettings, seed: int, monitor: Monitor) -> None:
-        _check(settings)
+        check_fit(settings)
         check_supervision(problem.supervision)
         self.problem, self.prior, self.settings, self.seed, self.monitor = problem, prior, settings, seed, monitor
         device = problem.gbuffer.face.device
@@ -94,8 +93,7 @@ class _Run:
         for stage, end in (("stage1", boundary), ("stage2", self.steps)):
             if self.step >= end:
                 continue
-            redrawn = self.settings.guided and self.prior.guidable and self.problem.supervision.kind not in ("colour", "sds")
-            if stage == "stage2" and self.step == boundary and redrawn:
+            if stage == "stage2" and self.step == boundary and self._draws_again():
                 self._draw(guided=True)
             first = 0 if stage == "stage1" else boundary
             task = self.monitor.task(stage.replace("stage", "stage "), end - first, self.step - first)
@@ -110,6 +108,12 @@ class _Run:
         if self.guard.skipped:
             self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
         return self._snapshot(final=True)
+
+    def _draws_again(self) -> bool:
+        """Whether stage 2 has guided samples; the mean colour alone is better left as it was before the fit."""
+        supervision = self.problem.supervision
+        wanted = supervision.kind != "sds" and (supervision.kind != "colour" or supervision.specular_weight > 0)
+        return self.settings.guided and self.prior.guidable and wanted
 
     # ---- one step ----------------------------------------------------------------------------------------------
 
@@ -331,25 +335,3 @@ def _check_images(problem: Problem) -> None:
         bad = int((~np.isfinite(view.image)).sum())
         if bad:
             raise FloatingPointError(f"training view {view.name}: NaN or Inf in {bad} values of the image")
-
-
-def _check(settings: FitSettings) -> None:
-    choices = {
-        "image_loss": ("crossed", "l1"),
-        "ssi": ("scale_shift", "scale", "none"),
-        "neutral_start": ("light", "albedo"),
-    }
-    for key, allowed in choices.items():
-        if getattr(settings, key) not in allowed:
-            raise InputError(f"fit.{key}: expected one of {', '.join(allowed)}, found {getattr(settings, key)!r}")
-    for key, value in (
-        ("rates.cast", settings.rates.cast),
-        ("cast_start", settings.cast_start),
-        ("weights.smooth_light", settings.weights.smooth_light),
-    ):
-        if not (math.isfinite(value) and value >= 0):
-            raise InputError(f"fit.{key}: expected a finite number >= 0, found {value}")
-    if not (math.isfinite(settings.residual_cut) and settings.residual_cut > 0):
-        raise InputError(f"fit.residual_cut: expected a finite number > 0, found {settings.residual_cut}")
-    if settings.stage1_steps < 0 or settings.stage2_steps < 0 or settings.pixels < 1:
-        raise InputError("fit: stage1_steps and stage2_steps must be >= 0 and pixels >= 1")

@@ -124,3 +124,13 @@ class Fingerprinted(Protocol):
     """
 
     fingerprint: str
+
+
+@runtime_checkable
+class Counted(Protocol):
+    """A prior that counts what a reader of its results should know, such as steps that were cut short."""
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """What was counted so far, by name; it goes into the counters of metrics.json."""
+        ...

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ia_bench import registry
 from ia_bench.errors import InputError
-from ia_bench.priors.contract import GeometryReader, Prior
+from ia_bench.priors.contract import Counted, GeometryReader, Patchwise, Prior
 from ia_bench.priors.truth import RevealedTruth
 from ia_bench.scenes.scene import View
 
@@ -20,7 +20,7 @@ class CorrectedPrior:
     """sample = truth + ``share`` (sample of the prior ``of`` - truth), in linear values, in [0, 1] ``share`` of its error.
 
     ``share`` = 1 is the prior itself, 0 the exact oracle; between them every view keeps the kind of error that this prior
-    makes (casts, baked shading, blotches, missed highlights) at -20 log10(share) dB more of PSNR. Guidance reaches the
+    makes (casts, baked shading, blotches, missed highlights) at -20 log10(share) dB more of linear PSNR. Guidance reaches the
     prior's sample before its error is made smaller. ``of``: a prior's name or module:Class; ``of_options``: its options.
 
     It sees ground truth, as the oracle does. Samples have no ceiling (:class:`ia_bench.priors.contract.Bounded`), even
@@ -48,6 +48,21 @@ class CorrectedPrior:
     def network_calls(self) -> int:
         """Of the prior that is corrected."""
         return self._prior.network_calls
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Of the prior that is corrected."""
+        return self._prior.counters if isinstance(self._prior, Counted) else {}
+
+    @property
+    def patches(self) -> bool | str:
+        """Of the prior that is corrected; False where it predicts no patches."""
+        return self._prior.patches if isinstance(self._prior, Patchwise) else False
+
+    def use_patches(self, patches: bool) -> None:
+        """See :class:`ia_bench.priors.contract.Patchwise`."""
+        if isinstance(self._prior, Patchwise):
+            self._prior.use_patches(patches)
 
     @property
     def reads_geometry(self) -> bool:

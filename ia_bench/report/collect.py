@@ -62,7 +62,7 @@ class Run:
     protocol: str | None = None
     metrics: dict[str, float | None] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    seconds: float | None = None  # of the whole run without scoring
+    seconds: float | None = None  # of all phases without scoring, also where a run was interrupted or samples were kept
     peak_memory_bytes: float | None = None
     sees_truth: bool = False
     curve: Curve | None = None
@@ -142,7 +142,7 @@ def _read_contents(folder: Path, path: Path, data: dict[str, Any], cell: dict[st
     groups, times = _get(path, data, "metrics", dict), _get(path, data, "time_s", dict)
     reasons = _get(path, data, "reasons", dict) if "reasons" in data else {}
     metrics = {m.key: _number(path, _get(path, groups, m.component, dict), m.name, m.key) for m in METRICS}
-    total, scoring = (_number(path, times, key, f"time_s.{key}") for key in ("total", "score"))
+    phases = [_number(path, times, key, f"time_s.{key}") for key in times if key not in ("total", "score")]
     try:
         curve, curve_problem = read_curve(folder / "curve.csv"), None
     except BadRecord as problem:
@@ -153,7 +153,7 @@ def _read_contents(folder: Path, path: Path, data: dict[str, Any], cell: dict[st
         protocol=_get(path, data, "protocol", str),
         metrics=metrics,
         reasons={key: str(reason) for key, reason in reasons.items()},
-        seconds=None if total is None else total - (scoring or 0.0),
+        seconds=sum(seconds for seconds in phases if seconds is not None) if phases else None,
         peak_memory_bytes=_number(path, data, "peak_memory_bytes", "peak_memory_bytes"),
         sees_truth=sees_truth,
         curve=curve,

@@ -14,7 +14,7 @@ from ia_bench.report.table import PAPER_TITLE, Block, PaperRow, best_paper_metho
 NOTES = """\
 Means are per image, then over images, seeds and scenes; ± is the 95 % interval over seeds. Bold: the best row that does
 not see the ground truth and has every scene. † sees the ground truth and is not ranked. – is undefined, with its reason
-below. (3/4): the mean over 3 of 4 scenes, not ranked. Seconds are of a whole run without scoring. Failed: failed runs
+below. (3/4): the mean over 3 of 4 scenes, not ranked. Seconds: baking, prior and fit, without scoring. Failed: failed runs
 of all runs; they enter no mean."""
 TIMES_NOTE = "Seconds of optimisation until a measured point first is at or beyond the level."
 BEATS_NOTE = """\

@@ -149,5 +149,5 @@ def test_settings_that_cannot_be_meant_are_refused(problem: Problem, value: floa
     settings = FitSettings(stage1_steps=1, stage2_steps=0, pixels=16)
     with pytest.raises(InputError, match=r"fit.rates.cast: expected a finite number >= 0, found"):
         fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, cast=value)), Record())
-    with pytest.raises(InputError, match=r"fit.cast_start: expected a finite number >= 0, found"):
+    with pytest.raises(InputError, match=r"fit.cast_start: expected a finite number from 0 to 1, found"):
         fit(problem, NoPrior(), replace(settings, cast_start=value), Record())

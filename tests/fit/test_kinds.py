@@ -132,6 +132,16 @@ def test_samples_and_views_that_are_asked_for(problem: Problem, scene: Scene) ->
     assert found.counters == {"network_calls": 60, "prior_cached": 0, "skipped_steps": 0, "cast_blocked_steps": 0}
 
 
+@pytest.mark.parametrize(("weight", "asked"), [(1.0, ["sample", "guided"]), (0.0, ["sample"])])
+def test_stage_2_asks_again_for_specular_shading_but_not_for_a_mean_colour(
+    problem: Problem, scene: Scene, weight: float, asked: list[str]
+) -> None:
+    changed = supervised(problem, kind="colour", specular_weight=weight)
+    prior = noisy(scene, changed)
+    fit(changed, prior, SETTINGS, Record())
+    assert [what for what, *_ in prior.asked] == asked
+
+
 def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None:
     changed = supervised(problem, kind="sds", sds_period=3, sds_views=2, views=4)
     prior = noisy(scene, changed)
@@ -236,6 +246,7 @@ def test_distilled_gaussian_converges_to_its_mean(problem: Problem, scene: Scene
         ({"kind": "sds", "samples": 2}, r"prior\.supervision\.samples: expected 1 with kind=sds.*found 2"),
         ({"kind": "sds", "fuse": True}, r"prior\.supervision\.fuse: expected False with kind=sds"),
         ({"confidence": "spread"}, r"prior\.supervision\.confidence=spread: expected samples >= 2 or fuse=true"),
+        ({"confidence": "spread", "samples": 2}, r"prior\.supervision\.confidence=spread: expected a prior whose samples differ"),
     ],
 )
 def test_impossible_settings(problem: Problem, scene: Scene, record: Record, settings: dict, message: str) -> None:

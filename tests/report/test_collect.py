@@ -23,7 +23,7 @@ def test_a_finished_run_arrives_whole(write_run: Write) -> None:
     assert run.metrics["albedo.psnr"] == 20.0
     assert run.metrics["roughness.mse"] == 0.05
     assert set(run.metrics) == {metric.key for metric in METRICS}
-    assert run.seconds == 50.0  # 60 in all, 10 of them for scoring
+    assert run.seconds == 50.0  # of baking, stage 1 and stage 2; 10 of scoring are left out
     assert run.peak_memory_bytes == 2**30
     assert run.sees_truth
     assert run.curve.stages == ("stage1", "stage2")
@@ -64,7 +64,7 @@ def test_the_ceiling_is_known_by_its_only_stage(write_run: Write) -> None:
         ({"status": "done"}, r"metrics\.json: status: expected ok or failed, found 'done'"),
         ({"metrics": None}, r"metrics\.json: metrics: expected dict, found None"),
         ({"metrics": {}}, r"metrics\.json: albedo: expected dict, found nothing"),
-        ({"time_s": {"total": "long"}}, r"metrics\.json: time_s\.total: expected a number or null, found 'long'"),
+        ({"time_s": {"stage1": "long"}}, r"metrics\.json: time_s\.stage1: expected a number or null, found 'long'"),
         ({"peak_memory_bytes": True}, r"metrics\.json: peak_memory_bytes: expected a number or null, found True"),
         ({"protocol": None}, r"metrics\.json: protocol: expected str, found None"),
         ({"sees_truth": 1}, r"metrics\.json: sees_truth: expected bool, found 1"),

@@ -49,6 +49,11 @@ class GuidanceReport:
         """Waits for the device: the count is kept there, so that counting stalls no step."""
         return int(self._bounded)
 
+    @property
+    def counters(self) -> dict[str, int]:
+        """Both by name, as a prior reports them (:class:`ia_bench.priors.contract.Counted`)."""
+        return {"guided_estimates": self.updates, "guided_cut": self.bounded}
+
     def add(self, bounded: Tensor) -> None:
         """Count one step of a batch; ``bounded`` (N,) bool."""
         self.updates += len(bounded)
@@ -202,12 +207,12 @@ def combine(x0: Tensor, pulls: Sequence[Pull], variance: float) -> Tensor:
             break
         towards = inverse_cosine_transform(cosine_transform(residual) / spectrum)
         product = _inner(residual, towards)
-        step = towards + (product / previous)[:, None, None, None] * step
+        step = towards + torch.where(running, product / previous, 0.0)[:, None, None, None] * step
         image = step + _normal(pulls, gains, [pull.operator.apply(step) for pull in pulls])
         length = torch.where(running, product / _inner(step, image), 0.0)[:, None, None, None]
         change = change + length * step
         residual = residual - length * image
-        previous = product
+        previous = torch.where(running, product, 1.0)  # one that has arrived has 0 / 0 there
     return x0 + change
 
 

@@ -78,6 +78,11 @@ class DiffusionPrior(LearnedPrior):
             "geometry": self.reads_geometry,
         }
 
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """See :class:`ia_bench.priors.contract.Counted`."""
+        return self.guidance_report.counters
+
     def use_patches(self, patches: bool) -> None:
         """See :class:`ia_bench.priors.contract.Patchwise`."""
         self.patches = patches

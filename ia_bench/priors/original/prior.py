@@ -76,6 +76,11 @@ class IntrinsicAnythingPrior:
         self.network_calls = 0
 
     @property
+    def counters(self) -> Mapping[str, int]:
+        """See :class:`ia_bench.priors.contract.Counted`."""
+        return self.guidance_report.counters
+
+    @property
     def fingerprint(self) -> str:
         """What decides the samples: this code's version, the options, the hashes of the checkpoints, the precision."""
         options = (self._settings.steps, self._settings.eta, self.guidance_strength, self.resolution, self._device.type)

@@ -117,6 +117,17 @@ def test_implicit_update_does_not_depend_on_the_batch():
         torch.testing.assert_close(combine(x0[i : i + 1], alone, 1.0)[0], together[i], rtol=0, atol=1e-12)
 
 
+def test_an_image_that_has_arrived_stays_beside_one_that_has_not():
+    x0, blur = random(2, 3, *SIZE, seed=1), GaussianBlur(2.0)
+    target = random(2, 3, *SIZE, seed=2)
+    target[0] = blur.apply(x0)[0]
+    weight = random(2, 1, *SIZE, seed=3).abs()
+    together = combine(x0, [Pull(target, 30.0, weight, blur)], 1.0)
+    assert torch.equal(together[0], x0[0])
+    alone = combine(x0[1:], [Pull(target[1:], 30.0, weight[1:], blur)], 1.0)
+    torch.testing.assert_close(together[1:], alone, rtol=0, atol=1e-12)
+
+
 def affine_map(guidance: Guidance, steps: int, mean: float, variance: float, clip: None = None) -> tuple[Tensor, Tensor]:
     """The mean and the covariance of guided DDIM samples, one channel: start noise 0, then every unit vector."""
     count = math.prod(SIZE)

@@ -92,6 +92,7 @@ def test_strong_guidance_arrives_at_the_render(weights, ball):
     drawn = prior.sample(images, masks, seed=0, guidance=render)
     inside = masks == 1
     assert (drawn["albedo"] - render["albedo"])[inside].abs().mean() < 0.02
+    assert prior.counters == {"guided_estimates": 5 * len(images), "guided_cut": 0}
 
 
 def test_guiding_one_component_leaves_the_other_to_the_network(weights, ball):
