@@ -15,7 +15,7 @@ from ia_bench.fit.targets import Targets
 from ia_bench.material.textures import fetch
 from ia_bench.priors.contract import Prior
 
-ALIGNMENT_PIXELS = 65_536  # at most this many pixels estimate the per-view alignment
+ALIGNMENT_PIXELS = 65_536  # about this many pixels of all views, and their share of those asked about, estimate the alignment
 ALIGNMENT_PERIOD = 10  # steps between two estimates
 
 

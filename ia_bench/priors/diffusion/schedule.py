@@ -128,22 +128,6 @@ def estimate_x0(prediction_type: PredictionType, output: Tensor, noisy: Tensor, 
     raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
 
 
-def estimate_noise(prediction_type: PredictionType, output: Tensor, noisy: Tensor, alpha_bar: float | Tensor) -> Tensor:
-    """The estimate of eps that a network's raw ``output`` stands for; arguments as in :func:`estimate_x0`.
-
-    "epsilon" output; "v_prediction" b x_t + a output, both for every alpha_bar; "sample" (x_t - a output) / b, which
-    magnifies the network's error by 1 / sigma and is undefined without noise (alpha_bar = 1, which no schedule contains).
-    """
-    signal, noise = _signal_and_noise(alpha_bar, noisy)
-    if prediction_type == "epsilon":
-        return output
-    if prediction_type == "v_prediction":
-        return noise * noisy + signal * output
-    if prediction_type == "sample":
-        return (noisy - signal * output) / noise
-    raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
-
-
 def _signal_and_noise(alpha_bar: float | Tensor, like: Tensor) -> tuple[Tensor, Tensor]:
     """sqrt(alpha_bar) and sqrt(1 - alpha_bar), the difference taken in double precision: it is 1e-8 at sigma = 1e-4."""
     level = torch.as_tensor(alpha_bar, dtype=torch.float64, device=like.device)
