@@ -18,13 +18,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
-from typing import Any, Literal, get_args
+from typing import Any, Literal, get_args, get_type_hints
 
 import yaml
 
 from ia_bench.errors import InputError
 from ia_bench.paths import conf_folder
 from ia_bench.suggest import unknown
+from ia_bench.typed import fits, named
 
 Kind = Literal["prior", "method", "scene"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -116,8 +117,9 @@ def load_installed(kind: Kind) -> tuple[dict[str, Any], list[BrokenPlugin]]:
 def create(kind: Kind, name: str, target: str, options: Mapping[str, Any]) -> Any:  # noqa: ANN401 (as load)
     """Import ``target`` and call it with ``options`` as keyword arguments.
 
-    Raises InputError for a plugin that cannot be imported, and for an option that its signature does not have or that
-    lacks a value, naming the closest option. An exception raised inside the call is passed on as it is.
+    Raises InputError for a plugin that cannot be imported, for an option that its signature does not have or that lacks a
+    value, naming the closest option, and for a value that its annotation does not take. An exception raised inside the call
+    is passed on as it is.
     """
     known = {**built_in(kind), **installed(kind)}
     distribution = known[name].distribution if name in known and known[name].target == target else "the command line"
@@ -144,11 +146,24 @@ def _check_options(kind: Kind, name: str, factory: Any, options: Mapping[str, An
     parameters = inspect.signature(factory).parameters.values()
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return
-    named = [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+    known = {p.name: p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
     for key in options:
-        if key not in (p.name for p in named):
-            raise InputError(unknown(f"option of {kind} '{name}'", key, [p.name for p in named]))
-    missing = [p.name for p in named if p.default is p.empty and p.name not in options]
+        if key not in known:
+            raise InputError(unknown(f"option of {kind} '{name}'", key, known))
+    missing = [p.name for p in known.values() if p.default is p.empty and p.name not in options]
     if missing:
         keys = ", ".join(f"{kind}.options.{key}=..." for key in missing)
         raise InputError(f"{kind} '{name}' needs {keys}")
+    annotations = _annotations(factory)
+    for key, value in options.items():
+        default = value is None and known[key].default is None  # which annotations often leave out
+        if key in annotations and not default and not fits(value, annotations[key]):
+            raise InputError(f"{kind}.options.{key}: expected {named(annotations[key])}, found {value!r}")
+
+
+def _annotations(factory: Any) -> dict[str, Any]:  # noqa: ANN401 (as load)
+    """The types of a factory's parameters; none where they cannot be told."""
+    try:
+        return get_type_hints(factory.__init__ if isinstance(factory, type) else factory)  # type: ignore[misc]  # its own
+    except Exception:  # foreign annotations may name what only a type checker imports
+        return {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,12 +13,38 @@ from ia_bench.errors import InputError
 from ia_bench.usage import usage
 
 GOOD = """
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal
+
+class Given:
+    pass
+
 class Good:
     def __init__(self, strength=1.0):
         self.strength = strength
 
 class Needy:
     def __init__(self, checkpoint, size=3):
+        pass
+
+class Typed:
+    def __init__(
+        self,
+        *,
+        strength: "float" = 1.0,
+        steps: int = 3,
+        names: Iterable[str] = (),
+        patches: bool | str = "auto",
+        table: Mapping[str, Any] | None = None,
+        rule: Literal["paper", "variance"] = "paper",
+        sloppy: int = None,
+        strange: [int] = 3,
+        given: Given = (),
+    ) -> None:
+        pass
+
+class Unresolved:
+    def __init__(self, steps: "Missing" = 3) -> None:
         pass
 """
 ENTRY_POINTS = """
@@ -104,3 +131,35 @@ def test_options_are_checked_against_the_signature() -> None:
         registry.create("prior", "good", "third_good:Good", {"strenght": 2.0})
     with pytest.raises(InputError, match=r"prior 'needy' needs prior\.options\.checkpoint=\.\.\."):
         registry.create("prior", "needy", "third_good:Needy", {})
+
+
+def create_typed(**options: Any) -> Any:
+    return registry.create("prior", "third_good:Typed", "third_good:Typed", options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"strength": "a"}, "strength: expected a number, found 'a'"),
+        ({"strength": True}, "strength: expected a number, found True"),
+        ({"steps": "a"}, "steps: expected a whole number, found 'a'"),
+        ({"steps": 3.5}, "steps: expected a whole number, found 3.5"),
+        ({"steps": None}, "steps: expected a whole number, found None"),
+        ({"names": None}, r"names: expected a list \(text each\), found None"),
+        ({"names": "albedo"}, r"names: expected a list \(text each\), found 'albedo'"),
+        ({"names": ["albedo", 3]}, r"names: expected a list \(text each\), found \['albedo', 3\]"),
+        ({"patches": 1}, "patches: expected true or false or text, found 1"),
+        ({"table": [1]}, r"table: expected a table or null, found \[1\]"),
+        ({"rule": "foo"}, "rule: expected paper or variance, found 'foo'"),
+    ],
+    ids=str,
+)
+def test_values_are_checked_against_annotations(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=rf"^prior\.options\.{message}$"):
+        create_typed(**options)
+
+
+def test_whatever_an_annotation_may_mean_is_let_through() -> None:
+    create_typed(strength=2, names=["albedo"], patches=True, table={"a": 1}, rule="variance", sloppy=None)
+    create_typed(patches="auto", table=None, strange="b", given="c")
+    registry.create("prior", "third_good:Unresolved", "third_good:Unresolved", {"steps": "many"})

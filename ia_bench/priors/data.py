@@ -90,10 +90,15 @@ def _whole(values: dict[str, str], key: str, default: int, least: int) -> int:
 def make_data(request: Request, progress: Progress) -> list[Path]:
     """Render what the folder lacks and return the paths of its shards.
 
-    Raises InputError if the folder holds other images (seed, size or version), or another process is filling it.
+    Raises InputError if the folder cannot be used, holds other images (seed, size or version), or another process is filling
+    it.
     """
-    request.out.mkdir(parents=True, exist_ok=True)
-    with (request.out / ".lock").open("w") as lock:
+    try:
+        request.out.mkdir(parents=True, exist_ok=True)
+        opened = (request.out / ".lock").open("w")
+    except OSError as error:
+        raise InputError(f"out: {request.out}: expected a folder that can be written, found: {error.strerror}") from None
+    with opened as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -17,7 +17,7 @@ from torch import Tensor
 from ia_bench.errors import InputError
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion import encoding
-from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, read_description
+from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, read_config
 from ia_bench.priors.diffusion.framing import Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
@@ -79,14 +79,22 @@ class LearnedPrior(ABC):
         self.bf16 = use_bf16(precision, self._device, "prior.options.precision")
         parts = [self._folder / name for name in COMPONENTS if (self._folder / name / "prior.json").is_file()]
         self._parts = parts or [self._folder]
-        networks = [read_description(part)["network"] for part in self._parts]
-        for part, described in zip(self._parts, networks, strict=True):
-            if described.get("kind") != self.kind:
-                raise InputError(f"{part}/prior.json: kind: expected {self.kind}, found {described.get('kind')}")
-        self.provides = frozenset(name for described in networks for name in described["components"])
-        self._native = int(networks[0]["size"])
+        self._configs = [read_config(part) for part in self._parts]
+        for part, config in zip(self._parts, self._configs, strict=True):
+            if config.kind != self.kind:
+                raise InputError(f"{part}/prior.json: kind: expected {self.kind}, found {config.kind}")
+            if geometry and not config.geometry:
+                raise InputError(f"prior.options.geometry=true: {part}: expected weights trained with geometry, found none of it")
+        sizes = [config.size for config in self._configs]
+        if len(set(sizes)) > 1:
+            raise InputError(f"{self._folder}: expected networks of one size, found {' and '.join(map(str, sizes))}")
+        components = [name for config in self._configs for name in config.components]
+        self.provides = frozenset(components)
+        if len(self.provides) < len(components):
+            raise InputError(f"{self._folder}: expected networks without a component in common, found {', '.join(components)}")
+        self._native = sizes[0]
         self.resolution: int | None = self._native
-        self.reads_geometry = geometry and all(described["geometry"] for described in networks)
+        self.reads_geometry = geometry
         self.batch = batch
         self.network_calls = 0
         self._geometry: tuple[Tensor, Tensor] | None = None
@@ -120,11 +128,11 @@ class LearnedPrior(ABC):
     def ceilings(self, images: Tensor, masks: Tensor) -> dict[str, Tensor]:
         """See :class:`ia_bench.priors.contract.Bounded`: the white of the network's specular encoding, in each image."""
         found = torch.full((len(images),), torch.inf)
-        for network in self._loaded():
-            if "specular" not in network.config.components:
+        for config in self._configs:
+            if "specular" not in config.components:
                 continue
-            white = encoding.LOG_RANGE if network.config.specular == "log" else 1.0
-            for framed in self._framed(images, masks, 0, network.config.geometry):
+            white = encoding.LOG_RANGE if config.specular == "log" else 1.0
+            for framed in self._framed(images, masks, 0, geometry=False):  # which no exposure depends on
                 found[framed.views] = white / framed.factor
         return {"specular": found} if "specular" in self.provides else {}
 
@@ -181,15 +189,21 @@ class LearnedPrior(ABC):
                 factor = encoding.exposure(radiance, coverage)
                 condition = encoding.encode_image(radiance, coverage, factor)
                 if geometry:
-                    condition = torch.cat([condition, self._seen_geometry(views, frames, len(masks), condition)], 1)
+                    condition = torch.cat([condition, self._seen_geometry(views, frames, masks, condition)], 1)
                 seeds = [derive_seed(seed, content_number(images[view], masks[view])) for view in views]
                 found.append(Framed(views, condition.to(self._device), coverage, factor, frames, seeds))
         return found
 
-    def _seen_geometry(self, views: list[int], frames: list[Frame], count: int, like: Tensor) -> Tensor:
-        if not self.reads_geometry or self._geometry is None or len(self._geometry[0]) != count:
+    def _seen_geometry(self, views: list[int], frames: list[Frame], masks: Tensor, like: Tensor) -> Tensor:
+        if not self.reads_geometry or self._geometry is None:
             return like.new_zeros(len(views), 4, *like.shape[-2:])
         normals, visibility = self._geometry
+        for name, values, channels in (("normals", normals, 3), ("visibility", visibility, 1)):
+            if values.shape != (*masks.shape, channels):
+                raise InputError(
+                    f"prior={self.kind}: expected {name} of shape {(*masks.shape, channels)}, which the images have, "
+                    f"was given {tuple(values.shape)}"
+                )
         stacked = [frame.cut(torch.cat([normals[view], visibility[view]], -1)) for view, frame in zip(views, frames, strict=True)]
         cut = torch.stack(stacked)
         return encoding.encode_geometry(cut[..., :3], cut[..., 3:])

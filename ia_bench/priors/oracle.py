@@ -18,6 +18,9 @@ from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.truth import RevealedTruth
 from ia_bench.scenes.scene import View
 
+MAX_SCALE = 10.0
+"""Largest standard deviation of a log scale: eight of them still make a factor that a float holds."""
+
 
 class OraclePrior:
     """Per view, sample = blur((exp(a) truth + b) baked + inconsistency) + noise, inside the mask.
@@ -70,6 +73,8 @@ class OraclePrior:
         for name, value in dials.items():
             if not (math.isfinite(value) and value >= 0):
                 raise InputError(f"prior.options.{name}: expected a finite number >= 0, found {value}")
+        if scale > MAX_SCALE:
+            raise InputError(f"prior.options.scale: expected at most {MAX_SCALE:g}, found {scale}")
         self.scale, self.shift, self.noise, self.blur = scale, shift, noise, blur
         self.baked, self.inconsistency, self.patch = baked, inconsistency, patch
         self.guidance_strength = guidance_strength

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from ia_bench.__main__ import INTERRUPTED, OK, complain
+from ia_bench.__main__ import FAULT, INTERRUPTED, OK, complain
 from ia_bench.errors import InputError
 from ia_bench.progress import Progress
 
@@ -27,6 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             progress.note(f"weights in {settings.out / 'weights'}: {figures}")
     except InputError as error:
         return complain(str(error))
+    except FloatingPointError as error:  # a training that gave up has said where, and its last checkpoint is kept
+        return complain(str(error), FAULT)
     except KeyboardInterrupt:
         return INTERRUPTED
     return OK

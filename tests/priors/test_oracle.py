@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from ia_bench.errors import InputError
-from ia_bench.priors.oracle import OraclePrior
+from ia_bench.priors.oracle import MAX_SCALE, OraclePrior
 from ia_bench.scenes.scene import Camera, View
 
 CAMERA = Camera(np.eye(4), (20.0, 20.0), (8.0, 6.0), 16, 12)
@@ -226,6 +226,7 @@ def test_dark_image_and_empty_mask_stay_finite() -> None:
         ({"components": ["albedo", "normals"]}, "components: expected some of albedo, specular, found normals"),
         ({"noise": -0.1}, "noise: expected a finite number >= 0, found -0.1"),
         ({"scale": math.nan}, "scale: expected a finite number >= 0, found nan"),
+        ({"scale": 1e4}, "scale: expected at most 10, found 10000.0"),
         ({"blur": math.inf}, "blur: expected"),
         ({"guidance_strength": -1}, "guidance_strength: expected"),
     ],
@@ -233,6 +234,11 @@ def test_dark_image_and_empty_mask_stay_finite() -> None:
 def test_wrong_options(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=f"prior.options.{message}"):
         OraclePrior(**options)
+
+
+def test_the_largest_scale_stays_finite() -> None:
+    samples = draw(OraclePrior(scale=MAX_SCALE), views_of(400, height=4, width=5))
+    assert all(bool(torch.isfinite(sample).all()) for sample in samples.values())
 
 
 def test_wrong_inputs() -> None:

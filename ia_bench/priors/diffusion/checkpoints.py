@@ -14,7 +14,7 @@ import json
 import os
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import torch
 from safetensors import SafetensorError
@@ -24,6 +24,7 @@ from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
 from ia_bench.suggest import unknown
 from ia_bench.torchvision_shim import import_torchvision
+from ia_bench.typed import fits, named
 
 FORMAT = 1
 UNET = "unet/diffusion_pytorch_model.safetensors"
@@ -67,13 +68,12 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
 
     Raises InputError, naming file and key, for what is missing, damaged or does not fit its config.
     """
-    described = read_description(folder)
-    network = MaterialNetwork(_config(folder / "prior.json", described["network"]))
+    network = MaterialNetwork(read_config(folder))
     _fill(network.unet, folder / UNET)
     if network.encoder is not None:
         _fill(network.encoder, folder / ENCODER)
     network.eval().requires_grad_(False)
-    provenance: dict[str, Any] = described["provenance"]
+    provenance: dict[str, Any] = read_description(folder)["provenance"]
     return network, provenance
 
 
@@ -81,17 +81,38 @@ def read_description(folder: Path) -> dict[str, Any]:
     """What ``prior.json`` says. Raises InputError where there is none or one of another format."""
     path = folder / "prior.json"
     try:
-        described: dict[str, Any] = json.loads(path.read_text())
-    except FileNotFoundError:
+        described: Any = json.loads(path.read_text())
+    except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.priors.train") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected JSON, found {error}") from None
+    if not isinstance(described, dict):
+        raise InputError(f"{path}: expected a table, found {described!r:.100}")
     if described.get("format") != FORMAT:
         raise InputError(f"{path}: format: expected {FORMAT}, found {described.get('format')}")
     for key in ("network", "provenance"):
         if not isinstance(described.get(key), dict):
             raise InputError(f"{path}: expected a table under {key!r}, found {described.get(key)!r}")
     return described
+
+
+def read_config(folder: Path) -> NetworkConfig:
+    """The network that ``prior.json`` describes. Raises InputError, naming file and key, for what describes none."""
+    path = folder / "prior.json"
+    values, types = read_description(folder)["network"], get_type_hints(NetworkConfig)
+    for key in values:
+        if key not in types:
+            raise InputError(f"{path}: " + unknown("key of network", key, types))
+    for key, kind in types.items():
+        if key not in values:
+            raise InputError(f"{path}: network.{key}: expected {named(kind)}, found no such key")
+        if not fits(values[key], kind):
+            raise InputError(f"{path}: network.{key}: expected {named(kind)}, found {values[key]!r}")
+    typed: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    try:
+        return NetworkConfig(**typed)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def fingerprint(folder: Path) -> str:
@@ -101,15 +122,6 @@ def fingerprint(folder: Path) -> str:
         if (folder / name).is_file():
             digest.update(name.encode() + (folder / name).read_bytes())
     return digest.hexdigest()
-
-
-def _config(path: Path, values: dict[str, Any]) -> NetworkConfig:
-    fields = [field.name for field in dataclasses.fields(NetworkConfig)]
-    for key in values:
-        if key not in fields:
-            raise InputError(f"{path}: " + unknown("key of network", key, fields))
-    typed: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
-    return NetworkConfig(**typed)
 
 
 def _fill(module: torch.nn.Module, path: Path) -> None:

@@ -110,11 +110,7 @@ class Guidance(Pull):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, value, known in (("rule", self.rule, get_args(Rule)), ("norm", self.norm, get_args(Norm))):
-            if value not in known:
-                raise InputError(f"guidance {name}: expected one of {', '.join(known)}, found {value!r}")
-        if self.rule == "variance" and self.norm != "squared":
-            raise InputError(f'guidance norm: expected "squared" with the rule "variance", found {self.norm!r}')
+        check_rule(self.rule, self.norm)
         if not bool(torch.as_tensor(self.prior_variance > 0).all()):
             raise InputError(f"prior_variance: expected numbers > 0, found {self.prior_variance}")
 
@@ -178,6 +174,15 @@ class Guidance(Pull):
             return pull.strength
         distance = _inner(difference, pull.weighted(difference)).sqrt()
         return torch.where(distance > 0, pull.strength / distance, 0.0)[:, None, None, None]
+
+
+def check_rule(rule: str, norm: str, prefix: str = "guidance ") -> None:
+    """Raise InputError for unknown names and for "l2" with "variance"; ``prefix``: what messages put before rule and norm."""
+    for name, value, known in (("rule", rule, get_args(Rule)), ("norm", norm, get_args(Norm))):
+        if value not in known:
+            raise InputError(f"{prefix}{name}: expected one of {', '.join(known)}, found {value!r}")
+    if rule == "variance" and norm != "squared":
+        raise InputError(f'{prefix}norm: expected "squared" with the rule "variance", found {norm!r}')
 
 
 def combine(x0: Tensor, pulls: Sequence[Pull], variance: float) -> Tensor:

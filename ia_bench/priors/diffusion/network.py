@@ -16,6 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ia_bench.errors import InputError
+from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.encoding import SpecularEncoding
 from ia_bench.torchvision_shim import import_torchvision
 
@@ -36,7 +37,7 @@ class NetworkConfig:
     visibility are inputs (they may be absent). ``encoder``: "small" (trained along), "none", or the folder of a
     pretrained CLIP vision model (frozen). ``tokens``: width of a token. ``prediction_type``, ``schedule``: see
     :class:`ia_bench.priors.diffusion.schedule.NoiseSchedule`. ``specular``: see
-    :func:`ia_bench.priors.diffusion.encoding.encode_specular`.
+    :func:`ia_bench.priors.diffusion.encoding.encode_specular`. Raises InputError for values that make no network.
     """
 
     kind: Kind = "diffusion"
@@ -59,11 +60,23 @@ class NetworkConfig:
     )
 
     def __post_init__(self) -> None:
+        if not self.components or len({*self.components} & {*COMPONENTS}) < len(self.components):
+            raise InputError(
+                f"network.components: expected some of {', '.join(COMPONENTS)}, each once, found {list(self.components)}"
+            )
+        for name in ("size", "fold", "layers", "tokens"):
+            if getattr(self, name) < 1:
+                raise InputError(f"network.{name}: expected at least 1, found {getattr(self, name)}")
+        if not self.channels or any(width < 1 or width % 16 for width in self.channels):
+            raise InputError(f"network.channels: expected multiples of 16, found {list(self.channels)}")
         stride = self.fold * 2 ** (len(self.channels) - 1)
         if self.size % stride:
             raise InputError(f"network.size: expected a multiple of {stride} (fold x down-sampling), found {self.size}")
-        if any(width % 16 for width in self.channels):
-            raise InputError(f"network.channels: expected multiples of 16, found {list(self.channels)}")
+        if self.encoder == "small" and self.tokens % 16:
+            raise InputError(f"network.tokens: expected a multiple of 16 for the small encoder, found {self.tokens}")
+        timesteps = self.schedule.get("num_train_timesteps")
+        if not isinstance(timesteps, int) or timesteps < 1:
+            raise InputError(f"network.schedule: num_train_timesteps: expected a whole number >= 1, found {timesteps!r}")
 
     @property
     def output_channels(self) -> int:
@@ -71,9 +84,14 @@ class NetworkConfig:
         return 3 * len(self.components)
 
     @property
+    def timesteps(self) -> int:
+        """Length of the schedule."""
+        return int(self.schedule["num_train_timesteps"])
+
+    @property
     def last_timestep(self) -> int:
         """Where a diffusion network sees only noise; what a regressor, which always does, is told."""
-        return int(self.schedule["num_train_timesteps"]) - 1
+        return self.timesteps - 1
 
     @property
     def condition_channels(self) -> int:

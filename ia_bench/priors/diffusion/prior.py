@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.conditioned import Conditioned
-from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Rule
+from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Rule, check_rule
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, PatchSettings, sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample, seeded_noise
@@ -62,11 +62,15 @@ class DiffusionPrior(LearnedPrior):
         self.patches = patches
         if steps < 1:
             raise InputError(f"prior.options.steps: expected at least 1, found {steps}")
+        longest = min(config.timesteps for config in self._configs)
+        if steps > longest:
+            raise InputError(f"prior.options.steps: expected at most {longest} (the schedule's length), found {steps}")
         self.settings = SamplerSettings(steps=steps, eta=eta)
         self.cfg_scale = finite_option("cfg_scale", cfg_scale)
         self.guidance_strength = finite_option("guidance_strength", guidance_strength)
         if not finite_option("prior_variance", prior_variance):
             raise InputError("prior.options.prior_variance: expected a number > 0, found 0")
+        check_rule(guidance_rule, guidance_norm, "prior.options.guidance_")
         self._rule, self._norm, self._variance = guidance_rule, guidance_norm, prior_variance
         self.guidance_report = GuidanceReport()
 

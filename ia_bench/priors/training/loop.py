@@ -10,6 +10,7 @@ import json
 import math
 import os
 import platform
+import tempfile
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -62,6 +63,11 @@ class _Training:
         for images in (self.images, self.held_out):
             if images.size != settings.network.size:
                 raise InputError(f"{images.folder}: expected images of network.size={settings.network.size}, found {images.size}")
+        shared = self.images.seeds & self.held_out.seeds
+        if shared:
+            raise InputError(
+                f"{self.held_out.folder}: expected images of other seeds than in {self.images.folder}, found seed {min(shared)}"
+            )
         torch.manual_seed(settings.seed)
         self.network = MaterialNetwork(settings.network)
         if settings.init is not None:
@@ -263,7 +269,11 @@ def _stream(*path: int) -> int:
 
 def _load_state(settings: TrainSettings) -> dict[str, Any] | None:
     path: Path = settings.out / "state.pt"
-    settings.out.mkdir(parents=True, exist_ok=True)
+    try:
+        settings.out.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=settings.out).close()  # now rather than at the first checkpoint
+    except OSError as error:
+        raise InputError(f"out: {settings.out}: expected a folder that can be written, found: {error.strerror}") from None
     if not path.is_file():
         return None
     try:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
+from types import NoneType
 from typing import Any, get_args, get_type_hints
 
 import yaml
@@ -17,8 +20,17 @@ from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench.priors.diffusion.precision import PRECISIONS
 from ia_bench.priors.training.dataset import Augmentation
 from ia_bench.suggest import unknown
+from ia_bench.typed import fits, named
 
-NAMES = {int: "a whole number", float: "a number", bool: "true or false", str: "text"}
+LIMITS: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(("steps", "batch", "threads", "validate_steps", "validation_images"), (1, math.inf)),
+    **dict.fromkeys(("minutes", "rate", "warmup", "weight_decay", "clip_gradient", "checkpoint_minutes"), (0, math.inf)),
+    **dict.fromkeys(("ema", "drop_channels", "drop_tokens", "drop_both", "background"), (0, 1)),
+    **dict.fromkeys(("augmentation.mirror", "augmentation.permute", "augmentation.no_geometry"), (0, 1)),
+    **dict.fromkeys(("augmentation.cast", "augmentation.exposure", "augmentation.noise"), (0, math.inf)),
+    "seed": (0, 2**32 - 1),  # validation multiplies it and stays within 64 bits
+}
+"""The least and the largest value of settings that are numbers."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +94,7 @@ def parse(arguments: Sequence[str]) -> TrainSettings:
         key, separator, text = argument.partition("=")
         if key not in known:
             raise InputError(unknown("setting of ia_bench.priors.train", key, known))
-        if not separator:
+        if not separator or not text:
             raise InputError(f"{key}: expected {key}=VALUE, found {argument!r}")
         flat[key] = _value(key, text, known[key])
     for key in ("data", "validation", "out"):
@@ -95,9 +107,15 @@ def parse(arguments: Sequence[str]) -> TrainSettings:
     settings = TrainSettings(
         **flat, network=NetworkConfig(**parts["network"]), augmentation=Augmentation(**parts["augmentation"])
     )
-    for key, least in (("steps", 1), ("batch", 1), ("warmup", 0), ("validate_steps", 1), ("validation_images", 1)):
-        if getattr(settings, key) < least:
-            raise InputError(f"{key}: expected at least {least}, found {getattr(settings, key)}")
+    steps = settings.network.timesteps if settings.network.kind == "diffusion" else math.inf
+    for key, (least, most) in {**LIMITS, "validation_sampler_steps": (1, steps)}.items():
+        value = attrgetter(key)(settings)
+        if value is not None and not least <= value <= most:
+            expected = f"at least {least}" if most == math.inf else f"{least} ... {most}"
+            raise InputError(f"{key}: expected {expected}, found {value}")
+    dropped = settings.drop_channels + settings.drop_tokens + settings.drop_both
+    if dropped > 1:
+        raise InputError(f"drop_channels + drop_tokens + drop_both: expected at most 1, found {dropped:g}")
     if settings.precision not in PRECISIONS:
         raise InputError(unknown("value of precision", settings.precision, PRECISIONS))
     return settings
@@ -115,24 +133,25 @@ def _keys(kind: type, prefix: str = "") -> dict[str, Any]:
 
 
 def _value(key: str, text: str, kind: Any) -> Any:  # noqa: ANN401 (any field's type and value)
-    if kind is Path or Path in get_args(kind):
-        return Path(text)
-    value = yaml.safe_load(text)
-    if kind is float and isinstance(value, str):  # YAML 1.1 reads 5e-4 as text
+    """``text`` as YAML reads it, if it fits ``kind``; a path is taken as it is."""
+    kinds = get_args(kind) or (kind,)
+    try:
+        value = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError):  # of a date that does not exist
+        value = text  # which fits nothing but text
+    if Path in kinds:
+        return None if value is None and NoneType in kinds else Path(text)
+    if float in kinds and isinstance(value, int | str) and not isinstance(value, bool):
         try:
-            value = float(value)
-        except ValueError:
-            raise InputError(f"{key}: expected a number, found {text!r}") from None
-    if isinstance(value, list):
-        value = tuple(value)
-    if kind is float and type(value) is int:
-        value = float(value)
-    choices = [choice for choice in get_args(kind) if isinstance(choice, str)]
+            value = float(value)  # YAML 1.1 reads 5e-4 as text
+        except (OverflowError, ValueError):
+            value = text
+    choices = [choice for choice in kinds if isinstance(choice, str)]
     if choices and value not in choices:
         raise InputError(unknown(f"value of {key}", text, choices))
-    if kind in (int, float, bool, str) and type(value) is not kind:
-        raise InputError(f"{key}: expected {NAMES[kind]}, found {text!r}")
-    return value
+    if not fits(value, kind):
+        raise InputError(f"{key}: expected {named(kind)}, found {text!r}")
+    return tuple(value) if isinstance(value, list) else value
 
 
 USAGE = """\

@@ -73,6 +73,20 @@ def test_two_networks_with_one_component_each_are_one_prior(tmp_path, ball):
     assert both.network_calls == 2 * 2 * 3
 
 
+@pytest.mark.parametrize(
+    ("specular", "message"),
+    [
+        ({"components": ("specular",), "size": 32}, "expected networks of one size, found 16 and 32"),
+        ({}, "expected networks without a component in common, found albedo, albedo, specular"),
+    ],
+)
+def test_networks_that_make_no_prior_together_are_refused(tmp_path, specular, message):
+    tiny_weights(tmp_path / "albedo", components=("albedo",))
+    tiny_weights(tmp_path / "specular", **specular)
+    with pytest.raises(InputError, match=f"{tmp_path}: {message}"):
+        DiffusionPrior(weights=str(tmp_path))
+
+
 def test_specular_follows_the_scale_of_the_image_and_albedo_does_not(weights, ball):
     images, masks = ball
     prior = DiffusionPrior(weights=weights, steps=2)
@@ -119,6 +133,18 @@ def test_geometry_reaches_the_network_only_if_asked(weights, ball):
     assert not torch.allclose(*samples[True], atol=1e-3)
 
 
+def test_geometry_that_cannot_be_used_is_refused(tmp_path, weights, ball):
+    folder = tiny_weights(tmp_path / "blind", geometry=False)
+    with pytest.raises(InputError, match=f"geometry=true: {folder}: expected weights trained with geometry"):
+        DiffusionPrior(weights=str(folder), geometry=True)
+    prior = DiffusionPrior(weights=weights, steps=1, geometry=True)
+    images, masks = ball
+    prior.give_geometry(images, masks[..., None])
+    with pytest.raises(InputError, match=r"normals of shape \(1, 40, 36, 3\), .* given \(3, 40, 36, 3\)"):
+        prior.sample(images[:1], masks[:1], seed=0)
+    assert torch.isfinite(prior.ceilings(images[:1], masks[:1])["specular"]).all()  # which need none
+
+
 def test_classifier_free_guidance_is_the_stated_combination():
     torch.manual_seed(0)
     network = MaterialNetwork(tiny_config(prediction_type="sample")).eval()
@@ -153,6 +179,9 @@ def test_several_samples_of_an_image_share_its_condition():
         ({"guidance_strength": -1.0}, "guidance_strength: expected a finite number >= 0"),
         ({"prior_variance": 0.0}, "prior_variance: expected a number > 0"),
         ({"batch": 0}, "batch: expected at least 1"),
+        ({"steps": 2000}, r"steps: expected at most 1000 \(the schedule's length\), found 2000"),
+        ({"guidance_rule": "foo"}, "prior.options.guidance_rule: expected one of paper, shortcut, variance, found 'foo'"),
+        ({"guidance_norm": "l2"}, 'prior.options.guidance_norm: expected "squared" with the rule "variance", found \'l2\''),
         ({"precision": "half"}, "unknown value of prior.options.precision"),
         ({"device": "gpu"}, "device: expected auto, cpu or cuda"),
     ],

@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 import torch
@@ -13,7 +14,7 @@ from safetensors.torch import load_file
 
 from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.checkpoints import load_network
-from ia_bench.priors.training.loop import FINAL_RATE, batch_index, rate_factor
+from ia_bench.priors.training.loop import FINAL_RATE, _load_state, batch_index, rate_factor
 from ia_bench.priors.training.settings import TrainSettings, parse, usage
 from ia_bench.priors.training.shards import ShardInfo, shard_path, write_shard
 from ia_bench.torchvision_shim import import_torchvision
@@ -200,11 +201,34 @@ def test_another_run_in_the_folder_is_refused(folders, tmp_path):
     assert "other settings" in ended.stderr
 
 
+def test_held_out_images_that_are_trained_on_are_refused(folders, tmp_path):
+    ended = run(command(folders, tmp_path / "run", "steps=1", f"validation={folders / 'data'}"))
+    assert ended.returncode == 2
+    data = folders / "data"
+    assert f"{data}: expected images of other seeds than in {data}, found seed 0\n" in ended.stderr
+
+
+def test_a_gradient_that_is_not_finite_is_one_line(folders, tmp_path):
+    ended = run(command(folders, tmp_path / "run", "steps=9", "rate=1e30", "warmup=0"))
+    assert ended.returncode == 1
+    assert "the gradient is NaN or Inf; the last checkpoint is kept\n" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_run_whose_folder_is_a_file_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="out: .*file: expected a folder that can be written, found: File exists"):
+        _load_state(parse(["data=a", "validation=b", f"out={tmp_path / 'file'}"]))
+
+
 def test_arguments_are_typed():
     settings = parse(["data=a", "validation=b", "out=c", "rate=1e-4", "network.channels=[16,32]", "network.fold=4", "minutes=3"])
     assert isinstance(settings, TrainSettings)
     assert (settings.rate, settings.network.channels, settings.network.fold, settings.minutes) == (1e-4, (16, 32), 4, 3)
     assert "network.channels" in usage()
+    settings = parse(["data=1", "validation=b", "out=c", "minutes=5e1", "threads=null", "init=null", "network.components=[albedo]"])
+    assert (settings.data, settings.minutes, settings.threads, settings.init) == (Path("1"), 50.0, None, None)
+    assert settings.network.components == ("albedo",)
 
 
 @pytest.mark.parametrize(
@@ -218,6 +242,26 @@ def test_arguments_are_typed():
         ("network.channels=[40]", "expected multiples of 16"),
         ("steps=0", "steps: expected at least 1"),
         ("precision=half", "unknown value of precision"),
+        ("out=", "out: expected out=VALUE, found 'out='"),
+        ("minutes=abc", "minutes: expected a number or null, found 'abc'"),
+        ("minutes=-1", "minutes: expected at least 0, found -1"),
+        ("threads=two", "threads: expected a whole number or null, found 'two'"),
+        ("threads=0", "threads: expected at least 1, found 0"),
+        ("seed=-1", r"seed: expected 0 \.\.\. 4294967295, found -1"),
+        ("rate=[", r"rate: expected a number, found '\['"),
+        ("rate=nan", "rate: expected at least 0, found nan"),
+        ("rate=true", "rate: expected a number, found 'true'"),
+        ("rate=2026-13-01", "rate: expected a number, found '2026-13-01'"),
+        ("ema=2", r"ema: expected 0 \.\.\. 1, found 2"),
+        ("drop_both=0.95", r"drop_channels \+ drop_tokens \+ drop_both: expected at most 1, found 1.05"),
+        ("augmentation.mirror=1.5", r"augmentation.mirror: expected 0 \.\.\. 1, found 1.5"),
+        ("validation_sampler_steps=1001", r"validation_sampler_steps: expected 1 \.\.\. 1000, found 1001"),
+        ("network.channels=48", r"network.channels: expected a list \(a whole number each\), found '48'"),
+        ("network.channels=[]", "network.channels: expected multiples of 16"),
+        ("network.fold=0", "network.fold: expected at least 1, found 0"),
+        ("network.tokens=24", "network.tokens: expected a multiple of 16"),
+        ("network.components=[foo]", "network.components: expected some of albedo, specular, each once"),
+        ("network.schedule={}", "num_train_timesteps: expected a whole number >= 1, found None"),
     ],
 )
 def test_mistakes_name_the_key(argument, message):
