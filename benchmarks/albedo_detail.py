@@ -56,7 +56,7 @@ def main() -> None:
         true = detail(np.stack([view.albedo for view in views if view.albedo is not None]), mask)
         for run in runs:
             if run.scene == name:
-                recovered, _ = read_run(run.folder)
+                recovered, _ = read_run(run.folder, folder)
                 albedo = texture_images(surface, gbuffer, recovered.scale * recovered.material.albedo).numpy()
                 mine = detail(albedo, mask)
                 found[run.row][run.seed].append((mine.std() / true.std(), np.corrcoef(mine.ravel(), true.ravel())[0, 1]))

@@ -1,6 +1,6 @@
 """Render a scene folder of the benchmark with Blender's Python module.
 
-    python datasets/recipes/render_scene.py hat --size 128 --out datasets/scenes/hat
+    python datasets/recipes/render_scene.py hat --out results/datasets/scenes/hat
 
 The scene is rendered in a hidden folder beside its place (.hat.rendering) and moved there when it is complete, in place
 of what was there. Files of an unfinished render are kept, so a run can be stopped at any time and continued by the same

@@ -3,8 +3,8 @@
     python -m ia_bench.checks.forward hat ship console figurine
 
 For each scene, PSNR (sRGB, inside the mask, mean over images) of our render with the true textures and the true light:
-against the full Cycles renders, as a run renders (with indirect light, under a coat that takes its share of the diffuse light)
-and without the one, the other and both; and against the direct-only Cycles renders of a few test views, which isolate the
+against the full Cycles renders, with indirect light, under a coat that takes its share of the diffuse light, and without the
+one, the other and both; and against the direct-only Cycles renders of a few test views, which isolate the
 rest. Every following column takes one cause away or adds it: the difference between the BRDFs (the coat, and the specular
 part alone), the pixel footprint (G-buffer points a pixel), and the light's resolution.
 """

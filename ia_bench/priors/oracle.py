@@ -1,6 +1,7 @@
 """Ground truth behind the prior's contract, with dials that spoil it in the ways in which learned priors fail.
 
-It is the only component that may see ground truth, and every table marks it. With all dials at zero it is exact.
+Only priors that declare ``sees_truth`` (oracle, corrected) are shown ground truth, and every table marks them. With all dials
+at zero this one is exact.
 """
 
 from __future__ import annotations

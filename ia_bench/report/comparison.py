@@ -37,12 +37,12 @@ LINES = (("albedo", "aligned_albedo", "psnr"), ("roughness", "roughness", "mse")
 def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) -> None:
     """Write the sheet of ``runs``, run folders by the names of their columns, to the PNG file ``out``.
 
-    Raises InputError for a run without results or named as the truth, runs that unwrapped the mesh differently, and for a scene
-    without a test view with true albedo and roughness or without a novel light.
+    Raises InputError for a run without results, of another scene or named as the truth, runs that unwrapped the mesh
+    differently, and for a scene without a test view with true albedo and roughness or without a novel light.
     """
     if TRUTH in runs:
         raise InputError(f"expected another name than {TRUTH}, which is the first column's, for {runs[TRUTH]}")
-    read = {name: read_run(folder) for name, folder in runs.items()}
+    read = {name: read_run(folder, scene_folder) for name, folder in runs.items()}
     atlases = {uv for _, uv in read.values()}
     if len(atlases) != 1:
         raise InputError(f"expected at least one run, all with the same geometry.uv, found {sorted(atlases) or 'none'}")

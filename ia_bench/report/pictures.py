@@ -36,12 +36,12 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
     """Write the sheet of ``views`` test views, evenly chosen, to the PNG file ``out``.
 
     Recovered albedo is multiplied by the scale that aligned it in metrics.json, the recovered light divided by it. One
-    exposure serves all photographs and renders, another both lights. Raises InputError for a run without results, and
-    for a scene without test views and their true albedo and roughness.
+    exposure serves all photographs and renders, another both lights. Raises InputError for a run without results or of
+    another scene, and for a scene without test views and their true albedo and roughness.
     """
     if views < 1:
         raise InputError(f"expected at least one view, found {views}")
-    recovered, uv = read_run(run_folder)
+    recovered, uv = read_run(run_folder, scene_folder)
     scene = load_scene(scene_folder, truth=True, uv=uv)
     usable = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     if not usable or scene.truth is None or "train" not in scene.truth.lights:

@@ -40,7 +40,7 @@ class Shot:
 
 
 class Scorer:
-    """Scores of fits on one scene. The only place, besides the oracle and the ceiling, that reads ground truth."""
+    """Scores of fits on one scene. Besides the ceiling and priors that declare sees_truth, the only place that reads truth."""
 
     def __init__(self, scene: Scene, renderer: Renderer, rays: RayCaster, protocol: Protocol, *, seed: int) -> None:
         """``scene`` must have been loaded with its truth; nothing is rendered yet."""

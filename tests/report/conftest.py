@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from ia_bench.config import RunConfig, SceneConfig, identity
 from ia_bench.paths import scenes_folder
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.native import load_scene
@@ -60,8 +61,20 @@ def scene_folder() -> Path:
     return scenes_folder() / "tiny"
 
 
+@pytest.fixture(scope="session")
+def put_on_scene() -> Callable[[Path, Path], None]:
+    """A function that makes a run folder's config.json say that the run was on a scene folder."""
+
+    def put(run: Path, scene: Path) -> None:
+        record = json.loads((run / "config.json").read_text())
+        record["config"]["scene"] = identity(RunConfig(scene=SceneConfig(name=scene.name, path=str(scene))))["scene"]
+        (run / "config.json").write_text(json.dumps(record))
+
+    return put
+
+
 @pytest.fixture
-def perfect_run(tmp_path: Path, scene_folder: Path) -> Path:
+def perfect_run(tmp_path: Path, scene_folder: Path, put_on_scene: Callable[[Path, Path], None]) -> Path:
     """The folder of a run that recovered everything up to the one scale that cannot be known."""
     truth = load_scene(scene_folder, truth=True).truth
     assert truth is not None
@@ -80,6 +93,8 @@ def perfect_run(tmp_path: Path, scene_folder: Path) -> Path:
         "plan": {"needed": [{"what": "render.bounces", "value": 2}]},
         "metrics": {"aligned_albedo": psnr, "view_synthesis": psnr, "relighting": {"psnr": None}, "roughness": {"mse": 0.0}},
     }
+    config = {"geometry": {"uv": "mesh"}, "render": {"coat": "layered"}}
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    (folder / "config.json").write_text(json.dumps({"config": {"geometry": {"uv": "mesh"}, "render": {"coat": "layered"}}}))
+    (folder / "config.json").write_text(json.dumps({"config": config}))
+    put_on_scene(folder, scene_folder)
     return folder

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -58,17 +59,25 @@ def test_mistakes(
         write_comparison({"truth": perfect_run}, scene_folder, out)
     with pytest.raises(InputError, match="expected at least one run"):
         write_comparison({}, scene_folder, out)
-    config = {"config": {"geometry": {"uv": "xatlas"}, "render": {"coat": "layered"}}}
+    config = json.loads((spoiled_run / "config.json").read_text())
+    config["config"]["geometry"]["uv"] = "xatlas"
     (spoiled_run / "config.json").write_text(json.dumps(config))
     with pytest.raises(InputError, match=r"the same geometry.uv, found \['mesh', 'xatlas'\]"):
+        write_comparison({"a": perfect_run, "b": spoiled_run}, scene_folder, out)
+    config["config"]["scene"]["content"] = "0" * 64
+    (spoiled_run / "config.json").write_text(json.dumps(config))
+    with pytest.raises(InputError, match=r"spoiled/config.json: config.scene.content: expected .*, found 00000000"):
         write_comparison({"a": perfect_run, "b": spoiled_run}, scene_folder, out)
     assert not out.exists()
 
 
-def test_scene_without_novel_lights(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+def test_scene_without_novel_lights(
+    perfect_run: Path, scene_folder: Path, put_on_scene: Callable[[Path, Path], None], tmp_path: Path
+) -> None:
     copy = shutil.copytree(scene_folder, tmp_path / "scene")
     novel = json.loads((copy / "transforms_novel.json").read_text())
     novel["frames"] = [frame for frame in novel["frames"] if frame.get("light", "train") == "train"]
     (copy / "transforms_novel.json").write_text(json.dumps(novel))
+    put_on_scene(perfect_run, copy)
     with pytest.raises(InputError, match="expected a test view with true albedo and roughness, and a novel light"):
         write_comparison({"perfect": perfect_run}, copy, tmp_path / "sheet.png")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,70 @@ def test_mistakes(perfect_run: Path, scene_folder: Path, tmp_path: Path, capsys:
     assert not out.exists()
 
 
-def test_scene_without_truth(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+def without(path: Path, key: str) -> None:
+    """Remove a dotted key from a JSON file."""
+    content = json.loads(path.read_text())
+    *above, last = key.split(".")
+    inside = content
+    for part in above:
+        inside = inside[part]
+    del inside[last]
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("file", "key"),
+    [
+        ("metrics.json", "status"),
+        ("metrics.json", "protocol_description"),
+        ("metrics.json", "albedo_scales"),
+        ("metrics.json", "plan.needed"),
+        ("metrics.json", "metrics.relighting"),
+        ("metrics.json", "metrics.roughness.mse"),
+        ("metrics.json", "row"),
+        ("config.json", "config.scene.content"),
+        ("config.json", "config.render"),
+        ("config.json", "config.geometry.uv"),
+    ],
+)
+def test_missing_keys_are_named(perfect_run: Path, scene_folder: Path, tmp_path: Path, file: str, key: str) -> None:
+    without(perfect_run / file, key)
+    with pytest.raises(InputError, match=rf"{file}: {key}(\.\w+)?: expected [\w |]+, found nothing$"):
+        write_contact_sheet(perfect_run, scene_folder, tmp_path / "sheet.png")
+
+
+def test_values_of_another_kind_are_named(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+    metrics = json.loads((perfect_run / "metrics.json").read_text())
+    metrics["metrics"]["relighting"]["psnr"] = "much"
+    (perfect_run / "metrics.json").write_text(json.dumps(metrics))
+    with pytest.raises(InputError, match=r"metrics.relighting.psnr: expected float \| int \| None, found 'much'"):
+        write_contact_sheet(perfect_run, scene_folder, tmp_path / "sheet.png")
+    (perfect_run / "metrics.json").write_text("[]")
+    with pytest.raises(InputError, match="metrics.json: status: expected str, found nothing"):
+        write_contact_sheet(perfect_run, scene_folder, tmp_path / "sheet.png")
+
+
+def test_run_of_another_scene_is_refused(
+    perfect_run: Path, scene_folder: Path, tiny_copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also one whose mesh has as many vertices, in a folder of the same name."""
+    out = tmp_path / "sheet.png"
+    write_contact_sheet(perfect_run, tiny_copy, out, views=1)  # the same scene in another place
+    out.unlink()
+    (tiny_copy / "scene.json").write_text((scene_folder / "scene.json").read_text() + "\n")
+    assert main([str(perfect_run), "--scene", str(tiny_copy), "--out", str(out)]) == 2
+    message = capsys.readouterr().err
+    assert f"{perfect_run / 'config.json'}: config.scene.content: expected " in message
+    assert f"the content of {tiny_copy}, found" in message
+    assert "another scene (tiny)" in message
+    with pytest.raises(InputError, match="nowhere: no such folder"):
+        write_contact_sheet(perfect_run, tmp_path / "nowhere", out)
+    assert not out.exists()
+
+
+def test_scene_without_truth(
+    perfect_run: Path, scene_folder: Path, put_on_scene: Callable[[Path, Path], None], tmp_path: Path
+) -> None:
     copy = tmp_path / "scene"
     copy.mkdir()
     for name in ("images", "mesh.ply", "transforms_train.json", "lights"):
@@ -75,5 +139,6 @@ def test_scene_without_truth(perfect_run: Path, scene_folder: Path, tmp_path: Pa
         frame.pop("albedo_path"), frame.pop("specular_path")
     (copy / "transforms_train.json").unlink()
     (copy / "transforms_train.json").write_text(json.dumps(train))
+    put_on_scene(perfect_run, copy)
     with pytest.raises(InputError, match="expected test views with true albedo and roughness"):
         write_contact_sheet(perfect_run, copy, tmp_path / "sheet.png")

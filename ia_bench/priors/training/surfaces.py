@@ -37,7 +37,7 @@ def skin(loops: np.ndarray, *, around: bool = False) -> Surface:
 
 
 def weld(surface: Surface) -> Surface:
-    """Merge vertices closer than a millionth, drop triangles without area."""
+    """Merge vertices that are the same when rounded to 1e-5, drop triangles two corners of which are one."""
     keys = np.round(surface.vertices * 1e5).astype(np.int64) @ np.array([1, 2_097_152, 4_398_046_511_104])
     _, first, same = np.unique(keys, return_index=True, return_inverse=True)
     faces = same.reshape(-1)[surface.faces]
@@ -137,7 +137,7 @@ def sweep(path: np.ndarray, section: np.ndarray, scale: np.ndarray | float = 1.0
 
 
 def displace(surface: Surface, frequency: float, amount: float, octaves: int, shift: np.ndarray) -> Surface:
-    """Move vertices along their normals by fractal noise of standard deviation ``amount``."""
+    """Move vertices along their normals by ``amount`` times fractal noise, whose standard deviation is about 1.25."""
     at = torch.from_numpy(surface.vertices * frequency + shift).float()
     height = fractal(at, octaves)[:, :1].double().numpy()
     return Surface(surface.vertices + amount * height * vertex_normals(surface), surface.faces)

@@ -34,7 +34,7 @@ def _frame(rng: Generator) -> tuple[Tensor, Tensor]:
 
 
 def _unit(x: Tensor) -> Tensor:
-    """Zero-mean noise of unit variance to [0, 1]."""
+    """Zero-mean noise of a standard deviation near 1 (:func:`fractal`: 1.25) to [0, 1]."""
     return torch.sigmoid(1.5 * x)
 
 
