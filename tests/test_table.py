@@ -22,7 +22,8 @@ from ia_bench.table import Request, Row, Table, jobs_and_threads, load_table, ma
 
 HERE = Path(__file__).parent
 ABLATIONS = [f"diffusion, targets{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
-ROWS = ["ceiling", "none", "oracle", "diffusion", "regressor", *ABLATIONS, "diffusion, kernel", "diffusion, distilled"]
+STARTS = ["diffusion, start", "regressor, start"]
+ROWS = ["ceiling", "none", "oracle", "diffusion", *STARTS, *ABLATIONS, "diffusion, distilled"]
 
 
 @pytest.fixture(autouse=True)
@@ -68,8 +69,8 @@ def test_paper_table_has_the_ablations_as_configuration() -> None:
     assert not cells["diffusion, targets w/o guided"].fit.guided
     kinds = {name: cell.prior.supervision.kind for name, cell in cells.items() if cell.prior.name in ("diffusion", "regressor")}
     assert kinds == {
-        "diffusion": "colour", **dict.fromkeys(ABLATIONS, "target"), "diffusion, distilled": "sds",
-        "diffusion, kernel": "similarity", "regressor": "colour",
+        "diffusion": "similarity", **dict.fromkeys(STARTS, "colour"), **dict.fromkeys(ABLATIONS, "target"),
+        "diffusion, distilled": "sds",
     }  # fmt: skip
     assert cells["oracle"].fit == compose(["device=cpu"]).fit
     assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}
