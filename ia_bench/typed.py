@@ -1,10 +1,14 @@
-"""Values of YAML and JSON against the type annotations of what they are given to."""
+"""Values of YAML and JSON against the types and ranges of what they are given to."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
+from operator import attrgetter
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
+
+from ia_bench.errors import InputError
 
 NAMES: dict[type, str] = {int: "a whole number", float: "a number", bool: "true or false", str: "text", NoneType: "null"}
 
@@ -42,6 +46,18 @@ def named(kind: Any) -> str:  # noqa: ANN401 (any annotation)
     if origin in (dict, Mapping):
         return "a table"
     return NAMES.get(kind, str(kind))
+
+
+def check_ranges(settings: object, ranges: Mapping[str, tuple[float, float]], prefix: str = "") -> None:
+    """Raise InputError for the first of ``settings``' numbers that is not finite, or beyond its least or largest value.
+
+    Keys of ``ranges`` are attributes, dotted inside parts; the message puts ``prefix`` before them. None is in every range.
+    """
+    for key, (least, most) in ranges.items():
+        value = attrgetter(key)(settings)
+        if value is not None and not (math.isfinite(value) and least <= value <= most):
+            expected = f"from {least:.10g} to {most:.10g}" if most < math.inf else f">= {least:.10g}"
+            raise InputError(f"{prefix}{key}: expected a finite number {expected}, found {value}")
 
 
 def _is_list(kind: Any) -> bool:  # noqa: ANN401 (any annotation)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from operator import attrgetter
 
 from ia_bench.errors import InputError
+from ia_bench.typed import check_ranges
 
 KINDS = ("target", "similarity", "colour", "target+similarity", "colour+similarity", "sds")
 CONFIDENCES = ("none", "spread")
@@ -172,11 +172,7 @@ def check_fit(settings: FitSettings) -> None:
     for key, choices in FIT_CHOICES.items():
         if getattr(settings, key) not in choices:
             raise InputError(f"fit.{key}: expected one of {', '.join(choices)}, found {getattr(settings, key)!r}")
-    for key, (least, most) in FIT_RANGES.items():
-        value = attrgetter(key)(settings)
-        if not (math.isfinite(value) and least <= value <= most):
-            expected = f"from {least:g} to {most:g}" if most < math.inf else f">= {least:g}"
-            raise InputError(f"fit.{key}: expected a finite number {expected}, found {value}")
+    check_ranges(settings, FIT_RANGES, "fit.")
 
 
 def check_supervision(settings: SupervisionSettings) -> None:

@@ -8,7 +8,6 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from operator import attrgetter
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_args, get_type_hints
@@ -20,7 +19,7 @@ from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench.priors.diffusion.precision import PRECISIONS
 from ia_bench.priors.training.dataset import Augmentation
 from ia_bench.suggest import unknown
-from ia_bench.typed import fits, named
+from ia_bench.typed import check_ranges, fits, named
 
 LIMITS: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("steps", "batch", "threads", "validate_steps", "validation_images"), (1, math.inf)),
@@ -108,11 +107,7 @@ def parse(arguments: Sequence[str]) -> TrainSettings:
         **flat, network=NetworkConfig(**parts["network"]), augmentation=Augmentation(**parts["augmentation"])
     )
     steps = settings.network.timesteps if settings.network.kind == "diffusion" else math.inf
-    for key, (least, most) in {**LIMITS, "validation_sampler_steps": (1, steps)}.items():
-        value = attrgetter(key)(settings)
-        if value is not None and not least <= value <= most:
-            expected = f"at least {least}" if most == math.inf else f"{least} ... {most}"
-            raise InputError(f"{key}: expected {expected}, found {value}")
+    check_ranges(settings, {**LIMITS, "validation_sampler_steps": (1, steps)})
     dropped = settings.drop_channels + settings.drop_tokens + settings.drop_both
     if dropped > 1:
         raise InputError(f"drop_channels + drop_tokens + drop_both: expected at most 1, found {dropped:g}")
