@@ -164,7 +164,7 @@ def test_albedo_can_be_switched_off(problem: Problem, scene: Scene, kind: str) -
     changed = supervised(problem, kind=kind)
     settings = replace(SETTINGS, guided=False, weights=LossWeights(albedo=0.0))
     exact, spoiled = noisy(scene, changed), noisy(scene, changed)
-    spoiled._truth["albedo"] = spoiled._truth["albedo"][:, ::-1].copy()
+    spoiled.reveal(tuple(replace(view, albedo=view.albedo[::-1].copy()) for view in scene.train))
     assert same(fit(changed, exact, settings, Record()), fit(changed, spoiled, settings, Record()))
 
 
@@ -178,10 +178,9 @@ def test_kernel_does_not_mind_the_scale_of_a_view(problem: Problem, scene: Scene
     errors = []
     for factor in (1.0, 0.5):
         prior = OraclePrior(components=["albedo"])
-        prior.reveal(scene.train)
         random = np.random.default_rng(0)
-        scales = np.exp(0.3 * random.standard_normal((6, 1, 1, 1)) - 1.0) if factor < 1 else np.ones((6, 1, 1, 1))
-        prior._truth["albedo"] = (prior._truth["albedo"] * scales).astype(np.float32)
+        scales = np.exp(0.3 * random.standard_normal(6) - 1.0).astype(np.float32) if factor < 1 else np.ones(6, np.float32)
+        prior.reveal(tuple(replace(view, albedo=s * view.albedo) for view, s in zip(scene.train, scales, strict=True)))
         errors.append(albedo_error(problem, scene, fit(changed, prior, settings, Record()).material.albedo))
     assert errors[1] == pytest.approx(errors[0], rel=0.01)
 

@@ -226,7 +226,7 @@ def test_weights_switch_components_off(problem: Problem, scene: Scene) -> None:
         settings = replace(SETTINGS, guided=False, weights=LossWeights(**{name: 0.0}))
         exact = fit(problem, oracle(scene), settings, Record())
         noisy = oracle(scene)
-        noisy._truth[name] = noisy._truth[name] * 0.1
+        noisy.reveal(tuple(replace(view, **{name: 0.1 * getattr(view, name)}) for view in scene.train))
         assert same(exact, fit(problem, noisy, settings, Record()))
         assert not same(exact, fit(problem, noisy, replace(settings, weights=LossWeights()), Record()))
 
@@ -274,8 +274,8 @@ def test_nan_in_an_image_stops_with_the_view(scene: Scene, record: Record) -> No
     [
         ({"image_loss": "l2"}, "fit.image_loss: expected one of crossed, l1, found 'l2'"),
         ({"ssi": "affine"}, "fit.ssi: expected one of scale_shift, scale, none, found 'affine'"),
-        ({"pixels": 0}, "pixels >= 1"),
-        ({"stage1_steps": -1}, "must be >= 0"),
+        ({"pixels": 0}, "fit.pixels: expected a finite number >= 1, found 0"),
+        ({"stage1_steps": -1}, "fit.stage1_steps: expected a finite number >= 0, found -1"),
     ],
 )
 def test_impossible_settings(problem: Problem, record: Record, changes: dict, message: str) -> None:
