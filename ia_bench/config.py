@@ -258,8 +258,8 @@ def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (a prior's opti
 
 
 def _file_content(path: Path) -> str:
-    """SHA-256 (hex) over the names and bytes of a file, or of all files of a folder."""
-    files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file())
+    """SHA-256 (hex) over the names and bytes of a file, or of all files of a folder but its documents (a card decides nothing)."""
+    files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file() and part.suffix != ".md")
     return _hash_files(path, tuple((file, file.stat().st_size, file.stat().st_mtime_ns) for file in files))
 
 

@@ -235,6 +235,8 @@ def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path)
     before = hash_with("prior=diffusion", option)
     assert hash_with("prior=diffusion", f"prior.options.weights={tmp_path / 'there'}") == before
     assert hash_with("prior=diffusion") != before
+    (tmp_path / "here" / "CARD.md").write_text("weights of mine")
+    assert hash_with("prior=diffusion", option) == before
     (tmp_path / "here" / "unet" / "weights.safetensors").write_bytes(b"other")
     assert hash_with("prior=diffusion", option) != before
     nested = [f"prior.options.of_options={{weights: {tmp_path / name}}}" for name in ("here", "there")]

@@ -17,9 +17,9 @@ from ia_bench.scenes.scene import View
 
 
 class CorrectedPrior:
-    """sample = truth + ``share`` (sample of the prior ``of`` - truth), in linear values, in [0, 1] ``share`` of its error.
+    """sample = truth + ``share`` (sample of the prior ``of`` - truth), in linear values; ``share`` in [0, 1].
 
-    ``share`` = 1 is the prior itself, 0 the exact oracle; between them every view keeps the kind of error that this prior
+    ``share`` = 1 gives the prior's own samples, 0 the truth; between them every view keeps the kind of error that this prior
     makes (casts, baked shading, blotches, missed highlights) at -20 log10(share) dB more of linear PSNR. Guidance reaches the
     prior's sample before its error is made smaller. ``of``: a prior's name or module:Class; ``of_options``: its options.
 
