@@ -2,8 +2,8 @@
 
 A folder of weights holds ``prior.json`` (the network's config, and where the weights come from), the noise schedule as
 diffusers writes it (``scheduler/scheduler_config.json``), the UNet likewise (``unet/config.json`` and
-``unet/diffusion_pytorch_model.safetensors``), and ``encoder.safetensors`` (the small image encoder, or the projection of
-a pretrained one).
+``unet/diffusion_pytorch_model.safetensors``), ``head.safetensors`` (the convolutions at full resolution, where there are
+any) and ``encoder.safetensors`` (the small image encoder, or the projection of a pretrained one).
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from ia_bench.typed import fits, named
 
 FORMAT = 1
 UNET = "unet/diffusion_pytorch_model.safetensors"
+HEAD = "head.safetensors"
 ENCODER = "encoder.safetensors"
 FROZEN = "vision."  # a pretrained encoder's own weights stay where they are
 
@@ -46,10 +47,8 @@ def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, A
     dtype = torch.float16 if half else torch.float32
     (partial / "unet").mkdir()
     network.unet.save_config(partial / "unet")
-    save_file({name: value.to(dtype).contiguous() for name, value in network.unet.state_dict().items()}, partial / UNET)
-    if network.encoder is not None:
-        own = {name: value for name, value in network.encoder.state_dict().items() if not name.startswith(FROZEN)}
-        save_file({name: value.to(dtype).contiguous() for name, value in own.items()}, partial / ENCODER)
+    for name, module in _modules(network).items():
+        save_file({key: value.to(dtype).contiguous() for key, value in _own(module).items()}, partial / name)
     config = network.config
     if config.kind == "diffusion":
         DDPMScheduler(**config.schedule, prediction_type=config.prediction_type).save_config(partial / "scheduler")
@@ -69,9 +68,8 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
     Raises InputError, naming file and key, for what is missing, damaged or does not fit its config.
     """
     network = MaterialNetwork(read_config(folder))
-    _fill(network.unet, folder / UNET)
-    if network.encoder is not None:
-        _fill(network.encoder, folder / ENCODER)
+    for name, module in _modules(network).items():
+        _fill(module, folder / name)
     network.eval().requires_grad_(False)
     provenance: dict[str, Any] = read_description(folder)["provenance"]
     return network, provenance
@@ -118,10 +116,20 @@ def read_config(folder: Path) -> NetworkConfig:
 def fingerprint(folder: Path) -> str:
     """SHA-256 over the files that determine the network's output."""
     digest = hashlib.sha256()
-    for name in ("prior.json", UNET, ENCODER):
+    for name in ("prior.json", UNET, HEAD, ENCODER):
         if (folder / name).is_file():
             digest.update(name.encode() + (folder / name).read_bytes())
     return digest.hexdigest()
+
+
+def _modules(network: MaterialNetwork) -> dict[str, torch.nn.Module]:
+    """The parts of a network by the file that holds them."""
+    parts = {UNET: network.unet, HEAD: network.head, ENCODER: network.encoder}
+    return {name: module for name, module in parts.items() if module is not None}
+
+
+def _own(module: torch.nn.Module) -> dict[str, torch.Tensor]:
+    return {name: value for name, value in module.state_dict().items() if not name.startswith(FROZEN)}
 
 
 def _fill(module: torch.nn.Module, path: Path) -> None:
@@ -131,7 +139,7 @@ def _fill(module: torch.nn.Module, path: Path) -> None:
         raise InputError(f"{path}: no such file") from None
     except (SafetensorError, OSError) as error:
         raise InputError(f"{path}: expected safetensors, found a file that cannot be read ({error})") from None
-    expected = {name: value for name, value in module.state_dict().items() if not name.startswith(FROZEN)}
+    expected = _own(module)
     for name, value in expected.items():
         if name not in weights:
             raise InputError(f"{path}: {name}: expected a tensor {tuple(value.shape)}, found none")

@@ -3,6 +3,9 @@
 As in the original code (the paper's text names the second only), the image enters twice: beside the noisy components as
 channels, and as tokens of an image encoder through cross-attention. The same module with a constant instead of noise is
 the deterministic regressor: equal size, equal inputs.
+
+The UNet works on folded pixels, where fine texture is costly to carry. A head finishes at full resolution: the albedo is the
+image times a gain that it predicts, plus an offset. Where shading is smooth so is the gain, and the image's texture passes.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from ia_bench.torchvision_shim import import_torchvision
 Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
 GEOMETRY_CHANNELS = 4  # normal and ambient visibility
+FEATURES = 16  # per pixel, from the UNet to the head
 CLIP_MEAN, CLIP_STD = (0.4815, 0.4578, 0.4082), (0.2686, 0.2613, 0.2758)  # of the images that CLIP was trained on
 
 
@@ -33,7 +37,9 @@ class NetworkConfig:
     ``kind``: "diffusion", or "regressor" (no noise goes in, the estimate comes out). ``components``: what it predicts; one
     network for both shares its trunk, two networks with one component each are the paper's way. ``size``: native side in
     pixels. ``fold``: side of the pixel blocks that become channels before the first convolution. ``channels``: of the UNet's
-    levels; the lowest has cross-attention. ``layers``: residual blocks a level. ``geometry``: whether normals and
+    levels; the lowest has cross-attention. ``layers``: residual blocks a level. ``head``: width of the convolutions at full
+    resolution that end the network, which must then predict a "sample"; 0: none, the UNet's output is the network's.
+    ``geometry``: whether normals and
     visibility are inputs (they may be absent). ``encoder``: "small" (trained along), "none", or the folder of a
     pretrained CLIP vision model (frozen). ``tokens``: width of a token. ``prediction_type``, ``schedule``: see
     :class:`ia_bench.priors.diffusion.schedule.NoiseSchedule`. ``specular``: see
@@ -43,9 +49,10 @@ class NetworkConfig:
     kind: Kind = "diffusion"
     components: tuple[str, ...] = ("albedo", "specular")
     size: int = 64
-    fold: int = 2
-    channels: tuple[int, ...] = (48, 80, 128)
+    fold: int = 4
+    channels: tuple[int, ...] = (64, 96, 112)
     layers: int = 1
+    head: int = 32
     geometry: bool = True
     encoder: str = "small"
     tokens: int = 128
@@ -67,6 +74,10 @@ class NetworkConfig:
         for name in ("size", "fold", "layers", "tokens"):
             if getattr(self, name) < 1:
                 raise InputError(f"network.{name}: expected at least 1, found {getattr(self, name)}")
+        if self.head < 0:
+            raise InputError(f"network.head: expected at least 0, found {self.head}")
+        if self.head and self.prediction_type != "sample":
+            raise InputError(f"network.head: expected 0 with prediction_type={self.prediction_type}, found {self.head}")
         if not self.channels or any(width < 1 or width % 16 for width in self.channels):
             raise InputError(f"network.channels: expected multiples of 16, found {list(self.channels)}")
         stride = self.fold * 2 ** (len(self.channels) - 1)
@@ -100,7 +111,7 @@ class NetworkConfig:
 
 
 class MaterialNetwork(nn.Module):
-    """``unet`` (diffusers UNet2DConditionModel) on folded pixels, and ``encoder``, image -> tokens (None without one)."""
+    """``unet`` (diffusers UNet2DConditionModel) on folded pixels, ``head`` and ``encoder`` (None without one)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -116,7 +127,7 @@ class MaterialNetwork(nn.Module):
         self.unet = UNet2DConditionModel(
             sample_size=config.size // config.fold,
             in_channels=block * (noisy + config.condition_channels),
-            out_channels=block * config.output_channels,
+            out_channels=block * (FEATURES if config.head else config.output_channels),
             down_block_types=("DownBlock2D",) * (levels - 1) + (f"{lowest}DownBlock2D",),
             mid_block_type=f"UNetMidBlock2D{lowest}",
             up_block_types=(f"{lowest}UpBlock2D",) + ("UpBlock2D",) * (levels - 1),
@@ -127,6 +138,7 @@ class MaterialNetwork(nn.Module):
             cross_attention_dim=config.tokens,
             resnet_time_scale_shift="scale_shift",
         )
+        self.head = DetailHead(config, noisy) if config.head else None
         self.encoder: nn.Module | None = None
         if config.encoder == "small":
             self.encoder = SmallEncoder(config.tokens)
@@ -157,8 +169,38 @@ class MaterialNetwork(nn.Module):
         """:meth:`forward` with the tokens at hand."""
         channels = condition if noisy is None else torch.cat([noisy, condition], 1)
         folded = F.pixel_unshuffle(channels, self.config.fold)
-        output = self.unet(folded, timestep, tokens, return_dict=False)[0]
-        return F.pixel_shuffle(output, self.config.fold)
+        output = F.pixel_shuffle(self.unet(folded, timestep, tokens, return_dict=False)[0], self.config.fold)
+        return output if self.head is None else self.head(output, channels, condition)
+
+
+class DetailHead(nn.Module):
+    """Convolutions at full resolution, from the UNet's features and all that it saw to the components.
+
+    Albedo, in display values: image (1 + gain) + offset; specular shading: the offset alone. Both start at zero, so the
+    image itself is the first guess of the albedo.
+    """
+
+    def __init__(self, config: NetworkConfig, noisy: int) -> None:
+        super().__init__()
+        self.config = config
+        self.enter = nn.Conv2d(FEATURES + noisy + config.condition_channels, config.head, 3, padding=1)
+        self.middle = nn.ModuleList([nn.Conv2d(config.head, config.head, 3, padding=1) for _ in range(2)])
+        self.leave = nn.Conv2d(config.head, config.output_channels + 3 * ("albedo" in config.components), 1)
+        for parameter in self.leave.parameters():
+            nn.init.zeros_(parameter)
+
+    def forward(self, features: Tensor, channels: Tensor, condition: Tensor) -> Tensor:
+        """(N, 3 C, H, W) of ``features`` (N, FEATURES, H, W), the UNet's input ``channels``, and the condition among them."""
+        hidden = F.silu(self.enter(torch.cat([features, channels], 1)))
+        for layer in self.middle:
+            hidden = hidden + F.silu(layer(hidden))
+        output: Tensor = self.leave(hidden)
+        components = self.config.components
+        if "albedo" not in components:
+            return output
+        offsets, gain = output[:, :-3], output[:, -3:]
+        scaled = (1 + condition[:, :3]) * (1 + gain) - 1
+        return offsets + torch.cat([scaled if name == "albedo" else torch.zeros_like(gain) for name in components], 1)
 
 
 class SmallEncoder(nn.Module):

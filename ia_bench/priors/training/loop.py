@@ -26,13 +26,14 @@ from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, ideal_output
 from ia_bench.priors.training.dataset import Batch, TrainingImages
+from ia_bench.priors.training.optimiser import MuonAdamW, split_weights
 from ia_bench.priors.training.settings import TrainSettings
 from ia_bench.priors.training.validation import score_single_view
 from ia_bench.priors.training.warm_start import warm_start
 from ia_bench.progress import Progress
 from ia_bench.torchvision_shim import import_torchvision
 
-FINAL_RATE = 0.1  # of the full rate, at the last step
+FINAL_RATE = 0.02  # of the full rate, at the last step
 PICTURES = 8  # images of a sample grid
 PERMUTATIONS = 1 << 20  # marks the random streams of permutations; those of batches are marked by their process
 
@@ -76,14 +77,13 @@ class _Training:
         if settings.network.kind == "diffusion":
             config = {**settings.network.schedule, "prediction_type": settings.network.prediction_type}
             self.schedule = NoiseSchedule.from_diffusers(config).alpha_bar.float()
-        trained = [parameter for parameter in self.network.parameters() if parameter.requires_grad]
-        optimizer = torch.optim.AdamW(trained, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
+        hidden, others = split_weights(self.network, muon=settings.muon_rate > 0)
+        adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
         self.ema = EMAModel(self.network.parameters(), decay=settings.ema, use_ema_warmup=True, power=0.75)
         self.step, self.seconds = 0, 0.0
         state = _load_state(settings)
         if state is not None:
             self.network.load_state_dict(state["network"])
-            optimizer.load_state_dict(state["optimizer"])
             self.ema.load_state_dict(state["ema"])
             self.step, self.seconds = state["step"], state["seconds"]
             if state["images"] != len(self.images):
@@ -91,7 +91,10 @@ class _Training:
                     f"{settings.data}: {len(self.images)} images, and {state['images']} when the run was stopped; "
                     "the weights will not be those of a run without the stop"
                 )
-        self.model, self.optimizer = accelerator.prepare(self.network, optimizer)
+        self.model, adamw = accelerator.prepare(self.network, adamw)
+        self.optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
+        if state is not None:
+            self.optimizer.load_state_dict(state["optimizer"])
         self.ema.to(accelerator.device)
         self.predict = torch.compile(self.model) if settings.compile else self.model
         self.figures: dict[str, Any] = {}
@@ -113,7 +116,7 @@ class _Training:
             task.advance(1, loss=loss)
             if self.writer is not None and self.step % 20 == 0:
                 self.writer.add_scalar("loss", loss, self.step)
-                self.writer.add_scalar("rate", self.optimizer.param_groups[0]["lr"], self.step)
+                self.writer.add_scalar("rate", rate_factor(self.step, settings.steps, settings.warmup), self.step)
             now = time.monotonic()
             out_of_time = settings.minutes is not None and now - started > 60 * settings.minutes
             last = self.step == settings.steps or self._agree(out_of_time)
@@ -130,21 +133,17 @@ class _Training:
 
     def _optimise(self) -> float:
         settings, device = self.settings, self.accelerator.device
-        for group in self.optimizer.param_groups:
-            group["lr"] = settings.rate * rate_factor(self.step, settings.steps, settings.warmup)
         batch, draws = self._coming.result() if self._coming is not None else self._draw(self.step)
         self._coming = self._ahead.submit(self._draw, self.step + 1)  # while the network works on this one
         batch = batch.to(device)
         with self.accelerator.autocast():
             output, wanted = self._predicted(batch, draws)
-        weight = settings.background + (1 - settings.background) * (batch.masks[:, None] > 0)
-        loss = ((output.float() - wanted).square() * weight).sum() / (weight.sum() * wanted.shape[1])
+        loss = weighted_error(output.float() - wanted, batch.masks, level=settings.level, background=settings.background)
         self.accelerator.backward(loss)
         norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient)
         if not bool(torch.isfinite(norm)):
             raise FloatingPointError(f"step {self.step}: the gradient is NaN or Inf; the last checkpoint is kept")
-        self.optimizer.step()
-        self.optimizer.zero_grad(set_to_none=True)
+        self.optimizer.step(rate_factor(self.step, settings.steps, settings.warmup))
         self.ema.step(self.network.parameters())
         return float(loss.detach())
 
@@ -243,6 +242,21 @@ class _Training:
             "init": None if settings.init is None else read_description(settings.init)["provenance"],
             "validation": self.figures,
         }
+
+
+def weighted_error(difference: Tensor, masks: Tensor, *, level: float, background: float) -> Tensor:
+    """Mean square of ``difference`` (N, C, H, W), weighed by what of it is the error of a colour and what of a structure.
+
+    Inside ``masks`` (N, H, W) each channel's mean over an image counts ``level``, the rest 1; outside, pixels count
+    ``background``. Any such weights of a square leave its minimum where it was, the expectation of the truth.
+    """
+    inside = (masks[:, None] > 0).float()
+    pixels = inside.sum((2, 3), keepdim=True)
+    mean = (difference * inside).sum((2, 3), keepdim=True) / pixels.clamp_min(1)
+    inner = ((difference - mean).square() * inside).sum() + level * (mean.square() * pixels).sum()
+    outer = (difference.square() * (1 - inside)).sum()
+    count = (pixels + background * (masks[0].numel() - pixels)).sum() * difference.shape[1]
+    return (inner + background * outer) / count
 
 
 def rate_factor(step: int, steps: int, warmup: int) -> float:

@@ -23,8 +23,9 @@ from ia_bench.typed import check_ranges, fits, named
 
 LIMITS: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("steps", "batch", "threads", "validate_steps", "validation_images"), (1, math.inf)),
-    **dict.fromkeys(("minutes", "rate", "warmup", "weight_decay", "clip_gradient", "checkpoint_minutes"), (0, math.inf)),
-    **dict.fromkeys(("ema", "drop_channels", "drop_tokens", "drop_both", "background"), (0, 1)),
+    **dict.fromkeys(("minutes", "checkpoint_minutes", "rate", "muon_rate", "warmup"), (0, math.inf)),
+    **dict.fromkeys(("weight_decay", "clip_gradient"), (0, math.inf)),
+    **dict.fromkeys(("ema", "drop_channels", "drop_tokens", "drop_both", "background", "level"), (0, 1)),
     **dict.fromkeys(("augmentation.mirror", "augmentation.permute", "augmentation.no_geometry"), (0, 1)),
     **dict.fromkeys(("augmentation.cast", "augmentation.exposure", "augmentation.noise"), (0, math.inf)),
     "seed": (0, 2**32 - 1),  # validation multiplies it and stays within 64 bits
@@ -37,11 +38,13 @@ class TrainSettings:
     """``data``, ``validation``: folders of shards (different seeds); ``out``: the run's folder, resumed where it exists.
 
     ``init``: folder of weights to start from, also of the other kind (:mod:`ia_bench.priors.training.warm_start`), None for
-    random ones. ``steps``: optimiser steps in all; a run may go on with more. The rate rises over ``warmup`` steps to
-    ``rate`` and falls along a cosine to a tenth of it. ``minutes``: stop (and keep the state) after that long, None for no
-    limit. ``batch``: images a step over all processes. ``ema``: decay of the averaged weights, which are the ones that are
-    kept. ``drop_channels``, ``drop_tokens``, ``drop_both``: share of the images whose condition is withheld in that way, for
-    classifier-free guidance (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss.
+    random ones. ``steps``: optimiser steps in all; a run may go on with more. The rates, ``muon_rate`` of Muon on hidden
+    weights and ``rate`` of AdamW on the others (on all with ``muon_rate`` 0), rise over ``warmup`` steps and fall along a
+    cosine to a fiftieth. ``minutes``: stop (and keep the state) after that long, None for no limit. ``batch``: images a step
+    over all processes. ``ema``: decay of the averaged weights, which are the ones that are kept. ``drop_channels``,
+    ``drop_tokens``, ``drop_both``: share of the images whose condition is withheld in that way, for classifier-free guidance
+    (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss. ``level``: weight in it
+    of an image's mean error, which one image hardly tells (light and paint can share any colour) and which is most of it.
     ``precision``: "bf16", "float32", or "auto" (bf16 where the processor has it). ``compile``: whether the network is
     compiled for training. ``checkpoint_minutes``, ``validate_steps``: how often the state is kept, and the network
     validated on ``validation_images`` images with ``validation_sampler_steps`` denoising steps.
@@ -55,6 +58,7 @@ class TrainSettings:
     minutes: float | None = None
     batch: int = 32
     rate: float = 5e-4
+    muon_rate: float = 0.02
     warmup: int = 200
     weight_decay: float = 0.01
     clip_gradient: float = 1.0
@@ -63,6 +67,7 @@ class TrainSettings:
     drop_tokens: float = 0.05
     drop_both: float = 0.05
     background: float = 0.1
+    level: float = 0.25
     precision: str = "auto"
     compile: bool = True
     threads: int | None = None

@@ -10,9 +10,10 @@ from torch import Tensor
 
 from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.checkpoints import load_network
-from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.network import FEATURES, MaterialNetwork
 
 FIRST = "unet.conv_in.weight"
+ENTER = "head.enter.weight"
 LAST = ("unet.conv_out.weight", "unet.conv_out.bias")
 SIGN = {("v_prediction", "sample"): -1.0, ("sample", "v_prediction"): -1.0}
 """Where there is only noise, v = -x0: the other output with its sign turned is right there and learned below."""
@@ -21,7 +22,7 @@ SIGN = {("v_prediction", "sample"): -1.0, ("sample", "v_prediction"): -1.0}
 def warm_start(network: MaterialNetwork, folder: Path) -> None:
     """Take over the weights in ``folder``, which may differ from ``network`` in ``kind`` and ``prediction_type`` only.
 
-    A regressor gets the part of the first layer that reads the image; the part that reads noise starts at zero in a
+    A regressor gets the part of the first layers that reads the image; the part that reads noise starts at zero in a
     diffusion network that starts from a regressor. Raises InputError for every other difference.
     """
     start, _ = load_network(folder)
@@ -36,6 +37,10 @@ def warm_start(network: MaterialNetwork, folder: Path) -> None:
         )
     state: dict[str, Tensor] = start.state_dict()
     state[FIRST] = _last_columns(state[FIRST], network.unet.conv_in.weight.shape[1])
+    if network.head is not None:
+        features, rest = state[ENTER][:, :FEATURES], state[ENTER][:, FEATURES:]
+        rest = _last_columns(rest, network.head.enter.weight.shape[1] - FEATURES)
+        state[ENTER] = torch.cat([features, rest], 1)
     for name in LAST:
         state[name] = SIGN.get(outputs, 1.0) * state[name]
     network.load_state_dict(state)

@@ -6,7 +6,7 @@ from priors.tiny_network import tiny_config, tiny_weights
 from safetensors.torch import load_file, save_file
 
 from ia_bench.errors import InputError
-from ia_bench.priors.diffusion.checkpoints import ENCODER, UNET, fingerprint, load_network, save_network
+from ia_bench.priors.diffusion.checkpoints import ENCODER, HEAD, UNET, fingerprint, load_network, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.torchvision_shim import import_torchvision
 
@@ -31,6 +31,19 @@ def test_a_network_comes_back_as_it_was_up_to_half_precision(tmp_path):
     assert again.config == network.config
     with torch.no_grad():
         torch.testing.assert_close(ask(again), ask(network), atol=0.02, rtol=0.02)
+
+
+def test_a_head_is_kept_and_counts(tmp_path):
+    folder = tiny_weights(tmp_path / "weights", prediction_type="sample", head=8)
+    network, _ = load_network(folder)
+    assert float(network.head.leave.weight.abs().mean()) > 0.01
+    before = fingerprint(folder)
+    change_weights(folder, lambda w: w["leave.weight"].mul_(2), HEAD)
+    assert fingerprint(folder) != before
+    assert torch.equal(load_network(folder)[0].head.leave.weight, 2 * network.head.leave.weight)
+    (folder / HEAD).unlink()
+    with pytest.raises(InputError, match=f"{HEAD}: no such file"):
+        load_network(folder)
 
 
 def test_diffusers_reads_the_unet_and_the_schedule(folder):

@@ -14,7 +14,7 @@ from safetensors.torch import load_file
 
 from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.checkpoints import load_network
-from ia_bench.priors.training.loop import FINAL_RATE, _load_state, batch_index, rate_factor
+from ia_bench.priors.training.loop import FINAL_RATE, _load_state, batch_index, rate_factor, weighted_error
 from ia_bench.priors.training.settings import TrainSettings, parse, usage
 from ia_bench.priors.training.shards import ShardInfo, shard_path, write_shard
 from ia_bench.torchvision_shim import import_torchvision
@@ -67,6 +67,21 @@ def test_a_batch_larger_than_the_data_takes_several_passes():
     assert torch.bincount(batch_index(3, 8, 0, 0), minlength=3).tolist() in ([3, 3, 2], [3, 2, 3], [2, 3, 3])
 
 
+def test_the_loss_weighs_an_images_mean_error_apart():
+    """A constant error counts ``level``, one without a mean its whole square, wherever the other one is."""
+    masks = torch.zeros(2, 8, 8)
+    masks[0, :4], masks[1] = 0.5, 1
+    inside = (masks > 0).float()[:, None]
+    constant = torch.tensor([0.3, -0.5])[:, None, None, None] * inside.expand(2, 6, 8, 8)
+    waves = 0.2 * (-1.0) ** torch.arange(8) * inside.expand(2, 6, 8, 8)
+    outside = 0.7 * (1 - inside).expand(2, 6, 8, 8)
+    pixels = 32 + 64 + 0.1 * 32
+    for level in (0, 0.25, 1):
+        expected = (level * (32 * 0.3**2 + 64 * 0.5**2) + 96 * 0.2**2 + 0.1 * 32 * 0.7**2) / pixels
+        found = weighted_error(constant + waves + outside, masks, level=level, background=0.1)
+        assert float(found) == pytest.approx(expected, rel=1e-5)
+
+
 def test_the_rate_rises_and_falls():
     factors = [rate_factor(step, 100, 10) for step in range(101)]
     assert factors[0] == pytest.approx(0.1)
@@ -91,7 +106,7 @@ def test_a_resumed_run_ends_with_the_weights_of_an_uninterrupted_one(folders, tm
 
 @pytest.mark.slow
 def test_a_killed_run_resumes_from_whichever_checkpoint_it_left(folders, tmp_path):
-    arguments = ("steps=40", "network.prediction_type=v_prediction")
+    arguments = ("steps=40", "network.prediction_type=v_prediction", "network.head=0")
     train(command(folders, tmp_path / "whole", *arguments))
     often = command(folders, tmp_path / "parts", *arguments, "checkpoint_minutes=0")
     for wanted in (1, 9):
@@ -139,7 +154,7 @@ def test_the_regressor_trains_by_the_same_command(folders, tmp_path):
     train(command(folders, tmp_path / "run", "steps=2", "network.kind=regressor"))
     network, _ = load_network(tmp_path / "run/weights")
     assert network.config.kind == "regressor"
-    assert network.unet.config.in_channels == 4 * 8  # no noise goes in
+    assert network.unet.config.in_channels == 16 * 8  # no noise goes in
 
 
 def test_a_pretrained_clip_reads_the_image_and_stays_as_it_is(folders, tmp_path):
@@ -167,8 +182,8 @@ def test_a_pretrained_clip_reads_the_image_and_stays_as_it_is(folders, tmp_path)
 
 
 def test_training_starts_from_given_weights(folders, tmp_path):
-    start = tiny_weights(tmp_path / "start", seed=5, prediction_type="sample")
-    train(command(folders, tmp_path / "run", "steps=1", f"init={start}", "rate=1e-9", "warmup=0"))
+    start = tiny_weights(tmp_path / "start", seed=5, prediction_type="sample", head=32)
+    train(command(folders, tmp_path / "run", "steps=1", f"init={start}", "rate=1e-9", "muon_rate=0", "warmup=0"))
     network, provenance = load_network(tmp_path / "run/weights")
     for name, value in load_network(start)[0].state_dict().items():
         torch.testing.assert_close(network.state_dict()[name], value, atol=1e-4, rtol=1e-3)
@@ -238,7 +253,7 @@ def test_arguments_are_typed():
         ("steps=many", "steps: expected a whole number, found 'many'"),
         ("rate=fast", "rate: expected a number, found 'fast'"),
         ("network.kind=difusion", "did you mean 'diffusion'"),
-        ("network.size=60", "expected a multiple of 8"),
+        ("network.size=60", "expected a multiple of 16"),
         ("network.channels=[40]", "expected multiples of 16"),
         ("steps=0", "steps: expected a finite number >= 1"),
         ("precision=half", "unknown value of precision"),
@@ -258,6 +273,7 @@ def test_arguments_are_typed():
         ("validation_sampler_steps=1001", r"validation_sampler_steps: expected a finite number from 1 to 1000, found 1001"),
         ("network.channels=48", r"network.channels: expected a list \(a whole number each\), found '48'"),
         ("network.channels=[]", "network.channels: expected multiples of 16"),
+        ("network.head=-1", "network.head: expected at least 0, found -1"),
         ("network.fold=0", "network.fold: expected at least 1, found 0"),
         ("network.tokens=24", "network.tokens: expected a multiple of 16"),
         ("network.components=[foo]", "network.components: expected some of albedo, specular, each once"),

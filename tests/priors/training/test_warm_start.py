@@ -50,13 +50,26 @@ def test_a_regressor_starts_as_the_diffusion_network_without_noise(folder: Path)
 
 
 @torch.no_grad()
-def test_a_diffusion_network_that_starts_from_a_regressor_ignores_the_noise(tmp_path: Path) -> None:
-    folder = tiny_weights(tmp_path / "regressor", seed=5, kind="regressor")
+@pytest.mark.parametrize("head", [0, 8])
+def test_a_diffusion_network_that_starts_from_a_regressor_ignores_the_noise(tmp_path: Path, head: int) -> None:
+    folder = tiny_weights(tmp_path / "regressor", seed=5, kind="regressor", head=head)
     old, _ = load_network(folder)
     new = MaterialNetwork(replace(old.config, kind="diffusion"))
     warm_start(new, folder)
     noise, timestep, condition = inputs(old.config)
     torch.testing.assert_close(new(noise, timestep, condition), old(None, timestep, condition))
+
+
+@torch.no_grad()
+def test_a_regressor_with_a_head_starts_as_the_diffusion_network_without_noise(tmp_path: Path) -> None:
+    folder = tiny_weights(tmp_path / "start", seed=5, prediction_type="sample", head=8)
+    old, _ = load_network(folder)
+    new = MaterialNetwork(replace(old.config, kind="regressor"))
+    warm_start(new, folder)
+    noise, timestep, condition = inputs(old.config)
+    silent = old(torch.zeros_like(noise), timestep, condition)
+    assert float((silent[:, :3] - condition[:, :3]).abs().mean()) > 1e-3
+    torch.testing.assert_close(new(None, timestep, condition), silent)
 
 
 @pytest.mark.parametrize("change", [{"tokens": 32}, {"prediction_type": "epsilon"}])
