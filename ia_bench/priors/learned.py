@@ -18,13 +18,14 @@ from ia_bench.errors import InputError
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, read_config
+from ia_bench.priors.diffusion.enlarging import enlarge, enlarge_by_difference, enlarge_by_gain
 from ia_bench.priors.diffusion.framing import Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
 from ia_bench.priors.diffusion.sampler import derive_seed
 from ia_bench.priors.inputs import check_views, choose_device, content_number
 
-VERSION = 1
+VERSION = 2
 """Part of the fingerprint; raised when a change of the code changes samples."""
 
 
@@ -147,22 +148,30 @@ class LearnedPrior(ABC):
     def _through(
         self, images: Tensor, masks: Tensor, seed: int, renders: Mapping[str, Tensor], predict: Predict
     ) -> dict[str, Tensor]:
-        """Frame, ``predict``, decode and put back; views without foreground stay black."""
+        """Frame, ``predict``, bring back to size and decode; views without foreground stay black."""
         samples = {name: torch.zeros_like(images, dtype=torch.float32) for name in sorted(self.provides)}
         for network in self._loaded():
             config = network.config
             for framed in self._framed(images, masks, seed, config.geometry):
                 encoded = {
-                    name: self._encode(network, name, self._cut(render, framed), framed).to(self._device)
+                    name: self._encode(network, name, self._cut(render, framed), framed.masks, framed.factor).to(self._device)
                     for name, render in renders.items()
                     if name in config.components
                 }
                 predicted = predict(network, framed, encoded).float().cpu()
                 for name, part in zip(config.components, predicted.split(3, 1), strict=True):
-                    decoded = self._decode(network, name, part, framed)
                     for row, view in enumerate(framed.views):
-                        weight = (framed.masks[row] > 0).float()
-                        samples[name][view] = framed.frames[row].paste(decoded[row], weight, masks[view].float())
+                        mask, factor = masks[view].float()[None], framed.factor[row : row + 1]
+                        place, known = (framed.frames[row], _display(part[row])), (framed.masks[row] > 0).float()
+                        if name in encoded:
+                            full = self._encode(network, name, renders[name][view][None].float(), mask, factor)[0]
+                            shown = enlarge_by_difference(*place, _display(encoded[name][row]), _display(full), known)
+                        elif name == "albedo":
+                            full = encoding.encode_image(images[view][None].float(), mask, factor)[0, :3]
+                            shown = enlarge_by_gain(*place, _display(framed.condition[row, :3]), _display(full), known)
+                        else:
+                            shown = enlarge(*place, known, mask[0].shape)
+                        samples[name][view] = self._decode(network, name, _undisplay(shown)[None], mask, factor)[0]
         return samples
 
     def _loaded(self) -> list[MaterialNetwork]:
@@ -211,17 +220,15 @@ class LearnedPrior(ABC):
     def _cut(self, values: Tensor, framed: Framed) -> Tensor:
         return torch.stack([frame.cut(values[view]) for view, frame in zip(framed.views, framed.frames, strict=True)])
 
-    def _encode(self, network: MaterialNetwork, component: str, linear: Tensor, framed: Framed) -> Tensor:
+    def _encode(self, network: MaterialNetwork, component: str, linear: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
         if component == "albedo":
-            return encoding.encode_albedo(linear, framed.masks)
-        return encoding.encode_specular(linear, framed.masks, framed.factor, network.config.specular)
+            return encoding.encode_albedo(linear, masks)
+        return encoding.encode_specular(linear, masks, factor, network.config.specular)
 
-    def _decode(self, network: MaterialNetwork, component: str, encoded: Tensor, framed: Framed) -> Tensor:
-        """Straight (not premultiplied) linear values (N, S, S, 3)."""
-        everywhere = torch.ones_like(framed.masks)
+    def _decode(self, network: MaterialNetwork, component: str, encoded: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
         if component == "albedo":
-            return encoding.decode_albedo(encoded, everywhere)
-        return encoding.decode_specular(encoded, everywhere, framed.factor, network.config.specular)
+            return encoding.decode_albedo(encoded, masks)
+        return encoding.decode_specular(encoded, masks, factor, network.config.specular)
 
 
 def finite_option(name: str, value: float) -> float:
@@ -229,6 +236,15 @@ def finite_option(name: str, value: float) -> float:
     if not (math.isfinite(value) and value >= 0):
         raise InputError(f"prior.options.{name}: expected a finite number >= 0, found {value}")
     return value
+
+
+def _display(encoded: Tensor) -> Tensor:
+    """(3, H, W) in the network's space as display values (H, W, 3) in [0, 1]."""
+    return (0.5 + 0.5 * encoded.cpu()).clamp(0, 1).movedim(0, -1)
+
+
+def _undisplay(shown: Tensor) -> Tensor:
+    return (2 * shown - 1).movedim(-1, 0)
 
 
 def _stacked(images: Tensor, masks: Tensor, view: int) -> Tensor:

@@ -95,6 +95,13 @@ class DiffusionPrior(LearnedPrior):
         """See :class:`ia_bench.priors.learned.LearnedPrior`."""
         return reduction > PATCH_REDUCTION if self.patches == "auto" else bool(self.patches)
 
+    def sample(
+        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+    ) -> dict[str, Tensor]:
+        """See :class:`ia_bench.priors.learned.LearnedPrior`; without strength a guided sample is an unguided one."""
+        check_views(self.kind, images, masks, guidance or {}, self.provides)
+        return super().sample(images, masks, seed=seed, guidance=guidance if self.guidance_strength else None)
+
     def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
         """See :class:`ia_bench.priors.contract.Distiller`; ``renders`` holds every component that this prior provides."""
         check_views(self.kind, images, masks, renders, self.provides)
