@@ -220,6 +220,8 @@ def test_kill_9_while_writing_leaves_a_whole_file(tmp_path: Path) -> None:
         process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE)
         assert process.stdout is not None
         process.stdout.readline()
+        while not (tmp_path / "big.json").is_file() and process.poll() is None:  # a busy machine is late with the first one
+            time.sleep(0.01)
         time.sleep(0.05 + random.Random(trial).random() * 0.1)
         process.send_signal(signal.SIGKILL)
         process.wait()
