@@ -23,8 +23,8 @@ from ia_bench.typed import check_ranges, fits, named
 
 LIMITS: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("steps", "batch", "threads", "validate_steps", "validation_images"), (1, math.inf)),
-    **dict.fromkeys(("minutes", "checkpoint_minutes", "rate", "muon_rate", "warmup"), (0, math.inf)),
-    **dict.fromkeys(("weight_decay", "clip_gradient"), (0, math.inf)),
+    **dict.fromkeys(("minutes", "checkpoint_minutes", "warmup"), (0, math.inf)),
+    **dict.fromkeys(("rate", "muon_rate", "weight_decay", "clip_gradient"), (0, math.inf)),
     **dict.fromkeys(("ema", "drop_channels", "drop_tokens", "drop_both", "background", "level"), (0, 1)),
     **dict.fromkeys(("augmentation.mirror", "augmentation.permute", "augmentation.no_geometry"), (0, 1)),
     **dict.fromkeys(("augmentation.cast", "augmentation.exposure", "augmentation.noise"), (0, math.inf)),

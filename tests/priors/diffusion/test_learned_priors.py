@@ -250,7 +250,7 @@ def test_no_sample_exceeds_the_ceiling_and_some_come_near_it(tmp_path, ball):
 def test_the_packaged_network_leaves_no_seams():
     """Within 5 % on a stationary texture; 24 images x 150 rows x 3 channels, 8 lines, so the ratio scatters by about 1 %.
 
-    Compared with other lines of the same parity: the network's folding of 2 x 2 pixels itself gives odd and even lines
+    Compared with other lines of the same parity: the folding of pixels by the network itself may give odd and even lines
     gradients of different energy, with and without patches.
     """
     count, size, random = 24, 150, np.random.default_rng(1)

@@ -45,7 +45,7 @@ def test_the_head_learns_from_the_features_of_the_unet() -> None:
     prior = network("albedo", "specular")
     assert prior.head is not None
     torch.nn.init.normal_(prior.head.leave.weight)
-    output, image = ask(prior)
+    output, _ = ask(prior)
     torch.nn.init.zeros_(prior.unet.conv_out.weight)
     assert not torch.allclose(ask(prior)[0], output)
 
