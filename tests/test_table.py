@@ -22,8 +22,7 @@ from ia_bench.table import Request, Row, Table, jobs_and_threads, load_table, ma
 
 HERE = Path(__file__).parent
 ABLATIONS = [f"diffusion, targets{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
-STARTS = ["diffusion, start", "regressor, start"]
-ROWS = ["ceiling", "none", "oracle", "diffusion", *STARTS, *ABLATIONS, "diffusion, distilled"]
+ROWS = ["ceiling", "none", "oracle", "diffusion, kernel", *ABLATIONS, "diffusion, distilled", "regressor, targets"]
 
 
 @pytest.fixture(autouse=True)
@@ -69,7 +68,7 @@ def test_paper_table_has_the_ablations_as_configuration() -> None:
     assert not cells["diffusion, targets w/o guided"].fit.guided
     kinds = {name: cell.prior.supervision.kind for name, cell in cells.items() if cell.prior.name in ("diffusion", "regressor")}
     assert kinds == {
-        "diffusion": "similarity", **dict.fromkeys(STARTS, "colour"), **dict.fromkeys(ABLATIONS, "target"),
+        "diffusion, kernel": "similarity", **dict.fromkeys([*ABLATIONS, "regressor, targets"], "target"),
         "diffusion, distilled": "sds",
     }  # fmt: skip
     assert cells["oracle"].fit == compose(["device=cpu"]).fit
