@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw
 
-from ia_bench.__main__ import OK, complain
+from ia_bench.__main__ import INTERRUPTED, OK, complain
 from ia_bench.composition import compose
 from ia_bench.errors import InputError
+from ia_bench.paths import make_writable
 from ia_bench.photograph import read_photograph
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import write_exr
@@ -30,6 +31,7 @@ SPREAD_GAIN = 4.0
 """The spread is shown this much brighter; it is a standard deviation of linear values and mostly small."""
 EXPOSED_QUANTILE = 0.99
 """This share of an HDR image's pixels fits below white on the sheet."""
+LEAST = {"samples": 1, "size": 8, "seed": 0}
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,10 @@ def decompose(
     """Split a picture into albedo and specular shading.
 
     ``image``, ``mask``: files, see :func:`ia_bench.photograph.read_photograph`. ``prior``: a name or "module:Class", with
-    ``options``. ``size``: a picture whose longer side has more pixels is reduced to that many. Raises InputError.
+    ``options``. ``samples``: at least 1. ``size``: a picture whose longer side has more pixels is reduced to that many, at
+    least 8. ``seed``: at least 0. Raises InputError.
     """
+    _check_numbers("", samples=samples, size=size, seed=seed)
     maker = make_prior(prior, options or {})
     radiance, coverage = read_photograph(Path(image), None if mask is None else Path(mask))
     return _decompose(maker, *_reduced(radiance, coverage, size), samples=samples, seed=seed)
@@ -82,9 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: 0)")
     wanted = parser.parse_args(arguments)
     try:
-        for name, least in (("samples", 1), ("size", 8), ("seed", 0)):
-            if getattr(wanted, name) < least:
-                raise InputError(f"--{name}: expected at least {least}, found {getattr(wanted, name)}")
+        _check_numbers("--", samples=wanted.samples, size=wanted.size, seed=wanted.seed)
         if wanted.mask is not None and len(wanted.images) > 1:
             raise InputError(f"--mask: expected one image with it, found {len(wanted.images)}")
         stems = [path.stem for path in wanted.images]
@@ -93,6 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
         read = [read_photograph(path, wanted.mask) for path in wanted.images]  # all mistakes come before any work
         maker = make_prior(wanted.prior, wanted.option)
+        make_writable(wanted.out, "--out")
         for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
             parts = _decompose(maker, *_reduced(radiance, coverage, wanted.size), samples=wanted.samples, seed=wanted.seed)
             print(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations")
@@ -100,6 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print(f"  {written}")
     except InputError as error:
         return complain(str(error))
+    except KeyboardInterrupt:
+        return INTERRUPTED
     return OK
 
 
@@ -128,17 +133,25 @@ def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  #
     """The prior called ``name``, with options as a mapping or as KEY=VALUE texts. Raises InputError for one of no use here."""
     from ia_bench import registry  # brings in torch
 
-    pairs = [f"{key}={value}" for key, value in options.items()] if isinstance(options, Mapping) else list(options)
-    for pair in pairs:
-        if "=" not in pair:
-            raise InputError(f"--option: expected KEY=VALUE, found {pair!r}")
-    config = compose([f"prior={name}", *(f"prior.options.{pair}" for pair in pairs)]).prior
-    prior = registry.create("prior", config.name, config.target, config.options)
+    texts = [] if isinstance(options, Mapping) else list(options)
+    for text in texts:
+        if "=" not in text:
+            raise InputError(f"--option: expected KEY=VALUE, found {text!r}")
+    config = compose([f"prior={name}", *(f"prior.options.{text}" for text in texts)]).prior
+    given = options.items() if isinstance(options, Mapping) else ()
+    values = {key: str(value) if isinstance(value, Path) else value for key, value in given}
+    prior = registry.create("prior", config.name, config.target, {**config.options, **values})
     if getattr(prior, "sees_truth", False):
         raise InputError(f"--prior: {name} needs ground truth, which a photograph does not have")
     if not prior.provides:
         raise InputError(f"--prior: {name} provides nothing to decompose an image into")
     return prior
+
+
+def _check_numbers(prefix: str, **values: int) -> None:
+    for name, least in LEAST.items():
+        if values[name] < least:
+            raise InputError(f"{prefix}{name}: expected at least {least}, found {values[name]}")
 
 
 def _decompose(prior: Any, image: np.ndarray, mask: np.ndarray, *, samples: int, seed: int) -> Decomposition:  # noqa: ANN401

@@ -1,8 +1,9 @@
-"""Where the files that come with the project lie: beside the package in a checkout, inside it once installed."""
+"""Where files lie: those that come with the project, beside the package in a checkout or inside it, and results."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 
 from ia_bench.errors import InputError
@@ -31,3 +32,12 @@ def scenes_folder() -> Path:
             "checkout, or name a scene folder with scene.path=FOLDER"
         )
     return folder
+
+
+def make_writable(folder: Path, key: str) -> None:
+    """Make ``folder`` and write into it, before any work is done for it. Raises InputError, naming ``key``, where that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise InputError(f"{key}: {folder}: expected a folder that can be written, found: {error.strerror}") from None

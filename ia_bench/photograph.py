@@ -52,7 +52,7 @@ def _read_linear(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
     picture = _open(path)
     if picture.mode in HIGH_BIT_MODES:
-        grey = np.asarray(picture, np.float32) / HIGH_BIT_MODES[picture.mode]
+        grey = _grey(picture)
         values = np.dstack([grey, grey, grey, np.ones_like(grey)])
     else:
         values = np.asarray(picture.convert("RGBA"), np.float32) / 255
@@ -65,6 +65,12 @@ def _read_mask(path: Path) -> np.ndarray:
         alpha = np.asarray(picture.getchannel("A"), np.float32) / 255
         if alpha.min() < 1:
             return alpha  # a cut-out: its shape is in its alpha
+    return _grey(picture)
+
+
+def _grey(picture: Image.Image) -> np.ndarray:
+    if picture.mode in HIGH_BIT_MODES:  # which convert("L") would cut at 255
+        return np.asarray(picture, np.float32) / HIGH_BIT_MODES[picture.mode]
     return np.asarray(picture.convert("L"), np.float32) / 255
 
 
@@ -76,5 +82,7 @@ def _open(path: Path) -> Image.Image:
             upright = ImageOps.exif_transpose(file)
             upright.load()
     except (UnidentifiedImageError, OSError, SyntaxError, Image.DecompressionBombError) as error:
-        raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ... or OpenEXR), found {error}") from None
+        raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ...), found {error}") from None
+    if upright.mode == "F":
+        raise InputError(f"{path}: expected whole numbers, found floating point; linear images are read as OpenEXR")
     return upright

@@ -116,8 +116,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "counters": {
             "points": surface.points,
             "bent_normals": surface.bent_normals,
-            **result.counters,
             **(prior.counters if isinstance(prior, Counted) else {}),
+            **result.counters,
         },
         "plan": plan.record(),
         "environment": environment(config.device, config.threads or 1),

@@ -59,6 +59,37 @@ def test_from_python_in_three_lines(tmp_path, weights, picture):
     assert bool((parts.mean["albedo"][parts.mask == 0] == 0).all())
 
 
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        ({"samples": 0}, "^samples: expected at least 1, found 0"),
+        ({"seed": -1}, "^seed: expected at least 0, found -1"),
+        ({"options": {"stepz": 3}}, "did you mean 'steps'"),
+        ({"options": {"steps": "many"}}, "prior.options.steps: expected a whole number, found 'many'"),
+        ({"options": {"weights": "Gewichte (für später)"}}, r"Gewichte \(für später\)/prior.json: no such file"),
+    ],
+)
+def test_mistakes_in_python_are_named(tmp_path, picture, wanted, message):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    with pytest.raises(InputError, match=message):
+        decompose(tmp_path / "disc.png", **wanted)
+
+
+def test_no_option_is_the_default(tmp_path, picture):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    plain, none = (decompose(tmp_path / "disc.png", samples=1, options=options) for options in (None, {"weights": None}))
+    np.testing.assert_array_equal(plain.mean["albedo"], none.mean["albedo"])
+
+
+def test_results_that_cannot_be_written_are_said_before_sampling(tmp_path, weights, picture, capsys):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    (tmp_path / "out").touch()
+    assert main([str(tmp_path / "disc.png"), *arguments(weights, tmp_path / "out")]) == 2
+    told = capsys.readouterr()
+    assert told.err == f"ia_bench: --out: {tmp_path / 'out'}: expected a folder that can be written, found: File exists\n"
+    assert "samples" not in told.out
+
+
 def test_large_pictures_are_reduced_in_linear_light(tmp_path, weights):
     stripes = np.zeros((64, 128, 3), np.uint8)
     stripes[:, ::2] = 255
@@ -116,6 +147,23 @@ def test_exr_is_taken_as_linear_and_premultiplied(tmp_path):
 def test_sixteen_bits_of_grey_reach_white(tmp_path):
     Image.fromarray(np.full((4, 4), 65535, np.uint16)).save(tmp_path / "grey.png")
     assert read_photograph(tmp_path / "grey.png")[0].min() == 1
+
+
+def test_sixteen_bits_of_a_mask_are_not_cut_at_255(tmp_path, picture):
+    Image.fromarray(picture[..., :3]).save(tmp_path / "disc.png")
+    ramp = np.tile(np.linspace(0, 65535, 30).astype(np.uint16), (24, 1))
+    Image.fromarray(ramp).save(tmp_path / "ramp.png")
+    mask = read_photograph(tmp_path / "disc.png", tmp_path / "ramp.png")[1]
+    np.testing.assert_allclose(mask, ramp / 65535, atol=1e-6)
+
+
+@pytest.mark.parametrize("role", ["photograph", "mask"])
+def test_floating_point_without_a_known_white_is_refused(tmp_path, picture, role):
+    Image.fromarray(picture).save(tmp_path / "disc.png")
+    Image.fromarray(np.full((24, 30), 0.5, np.float32)).save(tmp_path / "grey.tif")
+    paths = ("grey.tif",) if role == "photograph" else ("disc.png", "grey.tif")
+    with pytest.raises(InputError, match="grey.tif: expected whole numbers, found floating point"):
+        read_photograph(*(tmp_path / path for path in paths))
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def fuse_views(
     seen_by = _views_in_cells(cell[used], view, gbuffer.shape[0])[cell][:, None]
     # The variance of n views around their own mean is too small, and zero for one: the average over all texels stands
     # in for the missing degree of freedom.
-    typical = (residual**2).mean()
+    typical = (residual**2).sum() / max(residual.numel(), 1)  # none where the object fills no pixel
     around = (fetch(variance, first) * seen_by + typical) / seen_by.clamp_min(1)
     return fused, around.sqrt(), (seen_by > 0).float()
 

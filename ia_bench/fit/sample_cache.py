@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,11 +19,11 @@ CACHE_BYTES = 2 << 30  # the samples used longest ago are removed beyond this
 
 @dataclass(frozen=True)
 class StoredSample:
-    """One draw: component -> (V, H, W, 3), and what it had cost when it was made."""
+    """One draw: component -> (V, H, W, 3), what it had cost when it was made, and what was counted."""
 
     sample: dict[str, Tensor]
     seconds: float
-    network_calls: int
+    counters: dict[str, int]
 
 
 def content_key(*parts: str | Tensor) -> str:
@@ -50,16 +52,18 @@ class SampleCache:
             with safe_open(path, framework="pt") as file:
                 about: Mapping[str, str] = file.metadata()
                 sample = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
-            os.utime(path)  # used just now
-            return StoredSample(sample, float(about["seconds"]), int(about["network_calls"]))
-        except (OSError, SafetensorError, KeyError, TypeError, ValueError):
+            with contextlib.suppress(OSError):  # of another user
+                os.utime(path)  # used just now
+            counters = {name: int(count) for name, count in json.loads(about["counters"]).items()}
+            return StoredSample(sample, float(about["seconds"]), counters)
+        except (OSError, SafetensorError, KeyError, TypeError, ValueError, AttributeError):
             return None
 
     def store(self, key: str, stored: StoredSample) -> None:
         """Keep a draw, and remove the ones used longest ago beyond the limit. A folder that cannot be written keeps none."""
         path = self._path(key)
         partial = path.with_name(f".{path.stem}.{os.getpid()}")
-        about = {"seconds": repr(stored.seconds), "network_calls": str(stored.network_calls)}
+        about = {"seconds": repr(stored.seconds), "counters": json.dumps(stored.counters)}
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError:

@@ -15,7 +15,7 @@ from ia_bench.fit.geometry import view_geometry
 from ia_bench.fit.problem import Problem
 from ia_bench.fit.sample_cache import SampleCache, StoredSample, content_key
 from ia_bench.fit.views import evenly_spread
-from ia_bench.priors.contract import Bounded, Distiller, Fingerprinted, GeometryReader, Prior
+from ia_bench.priors.contract import Bounded, Counted, Distiller, Fingerprinted, GeometryReader, Prior
 from ia_bench.render.atlas import cache_folder
 
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
@@ -29,9 +29,9 @@ def draw_seed(seed: int, draw: int) -> int:
 class PriorSampler:
     """The prior as the trainer asks it: about the views of ``problem.supervision.views``, each answer checked.
 
-    ``views``: which training views these are. ``counters``: "network_calls" spent, among them those of samples that were
-    kept from an earlier run, and "prior_cached", how many draws these are. ``kept_seconds``: what the kept draws took when
-    they were made, so that error against time stays comparable.
+    ``views``: which training views these are. ``counters``: "network_calls" spent and what a Counted prior counts, among
+    them those of samples that were kept from an earlier run, and "prior_cached", how many draws these are.
+    ``kept_seconds``: what the kept draws took when they were made, so that error against time stays comparable.
     """
 
     def __init__(self, problem: Problem, prior: Prior, seed: int) -> None:
@@ -49,7 +49,7 @@ class PriorSampler:
                 f"found {type(prior).__name__}, which always gives the same sample"
             )
         self.views = evenly_spread(problem.scene, problem.plan.prior_views if settings.views == "auto" else settings.views)
-        self.counters = {"network_calls": 0, "prior_cached": 0}
+        self.counters = {"prior_cached": 0, **dict.fromkeys(self._counted(), 0)}
         self.kept_seconds = 0.0
         self._given: tuple[int, ...] | None = None  # the views whose geometry the prior holds
         keeps = settings.cache and isinstance(prior, Fingerprinted) and not prior.sees_truth  # truth is in no key
@@ -86,7 +86,7 @@ class PriorSampler:
         stored = cache.load(key) if cache is not None else None
         if stored is not None:
             self.counters["prior_cached"] += 1
-            self.counters["network_calls"] += stored.network_calls
+            self._count(stored.counters)
             self.kept_seconds += stored.seconds
             return stored.sample
 
@@ -94,25 +94,34 @@ class PriorSampler:
             return self._prior.sample(images, masks, seed=seed, guidance=guidance)
 
         started = time.perf_counter()
-        sample, calls = self._ask(ask, self.views, set(self._prior.provides), images.shape)
+        sample, counted = self._ask(ask, self.views, set(self._prior.provides), images.shape)
         if cache is not None:
-            cache.store(key, StoredSample(sample, time.perf_counter() - started, calls))
+            cache.store(key, StoredSample(sample, time.perf_counter() - started, counted))
         return sample
 
     def _ask(
         self, ask: Callable[[], Images], views: tuple[int, ...], expected: set[str], shape: torch.Size
-    ) -> tuple[Images, int]:
-        """The checked answer, and the network calls it took."""
+    ) -> tuple[Images, dict[str, int]]:
+        """The checked answer, and what was counted for it."""
         prior = self._prior
         if isinstance(prior, GeometryReader) and prior.reads_geometry and self._given != views:
             prior.give_geometry(*view_geometry(self._problem, views))
             self._given = views
-        before = prior.network_calls
+        before = self._counted()
         samples = ask()
-        calls = prior.network_calls - before
-        self.counters["network_calls"] += calls
+        counted = {name: count - before.get(name, 0) for name, count in self._counted().items()}
+        self._count(counted)
         _check(samples, expected, shape)
-        return samples, calls
+        return samples, counted
+
+    def _counted(self) -> dict[str, int]:
+        """What the prior has counted since it was made."""
+        own = self._prior.counters if isinstance(self._prior, Counted) else {}
+        return {"network_calls": self._prior.network_calls, **own}
+
+    def _count(self, counted: Mapping[str, int]) -> None:
+        for name, count in counted.items():
+            self.counters[name] = self.counters.get(name, 0) + count
 
     def _photographs(self, views: tuple[int, ...]) -> tuple[Tensor, Tensor]:
         chosen = [self._problem.scene.train[view] for view in views]
@@ -128,7 +137,7 @@ class PriorSampler:
             mesh, shadows = self._problem.scene.mesh, type(self._problem.renderer.visibility).__name__
             cameras = [self._problem.scene.train[view].camera for view in self.views]
             digest = hashlib.sha256(f"{shadows} {self._problem.gbuffer.subsamples}".encode())
-            for array in (mesh.vertices, mesh.faces, mesh.normals, *(camera.to_world for camera in cameras)):
+            for array in (mesh.vertices, mesh.faces, mesh.normals, mesh.uv, *(camera.to_world for camera in cameras)):
                 digest.update(np.ascontiguousarray(array).tobytes())
             digest.update(repr([(camera.focal, camera.centre) for camera in cameras]).encode())
             parts.append(digest.hexdigest())

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from ia_bench.__main__ import INTERRUPTED, OK, complain, limit_threads
 from ia_bench.errors import InputError
+from ia_bench.paths import make_writable
 from ia_bench.priors.training.shards import SHARD_IMAGES, load_shard, read_info, shard_path
 from ia_bench.progress import Progress
 from ia_bench.suggest import unknown
@@ -93,12 +94,8 @@ def make_data(request: Request, progress: Progress) -> list[Path]:
     Raises InputError if the folder cannot be used, holds other images (seed, size or version), or another process is filling
     it.
     """
-    try:
-        request.out.mkdir(parents=True, exist_ok=True)
-        opened = (request.out / ".lock").open("w")
-    except OSError as error:
-        raise InputError(f"out: {request.out}: expected a folder that can be written, found: {error.strerror}") from None
-    with opened as lock:
+    make_writable(request.out, "out")
+    with (request.out / ".lock").open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

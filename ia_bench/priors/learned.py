@@ -25,8 +25,10 @@ from ia_bench.priors.diffusion.precision import use_bf16
 from ia_bench.priors.diffusion.sampler import derive_seed
 from ia_bench.priors.inputs import check_views, choose_device, content_number
 
-VERSION = 2
+VERSION = 3
 """Part of the fingerprint; raised when a change of the code changes samples."""
+GRID = 8
+"""Pixels of which the side of a frame at full resolution is a multiple, so that views of nearly one size make one batch."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class LearnedPrior(ABC):
         self._networks: list[MaterialNetwork] = []
 
     def at_full_resolution(self, reduction: float) -> bool:
-        """Whether an image is predicted as large as it is; else it is reduced ``reduction`` times to the native size."""
+        """Whether an image that is larger than the native size is predicted as it is; else it is reduced ``reduction`` times."""
         return False
 
     @property
@@ -146,13 +148,23 @@ class LearnedPrior(ABC):
         """(N, 3 C, S, S) in the network's space; ``render``: encoded (N, 3, S, S) per component to be drawn toward."""
 
     def _through(
-        self, images: Tensor, masks: Tensor, seed: int, renders: Mapping[str, Tensor], predict: Predict
+        self,
+        images: Tensor,
+        masks: Tensor,
+        seed: int,
+        renders: Mapping[str, Tensor],
+        predict: Predict,
+        *,
+        reduced: bool = False,
     ) -> dict[str, Tensor]:
-        """Frame, ``predict``, bring back to size and decode; views without foreground stay black."""
+        """Frame, ``predict``, bring back to size and decode; views without foreground stay black.
+
+        ``reduced``: always to the native size, for a ``predict`` that knows no patches.
+        """
         samples = {name: torch.zeros_like(images, dtype=torch.float32) for name in sorted(self.provides)}
         for network in self._loaded():
             config = network.config
-            for framed in self._framed(images, masks, seed, config.geometry):
+            for framed in self._framed(images, masks, seed, config.geometry, reduced=reduced):
                 encoded = {
                     name: self._encode(network, name, self._cut(render, framed), framed.masks, framed.factor).to(self._device)
                     for name, render in renders.items()
@@ -179,15 +191,18 @@ class LearnedPrior(ABC):
             self._networks = [load_network(part)[0].to(self._device) for part in self._parts]
         return self._networks
 
-    def _framed(self, images: Tensor, masks: Tensor, seed: int, geometry: bool) -> list[Framed]:
+    def _framed(self, images: Tensor, masks: Tensor, seed: int, geometry: bool, *, reduced: bool = False) -> list[Framed]:
         """The images grouped by the size at which they are predicted, at most ``batch`` at a time."""
         groups: dict[int, list[tuple[int, Frame]]] = {}
         for view, mask in enumerate(masks):
-            frame = Frame.around(mask, self._native, 8)
-            if frame is not None and self.at_full_resolution(frame.length / self._native):
-                frame = Frame.around(mask, None, 8)
-            if frame is not None:
-                groups.setdefault(frame.side, []).append((view, frame))
+            frame = Frame.around(mask, self._native, GRID)
+            if frame is None:
+                continue
+            reduction = frame.length / self._native
+            if reduction > 1 and not reduced and self.at_full_resolution(reduction):
+                frame = Frame.around(mask, None, GRID)
+                assert frame is not None
+            groups.setdefault(frame.side, []).append((view, frame))
         found = []
         for members in groups.values():
             for start in range(0, len(members), self.batch):

@@ -1,7 +1,8 @@
 """``python -m ia_bench.report.comparison --scene FOLDER --out PNG [NAME=]RUN_FOLDER...``: runs beside each other and the truth.
 
-One sheet of one scene: aligned albedo and roughness of a test view, and the object under a light that no run has seen. A
-column for the truth and for every run, with each run's scores over all views below its pictures.
+One sheet of one scene: a photograph; then a column for the truth and for every run, with aligned albedo and roughness of that
+view, the object under a light that no run has seen, and the light of the photographs. Below the pictures stand a run's scores,
+which are means over all views of the scene.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import Light, make_renderer, texture_images
-from ia_bench.report.panels import exposure, on_white, to_image, unmultiplied
+from ia_bench.report.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.native import load_scene
@@ -28,10 +29,15 @@ from ia_bench.scenes.scene import Scene, View
 
 SAMPLES = 128  # per pixel of the relit picture, as in scoring
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
-CELL = 192  # pixels of a picture on the sheet, at least; smaller images are enlarged by whole factors
+CELL = 192  # pixels of a picture on the sheet; that of a light is half as high
 MARGIN, LINE, LEGEND = 8, 20, 110  # pixels around pictures, of a line of text, and of the words to the left
-TRUTH = "truth"
-LINES = (("albedo", "aligned_albedo", "psnr"), ("roughness", "roughness", "mse"), ("relighting", "relighting", "psnr"))
+PHOTOGRAPH, TRUTH = "photograph", "truth"
+LINES = (
+    ("aligned\nalbedo", "aligned_albedo", "psnr"),
+    ("roughness,\nblack is 0", "roughness", "mse"),
+    ("relit", "relighting", "psnr"),
+)
+"""Pictures of the object from above to below, each with the score of a run that stands below it; the light follows."""
 
 
 def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) -> None:
@@ -40,8 +46,9 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     Raises InputError for a run without results, of another scene or named as the truth, runs that unwrapped the mesh
     differently, and for a scene without a test view with true albedo and roughness or without a novel light.
     """
-    if TRUTH in runs:
-        raise InputError(f"expected another name than {TRUTH}, which is the first column's, for {runs[TRUTH]}")
+    for name in (PHOTOGRAPH, TRUTH):
+        if name in runs:
+            raise InputError(f"expected another name than {name}, which is a column's already, for {runs[name]}")
     read = {name: read_run(folder, scene_folder) for name, folder in runs.items()}
     atlases = {uv for _, uv in read.values()}
     if len(atlases) != 1:
@@ -49,13 +56,14 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     scene = load_scene(scene_folder, truth=True, uv=atlases.pop())
     shown = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     novel = [view for view in scene.novel if view.light != "train"]
-    if not shown or not novel:
-        raise InputError(f"{scene_folder}: expected a test view with true albedo and roughness, and a novel light")
+    if not shown or not novel or scene.truth is None or "train" not in scene.truth.lights:
+        raise InputError(f"{scene_folder}: expected a test view with true albedo and roughness, its light, and a novel light")
     stage = _Stage(scene, shown[len(shown) // 2], novel[len(novel) // 2])
-    columns = {TRUTH: stage.truth()} | {name: stage.recovered(run) for name, (run, _) in read.items()}
+    columns = {PHOTOGRAPH: stage.photograph(), TRUTH: stage.truth()}
+    columns |= {name: stage.recovered(run) for name, (run, _) in read.items()}
     scores = [[_score(run, component, metric) for _, component, metric in LINES] for run, _ in read.values()]
     out.parent.mkdir(parents=True, exist_ok=True)
-    _compose(columns, [[""] * len(LINES), *scores], stage.relit.light).save(out, format="PNG")
+    _compose(columns, [[], [], *scores], stage.relit.light).save(out, format="PNG")
 
 
 class _Stage:
@@ -64,21 +72,30 @@ class _Stage:
     def __init__(self, scene: Scene, view: View, relit: View) -> None:
         assert scene.truth is not None
         self.view, self.relit = view, relit
+        self._side = max(extent(view.mask), extent(relit.mask))
+        self._true_light = scene.truth.lights["train"]
+        self._light_gain = light_exposure(self._true_light)
         self._scene = scene
         self._rays, self._surface = EmbreeRays(scene.mesh), SurfaceInterpolator(scene.mesh, torch.device("cpu"))
         self._gbuffer, self._relit_gbuffer = self._trace(view), self._trace(relit)
         self._light = Light.of(torch.from_numpy(scene.truth.lights[relit.light]))
         self._gain = exposure(relit.image[None], relit.mask[None])
 
+    def photograph(self) -> list[np.ndarray]:
+        """What the view looks like, (H, W, 3) in [0, 1]; the column has no other picture."""
+        image, mask = self.view.image, self.view.mask
+        exposed = exposure(image[None], mask[None]) * image
+        return [self._cut(linear_to_srgb(unmultiplied(exposed, mask)), mask, mask)]
+
     def truth(self) -> list[np.ndarray]:
-        """Pictures (H, W, 3) in [0, 1] in the order of LINES."""
+        """Pictures (H, W, 3) in [0, 1] in the order of LINES, and the light."""
         view, relit = self.view, self.relit
         assert view.albedo is not None
         assert view.roughness is not None
-        return self._pictures(view.albedo, view.roughness[..., None], view.mask, relit.image, relit.mask)
+        return self._pictures(view.albedo, view.roughness[..., None], view.mask, relit.image, relit.mask, self._true_light)
 
     def recovered(self, run: Recovered) -> list[np.ndarray]:
-        """The same of a run: its albedo aligned as in its scores, before it is relit too."""
+        """The same of a run: its albedo aligned as in its scores, before it is relit too, and its light the other way."""
         material = Material(run.scale * run.material.albedo, run.material.roughness, run.material.metallic)
         renderer = make_renderer(
             self._scene.mesh, self._surface, self._rays, shadows="traced", bounces=run.bounces, coat=run.coat
@@ -89,16 +106,28 @@ class _Stage:
             texture_images(self._surface, self._gbuffer, texture)[0].numpy() for texture in (material.albedo, material.roughness)
         )
         coverage, relit_coverage = (part.coverage()[0].numpy() for part in (self._gbuffer, self._relit_gbuffer))
-        return self._pictures(albedo, roughness, coverage, relit[0].numpy(), relit_coverage)
+        light = run.light.numpy() / run.scale
+        return self._pictures(albedo, roughness, coverage, relit[0].numpy(), relit_coverage, light)
 
     def _pictures(
-        self, albedo: np.ndarray, roughness: np.ndarray, mask: np.ndarray, relit: np.ndarray, relit_mask: np.ndarray
+        self,
+        albedo: np.ndarray,
+        roughness: np.ndarray,
+        coverage: np.ndarray,
+        relit: np.ndarray,
+        relit_coverage: np.ndarray,
+        light: np.ndarray,
     ) -> list[np.ndarray]:
+        view, under = self.view.mask, self.relit.mask
         return [
-            on_white(linear_to_srgb(unmultiplied(albedo, mask)), mask),
-            on_white(unmultiplied(roughness, mask), mask),
-            on_white(linear_to_srgb(unmultiplied(self._gain * relit, relit_mask)), relit_mask),
+            self._cut(linear_to_srgb(unmultiplied(albedo, coverage)), coverage, view),
+            self._cut(unmultiplied(roughness, coverage), coverage, view),
+            self._cut(linear_to_srgb(unmultiplied(self._gain * relit, relit_coverage)), relit_coverage, under),
+            light_map(light, self._light_gain),
         ]
+
+    def _cut(self, picture: np.ndarray, coverage: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        return cut_out(on_grey(picture, coverage), mask, self._side)
 
     def _trace(self, view: View) -> GBuffer:
         return trace_gbuffer([view.camera], self._rays, SIDE, torch.device("cpu"))
@@ -111,23 +140,24 @@ def _score(run: Recovered, component: str, metric: str) -> str:
     return f"{value:.1f} dB" if metric == "psnr" else f"MSE {value:.4f}"
 
 
-def _compose(columns: Mapping[str, list[np.ndarray]], scores: list[list[str]], light: str) -> Image.Image:
-    height, width = next(iter(columns.values()))[0].shape[:2]
-    factor = max(1, -(-CELL // max(height, width)))
-    height, width = factor * height, factor * width
-    down = height + LINE + MARGIN
-    sheet = Image.new("RGB", (LEGEND + len(columns) * (width + MARGIN) + MARGIN, 2 * LINE + len(LINES) * down), "white")
+def _compose(columns: Mapping[str, list[np.ndarray]], scores: list[list[str]], relit_under: str) -> Image.Image:
+    down = CELL + LINE + MARGIN
+    light_top = 2 * LINE + len(LINES) * down
+    sheet = Image.new("RGB", (LEGEND + len(columns) * (CELL + MARGIN) + MARGIN, light_top + CELL // 2 + MARGIN), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=14)
-    for line, (name, _, _) in enumerate(LINES):
-        words = f"{name}\nunder\n{light}" if name == "relighting" else name
-        draw.text((MARGIN, 2 * LINE + line * down + height // 2), words, fill="black", font=font)
+    for line, (words, _, _) in enumerate(LINES):
+        under = f"\nunder\n{relit_under}" if words == LINES[-1][0] else ""
+        draw.text((MARGIN, 2 * LINE + line * down + CELL // 2), words + under, fill="black", font=font)
+    draw.text((MARGIN, light_top + CELL // 4), "light", fill="black", font=font)
     for column, (name, pictures) in enumerate(columns.items()):
-        left = LEGEND + column * (width + MARGIN)
+        left = LEGEND + column * (CELL + MARGIN)
         draw.text((left, 2), name.replace(" w/o", "\nw/o"), fill="black", font=font)
         for line, picture in enumerate(pictures):
             top = 2 * LINE + line * down
-            sheet.paste(to_image(picture).resize((width, height), Image.Resampling.NEAREST), (left, top))
-            draw.text((left, top + height), scores[column][line], fill="black", font=font)
+            size = (CELL, CELL if line < len(LINES) else CELL // 2)
+            sheet.paste(to_image(picture).resize(size, Image.Resampling.BICUBIC), (left, top))
+        for line, score in enumerate(scores[column]):
+            draw.text((left, 2 * LINE + line * down + CELL), score, fill="black", font=font)
     return sheet
 
 

@@ -1,9 +1,14 @@
-"""Rendered arrays as pictures: what covers a pixel, at one exposure, on white."""
+"""Rendered arrays as pictures: what covers a pixel, at one exposure, on grey, cut out around the object."""
 
 from __future__ import annotations
 
 import numpy as np
 from PIL import Image
+
+from ia_bench.scenes.color import linear_to_srgb
+
+GREY = 0.5  # behind objects, display-encoded: white paint and sails are seen on it, and black ones
+CUT_MARGIN = 2  # pixels around an object that is cut out
 
 
 def exposure(images: np.ndarray, masks: np.ndarray) -> float:
@@ -17,10 +22,33 @@ def unmultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     return (image / np.maximum(coverage, 1e-3)[..., None]).clip(0, 1)
 
 
-def on_white(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """A picture (H, W, C) in [0, 1] over white, (H, W, 3)."""
+def on_grey(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    """A picture (H, W, C) in [0, 1] over GREY, (H, W, 3)."""
     alpha = coverage[..., None].clip(0, 1)
-    return np.broadcast_to(alpha * picture + (1 - alpha), (*coverage.shape, 3))
+    return np.broadcast_to(alpha * picture + (1 - alpha) * GREY, (*coverage.shape, 3))
+
+
+def extent(mask: np.ndarray) -> int:
+    """Side in pixels of the smallest square around what ``mask`` (H, W) covers, with a margin; 1 where it covers nothing."""
+    lengths = [np.ptp(found) + 1 + 2 * CUT_MARGIN for found in np.nonzero(mask > 0) if len(found)]
+    return int(max(lengths, default=1))
+
+
+def cut_out(picture: np.ndarray, mask: np.ndarray, side: int) -> np.ndarray:
+    """The square (side, side, 3) of ``picture`` (H, W, 3) around what ``mask`` (H, W) covers; GREY beyond its edges."""
+    padded = np.pad(picture, ((side, side), (side, side), (0, 0)), constant_values=GREY)
+    starts = [(found.min() + found.max() + 1 - side) // 2 + side if len(found) else side for found in np.nonzero(mask > 0)]
+    return padded[starts[0] : starts[0] + side, starts[1] : starts[1] + side]
+
+
+def light_map(radiance: np.ndarray, gain: float) -> np.ndarray:
+    """A lat-long light (H, W, 3) at an exposure, as on a display."""
+    return linear_to_srgb((gain * radiance).clip(0, 1))
+
+
+def light_exposure(radiance: np.ndarray) -> float:
+    """Brings nine tenths of a light (H, W, 3) below mid-grey."""
+    return 0.5 / max(float(np.quantile(radiance.mean(-1), 0.9)), 1e-12)
 
 
 def to_image(picture: np.ndarray) -> Image.Image:

@@ -19,7 +19,7 @@ from ia_bench.errors import InputError
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import Light, make_renderer, texture_images
-from ia_bench.report.panels import exposure, on_white, to_image, unmultiplied
+from ia_bench.report.panels import exposure, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.native import load_scene
@@ -29,7 +29,7 @@ SAMPLES = 64  # per pixel of the re-render
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
 CELL = 192  # pixels of a picture on the sheet, at least; smaller images are enlarged by whole factors
 MARGIN, LINE = 8, 24  # pixels around pictures, and of a line of text
-COLUMNS = ("photograph", "our render", "true albedo", "recovered", "true roughness", "recovered")
+COLUMNS = ("photograph", "our render", "true albedo", "recovered albedo", "true roughness", "recovered roughness")
 
 
 def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, views: int = 3) -> None:
@@ -48,7 +48,9 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
         raise InputError(f"{scene_folder}: expected test views with true albedo and roughness, and the training light")
     chosen = [usable[i] for i in np.linspace(0, len(usable) - 1, min(views, len(usable))).round().astype(int)]
     rows = _rows(scene, chosen, recovered)
-    lights = _lights(scene.truth.lights["train"], recovered.light.numpy() / recovered.scale)
+    true = scene.truth.lights["train"]
+    gain = light_exposure(true)
+    lights = [light_map(light, gain) for light in (true, recovered.light.numpy() / recovered.scale)]
     sheet = _compose(rows, lights, recovered.title)
     out.parent.mkdir(parents=True, exist_ok=True)
     sheet.save(out, format="PNG")
@@ -74,21 +76,15 @@ def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[lis
         assert view.roughness is not None
         rows.append(
             [
-                on_white(linear_to_srgb(unmultiplied(gain * view.image, view.mask)), view.mask),
-                on_white(linear_to_srgb(unmultiplied(gain * rendered[i], coverage[i])), coverage[i]),
-                on_white(linear_to_srgb(unmultiplied(view.albedo, view.mask)), view.mask),
-                on_white(linear_to_srgb(unmultiplied(albedo[i], coverage[i])), coverage[i]),
-                on_white(unmultiplied(view.roughness[..., None], view.mask), view.mask),
-                on_white(unmultiplied(roughness[i], coverage[i]), coverage[i]),
+                on_grey(linear_to_srgb(unmultiplied(gain * view.image, view.mask)), view.mask),
+                on_grey(linear_to_srgb(unmultiplied(gain * rendered[i], coverage[i])), coverage[i]),
+                on_grey(linear_to_srgb(unmultiplied(view.albedo, view.mask)), view.mask),
+                on_grey(linear_to_srgb(unmultiplied(albedo[i], coverage[i])), coverage[i]),
+                on_grey(unmultiplied(view.roughness[..., None], view.mask), view.mask),
+                on_grey(unmultiplied(roughness[i], coverage[i]), coverage[i]),
             ]
         )
     return rows
-
-
-def _lights(true: np.ndarray, found: np.ndarray) -> list[np.ndarray]:
-    """Both maps at one exposure, in sRGB."""
-    gain = 0.5 / max(float(np.quantile(true.mean(-1), 0.9)), 1e-12)
-    return [linear_to_srgb((gain * light).clip(0, 1)) for light in (true, found)]
 
 
 def _compose(rows: list[list[np.ndarray]], lights: list[np.ndarray], title: str) -> Image.Image:

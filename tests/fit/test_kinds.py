@@ -52,6 +52,7 @@ class Noisy(OraclePrior):
     def __init__(self, views: tuple[int, ...], images: Tensor) -> None:
         super().__init__(noise=0.1, scale=0.2)
         self._images = images[list(views)]
+        self.counters = {"distilled": 0}
         self.asked: list[tuple[str, int, int]] = []  # which question, of how many views, with which seed
 
     def sample(
@@ -64,6 +65,7 @@ class Noisy(OraclePrior):
     def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
         self.asked.append(("distill", len(images), seed))
         self.network_calls += 1
+        self.counters = {"distilled": self.counters["distilled"] + len(images)}
         level = np.random.default_rng(seed).uniform(0.2, 0.8)
         views = [int((self._images - image).abs().sum((1, 2, 3)).argmin()) for image in images]
         truth = {name: torch.from_numpy(self._truth[name])[views] for name in renders}
@@ -129,7 +131,8 @@ def test_samples_and_views_that_are_asked_for(problem: Problem, scene: Scene) ->
     found = fit(changed, prior, SETTINGS, Record())
     assert [(what, views) for what, views, _ in prior.asked] == [("sample", 4)] * 3 + [("guided", 4)] * 3
     assert len({seed for *_, seed in prior.asked[:3]}) == 3
-    assert found.counters == {"network_calls": 60, "prior_cached": 0, "skipped_steps": 0, "cast_blocked_steps": 0}
+    steps = {"skipped_steps": 0, "cast_blocked_steps": 0}
+    assert found.counters == {"network_calls": 60, "prior_cached": 0, "distilled": 0, **steps}
 
 
 @pytest.mark.parametrize(("weight", "asked"), [(1.0, ["sample", "guided"]), (0.0, ["sample"])])
@@ -148,7 +151,7 @@ def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None
     found = fit(changed, prior, SETTINGS, Record())
     assert [(what, views) for what, views, _ in prior.asked] == [("distill", 2)] * 4  # steps 0, 3, 6, 9
     assert len({seed for *_, seed in prior.asked}) == 4
-    assert found.counters["network_calls"] == 4
+    assert (found.counters["network_calls"], found.counters["distilled"]) == (4, 8)
     assert found.seconds["prior"] > 0
 
 

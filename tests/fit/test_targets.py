@@ -222,6 +222,14 @@ def test_a_prior_of_known_scale_is_fused_as_it_is(problem: Problem, scene: Scene
     assert srgb_error(problem, aligned, truth) < srgb_error(problem, trusted, truth)
 
 
+def test_fusion_of_nothing_is_nothing(problem: Problem) -> None:
+    """As of a wire that fills no pixel."""
+    nothing = torch.zeros(len(problem.gbuffer.pixel), 1)
+    _, spread, seen = fuse_views(problem, torch.rand(len(nothing), 3), nothing, "srgb", align=True)
+    assert bool((spread == 0).all())
+    assert bool((seen == 0).all())
+
+
 def test_fused_few_views_supervise_what_they_saw(problem: Problem, scene: Scene) -> None:
     views = (0, 7)
     sample = {name: value[list(views)] for name, value in oracle_samples(scene, problem)[0].items()}

@@ -38,8 +38,9 @@ def test_runs_beside_the_truth(perfect_run: Path, spoiled_run: Path, scene_folde
     out = tmp_path / "new" / "sheet.png"
     runs = [f"perfect={perfect_run}", str(spoiled_run)]
     assert main([*runs, "--scene", str(scene_folder), "--out", str(out)]) == 0
-    truth, perfect, spoiled = (pictures(out, column) for column in range(3))
-    assert all(picture.std() > 0.02 for picture in truth)
+    photograph, truth, perfect, spoiled = (pictures(out, column) for column in range(4))
+    assert all(picture.std() > 0.02 for picture in (photograph[0], *truth))
+    assert all((picture == 1).all() for picture in photograph[1:])  # nothing but paper
     for line, noise in enumerate((0.02, 0.02, 0.03)):
         right, wrong = (np.abs(truth[line] - found[line]).mean() for found in (perfect, spoiled))
         assert right < noise
@@ -55,8 +56,9 @@ def test_mistakes(
     assert "nowhere/metrics.json: expected a run's results" in capsys.readouterr().err
     assert main([str(perfect_run), f"{perfect_run.name}={spoiled_run}", "--scene", str(scene_folder), "--out", str(out)]) == 2
     assert "expected different names of the runs, found run, run" in capsys.readouterr().err
-    with pytest.raises(InputError, match="expected another name than truth"):
-        write_comparison({"truth": perfect_run}, scene_folder, out)
+    for name in ("truth", "photograph"):
+        with pytest.raises(InputError, match=f"expected another name than {name}"):
+            write_comparison({name: perfect_run}, scene_folder, out)
     with pytest.raises(InputError, match="expected at least one run"):
         write_comparison({}, scene_folder, out)
     config = json.loads((spoiled_run / "config.json").read_text())
@@ -79,5 +81,5 @@ def test_scene_without_novel_lights(
     novel["frames"] = [frame for frame in novel["frames"] if frame.get("light", "train") == "train"]
     (copy / "transforms_novel.json").write_text(json.dumps(novel))
     put_on_scene(perfect_run, copy)
-    with pytest.raises(InputError, match="expected a test view with true albedo and roughness, and a novel light"):
+    with pytest.raises(InputError, match="expected a test view with true albedo and roughness, its light, and a novel light"):
         write_comparison({"perfect": perfect_run}, copy, tmp_path / "sheet.png")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ia_bench.report.panels import exposure
+from ia_bench.report.panels import CUT_MARGIN, GREY, cut_out, exposure, extent, on_grey
 
 
 def test_exposure_shows_all_but_the_brightest_hundredth_of_the_foreground() -> None:
@@ -16,3 +16,21 @@ def test_exposure_shows_all_but_the_brightest_hundredth_of_the_foreground() -> N
 
 def test_exposure_of_no_foreground_is_one() -> None:
     assert exposure(np.full((1, 4, 4, 3), 3.0, np.float32), np.zeros((1, 4, 4), np.float32)) == 1
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (3, 5), (12, 8)])
+def test_cut_out_is_the_square_around_the_object_also_at_an_edge(corner: tuple[int, int]) -> None:
+    mask = np.zeros((16, 20), np.float32)
+    mask[corner[0] : corner[0] + 4, corner[1] : corner[1] + 6] = 1
+    side = extent(mask)
+    assert side == 6 + 2 * CUT_MARGIN
+    found = cut_out(on_grey(np.ones((16, 20, 3)), mask), mask, side)
+    expected = np.full((side, side, 3), GREY)
+    expected[CUT_MARGIN + 1 : -CUT_MARGIN - 1, CUT_MARGIN:-CUT_MARGIN] = 1
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_cut_out_of_nothing_is_grey() -> None:
+    nothing = np.zeros((8, 8), np.float32)
+    assert extent(nothing) == 1
+    assert (cut_out(on_grey(np.ones((8, 8, 3)), nothing), nothing, 5) == GREY).all()

@@ -9,6 +9,7 @@ any) and ``encoder.safetensors`` (the small image encoder, or the projection of 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import os
@@ -114,12 +115,24 @@ def read_config(folder: Path) -> NetworkConfig:
 
 
 def fingerprint(folder: Path) -> str:
-    """SHA-256 over the files that determine the network's output."""
+    """SHA-256 over the files that determine the network's output, those of a pretrained encoder elsewhere among them."""
     digest = hashlib.sha256()
-    for name in ("prior.json", UNET, HEAD, ENCODER):
-        if (folder / name).is_file():
-            digest.update(name.encode() + (folder / name).read_bytes())
+    files = [folder / name for name in ("prior.json", UNET, HEAD, ENCODER)]
+    encoder = read_config(folder).encoder
+    if encoder not in ("small", "none"):
+        files += sorted(Path(encoder).glob("*.safetensors"))
+    for path in files:
+        if path.is_file():
+            status = path.stat()
+            digest.update(path.name.encode() + _file_digest(path, status.st_size, status.st_mtime_ns))
     return digest.hexdigest()
+
+
+@functools.lru_cache(maxsize=32)
+def _file_digest(path: Path, size: int, modified: int) -> bytes:
+    """SHA-256 of a file that had this ``size`` and was ``modified`` then: asked for every draw, and CLIP is large."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
 
 
 def _modules(network: MaterialNetwork) -> dict[str, torch.nn.Module]:

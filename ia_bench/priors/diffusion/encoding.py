@@ -26,10 +26,12 @@ LOG_RANGE = 64.0
 def exposure(images: Tensor, masks: Tensor) -> Tensor:
     """Factor (N,) that brings each image to the exposure above: images (N, H, W, 3) premultiplied by masks (N, H, W).
 
-    1 for an image without foreground or without light.
+    An image's largest coverage counts as a whole one: glass has an exposure too. 1 for an image without foreground or light.
     """
-    brightest = images.amax(-1).flatten(1)
-    inside = masks.flatten(1) > 0.5
+    coverage = masks.flatten(1)
+    full = coverage.amax(1, keepdim=True).clamp_min(1e-3)
+    brightest = images.amax(-1).flatten(1) / full
+    inside = coverage > 0.5 * full
     ordered = torch.where(inside, brightest, torch.inf).sort(1).values
     count = inside.sum(1)
     rank = (EXPOSED_QUANTILE * (count - 1)).round().long().clamp_min(0)

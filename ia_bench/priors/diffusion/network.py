@@ -15,12 +15,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 import torch
+from safetensors import SafetensorError
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ia_bench.errors import InputError
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.encoding import SpecularEncoding
+from ia_bench.priors.diffusion.schedule import SCHEDULE_KEYS
+from ia_bench.suggest import unknown
 from ia_bench.torchvision_shim import import_torchvision
 
 Kind = Literal["diffusion", "regressor"]
@@ -85,6 +88,9 @@ class NetworkConfig:
             raise InputError(f"network.size: expected a multiple of {stride} (fold x down-sampling), found {self.size}")
         if self.encoder == "small" and self.tokens % 16:
             raise InputError(f"network.tokens: expected a multiple of 16 for the small encoder, found {self.tokens}")
+        for key in self.schedule:
+            if key not in SCHEDULE_KEYS:
+                raise InputError(unknown("key of network.schedule", key, SCHEDULE_KEYS))
         timesteps = self.schedule.get("num_train_timesteps")
         if not isinstance(timesteps, int) or timesteps < 1:
             raise InputError(f"network.schedule: num_train_timesteps: expected a whole number >= 1, found {timesteps!r}")
@@ -235,7 +241,10 @@ class ClipEncoder(nn.Module):
             raise InputError(f"network.encoder: expected small, none or the folder of a CLIP vision model, found {folder}")
         from transformers import CLIPVisionModel
 
-        self.vision = CLIPVisionModel.from_pretrained(folder, local_files_only=True, use_safetensors=True)
+        try:
+            self.vision = CLIPVisionModel.from_pretrained(folder, local_files_only=True, use_safetensors=True)
+        except (OSError, ValueError, KeyError, SafetensorError) as error:
+            raise InputError(f"network.encoder: {folder}: expected a CLIP vision model as safetensors, found {error}") from None
         self.vision.requires_grad_(False)
         self.side = int(self.vision.config.image_size)
         self.projection = nn.Linear(int(self.vision.config.hidden_size), width)

@@ -103,11 +103,14 @@ class DiffusionPrior(LearnedPrior):
         return super().sample(images, masks, seed=seed, guidance=guidance if self.guidance_strength else None)
 
     def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
-        """See :class:`ia_bench.priors.contract.Distiller`; ``renders`` holds every component that this prior provides."""
+        """See :class:`ia_bench.priors.contract.Distiller`; ``renders`` holds every component that this prior provides.
+
+        Always at the native size, for one evaluation cannot agree between patches.
+        """
         check_views(self.kind, images, masks, renders, self.provides)
         if set(renders) != self.provides:
             raise InputError(f"prior: renders: expected {', '.join(sorted(self.provides))}, found {', '.join(sorted(renders))}")
-        return self._through(images, masks, seed, renders, self._distill)
+        return self._through(images, masks, seed, renders, self._distill, reduced=True)
 
     def _distill(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
         model = self._conditioned(network)

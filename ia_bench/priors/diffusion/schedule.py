@@ -18,6 +18,8 @@ from ia_bench.torchvision_shim import import_torchvision
 
 PredictionType = Literal["epsilon", "v_prediction", "sample"]
 Spacing = Literal["trailing", "leading"]
+SCHEDULE_KEYS = ("num_train_timesteps", "beta_start", "beta_end", "beta_schedule", "trained_betas", "rescale_betas_zero_snr")
+"""What of a ``diffusers`` scheduler's config decides the noise levels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +53,8 @@ class NoiseSchedule:
         import_torchvision()
         from diffusers import DDPMScheduler
 
-        keys = ("num_train_timesteps", "beta_start", "beta_end", "beta_schedule", "trained_betas", "rescale_betas_zero_snr")
         try:
-            scheduler: Any = DDPMScheduler(**{key: config[key] for key in keys if key in config})
+            scheduler: Any = DDPMScheduler(**{key: config[key] for key in SCHEDULE_KEYS if key in config})
         except (NotImplementedError, TypeError, ValueError) as error:
             raise InputError(f"scheduler config: expected one that diffusers' DDPMScheduler takes, found {error}") from error
         schedule = cls(scheduler.alphas_cumprod)

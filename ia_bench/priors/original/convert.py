@@ -15,7 +15,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ia_bench.__main__ import INTERRUPTED, OK, complain
 from ia_bench.errors import InputError
+from ia_bench.paths import make_writable
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.original import layout
 from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
@@ -57,18 +59,18 @@ def convert(request: Request, tell: Callable[[str], None] = print) -> None:
     Takes about as much memory as one network in half precision. Raises InputError naming the file, and the key where
     one tensor is to blame: a wrong hash, a file that is cut off or refused, a tensor that is missing or misshapen.
     """
+    digests = {component: _checked_digest(request, component) for component in request.checkpoints}
+    make_writable(request.out, "out")
     for component, path in request.checkpoints.items():
-        folder = request.out / component
-        if not path.is_file():
-            raise InputError(f"{component}={path}: no such file")
-        digest, expected = sha256(path), request.hashes.get(component)
-        if expected is not None and digest != expected.lower():
-            raise InputError(f"{path}: expected SHA-256 {expected.lower()}, found {digest}")
+        folder, digest, expected = request.out / component, digests[component], request.hashes.get(component)
         tell(f"{component}: {path}, SHA-256 {digest}{'' if expected else f' (not verified; {component}_sha256= does)'}")
         if (folder / RECORD).is_file():
-            found = json.loads((folder / RECORD).read_text(encoding="utf-8"))["sha256"]
-            if found != digest:
-                raise InputError(f"out={request.out}: {component} is there already, converted from another file ({found})")
+            found = _read_record(folder / RECORD)
+            there = f"out={request.out}: {component} is there already"
+            if found["sha256"] != digest:
+                raise InputError(f"{there}, converted from another file ({found['sha256']})")
+            if found["resolution"] != request.resolution:
+                raise InputError(f"{there}, for resolution={found['resolution']}")
             tell(f"{component}: converted before, nothing to do")
             continue
         convert_component(open_checkpoint(path), folder, request.resolution, tell)
@@ -77,6 +79,7 @@ def convert(request: Request, tell: Callable[[str], None] = print) -> None:
             "file": path.name,
             "sha256": digest,
             "verified": expected is not None,
+            "resolution": request.resolution,
             "weights": "exponential moving average, half precision",
             "written_by": {name: version(name) for name in ("ia_bench", "torch", "diffusers", "transformers")},
         }
@@ -93,7 +96,10 @@ def convert_component(checkpoint: Checkpoint, folder: Path, resolution: int, tel
 
     vae = layout.vae_config(checkpoint, resolution)
     levels = len(vae["block_out_channels"])
-    unet = layout.unet_config(checkpoint, resolution >> (levels - 1))
+    reduction = 1 << (levels - 1)
+    if resolution % reduction:
+        raise InputError(f"resolution: expected a multiple of {reduction} (the autoencoder's reduction), found {resolution}")
+    unet = layout.unet_config(checkpoint, resolution // reduction)
     attention = [kind.startswith("CrossAttn") for kind in unet["up_block_types"]]
     clip = CLIPVisionConfig(**layout.clip_config(checkpoint))
     scheduler: Any = DDIMScheduler(**layout.scheduler_config(checkpoint))
@@ -121,6 +127,26 @@ def convert_component(checkpoint: Checkpoint, folder: Path, resolution: int, tel
         save_config(folder / name)
         tell(f"{folder / name}: {sum(tensor.numel() for tensor in tensors.values()) / 1e6:.1f} million parameters")
     scheduler.save_config(folder / "scheduler")
+
+
+def _checked_digest(request: Request, component: str) -> str:
+    path, expected = request.checkpoints[component], request.hashes.get(component)
+    if not path.is_file():
+        raise InputError(f"{component}={path}: no such file")
+    digest = sha256(path)
+    if expected is not None and digest != expected.lower():
+        raise InputError(f"{path}: expected SHA-256 {expected.lower()}, found {digest}")
+    return digest
+
+
+def _read_record(path: Path) -> dict[str, Any]:
+    try:
+        record: Any = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: expected JSON, found {error}") from None
+    if not isinstance(record, dict) or not {"sha256", "resolution"} <= record.keys():
+        raise InputError(f"{path}: expected a record with sha256 and resolution; delete the folder to convert again")
+    return record
 
 
 def half_precision(
@@ -177,9 +203,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         convert(read(arguments))
     except InputError as error:
-        print(f"ia_bench: {error}", file=sys.stderr)
-        return 2
-    return 0
+        return complain(str(error))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return OK
 
 
 @contextmanager

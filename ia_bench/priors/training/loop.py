@@ -10,7 +10,6 @@ import json
 import math
 import os
 import platform
-import tempfile
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -21,6 +20,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.errors import InputError
+from ia_bench.paths import make_writable
 from ia_bench.priors.diffusion.checkpoints import read_description, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
@@ -35,6 +35,7 @@ from ia_bench.torchvision_shim import import_torchvision
 
 FINAL_RATE = 0.02  # of the full rate, at the last step
 PICTURES = 8  # images of a sample grid
+STATE_FORMAT = 2  # raised when a change of the code changes what state.pt holds
 PERMUTATIONS = 1 << 20  # marks the random streams of permutations; those of batches are marked by their process
 
 
@@ -81,23 +82,24 @@ class _Training:
         adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
         self.ema = EMAModel(self.network.parameters(), decay=settings.ema, use_ema_warmup=True, power=0.75)
         self.step, self.seconds = 0, 0.0
+        self.figures: dict[str, Any] = {}
         state = _load_state(settings)
         if state is not None:
             self.network.load_state_dict(state["network"])
             self.ema.load_state_dict(state["ema"])
-            self.step, self.seconds = state["step"], state["seconds"]
-            if state["images"] != len(self.images):
-                progress.note(
-                    f"{settings.data}: {len(self.images)} images, and {state['images']} when the run was stopped; "
-                    "the weights will not be those of a run without the stop"
-                )
+            self.step, self.seconds, self.figures = state["step"], state["seconds"], state["figures"]
+            for name, now in self._circumstances().items():
+                if state["circumstances"][name] != now:
+                    progress.note(
+                        f"{settings.out}: {now} {name}, and {state['circumstances'][name]} when the run was stopped; "
+                        "the weights will not be those of a run without the stop"
+                    )
         self.model, adamw = accelerator.prepare(self.network, adamw)
         self.optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
         if state is not None:
             self.optimizer.load_state_dict(state["optimizer"])
         self.ema.to(accelerator.device)
         self.predict = torch.compile(self.model) if settings.compile else self.model
-        self.figures: dict[str, Any] = {}
         self._ahead = ThreadPoolExecutor(1)
         self._coming: Future[tuple[Batch, dict[str, Tensor]]] | None = None
 
@@ -212,10 +214,12 @@ class _Training:
             return
         settings = self.settings
         state = {
+            "format": STATE_FORMAT,
             "identity": settings.identity(),
             "step": self.step,
             "seconds": self.seconds,
-            "images": len(self.images),
+            "figures": self.figures,
+            "circumstances": self._circumstances(),
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "ema": self.ema.state_dict(),
@@ -227,6 +231,15 @@ class _Training:
         self.ema.copy_to(self.network.parameters())
         save_network(settings.out / "weights", self.network, self._provenance())
         self.ema.restore(self.network.parameters())
+
+    def _circumstances(self) -> dict[str, Any]:
+        """What a run's numbers depend on and its settings do not say."""
+        accelerator = self.accelerator
+        return {
+            "images": len(self.images),
+            "processes": accelerator.num_processes,
+            "precision": "bf16" if accelerator.mixed_precision == "bf16" else "float32",
+        }
 
     def _provenance(self) -> dict[str, Any]:
         settings = self.settings
@@ -283,17 +296,15 @@ def _stream(*path: int) -> int:
 
 def _load_state(settings: TrainSettings) -> dict[str, Any] | None:
     path: Path = settings.out / "state.pt"
-    try:
-        settings.out.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=settings.out).close()  # now rather than at the first checkpoint
-    except OSError as error:
-        raise InputError(f"out: {settings.out}: expected a folder that can be written, found: {error.strerror}") from None
+    make_writable(settings.out, "out")
     if not path.is_file():
         return None
     try:
         state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # whatever torch raises on a damaged file
         raise InputError(f"{path}: expected the state of a training run, found a file that cannot be read ({error})") from error
+    if state.get("format") != STATE_FORMAT:
+        raise InputError(f"{path}: expected format {STATE_FORMAT}, found {state.get('format')}; choose another out=FOLDER")
     if state["identity"] != settings.identity():
         raise InputError(f"{path}: belongs to a run with other settings; choose another out=FOLDER or the old settings")
     return state

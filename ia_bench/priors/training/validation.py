@@ -62,17 +62,20 @@ def predict(network: MaterialNetwork, batch: Batch, *, samples: int, steps: int,
     """Linear samples of every component, (samples, N, H, W, 3); a regressor repeats its one estimate."""
     config = network.config
     count, _, height, width = batch.target.shape
+    device = next(network.parameters()).device
+    condition = batch.condition.to(device)
     if config.kind == "regressor":
-        estimate = Conditioned(network, NoiseSchedule.from_sigmas([1.0])).regress(batch.condition)
+        estimate = Conditioned(network, NoiseSchedule.from_sigmas([1.0])).regress(condition)
         encoded = estimate.expand(samples, *estimate.shape)
     else:
         schedule = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type})
-        denoise = Conditioned(network, schedule).bind(batch.condition)
+        denoise = Conditioned(network, schedule).bind(condition)
         shape = (samples * count, config.output_channels, height, width)
         seeds = [seed * 1_000_003 + i for i in range(samples * count)]
-        encoded = sample(denoise, schedule, shape, seeds, SamplerSettings(steps=steps)).reshape(samples, count, *shape[1:])
+        drawn = sample(denoise, schedule, shape, seeds, SamplerSettings(steps=steps), device=device)
+        encoded = drawn.reshape(samples, count, *shape[1:])
     found = {}
-    for part, component in zip(encoded.split(3, 2), config.components, strict=True):
+    for part, component in zip(encoded.cpu().split(3, 2), config.components, strict=True):
         decoded = [
             decode_albedo(one, batch.masks)
             if component == "albedo"

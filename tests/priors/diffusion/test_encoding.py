@@ -43,6 +43,13 @@ def test_a_black_image_keeps_exposure_1(image):
     assert exposure(image, torch.zeros(1, 4, 4)).item() == 1
 
 
+@pytest.mark.parametrize("coverage", [0.6, 0.3, 0.01])
+def test_glass_is_exposed_as_what_fills_its_pixels(coverage):
+    colours = torch.rand(2, 8, 8, 3, generator=torch.Generator().manual_seed(0))
+    masks = torch.ones(2, 8, 8)
+    torch.testing.assert_close(exposure(colours * coverage, masks * coverage), exposure(colours, masks))
+
+
 def test_albedo_returns_from_its_encoding(picture):
     albedo, masks = picture
     encoded = encode_albedo(albedo, masks)

@@ -118,6 +118,41 @@ def test_guiding_one_component_leaves_the_other_to_the_network(weights, ball):
     assert not torch.allclose(drawn["albedo"], free["albedo"], atol=0.01)
 
 
+def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights, ball, monkeypatch):
+    """Mean and variance of the noise within 5 standard errors (false alarm 1e-6), levels over the whole of their range."""
+    asked = []
+
+    def denoise(self, noisy, timestep, condition, tokens):
+        asked.append((noisy, int(timestep[0]), condition[:, 3:4]))
+        return torch.zeros_like(noisy)
+
+    monkeypatch.setattr(MaterialNetwork, "denoise", denoise)
+    images, masks = ball
+    black = {name: torch.zeros_like(images) for name in ("albedo", "specular")}
+    prior = DiffusionPrior(weights=weights, patches=True)
+    for seed in range(40):
+        prior.distill(images, masks, black, seed=seed)
+    assert {noisy.shape[1:] for noisy, *_ in asked} == {(6, 16, 16)}
+    timesteps = [t for _, t, _ in asked]
+    assert 20 <= min(timesteps) < 100
+    assert 900 < max(timesteps) < 980
+    config = tiny_config()
+    levels = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type}).alpha_bar
+    noise = []
+    for noisy, t, coverage in asked:
+        clean = torch.where(coverage > 0, -1.0, 0.0)  # black, encoded
+        noise.append((noisy - levels[t].sqrt() * clean) / (1 - levels[t]).sqrt())
+    values = torch.cat(noise).flatten()
+    assert abs(float(values.mean())) < 5 / len(values) ** 0.5
+    assert abs(float(values.var()) - 1) < 5 * (2 / len(values)) ** 0.5
+
+
+def test_what_is_smaller_than_the_native_size_is_enlarged_and_not_cut_into_patches(tmp_path, ball):
+    folder = str(tiny_weights(tmp_path / "large", size=64))
+    plain, patches = (DiffusionPrior(weights=folder, steps=1, patches=choice).sample(*ball, seed=0) for choice in (False, True))
+    assert torch.equal(plain["albedo"], patches["albedo"])
+
+
 def test_geometry_reaches_the_network_only_if_asked(weights, ball):
     images, masks = ball
     normals = torch.nn.functional.normalize(torch.randn(*images.shape, generator=torch.Generator().manual_seed(0)), dim=-1)

@@ -120,6 +120,8 @@ def test_second_conversion_does_nothing_and_another_file_is_refused(
     before = {path: path.stat().st_mtime_ns for path in weights.rglob("*")}
     assert main([f"albedo={checkpoint}", f"out={weights}", "resolution=32"]) == 0
     assert "converted before, nothing to do" in capsys.readouterr().out
+    assert main([f"albedo={checkpoint}", f"out={weights}", "resolution=64"]) == 2
+    assert "albedo is there already, for resolution=32" in capsys.readouterr().err
     assert main([f"albedo={release / 'specular' / 'checkpoints' / 'last.ckpt'}", f"out={weights}"]) == 2
     assert "albedo is there already, converted from another file" in capsys.readouterr().err
     assert before == {path: path.stat().st_mtime_ns for path in weights.rglob("*")}

@@ -13,7 +13,7 @@ from priors.training.test_dataset import shard
 from safetensors.torch import load_file
 
 from ia_bench.errors import InputError
-from ia_bench.priors.diffusion.checkpoints import load_network
+from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
 from ia_bench.priors.training.loop import FINAL_RATE, _load_state, batch_index, rate_factor, weighted_error
 from ia_bench.priors.training.settings import TrainSettings, parse, usage
 from ia_bench.priors.training.shards import ShardInfo, shard_path, write_shard
@@ -179,6 +179,13 @@ def test_a_pretrained_clip_reads_the_image_and_stays_as_it_is(folders, tmp_path)
     changed[1, :3] = 0
     assert torch.equal(network.tokens(changed)[0], tokens[0])
     assert not torch.allclose(network.tokens(changed)[1], tokens[1])
+    before = fingerprint(tmp_path / "run/weights")
+    next(clip.parameters()).data += 1
+    clip.save_pretrained(tmp_path / "clip", safe_serialization=True)
+    assert fingerprint(tmp_path / "run/weights") != before
+    (tmp_path / "clip/model.safetensors").unlink()
+    with pytest.raises(InputError, match="network.encoder: .*clip: expected a CLIP vision model as safetensors, found"):
+        load_network(tmp_path / "run/weights")
 
 
 def test_training_starts_from_given_weights(folders, tmp_path):
@@ -253,6 +260,7 @@ def test_arguments_are_typed():
         ("steps=many", "steps: expected a whole number, found 'many'"),
         ("rate=fast", "rate: expected a number, found 'fast'"),
         ("network.kind=difusion", "did you mean 'diffusion'"),
+        ("network.schedule={num_train_timesteps: 1000, beta_schedul: linear}", "did you mean 'beta_schedule'"),
         ("network.size=60", "expected a multiple of 16"),
         ("network.channels=[40]", "expected multiples of 16"),
         ("steps=0", "steps: expected a finite number >= 1"),
