@@ -71,7 +71,7 @@ def explain(error: Exception) -> str:
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
         if group == "hydra/launcher" and name.split("_")[0] in LAUNCHER_EXTRAS:
-            return f"hydra/launcher={name} needs an extra: pip install 'ia_bench[{name.split('_')[0]}]'"
+            return f"hydra/launcher={name} needs an extra: pip install -e '.[{name.split('_')[0]}]' in the checkout"
         return unknown(group or "configuration", name, sorted(error.options or ()))
     if isinstance(error, OverrideParseException):
         first = str(error.message).splitlines()[0]

@@ -27,7 +27,7 @@ Examples
   python -m ia_bench scene.path=FOLDER out=RESULTS   a scene of your own, results where you want them
   python -m ia_bench -m seed=0,1,2 prior=none,oracle a sweep, one run after the other
   python -m ia_bench -m hydra/launcher=ray seed=0,1 threads=1
-                                                     a sweep in parallel (pip install 'ia_bench[ray]')
+                                                     a sweep in parallel (pip install -e '.[ray]')
   python -m ia_bench prior=oracle --cfg job          every setting and its value, without running
   python -m ia_bench.table                           the paper's table: every row x scene x seed
 

@@ -106,7 +106,7 @@ def test_mistake_is_one_message(mistake: str, expected: str | None, capfd: pytes
 @pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="the extra is installed")
 def test_launcher_of_a_missing_extra_says_how_to_get_it(capfd: pytest.CaptureFixture[str]) -> None:
     assert call("-m", "hydra/launcher=ray", "seed=0,1") == 2
-    assert "pip install 'ia_bench[ray]'" in capfd.readouterr().err
+    assert "pip install -e '.[ray]'" in capfd.readouterr().err
 
 
 def test_debugging_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -273,7 +273,7 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_ray_runs_a_sweep(tmp_path: Path) -> None:
-    pytest.importorskip("hydra_plugins.hydra_ray_launcher", reason="needs the extra: pip install 'ia_bench[ray]'")
+    pytest.importorskip("hydra_plugins.hydra_ray_launcher", reason="needs the extra: pip install -e '.[ray]'")
     environment = os.environ | {"RAY_AUTH_MODE": "disabled", "HOME": str(tmp_path)}
     arguments = command("-m", "hydra/launcher=ray", "seed=0,1")
     done = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=False, timeout=300)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))  # a new style each time the ten colours are used up
+DASHES = ("-", (0, (5, 1.5)), (0, (5, 1, 1, 1)))  # in turn, so that rows of like colours differ; with ten colours, 30 rows
 
 
 def draw_scene(runs: Sequence[Run], scene: str, rows: Sequence[str]) -> Figure | None:
@@ -41,7 +41,7 @@ def draw_scene(runs: Sequence[Run], scene: str, rows: Sequence[str]) -> Figure |
     ordered = [row for row in rows if row in handles]
     axes[-1].axis("off")
     axes[-1].legend([handles[row] for row in ordered], ordered, loc="center left", frameon=False, fontsize=11)
-    figure.suptitle(f"{scene}: error against run time (scoring time not counted)")
+    figure.suptitle(f"{scene}: quality against run time, scored on a subset of the views (time of scoring not counted)")
     return figure
 
 
@@ -65,7 +65,7 @@ def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Run]]) -> N
         levels = [values[-1] for is_ceiling, _, _, values in measured if is_ceiling and len(values)]
         optimised = [(seconds, values) for is_ceiling, _, seconds, values in measured if not is_ceiling]
         points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in optimised if (seconds > 0).any()]
-        style = {"color": colours[index % 10], "linestyle": DASHES[index // 10 % len(DASHES)], "label": row}
+        style = {"color": colours[index % 10], "linestyle": DASHES[index % len(DASHES)], "label": row}
         if points:
             _draw_seeds(panel, points, style)
         if levels:
