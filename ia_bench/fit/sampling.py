@@ -16,6 +16,7 @@ from ia_bench.fit.problem import Problem
 from ia_bench.fit.sample_cache import SampleCache, StoredSample, content_key
 from ia_bench.fit.views import evenly_spread
 from ia_bench.priors.contract import Bounded, Counted, Distiller, Fingerprinted, GeometryReader, Prior
+from ia_bench.priors.diffusion.sampler import derive_seed
 from ia_bench.render.atlas import cache_folder
 
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
@@ -23,7 +24,7 @@ Images = dict[str, Tensor]  # component -> (V, H, W, 3)
 
 def draw_seed(seed: int, draw: int) -> int:
     """Seed of a view's sample number ``draw``: the run's own for the first, unrelated ones for the others."""
-    return seed if draw == 0 else int(np.random.SeedSequence((seed, draw)).generate_state(1, np.uint64)[0] >> np.uint64(1))
+    return seed if draw == 0 else derive_seed(seed, draw)
 
 
 class PriorSampler:

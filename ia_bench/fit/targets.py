@@ -24,7 +24,8 @@ NEAR_CEILING = 0.8
 class Targets:
     """What the prior says of the G-buffer's P pixels.
 
-    ``values`` (P, 3) per component: linear, premultiplied by coverage, zero in views that it was not asked about.
+    ``values`` (P, 3) per component: linear, premultiplied by coverage; unless they were fused, zero in views that it was not
+    asked about.
     ``weights`` (P, 1) per component: how much it counts there; mean 1, so that a loss keeps its weight however few views
     are asked. ``common_scale``: all views share one unknown scale of the albedo (they were fused); otherwise each has
     its own. ``at_least`` (P, 1) bool per component, where the prior could hardly have said more: a larger value is no error.

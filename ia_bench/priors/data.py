@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from ia_bench.__main__ import INTERRUPTED, OK, complain, limit_threads
 from ia_bench.errors import InputError
 from ia_bench.paths import make_writable
-from ia_bench.priors.training.shards import SHARD_IMAGES, load_shard, read_info, shard_path
+from ia_bench.priors.training.shards import SHARD_IMAGES, SHARDS, load_shard, read_info, shard_path
 from ia_bench.progress import Progress
 from ia_bench.suggest import unknown
 
@@ -105,6 +105,7 @@ def make_data(request: Request, progress: Progress) -> list[Path]:
         starts = range(0, request.images, SHARD_IMAGES)
         counts = [min(SHARD_IMAGES, request.images - first) for first in starts]
         paths = [shard_path(request.out, number) for number in range(len(counts))]
+        _refuse_more(request, paths, counts[-1])
         missing = [k for k, path in enumerate(paths) if not _finished(path, request, starts[k], counts[k])]
         ready = request.images - sum(counts[k] for k in missing)
         task = progress.task(f"images of seed {request.seed}", request.images, done=ready)
@@ -114,6 +115,13 @@ def make_data(request: Request, progress: Progress) -> list[Path]:
         progress.note(f"{request.out}: {len(paths)} shards, {request.images} images ({redrawn} draws rejected)")
         _write_sheet(paths[0], request.out / CONTACT_SHEET)
     return paths
+
+
+def _refuse_more(request: Request, paths: list[Path], last: int) -> None:
+    """Training takes all shards of a folder, so that one with more than was asked for would not be what was asked for."""
+    beyond = sorted({*request.out.glob(SHARDS)} - {*paths})
+    if beyond or (paths[-1].exists() and read_info(paths[-1]).count > last):
+        raise InputError(f"{request.out}: expected at most images={request.images}, found more. Give another out= folder")
 
 
 def _finished(path: Path, request: Request, first: int, count: int) -> bool:

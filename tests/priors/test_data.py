@@ -60,6 +60,12 @@ def test_finished_shards_are_kept_and_others_refused(tmp_path, monkeypatch):
         for wrong in (Request(tmp_path, images=3, size=16, seed=1), Request(tmp_path, images=3, size=64)):
             with pytest.raises(InputError, match="Give another out= folder"):
                 make_data(wrong, progress)
+        for more in (2, 1):  # in the shard, and in another one
+            with pytest.raises(InputError, match="expected at most images=2, found more. Give another out= folder"):
+                make_data(Request(tmp_path, images=2, size=16), progress)
+            if more == 2:
+                fake_shard(shard_path(tmp_path, 1))
+        shard_path(tmp_path, 1).unlink()
         make_data(Request(tmp_path, images=5, size=16), progress)  # the shard is short of two
         assert rendered == [(shard_path(tmp_path, 0), 0, 5)]
 

@@ -30,7 +30,8 @@ Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
 GEOMETRY_CHANNELS = 4  # normal and ambient visibility
 FEATURES = 16  # per pixel, from the UNet to the head
-CLIP_MEAN, CLIP_STD = (0.4815, 0.4578, 0.4082), (0.2686, 0.2613, 0.2758)  # of the images that CLIP was trained on
+CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)  # of the images that CLIP was trained on
+CLIP_DEVIATION = (0.26862954, 0.26130258, 0.27577711)
 
 
 @dataclass(frozen=True)
@@ -254,7 +255,7 @@ class ClipEncoder(nn.Module):
         inside = image[:, 3:4]
         colour = (0.5 + 0.5 * image[:, :3]) * inside + (1 - inside)
         colour = F.interpolate(colour, (self.side, self.side), mode="bicubic", align_corners=False)
-        mean, std = (colour.new_tensor(values)[:, None, None] for values in (CLIP_MEAN, CLIP_STD))
-        features = self.vision(pixel_values=(colour - mean) / std).last_hidden_state
+        mean, deviation = (colour.new_tensor(values)[:, None, None] for values in (CLIP_MEAN, CLIP_DEVIATION))
+        features = self.vision(pixel_values=(colour - mean) / deviation).last_hidden_state
         tokens: Tensor = self.projection(features)
         return tokens

@@ -12,11 +12,9 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ia_bench.errors import InputError
+from ia_bench.priors.diffusion.network import CLIP_DEVIATION, CLIP_MEAN
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
 from ia_bench.torchvision_shim import import_torchvision
-
-CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)
-CLIP_DEVIATION = (0.26862954, 0.26130258, 0.27577711)
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,9 @@ DATA_VERSION = 1
 SHARD_IMAGES = 256
 """Images of a full shard."""
 
+SHARDS = "shard_[0-9]*.safetensors"
+"""What finished shards are called."""
+
 CHANNELS = {"image": 4, "albedo": 3, "specular": 3, "normal": 3, "visibility": 1}
 """Tensors of a shard and their last axis."""
 
@@ -58,7 +61,7 @@ def shard_path(folder: Path, number: int) -> Path:
 
 def shard_paths(folder: Path) -> list[Path]:
     """The finished shards in ``folder``, in order. Raises InputError if there is none."""
-    paths = sorted(folder.glob("shard_[0-9]*.safetensors"))
+    paths = sorted(folder.glob(SHARDS))
     if not paths:
         raise InputError(f"{folder}: expected shard_*.safetensors (python -m ia_bench.priors.data makes them), found none")
     return paths
