@@ -133,14 +133,13 @@ def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  #
     """The prior called ``name``, with options as a mapping or as KEY=VALUE texts. Raises InputError for one of no use here."""
     from ia_bench import registry  # brings in torch
 
-    texts = [] if isinstance(options, Mapping) else list(options)
+    texts, values = ([], options) if isinstance(options, Mapping) else (list(options), {})
     for text in texts:
         if "=" not in text:
             raise InputError(f"--option: expected KEY=VALUE, found {text!r}")
     config = compose([f"prior={name}", *(f"prior.options.{text}" for text in texts)]).prior
-    given = options.items() if isinstance(options, Mapping) else ()
-    values = {key: str(value) if isinstance(value, Path) else value for key, value in given}
-    prior = registry.create("prior", config.name, config.target, {**config.options, **values})
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in values.items()}
+    prior = registry.create("prior", config.name, config.target, {**config.options, **given})
     if getattr(prior, "sees_truth", False):
         raise InputError(f"--prior: {name} needs ground truth, which a photograph does not have")
     if not prior.provides:

@@ -43,8 +43,8 @@ LINES = (
 def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) -> None:
     """Write the sheet of ``runs``, run folders by the names of their columns, to the PNG file ``out``.
 
-    Raises InputError for a run without results, of another scene or named as the truth, runs that unwrapped the mesh
-    differently, and for a scene without a test view with true albedo and roughness or without a novel light.
+    Raises InputError for a run without results, of another scene or named as the truth or the photograph, runs that
+    unwrapped the mesh differently, and for a scene without a test view with true albedo and roughness or without a novel light.
     """
     for name in (PHOTOGRAPH, TRUTH):
         if name in runs:
