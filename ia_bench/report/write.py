@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ia_bench.report import figures
-from ia_bench.report.collect import Cell, collect, find_run_folders
-from ia_bench.report.columns import Claim
+from ia_bench.report.collect import Cell, Run, collect, find_run_folders
+from ia_bench.report.columns import METRICS, Claim
 from ia_bench.report.curves import TimeToError
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.latex import latex
@@ -39,7 +39,7 @@ def write_report(
     reference: str | None = None,
     claims: Sequence[Claim] = (),
 ) -> Report:
-    """Write the report as report.md, table.{tex,csv,json}, time_to_{error,beat}.csv and curves/SCENE.{png,svg} into ``out``.
+    """Write the report into ``out``: report.md, table.{tex,csv,json}, runs.csv, time_to_{error,beat}.csv, curves/SCENE.{png,svg}.
 
     ``runs`` is a folder that is searched for run folders, or a table's run folders, best as a mapping to (row, scene,
     seed): then a run that was killed before it wrote anything counts as a failure of its row. Rows and scenes come in
@@ -61,6 +61,7 @@ def write_report(
         "table.tex": latex(findings.results),
         "table.csv": csv_text(findings.results),
         "table.json": json.dumps(_json(findings), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        "runs.csv": _runs_csv(findings.runs),
         "time_to_error.csv": _times_csv(findings.times),
         "time_to_beat.csv": _times_csv(findings.beats),
     }
@@ -98,6 +99,18 @@ def _json(findings: Findings) -> dict[str, Any]:
         "failures": findings.failures,
         "notes": findings.notes,
     }
+
+
+def _runs_csv(runs: Sequence[Run]) -> str:
+    """One line a run, at full precision: what every mean and interval of the report was made from."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    costs = ["seconds", "peak_memory_bytes", "problem"]
+    writer.writerow(["row", "scene", "seed", *(metric.column for metric in METRICS), *costs])
+    for run in runs:
+        values = [run.metrics.get(metric.key) for metric in METRICS]
+        writer.writerow([run.row, run.scene, run.seed, *values, *(getattr(run, name) for name in costs)])
+    return out.getvalue()
 
 
 def _times_csv(times: Sequence[TimeToError]) -> str:

@@ -50,7 +50,8 @@ def out(report: Report) -> Path:
 def test_every_file_is_written_and_nothing_partial_is_left(report: Report, out: Path) -> None:
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     pictures = {f"curves/{scene}.{kind}" for scene in ("hat", "ship") for kind in ("png", "svg")}
-    assert names == {"report.md", "table.tex", "table.csv", "table.json", "time_to_error.csv", "time_to_beat.csv"} | pictures
+    tables = {"table.tex", "table.csv", "table.json", "runs.csv", "time_to_error.csv", "time_to_beat.csv"}
+    assert names == {"report.md"} | tables | pictures
     assert {path.relative_to(out).as_posix() for path in report.files} == names
 
 
@@ -106,6 +107,20 @@ def test_csv_reads_back(out: Path) -> None:
         assert {(line["row"], line["level"], line["seconds"]) for line in csv.DictReader(file)} == {
             ("ours", "16.0", "5.0"), ("oracle_*", "16.0", "5.0")
         }  # fmt: skip
+
+
+def test_the_runs_give_the_means_of_the_table(out: Path) -> None:
+    with (out / "runs.csv").open(newline="") as file:
+        runs = [line for line in csv.DictReader(file) if line["row"] == "ours"]
+    finished = [line for line in runs if not line["problem"]]
+    assert [(line["scene"], line["seed"], line["problem"]) for line in runs if line["problem"]] == [
+        ("hat", "2", "loss is not finite at step 3")
+    ]
+    means = {
+        scene: [float(line["albedo_psnr"]) for line in finished if line["scene"] == scene] for scene in ("hat", "ship")
+    }
+    assert means == {"hat": [20.0, 21.0], "ship": [24.0, 25.0]}
+    assert {float(line["seconds"]) for line in finished} == {50.0}
 
 
 def test_latex_has_the_papers_layout(out: Path) -> None:
