@@ -13,7 +13,6 @@ import io
 import json
 import math
 import os
-import pickle
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -123,7 +122,7 @@ class RunFolder:
                 state: dict[str, Any] = saved["state"]
                 return state
             reason = "it belongs to another configuration"
-        except (RuntimeError, EOFError, OSError, pickle.UnpicklingError, KeyError, TypeError) as error:
+        except Exception as error:  # torch.load raises whatever a damaged file leads it to
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         self._note(f"{path}: checkpoint ignored, starting over ({reason})")
         return None
@@ -136,7 +135,6 @@ class RunFolder:
         ...     write_exr(path, albedo)
         """
         target = self.path / name
-        target.parent.mkdir(parents=True, exist_ok=True)
         temporary = target.with_name(f".tmp-{target.name}")  # one writer at a time: the folder is locked
         try:
             yield temporary
@@ -197,29 +195,40 @@ class RunFolder:
         self.write_metrics({**record, "traceback": trace, "metrics": {}})
 
     def _claim(self, config: Mapping[str, Any]) -> None:
-        for leftover in self.path.rglob(".tmp-*"):  # of a process that was killed while writing
-            leftover.unlink()
         path = self.path / CONFIG
         if path.exists():
-            held = json.loads(path.read_text(encoding="utf-8"))
+            held = _read_object(path)
+            if not isinstance(held.get("config_hash"), str) or not isinstance(held.get("config"), dict):
+                raise InputError(f"{path}: expected a run's config_hash and config, found {', '.join(held) or 'nothing'}")
             if held["config_hash"] != self.config_hash:
                 keys = ", ".join(_differing(held["config"], config))
                 raise InputError(f"{self.path}: holds the results of another configuration; these differ: {keys}")
-            return
-        if (self.path / METRICS).exists():
+        elif (self.path / METRICS).exists():
             raise InputError(f"{self.path}: holds a {METRICS} but no {CONFIG}, so it is not a run's folder")
-        self.write_json(CONFIG, {"config_hash": self.config_hash, "config": dict(config)})
+        else:
+            self.write_json(CONFIG, {"config_hash": self.config_hash, "config": dict(config)})
+        for leftover in self.path.glob(".tmp-*"):  # of a process that was killed while writing
+            leftover.unlink()
 
 
 def finished_metrics(path: Path, config_hash: str) -> dict[str, Any] | None:
     """The metrics in a run's folder if they are of this configuration and of no failure, else None. Takes no lock."""
     try:
-        metrics: dict[str, Any] = json.loads((path / METRICS).read_text(encoding="utf-8"))
+        metrics = _read_object(path / METRICS)
     except FileNotFoundError:
         return None
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path / METRICS}: not valid JSON ({error}); delete it to run again") from None
     return metrics if metrics.get("status") == "ok" and metrics.get("config_hash") == config_hash else None
+
+
+def _read_object(path: Path) -> dict[str, Any]:
+    """A JSON object. Raises FileNotFoundError, and InputError for what is something else."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:  # no JSON, or no text
+        raise InputError(f"{path}: not valid JSON ({error}); delete it to run again") from None
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: expected a JSON object, found {type(content).__name__}; delete it to run again")
+    return content
 
 
 def check_metrics(metrics: Mapping[str, Any]) -> None:

@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
@@ -115,7 +116,7 @@ def parse(arguments: Sequence[str]) -> Request:
             own[key] = tuple(_whole(key, number, 0) for number in value.split(","))
         elif key == "jobs":
             own[key] = None if value == "auto" else _whole(key, value, 1)
-        elif key in ("scene", "seed", "row", "out"):
+        elif key.lstrip("+~") in ("scene", "scene.name", "scene.path", "seed", "row", "out"):
             raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds= and table=")
         else:
             overrides.append(argument)
@@ -156,15 +157,22 @@ def load_table(name: str) -> Table:
 def make_cells(table: Table, request: Request, threads: int, results: Path) -> list[Cell]:
     """Every row x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
 
-    The request's seeds replace the table's, not those of a row that has its own.
+    The request's seeds replace the table's, not those of a row that has its own. Raises InputError where there
+    is no cell, or one twice.
     """
     seeds = table.seeds if request.seeds is None else request.seeds
-    return [
+    cells = [
         _cell(row, scene, seed, request, threads, results)
         for row in table.rows
         for seed in (seeds if row.seeds is None else row.seeds)
         for scene in (request.scenes if request.scenes is not None else table.scenes)
     ]
+    if not cells:
+        raise InputError(f"table {request.table}: expected at least one row and one scene, found none")
+    twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
+    if twice:
+        raise InputError(f"expected every row, scene and seed once, found {twice[0]} more than once")
+    return cells
 
 
 def jobs_and_threads(jobs: int | None, device: str) -> tuple[int, int]:
@@ -295,24 +303,31 @@ def _cell(row: Row, scene: str, seed: int, request: Request, threads: int, resul
 def _run_cell(cell: Cell, logs: Path, running: set[subprocess.Popen[bytes]]) -> str | None:
     """Run one cell in a process of its own; what went wrong in one line, or None."""
     log = logs / f"{slug(cell.config.scene.name)}-{cell.folder.name}.log"
-    record = cell.folder / METRICS
-    before = record.stat().st_mtime_ns if record.exists() else None
+    before = _time_of_record(cell)
     command = [sys.executable, "-m", "ia_bench", *cell.overrides]
-    with log.open("wb") as output:
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT)
-        running.add(process)
-        status = process.wait()
-        running.discard(process)
-    if status == OK:
-        return None
-    lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
-    last = next((line.strip() for line in reversed(lines) if line.strip()), "no output")
-    how = f"killed by signal {-status}" if status < 0 else f"exit status {status}"
-    recorded = record.exists() and record.stat().st_mtime_ns != before
-    if not recorded:  # it ended before it could say why
+    try:
+        with log.open("wb") as output:
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT)
+            running.add(process)
+            status = process.wait()
+            running.discard(process)
+        if status == OK:
+            return None
+        lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "no output")
+        how = f"killed by signal {-status}" if status < 0 else f"exit status {status}"
         with RunFolder.open(cell.folder, cell.content, cell.config_hash) as folder:
-            folder.write_failure(f"{how}: {last}", labels(cell.config))
+            if _time_of_record(cell) == before:  # it ended before it could say why, and nobody else has finished it since
+                folder.write_failure(f"{how}: {last}", labels(cell.config))
+    except (InputError, OSError) as error:  # of this cell; the others go on
+        return f"FAILED ({error})"
     return f"FAILED ({how}: {last}), see {log}"
+
+
+def _time_of_record(cell: Cell) -> int | None:
+    """When the cell's metrics were written, in ns; None if they never were."""
+    record = cell.folder / METRICS
+    return record.stat().st_mtime_ns if record.exists() else None
 
 
 def _note_other_commits(finished: Sequence[dict[str, Any]], progress: Progress) -> None:

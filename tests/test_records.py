@@ -149,17 +149,17 @@ def test_checkpoint_that_would_run_code_is_ignored(folder: RunFolder) -> None:
 
 
 def test_file_is_replaced_whole_or_not_at_all(folder: RunFolder) -> None:
-    folder.write_bytes("maps/albedo.exr", b"old")
+    folder.write_bytes("albedo.exr", b"old")
 
     def write_half() -> None:
-        with folder.path_for("maps/albedo.exr") as path:
+        with folder.path_for("albedo.exr") as path:
             path.write_bytes(b"ha")
             raise OSError("disk full")
 
     with pytest.raises(OSError, match="disk full"):
         write_half()
-    assert (folder.path / "maps" / "albedo.exr").read_bytes() == b"old"
-    assert [p.name for p in (folder.path / "maps").iterdir()] == ["albedo.exr"]
+    assert (folder.path / "albedo.exr").read_bytes() == b"old"
+    assert not list(folder.path.glob(".tmp-*"))
 
 
 def test_curve_is_csv_with_every_column(folder: RunFolder) -> None:
@@ -196,12 +196,33 @@ def test_folder_that_cannot_be_used_is_a_plain_error(tmp_path: Path) -> None:
 
 
 def test_leftovers_of_a_killed_writer_are_removed(folder: RunFolder) -> None:
-    (folder.path / "maps").mkdir()
-    (folder.path / "maps" / ".tmp-albedo.exr").write_bytes(b"ha")
+    (folder.path / ".tmp-albedo.exr").write_bytes(b"ha")
     path = folder.path
     folder.__exit__(None, None, None)
     with RunFolder.open(path, CONFIG, HASH):
-        assert not list(path.rglob(".tmp-*"))
+        assert not list(path.glob(".tmp-*"))
+
+
+def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> None:
+    """A run that goes on below the folder is writing its own; a folder that is refused is not touched at all."""
+    mine, below = tmp_path / ".tmp-mine", folder.path / "nested" / ".tmp-checkpoint.pt"
+    below.parent.mkdir()
+    for path in (mine, below):
+        path.write_bytes(b"half")
+    folder.__exit__(None, None, None)
+    RunFolder.open(folder.path, CONFIG, HASH).__exit__(None, None, None)
+    (tmp_path / METRICS).write_text("{}")
+    with pytest.raises(InputError, match="not a run's folder"):
+        RunFolder.open(tmp_path, CONFIG, HASH)
+    assert mine.exists()
+    assert below.exists()
+
+
+@pytest.mark.parametrize("content", ["{", "[]", "{}", '{"config_hash": 1}'])
+def test_a_config_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str) -> None:
+    (tmp_path / "config.json").write_text(content)
+    with pytest.raises(InputError, match=r"config\.json: (not valid JSON|expected a )"):
+        RunFolder.open(tmp_path, CONFIG, HASH)
 
 
 WRITER = """

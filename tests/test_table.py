@@ -110,6 +110,9 @@ def test_command_line_is_told_apart() -> None:
         ("jobs=0", "jobs=0: expected whole numbers from 1"),
         ("scenes=hatt", "unknown scene 'hatt'; did you mean 'hat'?"),
         ("seed=1", "it has scenes=, seeds= and table="),
+        ("++seed=1", "it has scenes=, seeds= and table="),
+        ("scene.path=/tmp", "it has scenes=, seeds= and table="),
+        ("seeds=0,0", "found hat / none / seed 0 more than once"),
         ("seds=1", "unknown setting 'seds'; did you mean 'seed'?"),
         ("fit.pixls=1", "did you mean 'fit.pixels'?"),
         ("paper", "expected SETTING=VALUE, found 'paper'"),
@@ -179,6 +182,19 @@ def test_crash_stays_in_its_cell_and_finished_cells_are_skipped(capfd: pytest.Ca
         run_cells(cells, 2, logs, progress)
     assert started() == ["hat crash 0", "hat crash 0", "hat good 0", "hat raise 0", "hat raise 0"]
     assert "1 of 3 cells are finished already" in capfd.readouterr().err
+
+
+def test_a_cell_whose_folder_is_taken_fails_alone(capfd: pytest.CaptureFixture[str]) -> None:
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("taken", ["method=ceiling"]), Row("good", ["prior=none"])]))
+    taken = cells[0].folder
+    taken.mkdir(parents=True)
+    (taken / "config.json").write_text("{")
+    with Progress() as progress:
+        assert run_cells(cells, 1, Path("results/paper/logs"), progress) == 1
+    said = capfd.readouterr().err
+    assert "hat / taken / seed 0: FAILED (" in said
+    assert "config.json: not valid JSON" in said
+    assert "hat / good / seed 0: ok" in said
 
 
 @pytest.mark.slow

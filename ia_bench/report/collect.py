@@ -6,7 +6,7 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +83,7 @@ def find_run_folders(root: Path) -> list[Path]:
 
 
 def collect(folders: Iterable[Path] | Mapping[Path, Cell]) -> Collection:
-    """Read the given run folders. A mapping says which cell each folder is for, should it not even say that itself.
+    """Read the given run folders. A mapping says which cell each folder is for: its row may have been renamed since.
 
     Raises ValueError where two folders hold the same row, scene and seed: neither would be the right one to show.
     """
@@ -97,8 +97,10 @@ def collect(folders: Iterable[Path] | Mapping[Path, Cell]) -> Collection:
             if folder not in cells:
                 unreadable.append((folder, str(problem)))
                 continue
+            run = Run(folder, *cells[folder], problem=str(problem))
+        if folder in cells:
             row, scene, seed = cells[folder]
-            run = Run(folder, row, scene, seed, problem=str(problem))
+            run = replace(run, row=row, scene=scene, seed=seed)
         cell = (run.row, run.scene, run.seed)
         if cell in runs:
             raise ValueError(

@@ -104,6 +104,12 @@ def test_folders_are_found_and_grouped_and_the_unreadable_ones_kept(write_run: W
     assert collect([tmp_path / "never ran"]).unreadable[0][0] == tmp_path / "never ran"
 
 
+def test_a_cell_is_what_the_table_calls_it_now(write_run: Write) -> None:
+    folder = write_run("its former name", "hat", 1)
+    (run,) = collect({folder: ("its name", "hat", 1)}).runs
+    assert (run.row, run.scene, run.seed, run.problem) == ("its name", "hat", 1, None)
+
+
 def test_two_folders_of_one_cell_are_refused(write_run: Write, tmp_path: Path) -> None:
     first = write_run("ours", "hat")
     second = tmp_path / "copy"
