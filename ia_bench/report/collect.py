@@ -97,7 +97,7 @@ def collect(folders: Iterable[Path] | Mapping[Path, Cell]) -> Collection:
             if folder not in cells:
                 unreadable.append((folder, str(problem)))
                 continue
-            run = Run(folder, *cells[folder], problem=str(problem))
+            run = Run(folder, "", "", 0, problem=str(problem))
         if folder in cells:
             row, scene, seed = cells[folder]
             run = replace(run, row=row, scene=scene, seed=seed)
