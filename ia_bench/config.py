@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from operator import attrgetter
@@ -144,8 +145,9 @@ def resolved(config: RunConfig) -> RunConfig:
     check_supervision(config.prior.supervision)
     if config.threads is not None and config.threads < 1:
         raise InputError(f"threads: expected at least 1, found {config.threads}")
-    if config.seed < 0:
-        raise InputError(f"seed: expected 0 or more, found {config.seed}")
+    if not 0 <= config.seed < 2**63:
+        raise InputError(f"seed: expected 0 to 2^63 - 1, found {config.seed}")
+    _check_options(config.prior.options)
     try:
         Protocol.from_config(config.protocol)
     except ValueError as error:
@@ -156,6 +158,15 @@ def resolved(config: RunConfig) -> RunConfig:
         scene = replace(scene, name=folder.name, path=str(folder))
     threads = config.threads or len(os.sched_getaffinity(0))
     return replace(config, scene=scene, threads=threads, device=_device(config.device))
+
+
+def _check_options(options: dict[str, Any]) -> None:
+    """Raise InputError for what no prior can take: NaN or infinity, or a table's options that are no table."""
+    for key, value in options.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise InputError(f"prior.options.{key}: expected a finite number, found {value}")
+    if not isinstance(options.get("of_options") or {}, Mapping):
+        raise InputError(f"prior.options.of_options: expected a table of options, found {options['of_options']!r}")
 
 
 def resolve_scene_folder(scene: SceneConfig) -> Path | None:
@@ -202,7 +213,7 @@ def identity(config: RunConfig) -> dict[str, Any]:
     content["scene"]["path"] = None
     content["scene"]["content"] = _scene_content(config.scene)
     protocol = Protocol.from_config(config.protocol).describe()
-    del protocol["lpips"]["weights"]  # one network has one set of weights; where they lie decides nothing
+    protocol["lpips"]["weights"] = _without_paths("weights", protocol["lpips"]["weights"])
     content["protocol"] = protocol
     content["identity_version"] = IDENTITY_VERSION
     return content
@@ -276,15 +287,9 @@ def _hash_files(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str:
 
 
 def _scene_content(scene: SceneConfig) -> str:
-    """Hash of the names and sizes of a scene's files and of its scene.json; the distribution of a scene plugin."""
+    """Hash of the names and bytes of a scene's files; the distribution of a scene plugin."""
     folder = resolve_scene_folder(scene)
     if folder is None:
         plugin = registry.installed("scene").get(scene.name)
         return plugin.distribution if plugin else scene.reader
-    digest = hashlib.sha256()
-    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
-        digest.update(f"{path.relative_to(folder).as_posix()}\0{path.stat().st_size}\n".encode())
-    description = folder / "scene.json"
-    if description.is_file():
-        digest.update(description.read_bytes())
-    return digest.hexdigest()
+    return _file_content(folder)

@@ -79,7 +79,7 @@ def results() -> list[dict]:
         ("geometry.uv=mash", "unknown value of geometry.uv 'mash'; did you mean 'mesh'? There are: mesh, xatlas"),
         ("render.texture=big", "render.texture: expected a positive whole number or auto, found big"),
         ("seed=abc", "seed: Value 'abc' of type 'str' could not be converted to Integer"),
-        ("seed=-1", "seed: expected 0 or more, found -1"),
+        ("seed=-1", "seed: expected 0 to 2^63 - 1, found -1"),
         ("threads=0", "threads: expected at least 1, found 0"),
         ("fit=3", "fit: "),
         ("seed=1,2", "To sweep over it, add --multirun"),

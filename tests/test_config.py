@@ -99,11 +99,24 @@ def test_result_is_typed_and_frozen_again() -> None:
         ("fit.weights.image=nan", r"fit.weights.image: expected a finite number >= 0, found nan"),
         ("fit.residual_cut=0", r"fit.residual_cut: expected a finite number >= 1e-06, found 0"),
         ("fit.pixels=0", r"fit.pixels: expected a finite number >= 1, found 0"),
+        ("seed=9223372036854775808", r"seed: expected 0 to 2\^63 - 1, found 9223372036854775808"),
     ],
 )
 def test_numbers_out_of_range_are_refused(override: str, expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         compose(["device=cpu", override])
+
+
+@pytest.mark.parametrize(
+    ("prior", "override", "expected"),
+    [
+        ("oracle", "prior.options.noise=nan", "prior.options.noise: expected a finite number, found nan"),
+        ("corrected", "prior.options.of_options=abc", "prior.options.of_options: expected a table of options, found 'abc'"),
+    ],
+)
+def test_options_that_no_prior_can_take_are_refused(prior: str, override: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        compose(["device=cpu", f"prior={prior}", override])
 
 
 def test_every_number_of_the_fit_has_a_range() -> None:
@@ -224,7 +237,9 @@ def test_hash_follows_the_scene_content_and_not_its_place(scenes: Path, tmp_path
     before = hash_with("scene=hat")
     assert hash_with(f"scene.path={elsewhere}") == before
     (scenes / "hat" / "mesh.ply").write_bytes(b"ply")
-    assert hash_with("scene=hat") != before
+    with_mesh = hash_with("scene=hat")
+    (scenes / "hat" / "mesh.ply").write_bytes(b"PLY")  # as long as before
+    assert len({before, with_mesh, hash_with("scene=hat")}) == 3
 
 
 def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path) -> None:
@@ -251,11 +266,14 @@ def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, 
     assert {name: after[name] == before[name] for name in before} == {"none": True, "diffusion": False, "corrected": False}
 
 
-def test_lpips_weights_path_is_no_part_of_the_hash(tmp_path: Path) -> None:
-    paths = [tmp_path / "a.safetensors", tmp_path / "b.safetensors"]
-    for path in paths:
-        path.write_bytes(b"weights")
-    assert len({hash_with(f"protocol.lpips.weights={path}") for path in paths}) == 1
+def test_hash_follows_the_content_of_lpips_weights_and_not_their_place(tmp_path: Path) -> None:
+    hashes = [hash_with()]  # LPIPS from the package's cache, or undefined: giving the weights later is another run
+    for name, content in (("a", b"weights"), ("b", b"weights"), ("c", b"others")):
+        path = tmp_path / f"{name}.safetensors"
+        path.write_bytes(content)
+        hashes.append(hash_with(f"protocol.lpips.weights={path}"))
+    assert hashes[1] == hashes[2]
+    assert len({*hashes}) == 3
 
 
 def test_folder_is_named_by_scene_row_and_hash() -> None:
