@@ -15,6 +15,8 @@ from ia_bench.scenes.exr import read_exr
 HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
 """Greyscale modes of Pillow with more than 8 bits, and the value of white in them."""
 
+ALPHA_ROUNDING = 1e-3  # half floats and filters pass 1 by a little
+
 
 def read_photograph(path: Path, mask: Path | None = None) -> tuple[np.ndarray, np.ndarray]:
     """A picture as linear radiance (H, W, 3) float32, premultiplied, and its mask (H, W) in [0, 1].
@@ -46,13 +48,18 @@ def _read_linear(path: Path) -> tuple[np.ndarray, np.ndarray]:
     image = read_exr(path, 4 if alpha else 3)
     if (image[..., :3] < 0).any():
         raise InputError(f"{path}: expected radiance >= 0, found {int((image[..., :3] < 0).any(-1).sum())} negative pixel(s)")
-    return image[..., :3], image[..., 3].clip(0, 1) if alpha else np.ones(image.shape[:2], np.float32)
+    if not alpha:
+        return image, np.ones(image.shape[:2], np.float32)
+    wrong = (image[..., 3] < 0) | (image[..., 3] > 1 + ALPHA_ROUNDING)
+    if wrong.any():
+        raise InputError(f"{path}: expected alpha from 0 to 1, found {image[..., 3][wrong][0]:g} in {int(wrong.sum())} pixel(s)")
+    return image[..., :3], image[..., 3].clip(0, 1)
 
 
 def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
     picture = _open(path)
     if picture.mode in HIGH_BIT_MODES:
-        grey = _grey(picture)
+        grey = _grey(path, picture)
         values = np.dstack([grey, grey, grey, np.ones_like(grey)])
     else:
         values = np.asarray(picture.convert("RGBA"), np.float32) / 255
@@ -61,16 +68,21 @@ def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def _read_mask(path: Path) -> np.ndarray:
     picture = _open(path)
+    if "transparency" in picture.info:
+        picture = picture.convert("RGBA")
     if "A" in picture.getbands():
         alpha = np.asarray(picture.getchannel("A"), np.float32) / 255
         if alpha.min() < 1:
             return alpha  # a cut-out: its shape is in its alpha
-    return _grey(picture)
+    return _grey(path, picture)
 
 
-def _grey(picture: Image.Image) -> np.ndarray:
+def _grey(path: Path, picture: Image.Image) -> np.ndarray:
     if picture.mode in HIGH_BIT_MODES:  # which convert("L") would cut at 255
-        return np.asarray(picture, np.float32) / HIGH_BIT_MODES[picture.mode]
+        white, values = HIGH_BIT_MODES[picture.mode], np.asarray(picture)
+        if values.min() < 0 or values.max() > white:
+            raise InputError(f"{path}: expected values from 0 to {white:g}, found {values.min()} to {values.max()}")
+        return values.astype(np.float32) / np.float32(white)
     return np.asarray(picture.convert("L"), np.float32) / 255
 
 

@@ -157,6 +157,32 @@ def test_sixteen_bits_of_a_mask_are_not_cut_at_255(tmp_path, picture):
     np.testing.assert_allclose(mask, ramp / 65535, atol=1e-6)
 
 
+@pytest.mark.parametrize("value", [-1, 70_000])
+def test_greys_beyond_sixteen_bits_are_refused(tmp_path, value):
+    Image.fromarray(np.full((4, 4), value, np.int32)).save(tmp_path / "grey.tif")
+    with pytest.raises(InputError, match=f"grey.tif: expected values from 0 to 65535, found {value} to {value}"):
+        read_photograph(tmp_path / "grey.tif")
+
+
+def test_alpha_of_another_range_is_refused(tmp_path):
+    pixels = np.ones((4, 5, 4), np.float32)
+    pixels[1, 2, 3] = 255
+    write_exr(tmp_path / "bytes.exr", pixels)
+    with pytest.raises(InputError, match=r"bytes.exr: expected alpha from 0 to 1, found 255 in 1 pixel\(s\)"):
+        read_photograph(tmp_path / "bytes.exr")
+
+
+def test_a_palette_with_a_transparent_colour_is_a_cut_out(tmp_path, picture):
+    """As a mask it says what it says as a picture."""
+    inside = picture[..., 3] > 127
+    indexed = Image.fromarray(inside.astype(np.uint8), mode="P")
+    indexed.putpalette([255, 255, 255, 200, 100, 50])
+    indexed.save(tmp_path / "cut.png", transparency=0)
+    Image.fromarray(picture[..., :3]).save(tmp_path / "disc.png")
+    for paths in (["cut.png"], ["disc.png", "cut.png"]):
+        np.testing.assert_array_equal(read_photograph(*(tmp_path / path for path in paths))[1], inside)
+
+
 @pytest.mark.parametrize("role", ["photograph", "mask"])
 def test_floating_point_without_a_known_white_is_refused(tmp_path, picture, role):
     Image.fromarray(picture).save(tmp_path / "disc.png")

@@ -55,8 +55,9 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
         raise InputError(f"expected at least one run, all with the same geometry.uv, found {sorted(atlases) or 'none'}")
     scene = load_scene(scene_folder, truth=True, uv=atlases.pop())
     shown = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
-    novel = [view for view in scene.novel if view.light != "train"]
-    if not shown or not novel or scene.truth is None or "train" not in scene.truth.lights:
+    lights = {} if scene.truth is None else scene.truth.lights
+    novel = [view for view in scene.novel if view.light != "train" and view.light in lights]
+    if not shown or not novel or "train" not in lights:
         raise InputError(f"{scene_folder}: expected a test view with true albedo and roughness, its light, and a novel light")
     stage = _Stage(scene, shown[len(shown) // 2], novel[len(novel) // 2])
     columns = {PHOTOGRAPH: stage.photograph(), TRUTH: stage.truth()}
