@@ -107,7 +107,7 @@ class _Stage:
             texture_images(self._surface, self._gbuffer, texture)[0].numpy() for texture in (material.albedo, material.roughness)
         )
         coverage, relit_coverage = (part.coverage()[0].numpy() for part in (self._gbuffer, self._relit_gbuffer))
-        light = run.light.numpy() / run.scale
+        light = (run.light / run.scale).numpy()
         return self._pictures(albedo, roughness, coverage, relit[0].numpy(), relit_coverage, light)
 
     def _pictures(

@@ -50,7 +50,7 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
     rows = _rows(scene, chosen, recovered)
     true = scene.truth.lights["train"]
     gain = light_exposure(true)
-    lights = [light_map(light, gain) for light in (true, recovered.light.numpy() / recovered.scale)]
+    lights = [light_map(light, gain) for light in (true, (recovered.light / recovered.scale).numpy())]
     sheet = _compose(rows, lights, recovered.title)
     out.parent.mkdir(parents=True, exist_ok=True)
     sheet.save(out, format="PNG")
@@ -67,7 +67,7 @@ def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[lis
     images = renderer.render_images(gbuffer, recovered.material, Light.of(recovered.light), SAMPLES, generator)
     rendered = images["radiance"].numpy()
     coverage = gbuffer.coverage().numpy()
-    albedo = recovered.scale * texture_images(surface, gbuffer, recovered.material.albedo).numpy()
+    albedo = texture_images(surface, gbuffer, recovered.scale * recovered.material.albedo).numpy()
     roughness = texture_images(surface, gbuffer, recovered.material.roughness).numpy()
     gain = exposure(np.stack([view.image for view in views]), np.stack([view.mask for view in views]))
     rows = []

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import UnionType
 from typing import Any
 
-import numpy as np
 import torch
 
 from ia_bench.config import RunConfig, SceneConfig, identity
@@ -23,14 +22,14 @@ SHOWN = ("aligned_albedo.psnr", "view_synthesis.psnr", "relighting.psnr", "rough
 
 @dataclass(frozen=True)
 class Recovered:
-    """A run's maps as tensors, and the words for its title; ``scale`` aligned the albedo in its scores.
+    """A run's maps as tensors, and the words for its title; ``scale`` (3,) aligned the albedo in its scores.
 
     ``bounces`` and ``coat``: how it rendered them. ``scores``: the metrics of metrics.json by component and name.
     """
 
     material: Material
     light: torch.Tensor
-    scale: float
+    scale: torch.Tensor
     title: str
     bounces: int
     coat: str
@@ -48,7 +47,7 @@ def read_run(folder: Path, scene_folder: Path) -> tuple[Recovered, str]:
         raise InputError(f"{folder / METRICS}: expected a finished run, found status {status!r}")
     _check_scene(config, scene_folder)
     name = metrics.get("protocol_description.alignment", str)
-    scales = metrics.get("albedo_scales", dict).get(name) or [1.0]  # a run whose albedo cannot be aligned is shown as it is
+    scales = metrics.get("albedo_scales", dict).get(name) or [1.0] * 3  # a run whose albedo cannot be aligned is shown as it is
     albedo, roughness = read_exr(folder / "albedo.exr", 3), read_exr(folder / "roughness.exr", 1)
     light = torch.from_numpy(read_exr(folder / "light.exr", 3))
     scores = {key: metrics.get(f"metrics.{key}", float | int | None) for key in SHOWN}
@@ -61,7 +60,7 @@ def read_run(folder: Path, scene_folder: Path) -> tuple[Recovered, str]:
     material = Material(torch.from_numpy(albedo), torch.from_numpy(roughness), metallic)
     bounces = next((entry["value"] for entry in metrics.get("plan.needed", list) if entry["what"] == "render.bounces"), 0)
     coat = config.get("config.render", dict).get("coat", "added")  # older runs had direct light and the paper's sum
-    scale = float(np.mean(scales))
+    scale = torch.tensor(scales)
     uv: str = config.get("config.geometry.uv", str)
     return Recovered(material, light, scale, title, bounces, coat, metrics.get("metrics", dict)), uv
 
