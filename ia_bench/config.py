@@ -161,12 +161,13 @@ def resolved(config: RunConfig) -> RunConfig:
 
 
 def _check_options(options: dict[str, Any]) -> None:
-    """Raise InputError for what no prior can take: NaN or infinity, or a table's options that are no table."""
-    for key, value in options.items():
+    """Raise InputError for what no prior can take: NaN or infinity, or options of another prior that are no table."""
+    nested = options.get("of_options") or {}
+    if not isinstance(nested, Mapping):
+        raise InputError(f"prior.options.of_options: expected a table of options, found {nested!r}")
+    for key, value in (*options.items(), *((f"of_options.{key}", value) for key, value in nested.items())):
         if isinstance(value, float) and not math.isfinite(value):
             raise InputError(f"prior.options.{key}: expected a finite number, found {value}")
-    if not isinstance(options.get("of_options") or {}, Mapping):
-        raise InputError(f"prior.options.of_options: expected a table of options, found {options['of_options']!r}")
 
 
 def resolve_scene_folder(scene: SceneConfig) -> Path | None:

@@ -225,9 +225,9 @@ def _read_object(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:  # no JSON, or no text
-        raise InputError(f"{path}: not valid JSON ({error}); delete it to run again") from None
+        raise InputError(f"{path}: not valid JSON ({error}); delete its folder to run again") from None
     if not isinstance(content, dict):
-        raise InputError(f"{path}: expected a JSON object, found {type(content).__name__}; delete it to run again")
+        raise InputError(f"{path}: expected a JSON object, found {type(content).__name__}; delete its folder to run again")
     return content
 
 

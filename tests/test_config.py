@@ -111,6 +111,7 @@ def test_numbers_out_of_range_are_refused(override: str, expected: str) -> None:
     ("prior", "override", "expected"),
     [
         ("oracle", "prior.options.noise=nan", "prior.options.noise: expected a finite number, found nan"),
+        ("corrected", "prior.options.of_options={eta: nan}", "prior.options.of_options.eta: expected a finite number, found nan"),
         ("corrected", "prior.options.of_options=abc", "prior.options.of_options: expected a table of options, found 'abc'"),
     ],
 )
