@@ -20,6 +20,8 @@ from ia_bench.priors.training.noise import fractal
 
 HEIGHT, WIDTH = 64, 128
 MAX_DISCS = 4
+CASTS, CAST_SHARES = (0.06, 0.3, 0.6), (0.4, 0.4, 0.2)
+"""Spreads of a light's cast, and how frequent each is: most light is nearly white, that of lamps and sunsets is not."""
 
 
 @dataclass(frozen=True)
@@ -100,10 +102,11 @@ def _upward(canvas: _Canvas) -> Tensor:
 def sky(canvas: _Canvas) -> None:
     """Clear or hazy sky over ground, with a sun whose size stands for how veiled it is."""
     rng, d = canvas.rng, _directions()
-    elevation, azimuth = math.radians(rng.uniform(4, 80)), rng.uniform(0, 2 * math.pi)
+    low_sun = rng.random() < 0.4  # dawn and dusk: the strongest colours that daylight has
+    elevation, azimuth = math.radians(rng.uniform(2, 20) if low_sun else rng.uniform(10, 80)), rng.uniform(0, 2 * math.pi)
     toward = _toward(elevation, azimuth)
     low = math.exp(-elevation * 4)  # red near the horizon
-    zenith = np.array([0.25, 0.45, 1.0]) ** rng.uniform(0.2, 1.1)
+    zenith = np.array([0.25, 0.45, 1.0]) ** rng.uniform(0.3, 1.3)
     horizon = np.array([0.8, 0.9, 1.0]) ** rng.uniform(0, 1) * rng.uniform(0.8, 2.2)
     height = d[..., 2:].clamp_min(0)
     blend = torch.exp(-height * rng.uniform(1.5, 6))
@@ -154,7 +157,7 @@ def studio(canvas: _Canvas) -> None:
         toward = _toward(math.radians(rng.uniform(-5, 85)), azimuth + k * rng.uniform(1.2, 2.6))
         half = (float(rng.uniform(0.12, 0.7)), float(rng.uniform(0.12, 0.7)))
         power = rng.uniform(1, 6) / (half[0] * half[1]) * (1 if k == 0 else rng.uniform(0.05, 0.6))
-        _box_light(canvas, toward, half, power * (colour if rng.random() < 0.7 else _colour(rng, 0.25)), 0.06)
+        _box_light(canvas, toward, half, power * (colour if rng.random() < 0.5 else _colour(rng, 0.4)), 0.06)
 
 
 def room(canvas: _Canvas) -> None:
@@ -167,7 +170,7 @@ def room(canvas: _Canvas) -> None:
     weight = weight / weight.sum(-1, keepdim=True)
     walls = np.stack([rng.uniform(0.1, 0.9) * _colour(rng, 0.2) for _ in range(6)]) * _colour(rng, 0.1)
     canvas.map = (weight @ _tensor(walls)) * rng.uniform(0.15, 0.7)
-    day = _colour(rng, 0.15) * rng.uniform(6, 40)
+    day = _colour(rng, 0.3) * rng.uniform(6, 40)
     for k in range(int(rng.integers(1, 4))):
         toward = _toward(math.radians(rng.uniform(-5, 45)), turn + (math.pi / 2) * int(rng.integers(0, 4)) + rng.normal(0, 0.25))
         _box_light(canvas, toward, (float(rng.uniform(0.1, 0.4)), float(rng.uniform(0.15, 0.6))), day, 0.05)
@@ -175,7 +178,7 @@ def room(canvas: _Canvas) -> None:
             canvas.disc(toward, math.radians(rng.uniform(0.5, 2)), _colour(rng, 0.2) * rng.uniform(1, 8))
     if rng.random() < 0.4:
         toward, radius = _toward(rng.uniform(0.2, 1.5), rng.uniform(0, 6.3)), math.radians(rng.uniform(2, 8))
-        canvas.disc(toward, radius, _colour(rng, 0.3) * rng.uniform(0.5, 4))
+        canvas.disc(toward, radius, _colour(rng, 0.4) * rng.uniform(0.5, 4))
 
 
 def lamps(canvas: _Canvas) -> None:
@@ -211,23 +214,23 @@ LIGHTS: tuple[tuple[Callable[[_Canvas], None], float], ...] = (
 
 
 def draw_light(rng: Generator) -> Light:
-    """A light of a random family, two mixed at times; a sixth of them under a strong cast."""
+    """A light of a random family, or two mixed, each under a cast of its own: mild, clear or strong."""
     weights = np.array([weight for _, weight in LIGHTS])
-    chosen = [LIGHTS[k][0] for k in rng.choice(len(LIGHTS), 1 + (rng.random() < 0.15), p=weights / weights.sum())]
+    chosen = [LIGHTS[k][0] for k in rng.choice(len(LIGHTS), 1 + (rng.random() < 0.4), p=weights / weights.sum())]
     total, discs = torch.zeros(HEIGHT, WIDTH, 3), []
     for paint in chosen:
         canvas = _Canvas(rng)
         paint(canvas)
-        share = rng.uniform(0.3, 1) / float(_mean_irradiance(canvas))
-        total = total + share * canvas.map
-        discs += [(direction, cosine, share * emission) for direction, cosine, emission in canvas.discs]
-    cast = _tensor(_colour(rng, 0.4 if rng.random() < 0.17 else 0.06))
+        share = rng.uniform(0.3, 1) / float(_mean_irradiance(canvas)) * _colour(rng, rng.choice(CASTS, p=CAST_SHARES))
+        key = _colour(rng, 0.3)  # lamps and sun are of another colour than what fills their shadows
+        total = total + _tensor(share / key) * canvas.map
+        discs += [(direction, cosine, share * key * emission) for direction, cosine, emission in canvas.discs]
     discs = discs[:MAX_DISCS]
     direction, cosine, emission = np.zeros((MAX_DISCS, 3)), np.full(MAX_DISCS, 2.0), np.zeros((MAX_DISCS, 3))
     for k, (toward, edge, radiance) in enumerate(discs):
         direction[k], cosine[k], emission[k] = toward, edge, radiance
     direction[len(discs) :] = (0, 0, 1)
-    return Light(total.clamp_min(1e-4) * cast, _tensor(direction), _tensor(cosine), _tensor(emission) * cast)
+    return Light(total.clamp_min(1e-4), _tensor(direction), _tensor(cosine), _tensor(emission))
 
 
 def _mean_irradiance(canvas: _Canvas) -> Tensor:

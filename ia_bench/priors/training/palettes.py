@@ -20,9 +20,9 @@ def from_hsv(hue: np.ndarray, saturation: np.ndarray, value: np.ndarray) -> np.n
 def palette(rng: Generator, count: int) -> np.ndarray:
     """``count`` colours that may stand beside each other, (count, 3) linear.
 
-    Natural ones (greys, whites, woods, stones, earths, leaves) are twice as frequent as saturated ones.
+    Natural ones (greys, whites, woods, stones, earths, leaves) are half of all; the others are paints and prints.
     """
-    kind = rng.choice(["grey", "earth", "mild", "leaf", "pastel", "strong", "contrast", "dark"], p=_SHARES)
+    kind = rng.choice(["grey", "earth", "mild", "leaf", "pastel", "strong", "contrast", "print", "dark"], p=_SHARES)
     value = rng.uniform(0.25, 0.95, count)
     if kind == "grey":
         hue, saturation = rng.random(count), rng.uniform(0, 0.1, count)
@@ -39,9 +39,16 @@ def palette(rng: Generator, count: int) -> np.ndarray:
     elif kind == "contrast":  # two opposite hues and neutrals
         hue = rng.random() + 0.5 * rng.integers(0, 2, count) + rng.normal(0, 0.03, count)
         saturation = rng.uniform(0.3, 0.95, count) * (rng.random(count) < 0.75)
+    elif kind == "print":  # pure colours on white, with black at times
+        pure = rng.random(count) < 0.6
+        hue, saturation = rng.random(count), np.where(pure, rng.uniform(0.6, 1, count), rng.uniform(0, 0.12, count))
+        ink = rng.uniform(0.12, 0.3, count)
+        vivid = rng.uniform(0.45, 0.95, count)
+        neutral = np.where(rng.random(count) < 0.3, ink, rng.uniform(0.85, 0.98, count))
+        value = np.where(pure, vivid, neutral)
     else:
         hue, saturation, value = rng.random(count), rng.uniform(0, 0.6, count), rng.uniform(0.15, 0.4, count)
     return from_hsv(np.mod(hue, 1), saturation, value)
 
 
-_SHARES = np.array([0.2, 0.2, 0.17, 0.06, 0.08, 0.12, 0.1, 0.07])
+_SHARES = np.array([0.16, 0.17, 0.13, 0.05, 0.07, 0.12, 0.12, 0.13, 0.05])

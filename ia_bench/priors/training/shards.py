@@ -26,7 +26,7 @@ from torch import Tensor
 
 from ia_bench.errors import InputError
 
-DATA_VERSION = 1
+DATA_VERSION = 2
 """Raised whenever the same (seed, index) would render a different image; folders of different versions do not mix."""
 
 SHARD_IMAGES = 256

@@ -328,7 +328,7 @@ def _ramp(layer: _Layer, p: Tensor, axis: Tensor) -> Tensor:
 
 def _draw_layer(rng: Generator, colours: np.ndarray, mask: Pattern | None, plain: float) -> _Layer:
     count = int(rng.integers(2, 5))
-    chosen = torch.from_numpy(colours[rng.integers(0, len(colours), count)]).float()
+    chosen = torch.from_numpy(colours[rng.permutation(len(colours))[:count]]).float()  # no colour twice: contrast
     pattern = None if rng.random() < plain else draw_pattern(rng)
     return _Layer(chosen, bool(rng.random() < 0.3), pattern, mask)
 
@@ -340,9 +340,9 @@ def draw_roughness(rng: Generator) -> float:
 
 
 def draw_material(rng: Generator, colours: np.ndarray) -> TexturedMaterial:
-    """A material from a palette (K, 3): one to three layers, a quarter of them of one colour only."""
-    layers = [_draw_layer(rng, colours, None, 0.3)]
-    for _ in range(int(rng.choice([0, 1, 2], p=[0.65, 0.28, 0.07]))):
+    """A material from a palette (K, 3): one to three layers, a tenth of them of one colour only."""
+    layers = [_draw_layer(rng, colours, None, 0.2)]
+    for _ in range(int(rng.choice([0, 1, 2], p=[0.5, 0.38, 0.12]))):
         layers.append(_draw_layer(rng, colours, draw_pattern(rng), 0.6))
     return TexturedMaterial(
         layers=tuple(layers),
