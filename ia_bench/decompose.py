@@ -26,6 +26,7 @@ from ia_bench.paths import make_writable
 from ia_bench.photograph import read_photograph
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import write_exr
+from ia_bench.whole_file import whole_file
 
 SPREAD_GAIN = 4.0
 """The spread is shown this much brighter; it is a standard deviation of linear values and mostly small."""
@@ -121,11 +122,13 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
             pictures["_spread"] = _shown(parts.spread[component], parts.mask, SPREAD_GAIN * exposure)
         for suffix, picture in pictures.items():
             path = folder / f"{name}_{component}{suffix}.png"
-            Image.fromarray(picture).save(path)
+            with whole_file(path) as partial:
+                Image.fromarray(picture).save(partial)
             written.append(path)
             cells.append((f"{component} {SPREAD_GAIN:g} x spread" if suffix else component, picture))
     sheet = folder / f"{name}_sheet.png"
-    _sheet(cells).save(sheet)
+    with whole_file(sheet) as partial:
+        _sheet(cells).save(partial)
     return [*written, sheet]
 
 

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from ia_bench.__main__ import OK, complain
+from ia_bench.arguments import at_least
 from ia_bench.config import SceneConfig, resolve_scene_folder
 from ia_bench.errors import InputError
 from ia_bench.light.latlong import resize_light
@@ -133,7 +134,7 @@ def main() -> int:
     """Print one Markdown row per scene."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="+", help="names of shipped scenes, or scene folders")
-    parser.add_argument("--samples", type=int, default=SAMPLES, help="samples per pixel")
+    parser.add_argument("--samples", type=at_least(1), default=SAMPLES, help="samples per pixel")
     arguments = parser.parse_args()
     header: list[str] | None = None
     for name in arguments.scenes:

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ia_bench.whole_file import whole_file
+
 
 def relative_rmse(estimate: np.ndarray, reference: np.ndarray) -> float:
     """Root of the mean squared error over the mean of the reference: sqrt(<(e - r)^2>) / <r>; any shape.
@@ -130,7 +132,7 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     columns = list(rows[0])
     if any(list(row) != columns for row in rows):
         raise ValueError(f"{path}: every row needs the columns {', '.join(columns)}")
-    with path.open("w", newline="") as file:
+    with whole_file(path) as partial, partial.open("w", newline="") as file:
         writer = csv.DictWriter(file, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows([{key: _cell(value) for key, value in row.items()} for row in rows])

@@ -22,6 +22,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.__main__ import OK, complain
+from ia_bench.arguments import at_least
 from ia_bench.checks.problem import make_problem
 from ia_bench.config import SceneConfig, resolve_scene_folder
 from ia_bench.decompose import make_prior
@@ -119,13 +120,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("examples", nargs="+", help="shipped scenes, scene folders, or folders of held-out shards")
     parser.add_argument("--prior", default="diffusion", help="a prior's name or module:Class (default: diffusion)")
     parser.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the prior")
-    parser.add_argument("--samples", type=int, default=SAMPLES, help=f"samples whose mean is scored (default: {SAMPLES})")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0], help="seeds (default: 0)")
-    parser.add_argument("--limit", type=int, help="at most this many images of each")
+    parser.add_argument("--samples", type=at_least(1), default=SAMPLES, help=f"samples whose mean is scored (default: {SAMPLES})")
+    parser.add_argument("--seeds", type=at_least(0), nargs="+", default=[0], help="seeds (default: 0)")
+    parser.add_argument("--limit", type=at_least(1), help="at most this many images of each")
     wanted = parser.parse_args(arguments)
     try:
-        if wanted.samples < 1:
-            raise InputError(f"--samples: expected at least 1, found {wanted.samples}")
         prior = make_prior(wanted.prior, wanted.option)
         geometry = isinstance(prior, GeometryReader) and prior.reads_geometry
         loaded = [load_examples(name, wanted.limit, geometry=geometry) for name in wanted.examples]

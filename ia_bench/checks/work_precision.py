@@ -20,9 +20,11 @@ from pathlib import Path
 from typing import Any
 
 from ia_bench.__main__ import FAULT, OK, complain, limit_threads
+from ia_bench.arguments import at_least
 from ia_bench.checks.precision import write_rows
 from ia_bench.environment import environment
 from ia_bench.errors import InputError
+from ia_bench.whole_file import whole_file
 
 PARTS = ("forward", "inverse")
 
@@ -32,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m ia_bench.checks.work_precision", description=__doc__.splitlines()[0])
     parser.add_argument("--scene", default="hat", help="shipped scene of the forward part (default: %(default)s)")
     parser.add_argument("--only", choices=PARTS, help="one part alone")
-    parser.add_argument("--threads", type=int, default=1, help="of ours and of Mitsuba (default: %(default)s)")
+    parser.add_argument("--threads", type=at_least(1), default=1, help="of ours and of Mitsuba (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("results/work_precision"), help="default: %(default)s")
     parser.add_argument("--quick", action="store_true", help="few samples and steps: does everything run?")
     wanted = parser.parse_args(arguments)
@@ -68,11 +70,13 @@ def _measure_part(part: str, wanted: argparse.Namespace) -> list[str]:
         rows, summary = inverse_precision.measure(threads=wanted.threads, quick=wanted.quick)
         figure = precision_figures.inverse_figure(rows)
     write_rows(wanted.out / f"{part}.csv", rows)
-    figure.savefig(wanted.out / f"{part}.png", dpi=90)
+    with whole_file(wanted.out / f"{part}.png") as partial:
+        figure.savefig(partial, dpi=90)
     path = wanted.out / "summary.json"
     content = json.loads(path.read_text()) if path.is_file() else {}
     content |= {part: summary, "environment": environment("cpu", wanted.threads)}
-    path.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n")
+    with whole_file(path) as partial:
+        partial.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n")
     if "left_out" in summary:
         print(f"left out: {summary['left_out']}")
     print(f"{part}: {len(rows)} rows in {wanted.out / part}.csv")

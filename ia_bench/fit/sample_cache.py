@@ -14,6 +14,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from ia_bench.whole_file import whole_file
+
 CACHE_BYTES = 2 << 30  # the samples used longest ago are removed beyond this
 
 
@@ -62,18 +64,12 @@ class SampleCache:
     def store(self, key: str, stored: StoredSample) -> None:
         """Keep a draw, and remove the ones used longest ago beyond the limit. A folder that cannot be written keeps none."""
         path = self._path(key)
-        partial = path.with_name(f".{path.stem}.{os.getpid()}")
         about = {"seconds": repr(stored.seconds), "counters": json.dumps(stored.counters)}
-        try:
+        with contextlib.suppress(OSError, SafetensorError):
             self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            return
-        try:
-            save_file({name: value.contiguous() for name, value in stored.sample.items()}, partial, metadata=about)
-            os.replace(partial, path)
+            with whole_file(path) as partial:
+                save_file({name: value.contiguous() for name, value in stored.sample.items()}, partial, metadata=about)
             self._trim()
-        except (OSError, SafetensorError):
-            partial.unlink(missing_ok=True)
 
     def _trim(self) -> None:
         files = sorted(((p.stat(), p) for p in self._folder.glob("samples-*.safetensors")), key=lambda f: -f[0].st_mtime)

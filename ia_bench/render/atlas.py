@@ -15,6 +15,7 @@ from torch import Tensor
 from ia_bench.material.textures import bilinear_taps
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.scenes.scene import Mesh
+from ia_bench.whole_file import whole_file
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,6 @@ def kept_bake(
             return dict(saved)
     arrays = bake()
     cache.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.npz")
-    np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
-    os.replace(partial, path)
+    with whole_file(path) as partial:
+        np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
     return arrays

@@ -16,6 +16,7 @@ import trimesh
 from PIL import Image
 
 from ia_bench.errors import InputError
+from ia_bench.whole_file import whole_file
 
 FIELD_OF_VIEW = math.radians(35)
 ELEVATION = math.radians(20)
@@ -56,7 +57,8 @@ def render_preview(asset: Path, folder: Path, *, views: int = 4, size: int = 512
             colour, depth = renderer.render(stage)  # OSMesa gives no alpha, but no depth either where nothing is
             picture = np.dstack([colour, np.where(depth > 0, 255, 0).astype(np.uint8)])
             path = folder / f"preview_{round(math.degrees(azimuth)):03d}.png"
-            Image.fromarray(picture).resize((size, size), Image.Resampling.BOX).save(path)
+            with whole_file(path) as partial:
+                Image.fromarray(picture).resize((size, size), Image.Resampling.BOX).save(partial)
             written.append(path)
     finally:
         renderer.delete()

@@ -64,6 +64,8 @@ class Run:
     reasons: dict[str, str] = field(default_factory=dict)
     seconds: float | None = None  # of all phases without scoring, also where a run was interrupted or samples were kept
     peak_memory_bytes: float | None = None
+    commit: str | None = None
+    cpu: str | None = None
     sees_truth: bool = False
     curve: Curve | None = None
     curve_problem: str | None = None
@@ -143,6 +145,8 @@ def _read_contents(folder: Path, path: Path, data: dict[str, Any], cell: dict[st
 
     groups, times = _get(path, data, "metrics", dict), _get(path, data, "time_s", dict)
     reasons = _get(path, data, "reasons", dict) if "reasons" in data else {}
+    environment = _get(path, data, "environment", dict) if "environment" in data else {}
+    commit, cpu = (str(environment[key]) if environment.get(key) else None for key in ("commit", "cpu"))
     metrics = {m.key: _number(path, _get(path, groups, m.component, dict), m.name, m.key) for m in METRICS}
     phases = [_number(path, times, key, f"time_s.{key}") for key in times if key not in ("total", "score")]
     try:
@@ -157,6 +161,8 @@ def _read_contents(folder: Path, path: Path, data: dict[str, Any], cell: dict[st
         reasons={key: str(reason) for key, reason in reasons.items()},
         seconds=sum(seconds for seconds in phases if seconds is not None) if phases else None,
         peak_memory_bytes=_number(path, data, "peak_memory_bytes", "peak_memory_bytes"),
+        commit=commit,
+        cpu=cpu,
         sees_truth=sees_truth,
         curve=curve,
         curve_problem=curve_problem,

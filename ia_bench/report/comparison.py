@@ -26,6 +26,7 @@ from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene, View
+from ia_bench.whole_file import whole_file
 
 SAMPLES = 128  # per pixel of the relit picture, as in scoring
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
@@ -64,7 +65,8 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     columns |= {name: stage.recovered(run) for name, (run, _) in read.items()}
     scores = [[_score(run, component, metric) for _, component, metric in LINES] for run, _ in read.values()]
     out.parent.mkdir(parents=True, exist_ok=True)
-    _compose(columns, [[], [], *scores], stage.relit.light).save(out, format="PNG")
+    with whole_file(out) as partial:
+        _compose(columns, [[], [], *scores], stage.relit.light).save(partial, format="PNG")
 
 
 class _Stage:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ia_bench.report.collect import Run
 from ia_bench.report.columns import CURVE_METRICS, Metric
+from ia_bench.whole_file import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,8 +52,10 @@ def save(figure: Figure, path: Path) -> list[Path]:
 
     files = [path.with_name(f"{path.name}.{kind}") for kind in ("png", "svg")]
     with matplotlib.rc_context({"svg.hashsalt": "ia_bench"}):
-        figure.savefig(files[0], dpi=130)
-        figure.savefig(files[1], metadata={"Date": None})
+        with whole_file(files[0]) as partial:
+            figure.savefig(partial, dpi=130)
+        with whole_file(files[1]) as partial:
+            figure.savefig(partial, metadata={"Date": None})
     return files
 
 

@@ -90,8 +90,13 @@ def _differences(
 
 
 def _notes(found: Sequence[Run], kept: Sequence[Run], protocol: str) -> list[str]:
-    """Runs left out, unreadable curves, and the reason of every null, each reason once with how many runs gave it."""
+    """Where runs come from, runs left out, unreadable curves, the reason of every null, each once with its number of runs."""
+    origins = Counter((run.commit, run.cpu) for run in kept if run.commit is not None or run.cpu is not None)
     notes = [
+        f"{count} {'run' if count == 1 else 'runs'} of commit {commit or 'unknown'} on {cpu or 'an unknown processor'}"
+        for (commit, cpu), count in origins.most_common()
+    ]
+    notes += [
         f"{_cell(run)}: left out, scored under {run.protocol} and not {protocol} ({run.folder})"
         for run in found
         if run.protocol not in (None, protocol)

@@ -24,6 +24,7 @@ from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene, View
+from ia_bench.whole_file import whole_file
 
 SAMPLES = 64  # per pixel of the re-render
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
@@ -53,7 +54,8 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
     lights = [light_map(light, gain) for light in (true, (recovered.light / recovered.scale).numpy())]
     sheet = _compose(rows, lights, recovered.title)
     out.parent.mkdir(parents=True, exist_ok=True)
-    sheet.save(out, format="PNG")
+    with whole_file(out) as partial:
+        sheet.save(partial, format="PNG")
 
 
 def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[list[np.ndarray]]:

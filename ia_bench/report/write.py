@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -20,6 +19,7 @@ from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.latex import latex
 from ia_bench.report.markdown import report_text
 from ia_bench.report.table import csv_text, json_data
+from ia_bench.whole_file import whole_file
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,11 @@ def _runs_csv(runs: Sequence[Run]) -> str:
     """One line a run, at full precision: what every mean and interval of the report was made from."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    costs = ["seconds", "peak_memory_bytes", "problem"]
-    writer.writerow(["row", "scene", "seed", *(metric.column for metric in METRICS), *costs])
+    about = ["seconds", "peak_memory_bytes", "commit", "cpu", "problem"]
+    writer.writerow(["row", "scene", "seed", *(metric.column for metric in METRICS), *about])
     for run in runs:
         values = [run.metrics.get(metric.key) for metric in METRICS]
-        writer.writerow([run.row, run.scene, run.seed, *values, *(getattr(run, name) for name in costs)])
+        writer.writerow([run.row, run.scene, run.seed, *values, *(getattr(run, name) for name in about)])
     return out.getvalue()
 
 
@@ -124,8 +124,6 @@ def _times_csv(times: Sequence[TimeToError]) -> str:
 
 
 def _write(path: Path, text: str) -> Path:
-    """Write all of a file or nothing of it."""
-    partial = path.with_name(f"{path.name}.partial")
-    partial.write_text(text, encoding="utf-8")
-    os.replace(partial, path)
+    with whole_file(path) as partial:
+        partial.write_text(text, encoding="utf-8")
     return path

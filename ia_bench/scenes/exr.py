@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 
 from ia_bench.errors import InputError
+from ia_bench.whole_file import whole_file
 
 
 def read_exr(path: Path, channels: int) -> np.ndarray:
@@ -53,7 +53,5 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
     channels = {name: np.ascontiguousarray(pixels[..., i].astype(dtype)) for i, name in enumerate(names)}
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.exr")
-    with OpenEXR.File(header, channels) as file:
+    with whole_file(path) as partial, OpenEXR.File(header, channels) as file:
         file.write(str(partial))
-    os.replace(partial, path)

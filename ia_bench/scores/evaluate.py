@@ -12,6 +12,7 @@ from ia_bench.scores.protocol import Encoding, Protocol
 from ia_bench.scores.result import Scores
 
 IMAGE_METRICS = ("psnr", "ssim", "lpips")
+NOT_PREDICTED = "not predicted"
 
 
 def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> Alignment:
@@ -56,10 +57,13 @@ def _score(predictions: Predictions, truth: Predictions, protocol: Protocol, nam
 
     albedo = _paired(predictions.albedo, truth.albedo, "albedo", protocol)
     scores.record("albedo", albedo, of_albedo)
-    scores.record("aligned_albedo", _aligned(scores, protocol.alignment, albedo), of_albedo)
+    aligned = _aligned(scores, protocol.alignment, albedo)
+    scores.record("aligned_albedo", aligned, of_albedo)
     rendered = _paired(predictions.view_synthesis, truth.view_synthesis, "view_synthesis", protocol)
     scores.record("view_synthesis", rendered, of_radiance)
-    scores.record("relighting", _paired_by_light(predictions.relighting, truth.relighting, protocol), of_radiance)
+    relit = _paired_by_light(predictions.relighting, truth.relighting, protocol)
+    # What is relit is the aligned albedo: where there is none, its reason is the reason.
+    scores.record("relighting", aligned if relit == NOT_PREDICTED and isinstance(aligned, str) else relit, of_radiance)
     rough = _paired(predictions.roughness, truth.roughness, "roughness", protocol)
     scores.record("roughness", rough, ROUGHNESS_MEASURE)
     return scores
@@ -71,7 +75,7 @@ def _albedo_measure(protocol: Protocol, names: tuple[str, ...]) -> Measure:
 
 def _paired(predicted: Images | None, true: Images | None, what: str, protocol: Protocol) -> list[Pair] | str:
     if predicted is None:
-        return "not predicted"
+        return NOT_PREDICTED
     if true is None:
         raise ValueError(f"{what}: predicted, but the scene has no ground truth for it")
     return pairs(predicted, true, protocol.mask_threshold, what)
@@ -81,7 +85,7 @@ def _paired_by_light(
     predicted: Mapping[str, Images] | None, true: Mapping[str, Images] | None, protocol: Protocol
 ) -> dict[str, list[Pair]] | str:
     if predicted is None:
-        return "not predicted"
+        return NOT_PREDICTED
     if true is None or sorted(predicted) != sorted(true):
         raise ValueError(f"relighting: expected the lights {sorted(true or ())}, found {sorted(predicted)}")
     return {

@@ -55,7 +55,11 @@ class Scorer:
     def full(self, material: Material, light: Tensor) -> Scores:
         """Every number of the protocol for ``material`` and the recovered ``light`` (H, W, 3)."""
         predicted, true = self._predict(material, light, 1, self._protocol.samples_per_pixel)
-        return score(predicted, true, self._protocol)
+        scores = score(predicted, true, self._protocol)
+        for name in self._novel:
+            if name != "train" and self._light(name) is None:
+                scores.reasons[f"per_image.relighting.{name}"] = "left out: the scene has no environment map of this light"
+        return scores
 
     def quick(self, material: Material, light: Tensor) -> dict[str, float | None]:
         """The metric columns of curve.csv, from a fixed subset of the views."""

@@ -22,6 +22,7 @@ from rich.table import Table
 from ia_bench.__main__ import OK, complain
 from ia_bench.stability import lights, materials, priors, rendering, scores
 from ia_bench.stability.case import Case, Row, judge
+from ia_bench.whole_file import whole_file
 
 FAILED = 1
 
@@ -49,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rows = [judge(case) for case in wanted]
     print_rows(rows)
     if options.out:
-        options.out.write_text(json.dumps([record(row) for row in rows], indent=1) + "\n")
+        with whole_file(options.out) as partial:
+            partial.write_text(json.dumps([record(row) for row in rows], indent=1) + "\n")
     failed = sum(row.problem is not None for row in rows)
     print(f"{len(rows)} cases, {failed} failed")
     return FAILED if failed else OK

@@ -60,6 +60,20 @@ def test_rows_and_scenes_come_as_asked_for_then_by_name(report: Report) -> None:
     assert report.findings.scenes == ("ship", "hat")
 
 
+def test_the_report_says_where_its_runs_come_from(tmp_path: Path, write_run: Callable[..., Path]) -> None:
+    for seed, commit in enumerate(("abc", "abc", "def")):
+        write_run("ours", "hat", seed, environment={"commit": commit, "cpu": "Abacus 2", "threads": 1})
+    write_run("ours", "hat", 3)
+    report = write_report(tmp_path / "runs", tmp_path / "out")
+    notes = "- 2 runs of commit abc on Abacus 2\n- 1 run of commit def on Abacus 2\n"
+    assert notes in (tmp_path / "out" / "report.md").read_text()
+    with (tmp_path / "out" / "runs.csv").open(newline="") as file:
+        assert [(line["commit"], line["cpu"]) for line in csv.DictReader(file)] == [
+            *[("abc", "Abacus 2")] * 2, ("def", "Abacus 2"), ("", "")
+        ]  # fmt: skip
+    assert len(report.findings.notes) == 2
+
+
 def test_json_holds_the_numbers(out: Path) -> None:
     data = json.loads((out / "table.json").read_text())
     ours = next(line for line in data["overall"] if line["row"] == "ours")

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -24,6 +22,7 @@ from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha
 from ia_bench.priors.original.names import Source, clip_source, ema, unet_source, vae_source
 from ia_bench.suggest import unknown
 from ia_bench.torchvision_shim import import_torchvision
+from ia_bench.whole_file import whole_file
 
 USAGE = """\
 python -m ia_bench.priors.original.convert [albedo=CKPT] [specular=CKPT] out=FOLDER
@@ -83,7 +82,7 @@ def convert(request: Request, tell: Callable[[str], None] = print) -> None:
             "weights": "exponential moving average, half precision",
             "written_by": {name: version(name) for name in ("ia_bench", "torch", "diffusers", "transformers")},
         }
-        with _whole(folder / RECORD) as partial:
+        with whole_file(folder / RECORD) as partial:
             partial.write_text(json.dumps(record, indent=1), encoding="utf-8")
 
 
@@ -121,7 +120,7 @@ def convert_component(checkpoint: Checkpoint, folder: Path, resolution: int, tel
         shapes = {key: tuple(value.shape) for key, value in model.state_dict().items()}
         tensors = half_precision(checkpoint, shapes, source)
         (folder / name).mkdir(parents=True, exist_ok=True)
-        with _whole(folder / name / f"{stem}.safetensors") as partial:
+        with whole_file(folder / name / f"{stem}.safetensors") as partial:
             save_file(tensors, partial, metadata={"format": "pt"})  # both libraries refuse a file that does not say so
         save_config = clip.save_pretrained if model.config is clip else model.save_config
         save_config(folder / name)
@@ -207,14 +206,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     return OK
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """Somewhere to write what becomes ``path`` once it is written, so that a file is whole or absent."""
-    partial = path.with_name(f"{path.name}.partial")
-    yield partial
-    os.replace(partial, path)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ia_bench.priors.training.shards import CHANNELS
 from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.whole_file import whole_file
 
 COLUMNS = 12
 _GREY = 0.2  # linear, behind the object
@@ -25,7 +26,8 @@ def contact_sheet(path: Path, tensors: dict[str, Tensor], chosen: list[int], zoo
         for name in CHANNELS:
             rows.append(np.concatenate(list(_encode(name, tensors[name][part].float().numpy(), coverage)), 1))
     picture = np.concatenate(rows, 0).repeat(zoom, 0).repeat(zoom, 1)
-    Image.fromarray(picture).save(path)
+    with whole_file(path) as partial:
+        Image.fromarray(picture).save(partial)
 
 
 def _encode(name: str, values: np.ndarray, coverage: np.ndarray) -> np.ndarray:

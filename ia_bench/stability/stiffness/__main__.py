@@ -22,11 +22,13 @@ from typing import Any
 import torch
 
 from ia_bench.__main__ import OK, complain
+from ia_bench.arguments import at_least
 from ia_bench.config import SceneConfig, resolve_scene_folder
 from ia_bench.errors import InputError
 from ia_bench.stability.stiffness.measure import Grids, Measurement, measure
 from ia_bench.stability.stiffness.pictures import draw_confusions, draw_spectra
 from ia_bench.stability.stiffness.stage import Stage
+from ia_bench.whole_file import whole_file
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,12 +40,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )  # fmt: skip
     parser.add_argument("scenes", nargs="+", help="names of shipped scenes, or scene folders")
     parser.add_argument("--out", type=Path, required=True, help="folder for the files")
-    parser.add_argument("--pixels", type=int, default=3072, help="random pixels of the training views")
-    parser.add_argument("--samples", type=int, default=512, help="a pixel")
-    parser.add_argument("--bounces", type=int, help="of indirect light (default: as many as a run's plan takes)")
-    parser.add_argument("--texture", type=int, default=16, help="blocks along a side of the textures")
-    parser.add_argument("--light", type=int, default=16, help="rows of blocks of the light")
-    parser.add_argument("--directions", type=int, default=3, help="confused directions in the pictures")
+    parser.add_argument("--pixels", type=at_least(1), default=3072, help="random pixels of the training views")
+    parser.add_argument("--samples", type=at_least(1), default=512, help="a pixel")
+    parser.add_argument("--bounces", type=at_least(0), help="of indirect light (default: as many as a run's plan takes)")
+    parser.add_argument("--texture", type=at_least(1), default=16, help="blocks along a side of the textures")
+    parser.add_argument("--light", type=at_least(1), default=16, help="rows of blocks of the light")
+    parser.add_argument("--directions", type=at_least(1), default=3, help="confused directions in the pictures")
     options = parser.parse_args(arguments)
     torch.set_num_threads(1)
     measured: dict[str, Measurement] = {}
@@ -61,7 +63,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print("| " + " | ".join(row(found.numbers).values()) + " |", flush=True)
             draw_confusions(options.out / f"{folder.name}.png", stage, found)
             numbers = {key: value.numbers for key, value in measured.items()}
-            (options.out / "stiffness.json").write_text(json.dumps(numbers, indent=1) + "\n")
+            with whole_file(options.out / "stiffness.json") as partial:
+                partial.write_text(json.dumps(numbers, indent=1) + "\n")
             draw_spectra(options.out / "spectra.png", {key: value.values for key, value in measured.items()})
     except InputError as error:
         return complain(str(error))

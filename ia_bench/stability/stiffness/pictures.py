@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from ia_bench.render.renderer import texture_images
 from ia_bench.stability.stiffness.measure import Measurement
 from ia_bench.stability.stiffness.stage import Stage
+from ia_bench.whole_file import whole_file
 
 
 def draw_spectra(path: Path, values: Mapping[str, np.ndarray]) -> None:
@@ -24,7 +25,8 @@ def draw_spectra(path: Path, values: Mapping[str, np.ndarray]) -> None:
     axes.set(yscale="log", ylim=(1e-10, 1.5), xlabel="share of directions that are stiffer", ylabel="eigenvalue / largest")
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.savefig(path, dpi=110)
+    with whole_file(path) as partial:
+        figure.savefig(partial, dpi=110)
 
 
 def draw_confusions(path: Path, stage: Stage, measured: Measurement) -> None:
@@ -44,4 +46,5 @@ def draw_confusions(path: Path, stage: Stage, measured: Measurement) -> None:
         pair[0].set_title(f"albedo, up to {np.abs(albedo).max():.2g}", fontsize="small")
         title = f"log light, up to {np.abs(light).max():.2g}; together: mu = {row.mu:.2g}, images change by {row.image_change:.1e}"
         pair[1].set_title(title, fontsize="small")
-    figure.savefig(path, dpi=90)
+    with whole_file(path) as partial:
+        figure.savefig(partial, dpi=90)

@@ -1,0 +1,26 @@
+"""Numbers that make no sense are refused by every command line that takes them, before any work."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "value", "least"),
+    [
+        (["ia_bench.checks.single_view", "hat"], "--limit", "-1", 1),
+        (["ia_bench.checks.single_view", "hat"], "--seeds", "x", 0),
+        (["ia_bench.checks.forward", "tiny"], "--samples", "0", 1),
+        (["ia_bench.checks.work_precision"], "--threads", "0", 1),
+        (["ia_bench.stability.stiffness", "tiny", "--out", "nowhere"], "--bounces", "-1", 0),
+    ],
+)
+def test_refused(command: list[str], option: str, value: str, least: int) -> None:
+    ended = subprocess.run([sys.executable, "-m", *command, option, value], capture_output=True, text=True)
+    assert ended.returncode == 2
+    last = ended.stderr.strip().split("\n")[-1]
+    assert last.endswith(f"error: argument {option}: expected a whole number of at least {least}, found {value}")
+    assert "Traceback" not in ended.stderr
