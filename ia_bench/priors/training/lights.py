@@ -16,7 +16,7 @@ from numpy.random import Generator
 from torch import Tensor
 
 from ia_bench.light.latlong import row_solid_angles, texel_centres
-from ia_bench.priors.training.noise import fractal
+from ia_bench.priors.training.noise import FIRST, fractal
 
 HEIGHT, WIDTH = 64, 128
 MAX_DISCS = 4
@@ -77,7 +77,7 @@ def _toward(elevation: float, azimuth: float) -> np.ndarray:
 def _mottle(rng: Generator, frequency: np.ndarray, octaves: int) -> Tensor:
     """Fractal noise over the directions of the map, (H, W, 1)."""
     at = _directions() * _tensor(frequency) + float(rng.uniform(0, 30))
-    return fractal(at.reshape(-1, 3), octaves)[:, :1].reshape(HEIGHT, WIDTH, 1)
+    return fractal(at.reshape(-1, 3), octaves, channels=FIRST).reshape(HEIGHT, WIDTH, 1)
 
 
 def _ground(canvas: _Canvas, up_irradiance: Tensor) -> None:

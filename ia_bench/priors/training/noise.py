@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
+ALL, FIRST = slice(0, 4), slice(0, 1)  # channels of the noise
 PERIOD = 32  # lattice cells after which the noise repeats; octaves are rotated, so that repetitions do not line up
 
 
@@ -30,29 +31,28 @@ def _octave_rotation() -> Tensor:
     return torch.matrix_exp(0.7 * cross)
 
 
-def noise(points: Tensor) -> Tensor:
-    """Four channels of value noise at (N, 3) points, (N, 4) in [-1, 1]; one lattice cell per unit, smooth inside."""
+def noise(points: Tensor, channels: slice = ALL) -> Tensor:
+    """C of four channels of value noise at (N, 3) points, (N, C) in [-1, 1]; one lattice cell per unit, smooth inside."""
     cell = torch.floor(points)
     inside = points - cell
     faded = cell + inside * inside * (3 - 2 * inside)
     wrapped = torch.remainder(faded, PERIOD) * (2 / PERIOD) - 1
-    found = grid_sample(lattice_values()[None], wrapped[None, :, None, None], align_corners=True, padding_mode="border")
-    return found.reshape(4, -1).T
+    values = lattice_values()[None, channels]
+    found = grid_sample(values, wrapped[None, :, None, None], align_corners=True, padding_mode="border")
+    return found.reshape(values.shape[1], -1).T
 
 
-def fractal(points: Tensor, octaves: int, gain: float = 0.5) -> Tensor:
-    """Sum of ``octaves`` of :func:`noise`, each twice as fine and ``gain`` times as strong: (N, 4), standard deviation 1.25.
+def fractal(points: Tensor, octaves: int, gain: float = 0.5, *, channels: slice = ALL) -> Tensor:
+    """Sum of ``octaves`` of :func:`noise`, each twice as fine and ``gain`` times as strong: (N, C), standard deviation 1.25.
 
-    ``gain`` 0.5 falls like 1/f, as photographs do; more is rougher.
+    ``gain`` 0.5 falls like 1/f, as photographs do; more is rougher. Time goes with the number of ``channels``.
     """
-    at, coordinates = points, []
-    for _ in range(octaves):
-        coordinates.append(at)
+    total, at = torch.zeros(()), points
+    for octave in range(octaves):
+        total = total + gain**octave * noise(at, channels)
         at = (at @ _octave_rotation()) * 2.03 + 7.3
-    values = noise(torch.cat(coordinates)).reshape(octaves, -1, 4)
-    strength = gain ** torch.arange(octaves)
-    total = (values * strength[:, None, None]).sum(0)
-    return total * (3.4 / math.sqrt(float((strength * strength).sum())))  # that of one octave is 0.37
+    power = sum(gain ** (2 * octave) for octave in range(octaves))
+    return total * (3.4 / math.sqrt(power))  # the standard deviation of one octave is 0.37
 
 
 @functools.cache

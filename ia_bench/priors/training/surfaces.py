@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ia_bench.priors.training.noise import fractal
+from ia_bench.priors.training.noise import FIRST, fractal
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def sweep(path: np.ndarray, section: np.ndarray, scale: np.ndarray | float = 1.0
 def displace(surface: Surface, frequency: float, amount: float, octaves: int, shift: np.ndarray) -> Surface:
     """Move vertices along their normals by ``amount`` times fractal noise, whose standard deviation is about 1.25."""
     at = torch.from_numpy(surface.vertices * frequency + shift).float()
-    height = fractal(at, octaves)[:, :1].double().numpy()
+    height = fractal(at, octaves, channels=FIRST).double().numpy()
     return Surface(surface.vertices + amount * height * vertex_normals(surface), surface.faces)
 
 

@@ -15,7 +15,7 @@ import torch
 from numpy.random import Generator
 from torch import Tensor
 
-from ia_bench.priors.training.noise import cells, fractal, hashed
+from ia_bench.priors.training.noise import FIRST, cells, fractal, hashed
 from ia_bench.priors.training.palettes import MAX_ALBEDO, MIN_ALBEDO, palette
 from ia_bench.priors.training.primitives import rotation
 
@@ -50,7 +50,7 @@ def clouds(rng: Generator) -> Pattern:
     ridged = rng.random() < 0.2
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
-        value = fractal((p @ turn) * stretch + shift, octaves, gain)[:, 0]
+        value = fractal((p @ turn) * stretch + shift, octaves, gain, channels=FIRST)[:, 0]
         return 1 - value.abs().mul(0.7).clamp(max=1) if ridged else _unit(value)
 
     return pattern
@@ -65,7 +65,7 @@ def stripes(rng: Generator) -> Pattern:
     def pattern(p: Tensor, _: Tensor) -> Tensor:
         q = p @ turn
         if wavy:
-            q = q + wavy * fractal(q * 2 + shift, 2)[:, :3]
+            q = q + wavy * fractal(q * 2 + shift, 2, channels=slice(0, 3))
         x = torch.atan2(q[:, 1], q[:, 0]) * (round(count) / (2 * math.pi)) if kind == 0 else q[:, 2] * count + shift[0]
         if kind == 1:  # every band a value of its own
             cell = torch.floor(x).long()[:, None] * torch.tensor([1, 3, 7])
@@ -96,10 +96,10 @@ def wood(rng: Generator) -> Pattern:
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
         q = p @ turn
-        warp = fractal(q * torch.tensor([1.2, 1.2, 0.4]) + shift, 2)
-        radius = (q[:, :2] - off + bend * warp[:, :2]).norm(dim=-1) * rings
+        warp = fractal(q * torch.tensor([1.2, 1.2, 0.4]) + shift, 2, channels=slice(0, 2))
+        radius = (q[:, :2] - off + bend * warp).norm(dim=-1) * rings
         ring = torch.remainder(radius, 1)
-        fine = fractal(q * torch.tensor([25.0, 25.0, 1.5]) + shift, 2)[:, 3]
+        fine = fractal(q * torch.tensor([25.0, 25.0, 1.5]) + shift, 2, channels=slice(3, 4))[:, 0]
         return (ring**1.5 * (1 - fibre) + fibre * _unit(fine)).clamp(0, 1)
 
     return pattern
@@ -112,7 +112,7 @@ def marble(rng: Generator) -> Pattern:
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
         q = p @ turn
-        field = fractal(q * 1.5 + shift, 5, 0.6)
+        field = fractal(q * 1.5 + shift, 5, 0.6, channels=slice(0, 2))
         vein = torch.sin(count * q[:, 2] * 3 + turbulence * field[:, 0] * 1.5).abs() ** sharp
         return (0.85 * vein + 0.15 * _unit(field[:, 1])).clamp(0, 1)
 
@@ -229,7 +229,7 @@ def speckles(rng: Generator) -> Pattern:
     scale, level = _log_uniform(rng, 5, 16), rng.uniform(-0.6, 1.2)
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
-        return _soft_step(fractal(p * scale + shift, 2)[:, 0] - level, 0.3)
+        return _soft_step(fractal(p * scale + shift, 2, channels=FIRST)[:, 0] - level, 0.3)
 
     return pattern
 
@@ -240,7 +240,7 @@ def patches(rng: Generator) -> Pattern:
     scale, steps, octaves = _log_uniform(rng, 0.8, 3), int(rng.integers(2, 6)), int(rng.integers(1, 4))
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
-        value = _unit(fractal(p * scale + shift, octaves)[:, 0])
+        value = _unit(fractal(p * scale + shift, octaves, channels=FIRST)[:, 0])
         return (torch.floor(value * steps) / max(steps - 1, 1)).clamp(0, 1)
 
     return pattern

@@ -76,3 +76,8 @@ def test_smoothing_takes_noise_out_and_leaves_texture_and_shadow_edges():
     assert abs(float(error.mean())) < 0.01
     assert error[:, :, 18:22].abs().mean() < 0.06
     torch.testing.assert_close(sky, 0.5 * ones)
+
+
+def test_some_channels_of_noise_are_those_of_all() -> None:
+    for channels in (slice(0, 1), slice(0, 3), slice(3, 4)):
+        assert torch.equal(fractal(POINTS * 9, 5, 0.6, channels=channels), fractal(POINTS * 9, 5, 0.6)[:, channels])
