@@ -112,7 +112,7 @@ class SupervisionSettings:
 
     kind: str = "target"
     target_weight: float = 1.0
-    kernel_weight: float = 0.3
+    kernel_weight: float = 0.01
     colour_weight: float = 0.3
     specular_weight: float = 1.0
     kernel_scale: float = 0.1

@@ -158,13 +158,12 @@ class _Training:
         batch = self.images.batch(share, settings.network, settings.augmentation, generator)
         count = len(share)
         choice = torch.rand(count, generator=generator)
-        edges = torch.tensor([settings.drop_channels, settings.drop_tokens, settings.drop_both]).cumsum(0)
-        both = (choice >= edges[1]) & (choice < edges[2])
+        no_channels, no_tokens = dropped_conditions(choice, settings.drop_channels, settings.drop_tokens, settings.drop_both)
         draws = {
             "noise": torch.randn(batch.target.shape, generator=generator),
             "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (count,), generator=generator),
-            "drop_channels": (choice < edges[0]) | both,
-            "drop_tokens": ((choice >= edges[0]) & (choice < edges[1])) | both,
+            "drop_channels": no_channels,
+            "drop_tokens": no_tokens,
         }
         return batch, draws
 
@@ -277,6 +276,16 @@ def rate_factor(step: int, steps: int, warmup: int) -> float:
     rise = min(1.0, (step + 1) / max(warmup, 1))
     fall = FINAL_RATE + (1 - FINAL_RATE) * 0.5 * (1 + math.cos(math.pi * step / max(steps, 1)))
     return rise * fall
+
+
+def dropped_conditions(choice: Tensor, channels: float, tokens: float, both: float) -> tuple[Tensor, Tensor]:
+    """Which images are trained without their channels and which without their tokens, (N,) bool each.
+
+    ``choice`` (N,) is uniform in [0, 1); ``channels`` of the images lose these alone, ``tokens`` those alone, ``both`` both.
+    """
+    edges = torch.tensor([channels, tokens, both]).cumsum(0)
+    neither = (choice >= edges[1]) & (choice < edges[2])
+    return (choice < edges[0]) | neither, ((choice >= edges[0]) & (choice < edges[1])) | neither
 
 
 def batch_index(images: int, batch: int, seed: int, step: int) -> Tensor:

@@ -27,7 +27,9 @@ from torch import Tensor
 from ia_bench.errors import InputError
 
 DATA_VERSION = 2
-"""Raised whenever the same (seed, index) would render a different image; folders of different versions do not mix."""
+"""Raised whenever the same (seed, index) would render a different image, beyond rounding, in which processors differ too.
+
+Folders of different versions do not mix."""
 
 SHARD_IMAGES = 256
 """Images of a full shard."""

@@ -14,7 +14,14 @@ from safetensors.torch import load_file
 
 from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
-from ia_bench.priors.training.loop import FINAL_RATE, _load_state, batch_index, rate_factor, weighted_error
+from ia_bench.priors.training.loop import (
+    FINAL_RATE,
+    _load_state,
+    batch_index,
+    dropped_conditions,
+    rate_factor,
+    weighted_error,
+)
 from ia_bench.priors.training.settings import TrainSettings, parse, usage
 from ia_bench.priors.training.shards import ShardInfo, shard_path, write_shard
 from ia_bench.torchvision_shim import import_torchvision
@@ -65,6 +72,15 @@ def test_every_image_is_seen_once_in_every_pass():
 
 def test_a_batch_larger_than_the_data_takes_several_passes():
     assert torch.bincount(batch_index(3, 8, 0, 0), minlength=3).tolist() in ([3, 3, 2], [3, 2, 3], [2, 3, 3])
+
+
+def test_conditions_are_dropped_in_the_shares_that_were_asked_for():
+    choice = (torch.arange(1000) + 0.5) / 1000
+    channels, tokens = dropped_conditions(choice, 0.05, 0.1, 0.2)
+    assert int((channels & ~tokens).sum()) == 50
+    assert int((tokens & ~channels).sum()) == 100
+    assert int((tokens & channels).sum()) == 200
+    assert not torch.cat(dropped_conditions(choice, 0, 0, 0)).any()
 
 
 def test_the_loss_weighs_an_images_mean_error_apart():
