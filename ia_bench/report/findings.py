@@ -51,6 +51,7 @@ def analyse(
     protocol = counted.most_common(1)[0][0] if counted else "(no finished run)"
     runs = tuple(run for run in collection.runs if run.protocol in (None, protocol))
     rows, scenes = _ordered(rows_order, (run.row for run in runs)), _ordered(scenes_order, (run.scene for run in runs))
+    runs = tuple(sorted(runs, key=lambda run: (rows.index(run.row), scenes.index(run.scene), run.seed)))
     if reference is not None and reference not in rows:
         raise ValueError(f"reference: expected one of the rows {', '.join(rows)}, found {reference}")
     for row in (row for claim in claims for row in (claim.better, claim.worse)):
