@@ -94,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         twice = next((stem for stem in stems if stems.count(stem) > 1), None)
         if twice is not None:
             raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
-        read = [read_photograph(path, wanted.mask) for path in wanted.images]  # all mistakes come before any work
+        read = [read_photograph(path, wanted.mask, notice=print) for path in wanted.images]  # all mistakes come before any work
         maker = make_prior(wanted.prior, wanted.option)
         make_writable(wanted.out, "--out")
         for path, (radiance, coverage) in zip(wanted.images, read, strict=True):

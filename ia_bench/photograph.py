@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 
 from ia_bench.errors import InputError
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.exr import read_exr, refuse_negative
 
 HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
 """Greyscale modes of Pillow with more than 8 bits, and the value of white in them."""
@@ -18,14 +20,17 @@ HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 6553
 ALPHA_ROUNDING = 1e-3  # half floats and filters pass 1 by a little
 
 
-def read_photograph(path: Path, mask: Path | None = None) -> tuple[np.ndarray, np.ndarray]:
+def read_photograph(
+    path: Path, mask: Path | None = None, *, notice: Callable[[str], None] = warnings.warn
+) -> tuple[np.ndarray, np.ndarray]:
     """A picture as linear radiance (H, W, 3) float32, premultiplied, and its mask (H, W) in [0, 1].
 
     OpenEXR files are linear and their alpha premultiplied; everything else that Pillow opens is sRGB with straight alpha,
     turned upright by its EXIF orientation. ``mask``: a picture of the same size, white where the object is; it
-    multiplies the alpha. Without either the whole picture is the object. Raises InputError.
+    multiplies the alpha. Without either the whole picture is the object. ``notice`` is told what had to be mended. Raises
+    InputError.
     """
-    radiance, coverage = _read_linear(path) if path.suffix.lower() == ".exr" else _read_encoded(path)
+    radiance, coverage = _read_linear(path, notice) if path.suffix.lower() == ".exr" else _read_encoded(path)
     if mask is not None:
         chosen = _read_mask(mask)
         if chosen.shape != coverage.shape:
@@ -37,7 +42,7 @@ def read_photograph(path: Path, mask: Path | None = None) -> tuple[np.ndarray, n
     return radiance.astype(np.float32), coverage.astype(np.float32)
 
 
-def _read_linear(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
     if not path.is_file():
         raise InputError(f"{path}: no such image")
     try:
@@ -46,8 +51,11 @@ def _read_linear(path: Path) -> tuple[np.ndarray, np.ndarray]:
     except (RuntimeError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
     image = read_exr(path, 4 if alpha else 3)
-    if (image[..., :3] < 0).any():
-        raise InputError(f"{path}: expected radiance >= 0, found {int((image[..., :3] < 0).any(-1).sum())} negative pixel(s)")
+    refuse_negative(path, image[..., :3])
+    below = int((image[..., :3] < 0).any(-1).sum())
+    if below:
+        notice(f"{path}: {below} pixels are below zero, as lossy compression leaves them, and set to 0")
+        image[..., :3] = image[..., :3].clip(min=0)
     if not alpha:
         return image, np.ones(image.shape[:2], np.float32)
     wrong = (image[..., 3] < 0) | (image[..., 3] > 1 + ALPHA_ROUNDING)

@@ -232,3 +232,18 @@ def test_mistakes_end_in_one_line(tmp_path, picture, capsys, extra, message):
     assert main([str(tmp_path / "disc.png"), "--out", str(tmp_path / "out"), *extra]) == 2
     assert re.search(message, capsys.readouterr().err)
     assert not (tmp_path / "out").exists()
+
+
+def test_undershoots_of_lossy_compression_are_mended_and_told_and_larger_ones_refused(tmp_path):
+    pixels = np.full((4, 5, 3), 2.0, np.float32)
+    pixels[0, :2] = -0.01
+    write_exr(tmp_path / "lossy.exr", pixels)
+    told: list[str] = []
+    image, _ = read_photograph(tmp_path / "lossy.exr", notice=told.append)
+    assert image.min() == 0
+    assert len(told) == 1
+    assert "lossy.exr: 2 pixels are below zero" in told[0]
+    pixels[0, 0] = -0.25
+    write_exr(tmp_path / "wrong.exr", pixels)
+    with pytest.raises(InputError, match=r"wrong.exr: expected radiance, found the negative value -0.25"):
+        read_photograph(tmp_path / "wrong.exr")

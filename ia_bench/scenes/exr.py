@@ -10,6 +10,8 @@ import OpenEXR
 from ia_bench.errors import InputError
 from ia_bench.whole_file import whole_file
 
+RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
+
 
 def read_exr(path: Path, channels: int) -> np.ndarray:
     """Read an image of exactly ``channels`` channels (1: Y, 3: RGB, 4: RGBA) as (H, W, channels) float32.
@@ -35,6 +37,12 @@ def read_exr(path: Path, channels: int) -> np.ndarray:
         bad = int((~np.isfinite(image)).any(axis=-1).sum())
         raise InputError(f"{path}: {bad} pixel(s) are NaN or Inf, the first at row {row}, column {column}")
     return image
+
+
+def refuse_negative(path: Path, radiance: np.ndarray) -> None:
+    """Raise InputError for values below zero, except what lossy compression leaves there beside highlights."""
+    if radiance.min(initial=0) < -RINGING * radiance.max(initial=0):
+        raise InputError(f"{path}: expected radiance, found the negative value {radiance.min():g}")
 
 
 def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:

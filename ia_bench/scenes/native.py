@@ -13,12 +13,11 @@ from PIL import Image
 
 from ia_bench.errors import InputError
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.mesh import load_mesh
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
 SPLITS = ("train", "test", "novel")
-RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
 TRUTH_CHANNELS = {"albedo": 3, "roughness": 1, "specular": 3, "normal": 3, "depth": 1}
 
 
@@ -134,8 +133,7 @@ def _read_view(folder: Path, source: Path, index: int, frame: dict[str, Any], tr
     if not (mask > 0.5).any():
         raise InputError(f"{folder / frame['file_path']}: the mask (alpha) has no pixel above 0.5")
     radiance = image[..., :3]
-    if radiance.min() < -RINGING * radiance.max():
-        raise InputError(f"{folder / frame['file_path']}: expected radiance, found the negative value {radiance.min():g}")
+    refuse_negative(folder / frame["file_path"], radiance)
     known: dict[str, np.ndarray] = {}
     for name, channels in TRUTH_CHANNELS.items():
         if truth and f"{name}_path" in frame:
