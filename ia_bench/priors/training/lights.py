@@ -21,7 +21,7 @@ from ia_bench.priors.training.noise import FIRST, fractal
 HEIGHT, WIDTH = 64, 128
 MAX_DISCS = 4
 CASTS, CAST_SHARES = (0.06, 0.3, 0.6), (0.4, 0.4, 0.2)
-"""Spreads of a light's cast, and how frequent each is: most light is nearly white, that of lamps and sunsets is not."""
+"""Spreads of a light's cast, and how frequent each is: nearly white, clearly tinted, and as strong as lamps and sunsets."""
 
 
 @dataclass(frozen=True)
