@@ -112,8 +112,17 @@ class _Run:
     def _draws_again(self) -> bool:
         """Whether stage 2 has guided samples; the mean colour alone is better left as it was before the fit."""
         supervision = self.problem.supervision
-        wanted = supervision.kind != "sds" and (supervision.kind != "colour" or supervision.specular_weight > 0)
-        return self.settings.guided and self.prior.guidable and wanted
+        wanted = supervision.kind != "sds" and (supervision.kind != "colour" or "specular" in self._supervising)
+        return self.settings.guided and self.prior.guidable and wanted and bool(self._supervising)
+
+    @property
+    def _supervising(self) -> frozenset[str]:
+        """The components of the prior that have a weight; one without guides nothing, and costs no renders."""
+        weights = {
+            "albedo": self.settings.weights.albedo,
+            "specular": self.settings.weights.specular * self.problem.supervision.specular_weight,
+        }
+        return frozenset(name for name in self.prior.provides if weights[name])
 
     # ---- one step ----------------------------------------------------------------------------------------------
 
@@ -239,15 +248,15 @@ class _Run:
             mean = self.images.mean(0).clamp_min(1e-8)
             self.parameters["log_light"] += torch.log(mean / rendered.radiance.mean(0).clamp_min(1e-8))
 
-    def _renders(self, views: tuple[int, ...]) -> Images:
-        """Current renders (V, H, W, 3) of what the prior provides, of some views; on the CPU, where a prior is asked."""
+    def _renders(self, views: tuple[int, ...], components: frozenset[str]) -> Images:
+        """Current renders (V, H, W, 3) of ``components``, of some views; on the CPU, where a prior is asked."""
         material = self._material(detached=True)
         light = Light.of(torch.exp(self.parameters["log_light"].detach()))
         renderer, (part, _) = self.problem.renderer, restrict(self.problem.gbuffer, views)
-        if self.prior.provides == {"albedo"}:  # no light, no samples
+        if components == {"albedo"}:  # no light, no samples
             return {"albedo": texture_images(renderer.surface, part, material.albedo).cpu()}
         images = renderer.render_images(part, material, light, GUIDE_SAMPLES, self.generator)
-        return {name: images[name].cpu() for name in sorted(self.prior.provides)}
+        return {name: images[name].cpu() for name in sorted(components)}
 
     @contextmanager
     def _asking(self) -> Iterator[None]:
@@ -262,7 +271,7 @@ class _Run:
             problem, views, free_scale = self.problem, self.sampler.views, self.settings.ssi != "none"
             targets = Targets({}, {})
             if problem.supervision.kind != "sds":
-                samples = self.sampler.draw(self._renders(views) if guided else None)
+                samples = self.sampler.draw(self._renders(views, self._supervising) if guided else None)
                 targets = make_targets(
                     problem, self.prior, samples, views, free_scale=free_scale, ceilings=self.sampler.ceilings()
                 )
@@ -277,7 +286,7 @@ class _Run:
             random = np.random.default_rng((self.seed, self.step))
             count = min(supervision.sds_views, len(self.sampler.views))
             views = tuple(sorted(int(view) for view in random.choice(self.sampler.views, count, replace=False)))
-            estimates = self.sampler.distill(self._renders(views), views, int(random.integers(2**63)))
+            estimates = self.sampler.distill(self._renders(views, self.prior.provides), views, int(random.integers(2**63)))
             self._supervise(distilled_targets(self.problem, estimates, views))
 
     def _supervise(self, targets: Targets) -> None:

@@ -21,7 +21,7 @@ from torch import Tensor
 from ia_bench.composition import compose
 from ia_bench.errors import InputError
 from ia_bench.fit.problem import Fit, Problem
-from ia_bench.fit.settings import FitSettings, LossWeights
+from ia_bench.fit.settings import FitSettings, LossWeights, SupervisionSettings
 from ia_bench.fit.two_stage import FIRST_SCORE
 from ia_bench.light.latlong import resize_light
 from ia_bench.plan import make_plan
@@ -218,6 +218,24 @@ def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
 def test_no_second_draw_without_guidance(problem: Problem, scene: Scene, changes: dict, members: dict) -> None:
     prior, _ = asked(problem, scene, replace(SETTINGS, **changes), **members)
     assert [guidance for _, guidance in prior.questions] == [None]
+
+
+@pytest.mark.parametrize(
+    ("weights", "specular_weight", "guided"),
+    [
+        ({}, 0.0, {"albedo"}),
+        ({"specular": 0.0}, 1.0, {"albedo"}),
+        ({"albedo": 0.0}, 1.0, {"specular"}),
+        ({"albedo": 0.0}, 0.0, None),
+    ],
+)
+def test_what_has_no_weight_guides_nothing(
+    problem: Problem, scene: Scene, weights: dict, specular_weight: float, guided: set[str] | None
+) -> None:
+    """An ablated component must not come back through the samples of the other one."""
+    changed = replace(problem, supervision=SupervisionSettings(specular_weight=specular_weight))
+    prior, _ = asked(changed, scene, replace(SETTINGS, weights=LossWeights(**weights)))
+    assert [guidance and set(guidance) for _, guidance in prior.questions] == [None, guided][: 1 + (guided is not None)]
 
 
 def test_weights_switch_components_off(problem: Problem, scene: Scene) -> None:

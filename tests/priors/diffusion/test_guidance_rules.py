@@ -264,6 +264,39 @@ def test_explicit_rules_have_the_bias_of_their_differential_equation(rule: str, 
     assert float(slope.square().max()) < (0.7 if strength == 1 else 0.1) * posterior
 
 
+@pytest.mark.parametrize("rule", ["paper", "shortcut"])
+@pytest.mark.parametrize("strength", [1.0, 30.0])
+def test_explicit_rules_of_the_plain_norm_follow_their_differential_equation(rule: str, strength: float):
+    """With ``l2`` all values of an image are coupled, and no posterior is Gaussian: whole paths, from the same start noise.
+
+    dv / d ln sigma = v - x_0(v) with x_0 = m - min(gain / |m - y|, 1) (m - y), the cut included.
+    """
+    mean, variance, count = 0.2, 0.09, math.prod(SIZE)
+    target, init = random(1, 1, *SIZE, seed=20), random(3, 1, *SIZE, seed=21)
+    goal = target.flatten().numpy()
+
+    def guided(sigma: float, v: np.ndarray) -> np.ndarray:
+        share = variance / (variance + sigma**2)
+        error = share * v + (1 - share) * mean - goal
+        gain = strength * sigma * math.sqrt(1 + sigma**2) * (share if rule == "paper" else 1.0)
+        return goal + (1 - min(gain / np.linalg.norm(error), 1.0)) * error
+
+    ends = []
+    for start in init.reshape(3, count).numpy() * math.sqrt(1 + 1e8):
+        limits = math.log(1e4), math.log(1e-4)
+        ran = solve_ivp(lambda t, v: v - guided(math.exp(t), v), limits, start, "LSODA", rtol=1e-8, atol=1e-10)
+        ends.append(torch.from_numpy(guided(1e-4, ran.y[:, -1])))
+    expected, errors = torch.stack(ends), []
+    guidance = Guidance(target.expand(3, 1, *SIZE), strength, rule=rule, norm="l2")
+    for steps in (150, 300):
+        schedule, settings, shape = wide_schedule(steps), SamplerSettings(steps, clip=None), (3, 1, *SIZE)
+        denoise = gaussian_denoiser(schedule, mean, variance)
+        found = sample(denoise, schedule, shape, range(3), settings, guidance, init, dtype=torch.float64).reshape(3, count)
+        errors.append(float((found - expected).norm() / (expected - mean).norm()))
+    assert errors[1] < 0.02
+    assert errors[1] < 0.65 * errors[0] + 1e-3
+
+
 def test_the_paper_rule_through_a_blur_has_the_bias_of_its_differential_equation():
     """Mean and full covariance, in the cosine basis, where the blur is diagonal."""
     mean, variance, strength, count = 0.0, 0.09, 1.0, math.prod(SIZE)
