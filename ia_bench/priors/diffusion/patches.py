@@ -31,8 +31,8 @@ Place = tuple[int, slice, slice, slice]
 """Where a patch lies: (image, all channels, rows, columns), an index into (N, C, H, W)."""
 
 
-PATCH_REDUCTION = 2.0
-"""Image pixels a native pixel may stand for before patches are worth their cost."""
+PATCH_REDUCTION = 3.0
+"""Image pixels a native pixel may stand for before patches are worth their cost; up to 2.9 they were not (docs/prior-campaign.md)."""
 
 
 @dataclass(frozen=True, eq=False)
