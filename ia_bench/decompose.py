@@ -110,22 +110,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[Path]:
-    """Write every component as PNG (sRGB, straight alpha) and EXR (linear, premultiplied), its spread, and a sheet of all."""
+    """Write every component and its spread as PNG (sRGB, straight alpha) and EXR (linear, premultiplied), and a sheet of all.
+
+    Only the PNG of a spread is brightened, by SPREAD_GAIN.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     written, cells = [], [("image", _shown(parts.image, parts.mask, _exposure(parts.image)))]
     for component, mean in parts.mean.items():
         exposure = 1.0 if component == "albedo" else _exposure(parts.image)
-        pictures = {"": _shown(mean, parts.mask, exposure)}
-        write_exr(folder / f"{name}_{component}.exr", np.dstack([mean, parts.mask]), half=False)
-        written.append(folder / f"{name}_{component}.exr")
+        kinds = [("", mean, exposure, component)]
         if parts.samples > 1:
-            pictures["_spread"] = _shown(parts.spread[component], parts.mask, SPREAD_GAIN * exposure)
-        for suffix, picture in pictures.items():
-            path = folder / f"{name}_{component}{suffix}.png"
-            with whole_file(path) as partial:
+            caption = f"{component} {SPREAD_GAIN:g} x spread"
+            kinds.append(("_spread", parts.spread[component], SPREAD_GAIN * exposure, caption))
+        for suffix, values, brightness, caption in kinds:
+            picture = _shown(values, parts.mask, brightness)
+            exr, png = (folder / f"{name}_{component}{suffix}.{kind}" for kind in ("exr", "png"))
+            write_exr(exr, np.dstack([values, parts.mask]), half=False)
+            with whole_file(png) as partial:
                 Image.fromarray(picture).save(partial)
-            written.append(path)
-            cells.append((f"{component} {SPREAD_GAIN:g} x spread" if suffix else component, picture))
+            written += [exr, png]
+            cells.append((caption, picture))
     sheet = folder / f"{name}_sheet.png"
     with whole_file(sheet) as partial:
         _sheet(cells).save(partial)

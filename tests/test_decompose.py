@@ -39,8 +39,10 @@ def test_the_command_writes_every_part_of_a_photograph(tmp_path, weights, pictur
     ended = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "OMP_NUM_THREADS": "1"})
     assert ended.returncode == 0, ended.stderr
     assert "2 samples, 4 network evaluations" in ended.stdout
-    parts = [f"disc_{part}{suffix}" for part in ("albedo", "specular") for suffix in (".exr", ".png", "_spread.png")]
+    parts = [f"disc_{part}{kind}.{file}" for part in ("albedo", "specular") for kind in ("", "_spread") for file in ("exr", "png")]
     assert sorted(path.name for path in out.iterdir()) == sorted([*parts, "disc_sheet.png"])
+    again = decompose(tmp_path / "disc.png", options={"weights": weights, "steps": 2}, samples=2)
+    np.testing.assert_allclose(read_exr(out / "disc_albedo_spread.exr", 4)[..., :3], again.spread["albedo"], atol=1e-6)
     linear = read_exr(out / "disc_albedo.exr", 4)
     np.testing.assert_allclose(linear[..., 3], picture[..., 3] / 255, atol=1e-6)
     assert 0 <= linear.min() <= linear[..., :3].max() <= 1
