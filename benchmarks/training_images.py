@@ -30,14 +30,13 @@ def main() -> None:
 
     torch.set_num_threads(1)
     direct = DirectLight(compiled=options.shading == "compiled")
-    first, speeds = 0, []
     started = time.process_time()
-    render_images(0, first, VIEWS, options.size, direct)
+    render_images(0, 0, VIEWS, options.size, direct)
     print(f"start: {time.process_time() - started:.1f} s of CPU, {VIEWS} images")
-    for _ in range(options.rounds):
-        first += VIEWS if first == 0 else options.images
+    speeds = []
+    for number in range(options.rounds):
         started = time.process_time()
-        render_images(0, first, options.images, options.size, direct)
+        render_images(0, VIEWS + number * options.images, options.images, options.size, direct)
         speeds.append(options.images / (time.process_time() - started))
     print(
         f"{options.images} images of {options.size} x {options.size}, {options.rounds} rounds: median "
