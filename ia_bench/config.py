@@ -31,7 +31,7 @@ from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
 from ia_bench.suggest import unknown
 
-IDENTITY_VERSION = 2
+IDENTITY_VERSION = 3
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 
 PACKAGED_WEIGHTS = Path(__file__).parent / "priors" / "weights"

@@ -29,7 +29,7 @@ PROBE_POINTS = 2_000
 VIEWS_A_POINT = 4  # views that show a point to the prior
 SEEN_SHARE = 0.95
 TEXTURE_SIZES = (64, 128, 256, 512, 1024, 2048)
-LIGHT_HEIGHTS = (16, 32, 64, 128, 256)
+LIGHT_HEIGHTS = (16, 32)  # finer lights are seen in mirrors, but the default number of steps does not learn them
 POINT_SIDES = (2, 3, 4)  # points along a side of a pixel, where one is too few
 PROBE_ALBEDO = 0.5  # of the object, in the probe of indirect light
 MAX_BOUNCES = 4
@@ -288,6 +288,8 @@ def _light(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
     rows = math.pi / max(angle, 1e-6)
     size = min(LIGHT_HEIGHTS, key=lambda height: abs(math.log2(height / rows)))
     why = f"mirror directions of a pixel span {math.degrees(angle):.1f} degrees, a texel {180 / size:.1f}"
+    if rows > math.sqrt(2) * LIGHT_HEIGHTS[-1]:
+        why += "; a fit of the default length is worse with finer lights"
     left_out = f"light rows above {size}" if size < LIGHT_HEIGHTS[-1] else None
     return Decision(what, size, why, {"mirror_footprint_degrees": math.degrees(angle)}, left_out=left_out)
 

@@ -194,6 +194,17 @@ def balcony(d: Array) -> Array:
     return mix(ground, mix(sky, plaster, house), ramp(up - np.minimum(boxes, 11.0), -0.8, 0.8))
 
 
+def cellar(d: Array) -> Array:
+    """owl_cellar: one bare bulb in a dim stone vault, a door ajar with greenish daylight behind it, a dark floor."""
+    up, bulb = elevation(d), toward(65, 40)
+    stones = np.exp(0.3 * noise(d * rgb(1, 1, 2), 7.0, seed=91, octaves=3))
+    vault = stones[..., None] * mix(rgb(0.060, 0.055, 0.050), rgb(0.085, 0.080, 0.078), ramp(up, -10, 60))
+    room = mix(stones[..., None] * rgb(0.035, 0.030, 0.026), vault, ramp(up, -14, -11))
+    room = mix(room, 0.55 * rgb(0.80, 1.05, 0.85), panel(d, toward(-100, 8), 16, 44, edge=2.0))
+    room += 0.5 * glow(d, bulb, 10.0)[..., None] * rgb(1.0, 0.85, 0.62)
+    return room + 900.0 * disc(d, bulb, 5.0)[..., None] * rgb(1.0, 0.88, 0.68)
+
+
 # -- novel lights ------------------------------------------------------------------------------------------------------
 def studio(d: Array) -> Array:
     """Softboxes in front of a dark grey sweep: a large cool key, a warm strip, an overhead bank."""
@@ -251,7 +262,7 @@ def night(d: Array) -> Array:
 
 MODELS: dict[str, Radiance] = {
     model.__name__: model
-    for model in (garden, harbour, lamp_room, spotlight, snowfield, workshop, balcony, studio, sunset, night)
+    for model in (garden, harbour, lamp_room, spotlight, snowfield, workshop, balcony, cellar, studio, sunset, night)
 }
 
 

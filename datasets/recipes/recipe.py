@@ -62,4 +62,5 @@ RECIPES = {
     "tiny_full": Recipe("tiny", "snowfield", PAPER_SAMPLES, PAPER_VIEWS),  # for tuning; not shipped
     "teaset": Recipe("teaset", "workshop", DEVELOPMENT_SAMPLES, DEVELOPMENT_VIEWS),  # likewise
     "owl": Recipe("owl", "balcony", DEVELOPMENT_SAMPLES, DEVELOPMENT_VIEWS),  # likewise
+    "owl_cellar": Recipe("owl", "cellar", DEVELOPMENT_SAMPLES, DEVELOPMENT_VIEWS),  # likewise
 }

@@ -26,7 +26,7 @@ class LossWeights:
     specular: float = 1.0
     smooth_albedo: float = 0.02
     smooth_roughness: float = 0.1
-    smooth_light: float = 0.001
+    smooth_light: float = 0.0003
 
 
 @dataclass(frozen=True)
