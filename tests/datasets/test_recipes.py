@@ -18,9 +18,9 @@ ROOT = Path(__file__).resolve().parents[2]
 RECIPES = ROOT / "datasets" / "recipes"
 
 HEIGHT = 256
-TRAINING_LIGHTS = ("garden", "harbour", "lamp_room", "spotlight", "snowfield", "workshop", "balcony")
+TRAINING_LIGHTS = ("garden", "harbour", "lamp_room", "spotlight", "snowfield", "workshop", "balcony", "cellar")
 NOVEL_LIGHTS = ("studio", "sunset", "night")
-SUNS = ("harbour", "spotlight", "snowfield", "balcony", "sunset")
+SUNS = ("harbour", "spotlight", "snowfield", "balcony", "cellar", "sunset")
 """Lights with one small source that is hundreds of times brighter than anything else."""
 
 
@@ -88,7 +88,7 @@ def test_rasterise_refuses_negative_radiance() -> None:
 
 
 # -- lights ------------------------------------------------------------------------------------------------------------
-def test_there_are_seven_training_and_three_novel_lights() -> None:
+def test_there_are_eight_training_and_three_novel_lights() -> None:
     assert set(lights.MODELS) == {*TRAINING_LIGHTS, *NOVEL_LIGHTS}
     assert {r.light for r in recipe.RECIPES.values()} == set(TRAINING_LIGHTS)
     with pytest.raises(ValueError, match="light must be one of garden, .* got 'moon'"):
@@ -146,7 +146,7 @@ def test_lights_do_not_depend_on_resolution() -> None:
 # -- parts of a light --------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("name", "sources"),
-    [("garden", 1), ("harbour", 1), ("lamp_room", 5), ("workshop", 4), ("balcony", 1), ("studio", 3), ("night", 7)],
+    [("garden", 1), ("harbour", 1), ("lamp_room", 5), ("workshop", 4), ("balcony", 1), ("cellar", 1), ("studio", 3), ("night", 7)],
 )
 def test_parts_of_a_light_partition_it(name: str, sources: int, rendered_lights: dict[str, np.ndarray]) -> None:
     """One part per lamp, sign, sun or moon of the light's model, and the rest; no texel twice, none lost."""
