@@ -28,7 +28,7 @@ from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene, View
 from ia_bench.whole_file import whole_file
 
-SAMPLES = 128  # per pixel of the relit picture, as in scoring
+SAMPLES = 128  # per pixel of the relit picture, twice as many as scores have
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
 CELL = 192  # pixels of a picture on the sheet; that of a light is half as high
 MARGIN, LINE, LEGEND = 8, 20, 110  # pixels around pictures, of a line of text, and of the words to the left
