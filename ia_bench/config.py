@@ -148,6 +148,7 @@ def resolved(config: RunConfig) -> RunConfig:
     if not 0 <= config.seed < 2**63:
         raise InputError(f"seed: expected 0 to 2^63 - 1, found {config.seed}")
     _check_options(config.prior.options)
+    _check_finite("method.options", config.method.options)
     try:
         Protocol.from_config(config.protocol)
     except ValueError as error:
@@ -165,9 +166,19 @@ def _check_options(options: dict[str, Any]) -> None:
     nested = options.get("of_options") or {}
     if not isinstance(nested, Mapping):
         raise InputError(f"prior.options.of_options: expected a table of options, found {nested!r}")
-    for key, value in (*options.items(), *((f"of_options.{key}", value) for key, value in nested.items())):
-        if isinstance(value, float) and not math.isfinite(value):
-            raise InputError(f"prior.options.{key}: expected a finite number, found {value}")
+    _check_finite("prior.options", options)
+
+
+def _check_finite(key: str, value: Any) -> None:  # noqa: ANN401 (an option, whatever it is)
+    """Raise InputError, naming the key, for NaN or infinity anywhere in a table of options."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            _check_finite(f"{key}.{name}", part)
+    elif isinstance(value, (list, tuple)):
+        for place, part in enumerate(value):
+            _check_finite(f"{key}[{place}]", part)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"{key}: expected a finite number, found {value}")
 
 
 def resolve_scene_folder(scene: SceneConfig) -> Path | None:
@@ -199,7 +210,8 @@ def identity(config: RunConfig) -> dict[str, Any]:
 
     Left out: where results go, the row's label, the preset's name (its values are in), how often checkpoints are
     written, whether samples are kept, and where files lie. Instead of the path of the scene, or of a prior's weights, there
-    is a hash of the content; the weights of the package count for every prior that takes some.
+    is a hash of the content; the weights of the package count for every prior that takes some. Priors and methods of other
+    distributions, or of the command line, count with their code (:func:`ia_bench.registry.foreign_code`).
     """
     content = asdict(config)
     for label in ("out", "row", "preset"):
@@ -211,6 +223,13 @@ def identity(config: RunConfig) -> dict[str, Any]:
     weights = (options.get("of_options") or {}).get("weights") if "of_options" in options else options.get("weights", "none")
     if weights is None:
         content["prior"]["packaged_weights"] = _file_content(PACKAGED_WEIGHTS)
+    foreign = {
+        "prior": registry.foreign_code("prior", config.prior.name, config.prior.target),
+        "prior.options.of": registry.foreign_code("prior", options["of"]) if isinstance(options.get("of"), str) else None,
+        "method": registry.foreign_code("method", config.method.name, config.method.target),
+    }
+    if any(foreign.values()):
+        content["foreign_code"] = {key: code for key, code in foreign.items() if code is not None}
     content["scene"]["path"] = None
     content["scene"]["content"] = _scene_content(config.scene)
     protocol = Protocol.from_config(config.protocol).describe()

@@ -181,6 +181,11 @@ def _bounces(
     if settings.bounces != "auto":
         return _users(what, int(settings.bounces))
     seen = _light_by_bounces(surface, rays, gbuffer, device)
+    if not sum(seen):
+        raise InputError(
+            f"mesh: expected light from outside to reach what the cameras see, found none on {PROBE_RAYS} paths (triangles that "
+            "face inward, or cameras inside a closed mesh?); render.bounces=0 leaves the probe out"
+        )
     beyond = {count: sum(seen[count + 1 :]) / sum(seen) for count in range(MAX_BOUNCES + 1)}
     measured = {"indirect_share": beyond[0], "share_beyond_one": beyond[1], "probe_paths": float(PROBE_RAYS)}
     chosen = next(count for count in beyond if beyond[count] < INDIRECT_SHARE or count == MAX_BOUNCES)
@@ -288,9 +293,10 @@ def _light(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
     rows = math.pi / max(angle, 1e-6)
     size = min(LIGHT_HEIGHTS, key=lambda height: abs(math.log2(height / rows)))
     why = f"mirror directions of a pixel span {math.degrees(angle):.1f} degrees, a texel {180 / size:.1f}"
-    if rows > math.sqrt(2) * LIGHT_HEIGHTS[-1]:
+    capped = rows > math.sqrt(2) * LIGHT_HEIGHTS[-1]
+    if capped:
         why += "; a fit of the default length is worse with finer lights"
-    left_out = f"light rows above {size}" if size < LIGHT_HEIGHTS[-1] else None
+    left_out = f"light rows above {size}" if capped or size < LIGHT_HEIGHTS[-1] else None
     return Decision(what, size, why, {"mirror_footprint_degrees": math.degrees(angle)}, left_out=left_out)
 
 
@@ -309,7 +315,7 @@ def _patches(prior: Prior, views: tuple[View, ...]) -> Decision:
         return Decision(what, False, "there is no prior to sample", None, left_out="prior sampling")
     if prior.resolution is None:
         return Decision(what, False, "the prior takes images of any size", None, left_out=saved)
-    if not isinstance(prior, Patchwise):
+    if not isinstance(prior, Patchwise) or prior.patches is None:
         return Decision(what, False, f"the prior reduces every image to {prior.resolution} pixels", None, left_out=saved)
     if prior.patches != "auto":
         return _users(what, prior.patches)

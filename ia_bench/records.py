@@ -25,6 +25,7 @@ from ia_bench.errors import InputError
 METRICS = "metrics.json"
 CONFIG = "config.json"
 CHECKPOINT = "checkpoint.pt"
+CHECKPOINT_FORMAT = 2  # raised when a change of the code changes what a checkpoint holds
 CURVE = "curve.csv"
 SCHEMA = 1
 
@@ -107,7 +108,7 @@ class RunFolder:
         import torch  # readers of results do without it
 
         with self.path_for(CHECKPOINT) as temporary, temporary.open("wb") as file:
-            torch.save({"config_hash": self.config_hash, "state": state}, file)
+            torch.save({"format": CHECKPOINT_FORMAT, "config_hash": self.config_hash, "state": state}, file)
 
     def load_checkpoint(self) -> dict[str, Any] | None:
         """The last checkpoint, or None. One that cannot be read is reported and ignored: the run starts over."""
@@ -118,10 +119,13 @@ class RunFolder:
             return None
         try:
             saved = torch.load(path, map_location="cpu", weights_only=True)
-            if saved["config_hash"] == self.config_hash:
+            if saved["config_hash"] != self.config_hash:
+                reason = "it belongs to another configuration"
+            elif saved.get("format") != CHECKPOINT_FORMAT:
+                reason = "another version of the code wrote it"
+            else:
                 state: dict[str, Any] = saved["state"]
                 return state
-            reason = "it belongs to another configuration"
         except Exception as error:  # torch.load raises whatever a damaged file leads it to
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         self._note(f"{path}: checkpoint ignored, starting over ({reason})")

@@ -12,12 +12,15 @@ an error only for the run that asked for it.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import importlib.util
 import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
 import yaml
@@ -91,6 +94,27 @@ def find(kind: Kind, name: str) -> Plugin:
     if name not in known:
         raise InputError(f"{unknown(kind, name, known)} (or module:Class)")
     return known[name]
+
+
+def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None:
+    """What tells one state of a plugin's code from another, None for a built-in one: distribution and hash of its module's file.
+
+    ``target``: None for the one that ``name`` stands for. Imports no more than the packages above the module. Other files that
+    the module imports are told by the distribution's version alone.
+    """
+    known = {**built_in(kind), **installed(kind)}
+    plugin = known.get(name)
+    if plugin is None or target not in (None, plugin.target):
+        plugin = Plugin(kind, name, target or name, "the command line")
+    if plugin.distribution == BUILT_IN:
+        return None
+    try:
+        found = importlib.util.find_spec(plugin.target.partition(":")[0])
+    except (Exception, SystemExit):  # a package above it raises; creating the plugin will say so
+        found = None
+    path = Path(found.origin) if found is not None and found.origin else None
+    source = hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else "no file"
+    return f"{plugin.distribution}, {source}"
 
 
 def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author put there)

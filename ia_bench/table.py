@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from omegaconf import OmegaConf
@@ -198,15 +199,17 @@ def run_cells(cells: Sequence[Cell], jobs: int, logs: Path, progress: Progress) 
     task = progress.task("table", total=len(cells), done=len(cells) - len(missing))
     failed = 0
     running: set[subprocess.Popen[bytes]] = set()
+    stopping = Event()
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            futures = {pool.submit(_run_cell, cell, logs, running): cell for cell in missing}
+            futures = {pool.submit(_run_cell, cell, logs, running, stopping): cell for cell in missing}
             for future in as_completed(futures):
                 problem = future.result()
                 failed += problem is not None
                 progress.note(f"{futures[future].name}: {problem or 'ok'}")
                 task.advance(1, failed=failed)
         except BaseException:
+            stopping.set()
             pool.shutdown(wait=False, cancel_futures=True)
             for process in list(running):
                 process.terminate()  # each resumes from its last checkpoint
@@ -300,8 +303,8 @@ def _cell(row: Row, scene: str, seed: int, request: Request, threads: int, resul
     return Cell(row, replace(config, out=str(folder)), content, tuple(overrides))
 
 
-def _run_cell(cell: Cell, logs: Path, running: set[subprocess.Popen[bytes]]) -> str | None:
-    """Run one cell in a process of its own; what went wrong in one line, or None."""
+def _run_cell(cell: Cell, logs: Path, running: set[subprocess.Popen[bytes]], stopping: Event) -> str | None:
+    """Run one cell in a process of its own; what went wrong in one line, or None. ``stopping``: the table is being interrupted."""
     log = logs / f"{slug(cell.config.scene.name)}-{cell.folder.name}.log"
     before = _time_of_record(cell)
     command = [sys.executable, "-m", "ia_bench", *cell.overrides]
@@ -309,10 +312,14 @@ def _run_cell(cell: Cell, logs: Path, running: set[subprocess.Popen[bytes]]) -> 
         with log.open("wb") as output:
             process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT)
             running.add(process)
+            if stopping.is_set():  # it started while the others were being terminated
+                process.terminate()
             status = process.wait()
             running.discard(process)
         if status == OK:
             return None
+        if stopping.is_set():  # it did not fail: the same command resumes it
+            return "interrupted"
         lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
         last = next((line.strip() for line in reversed(lines) if line.strip()), "no output")
         how = f"killed by signal {-status}" if status < 0 else f"exit status {status}"

@@ -112,6 +112,8 @@ def test_numbers_out_of_range_are_refused(override: str, expected: str) -> None:
     [
         ("oracle", "prior.options.noise=nan", "prior.options.noise: expected a finite number, found nan"),
         ("corrected", "prior.options.of_options={eta: nan}", "prior.options.of_options.eta: expected a finite number, found nan"),
+        ("oracle", "prior.options.components=[inf]", r"prior.options.components\[0\]: expected a finite number, found inf"),
+        ("none", "+method.options.rate=nan", "method.options.rate: expected a finite number, found nan"),
         ("corrected", "prior.options.of_options=abc", "prior.options.of_options: expected a table of options, found 'abc'"),
     ],
 )
@@ -265,6 +267,20 @@ def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(configuration, "PACKAGED_WEIGHTS", tmp_path)
     after = {name: hash_with(f"prior={name}") for name in before}
     assert {name: after[name] == before[name] for name in before} == {"none": True, "diffusion": False, "corrected": False}
+
+
+@pytest.mark.parametrize(
+    "overrides", [("prior=mine:Mine",), ("method=mine:Mine",), ("prior=corrected", "prior.options.of='mine:Mine'")]
+)
+def test_hash_follows_the_code_of_what_is_not_built_in(
+    overrides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "mine.py").write_text("class Mine: value = 1")
+    before = hash_with(*overrides)
+    assert hash_with(*overrides) == before
+    (tmp_path / "mine.py").write_text("class Mine: value = 2")
+    assert hash_with(*overrides) != before
 
 
 def test_hash_follows_the_content_of_lpips_weights_and_not_their_place(tmp_path: Path) -> None:

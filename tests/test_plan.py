@@ -46,7 +46,7 @@ class Limited(NoPrior):
 class Patched(Limited):
     """One that can do with patches."""
 
-    def __init__(self, patches: bool | str = "auto") -> None:
+    def __init__(self, patches: bool | str | None = "auto") -> None:
         self.patches = patches
 
     def use_patches(self, patches: bool) -> None:
@@ -232,6 +232,14 @@ def test_jumps_to_another_island_are_no_footprint() -> None:
     assert both.texture == one.texture == 256
 
 
+def test_a_mesh_that_no_light_reaches_is_named() -> None:
+    """A camera inside a ball whose triangles face inward: no path from what it sees leaves the ball."""
+    ball = sphere(2)
+    inward = replace(ball, faces=ball.faces[:, ::-1].copy(), normals=-ball.normals)
+    with pytest.raises(InputError, match="mesh: expected light from outside to reach what the cameras see.*render.bounces=0"):
+        plan_of(inward, camera_at((0, 0, 0.5), pixels=32))
+
+
 # ---------------------------------------------------------------- light
 def test_light_of_a_flat_mirror() -> None:
     """On a plate, mirror directions turn by as much as view directions do: 40 degrees over 32 pixels."""
@@ -241,7 +249,7 @@ def test_light_of_a_flat_mirror() -> None:
     middle = math.degrees(VIEW_WIDTH / 32 / 5)  # 1.30 degrees in the middle, less toward the corners
     assert 0.8 * middle < found.measured["mirror_footprint_degrees"] < middle
     assert plan.light_height == LIGHT_HEIGHTS[-1]  # 180 / 1.2 = 150 rows would be seen
-    assert found.left_out is None
+    assert found.left_out == f"light rows above {LIGHT_HEIGHTS[-1]}"
     assert "worse with finer lights" in found.why
 
 
@@ -263,6 +271,7 @@ def test_light_of_a_small_ball() -> None:
         (Patched(), 200, True, None),
         (Patched(True), 32, True, None),
         (Patched(False), 300, False, None),
+        (Patched(None), 300, False, "patch-wise sampling"),  # around a prior that has none
     ],
 )
 def test_patches_only_where_a_prior_would_reduce_the_object_too_far(

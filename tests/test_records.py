@@ -125,6 +125,15 @@ def test_checkpoint_returns_what_it_was_given(folder: RunFolder) -> None:
     optimizer.load_state_dict(loaded["optimizer"])
 
 
+def test_checkpoint_of_other_code_is_reported_and_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    notes: list[str] = []
+    with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
+        folder.save_checkpoint({"step": 3})
+        monkeypatch.setattr("ia_bench.records.CHECKPOINT_FORMAT", -1)
+        assert folder.load_checkpoint() is None
+    assert "another version of the code wrote it" in notes[0]
+
+
 @pytest.mark.parametrize("kept", [0, 1, 100, 0.5, 0.99])
 def test_truncated_checkpoint_is_reported_and_ignored(tmp_path: Path, kept: float) -> None:
     notes: list[str] = []

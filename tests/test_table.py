@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import json
 import os
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from ia_bench import table as module
+from ia_bench.__main__ import INTERRUPTED
 from ia_bench.composition import compose
 from ia_bench.errors import InputError
 from ia_bench.paths import conf_folder
@@ -182,6 +186,21 @@ def test_crash_stays_in_its_cell_and_finished_cells_are_skipped(capfd: pytest.Ca
         run_cells(cells, 2, logs, progress)
     assert started() == ["hat crash 0", "hat crash 0", "hat good 0", "hat raise 0", "hat raise 0"]
     assert "1 of 3 cells are finished already" in capfd.readouterr().err
+
+
+def test_an_interrupted_table_records_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FAKE_STEP_SECONDS", "0.2")
+    command = [sys.executable, "-m", "ia_bench.table", "scenes=hat", "jobs=1", "device=cpu"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not list(Path("results").rglob("checkpoint.pt")):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == INTERRUPTED, said
+    assert "interrupted; the same command resumes" in said
+    assert list(Path("results").rglob("checkpoint.pt"))
+    assert list(Path("results").rglob("metrics.json")) == []
 
 
 def test_a_cell_whose_folder_is_taken_fails_alone(capfd: pytest.CaptureFixture[str]) -> None:

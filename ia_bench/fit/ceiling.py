@@ -29,7 +29,9 @@ class Ceiling:
         self._truth = truth
 
     def fit(self, problem: Problem, prior: Prior, settings: FitSettings, *, seed: int, monitor: Monitor) -> Fit:
-        """Nothing is optimised. Raises InputError when the scene does not ship its truth."""
+        """Nothing is optimised. Raises InputError when the scene does not ship its truth, or has metal, which it does not tell."""
+        if problem.plan.metallic:
+            raise InputError(f"method=ceiling: {problem.scene.folder}: expected no metal, which truth does not tell, found some")
         truth = self._truth
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
             raise InputError(f"method=ceiling: {problem.scene.folder} ships no true textures and training light")

@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import os
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from torch import Tensor
 
 from ia_bench.whole_file import whole_file
 
+ABANDONED_SECONDS = 3600.0  # no sample takes so long to be written
 CACHE_BYTES = 2 << 30  # the samples used longest ago are removed beyond this
 
 
@@ -72,6 +74,9 @@ class SampleCache:
             self._trim()
 
     def _trim(self) -> None:
+        for path in self._folder.glob(".samples-*"):  # of a process that was killed while it wrote
+            if time.time() - path.stat().st_mtime > ABANDONED_SECONDS:
+                path.unlink(missing_ok=True)
         files = sorted(((p.stat(), p) for p in self._folder.glob("samples-*.safetensors")), key=lambda f: -f[0].st_mtime)
         total = 0
         for status, path in files:

@@ -133,7 +133,8 @@ class PriorSampler:
         """What decides a sample; geometry by what it is computed from."""
         prior = self._prior
         assert isinstance(prior, Fingerprinted)
-        parts: list[str | Tensor] = [prior.fingerprint, str(seed), images, masks]
+        rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
+        parts: list[str | Tensor] = [prior.fingerprint, rounding, str(seed), images, masks]
         if isinstance(prior, GeometryReader) and prior.reads_geometry:
             mesh, shadows = self._problem.scene.mesh, type(self._problem.renderer.visibility).__name__
             cameras = [self._problem.scene.train[view].camera for view in self.views]

@@ -25,7 +25,7 @@ from ia_bench.fit.views import restrict
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch, fill_unobserved, splat
 from ia_bench.priors.contract import Prior
-from ia_bench.render.renderer import Light, PixelRadiance, texture_images
+from ia_bench.render.renderer import Light, PixelRadiance, samples_taken, texture_images
 
 GUIDE_SAMPLES = 32  # per pixel, for the renders that guide stage 2 or are distilled
 FIRST_SCORE = 25  # steps; later scores follow at doubling steps
@@ -80,6 +80,8 @@ class _Run:
         self.guard = StepGuard(problem, self.parameters)
         state = monitor.load()
         if state is None:
+            if self._samples_per_pixel != plan.samples:
+                monitor.note(f"render.samples={plan.samples}: steps take {self._samples_per_pixel} a pixel, by its points")
             self._draw(guided=False)
             self._initial_albedo()
             self._initial_light()
@@ -108,6 +110,19 @@ class _Run:
         if self.guard.skipped:
             self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
         return self._snapshot(final=True)
+
+    @property
+    def _samples_a_half(self) -> int:
+        """Samples of a pixel in each half of the crossed loss, before the renderer rounds them."""
+        return max(1, self.problem.plan.samples // 2)
+
+    @property
+    def _samples_per_pixel(self) -> int:
+        """Samples of a pixel in a step, as they are taken."""
+        points = self.problem.gbuffer.subsamples
+        if self.settings.image_loss == "l1":
+            return samples_taken(self.problem.plan.samples, points)
+        return 2 * samples_taken(self._samples_a_half, points)
 
     def _draws_again(self) -> bool:
         """Whether stage 2 has guided samples; the mean colour alone is better left as it was before the fit."""
@@ -164,7 +179,7 @@ class _Run:
             rendered = self._render(pixels, material, light, self.problem.plan.samples)
             loss = weights.image * (tone_map(rendered.radiance) - tone_map(target)).abs().mean()
         else:
-            halves = self._render(pixels.repeat(2), material, light, max(1, self.problem.plan.samples // 2))
+            halves = self._render(pixels.repeat(2), material, light, self._samples_a_half)
             rendered = halves.averaged(2)
             first, second = halves.radiance.chunk(2)
             loss = weights.image * crossed_loss(first, second, target, settings.residual_cut)
@@ -308,7 +323,12 @@ class _Run:
         if final:
             textures = {name: fill_unobserved(texture, self._observed > 0) for name, texture in textures.items()}
         light = torch.exp(self.parameters["log_light"].detach())
-        counters = {**self.sampler.counters, "skipped_steps": self.guard.skipped, "cast_blocked_steps": self.cast.blocked}
+        counters = {
+            **self.sampler.counters,
+            "skipped_steps": self.guard.skipped,
+            "cast_blocked_steps": self.cast.blocked,
+            "samples_per_pixel": self._samples_per_pixel,
+        }
         return Fit(Material(**textures), light, dict(self.seconds), counters)
 
     def _state(self) -> dict[str, Any]:
@@ -332,11 +352,19 @@ class _Run:
                 parameter.copy_(state["parameters"][name])
         self.optimizer.load_state_dict(state["optimizer"])
         self.cast.load_state_dict(state["cast"])
-        self._supervise(Targets(**state["supervision"]["targets"]))
-        self.supervision.restore_alignment(state["supervision"]["alignment"])
+        supervision = _on(self.problem.gbuffer.face.device, state["supervision"])  # checkpoints are read on the CPU
+        self._supervise(Targets(**supervision["targets"]))
+        self.supervision.restore_alignment(supervision["alignment"])
         self.sampler.counters = state["counters"]
         self.guard.skipped, self.guard.in_a_row = state["skipped"]["in_all"], state["skipped"]["in_a_row"]
         self.monitor.note(f"resumed at step {self.step} of {self.steps}")
+
+
+def _on(device: torch.device, state: Any) -> Any:  # noqa: ANN401 (what a checkpoint may hold)
+    """``state`` with the tensors of its dicts moved to ``device``."""
+    if isinstance(state, dict):
+        return {name: _on(device, value) for name, value in state.items()}
+    return state.to(device) if isinstance(state, torch.Tensor) else state
 
 
 def _check_images(problem: Problem) -> None:

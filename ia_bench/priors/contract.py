@@ -84,10 +84,13 @@ class Bounded(Protocol):
 class Patchwise(Protocol):
     """A prior that can predict an image larger than its ``resolution`` in overlapping patches (the paper's equation 6).
 
-    ``patches``: whether it does, or "auto": as the plan says.
+    ``patches``: whether it does, or "auto": as the plan says. None: it cannot (a prior around one that cannot).
     """
 
-    patches: bool | str
+    @property
+    def patches(self) -> bool | str | None:
+        """See above."""
+        ...
 
     def use_patches(self, patches: bool) -> None:
         """Receive what the plan says, before the first sample; only where ``patches`` is "auto"."""

@@ -55,9 +55,9 @@ class CorrectedPrior:
         return self._prior.counters if isinstance(self._prior, Counted) else {}
 
     @property
-    def patches(self) -> bool | str:
-        """Of the prior that is corrected; False where it predicts no patches."""
-        return self._prior.patches if isinstance(self._prior, Patchwise) else False
+    def patches(self) -> bool | str | None:
+        """Of the prior that is corrected; None where it predicts no patches."""
+        return self._prior.patches if isinstance(self._prior, Patchwise) else None
 
     def use_patches(self, patches: bool) -> None:
         """See :class:`ia_bench.priors.contract.Patchwise`."""

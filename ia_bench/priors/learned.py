@@ -111,7 +111,7 @@ class LearnedPrior(ABC):
     def fingerprint(self) -> str:
         """What decides the samples: this code's version, the options, the content of the weights."""
         content = [fingerprint(part) for part in self._parts]
-        where = [self._device.type, "bf16" if self.bf16 else "float32"]
+        where = [self._device.type, "bf16" if self.bf16 else "float32", self.batch]  # which decide the last bits
         return json.dumps([type(self).__qualname__, VERSION, self._options(), where, content], sort_keys=True)
 
     def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:

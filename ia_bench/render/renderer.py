@@ -131,7 +131,7 @@ class Renderer:
     ) -> PixelRadiance:
         """As :meth:`render_pixels`, for one of several parts of the lattices that start at ``shift`` (2, P, 3)."""
         points = gbuffer.subsamples
-        count = max(1, round(samples / (2 * points)))
+        count = samples_taken(samples, points) // (2 * points)
         face, barycentric = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1), gbuffer.barycentric[pixels]
         hit = (face >= 0).reshape(-1)
         camera = gbuffer.origin[gbuffer.pixel[pixels] // (gbuffer.shape[1] * gbuffer.shape[2])]
@@ -266,6 +266,11 @@ def compiler_errors() -> tuple[type[Exception], ...]:
     from torch._inductor.exc import CppCompileError, InvalidCxxCompiler
 
     return InternalTorchDynamoError, ShortenTraceback, Unsupported, CppCompileError, InvalidCxxCompiler
+
+
+def samples_taken(samples: int, points: int) -> int:
+    """How many of ``samples`` directions a pixel of ``points`` points takes: each point as many of the light as of the BRDF."""
+    return 2 * points * max(1, round(samples / (2 * points)))
 
 
 def choose_shading(wanted: str, notice: Callable[[str], None]) -> str:

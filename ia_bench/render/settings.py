@@ -9,7 +9,9 @@ from dataclasses import dataclass
 class RenderSettings:
     """How much work one pixel gets.
 
-    ``samples``: light-plus-BRDF samples per pixel in an optimisation step. ``subsamples``: G-buffer points along one
+    ``samples``: light-plus-BRDF samples per pixel in an optimisation step. The lattices want whole numbers: each half of the
+    crossed loss (all, of the L1) is rounded to the nearest multiple of twice the G-buffer points of a pixel, at least one;
+    ``counters.samples_per_pixel`` of metrics.json says how many were taken. ``subsamples``: G-buffer points along one
     side of a pixel (2 means 2 x 2) or "auto". ``texture``: side of the material textures in texels or "auto".
     ``light_height``: rows of the lat-long light (it has twice as many columns) or "auto".
     ``shadows``: "traced" (exact), "baked" (visibility baked once per mesh), "none" or "auto".

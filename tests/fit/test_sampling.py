@@ -281,6 +281,30 @@ def test_cache_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
     assert [cache.load(key) is not None for key in keys] == [True, False, True]
 
 
+def test_cache_removes_what_a_killed_writer_left(tmp_path: Path) -> None:
+    import os
+
+    old, young = (tmp_path / f".samples-{name}.1.safetensors" for name in ("old", "young"))
+    for path in (old, young):
+        path.write_bytes(b"half")
+    os.utime(old, (1000, 1000))
+    SampleCache(tmp_path).store(content_key("a"), StoredSample({"albedo": torch.zeros(3)}, 0.0, {}))
+    assert (old.exists(), young.exists()) == (False, True)
+
+
+def test_another_number_of_threads_is_another_draw(problem: Problem, cache: Path) -> None:
+    """The last bits of a sample depend on it, and the same configuration must give the same numbers."""
+    threads = torch.get_num_threads()
+    sampler(problem, Kept()).draw(None)
+    try:
+        torch.set_num_threads(threads + 1)
+        other = sampler(problem, Kept())
+        other.draw(None)
+    finally:
+        torch.set_num_threads(threads)
+    assert other.counters["prior_cached"] == 0
+
+
 def test_keys_are_delimited() -> None:
     assert content_key("ab", "c") != content_key("a", "bc")
     assert content_key(torch.zeros(2, 3)) != content_key(torch.zeros(3, 2))

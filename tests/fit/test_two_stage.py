@@ -29,6 +29,7 @@ from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.progress import Progress
 from ia_bench.records import RunFolder
+from ia_bench.render import renderer as renderer_module
 from ia_bench.render.renderer import Light, texture_images
 from ia_bench.render.settings import RenderSettings
 from ia_bench.run import run
@@ -357,6 +358,69 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
     assert {view.albedo is None and view.specular is None for view in problem.scene.train} == {True}
     assert isinstance(prior, NoPrior)
     assert settings == config.fit
+
+
+class Seer(NoPrior):
+    """Says that it sees the truth, and cannot be told it."""
+
+    sees_truth = True
+
+
+def test_a_prior_that_sees_the_truth_and_cannot_be_told_it_is_named(tmp_path: Path) -> None:
+    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"prior={__name__}:Seer"])
+    folder, progress = RunFolder.open(tmp_path / "run", {}, "0"), Progress(io.StringIO())
+    with folder, progress, pytest.raises(InputError, match=f"prior={__name__}:Seer: expected a method reveal"):
+        run(config, folder, progress)
+
+
+@pytest.mark.parametrize(
+    ("image_loss", "samples", "taken"), [("crossed", 24, 32), ("crossed", 8, 16), ("l1", 24, 24), ("l1", 1, 8)]
+)
+def test_samples_are_those_that_the_renderer_takes(
+    problem: Problem, image_loss: str, samples: int, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of pixels with 2 x 2 points; the lattices of a step have as many points as the record says."""
+    assert problem.gbuffer.subsamples == 4
+    drawn = []
+    original = renderer_module.lattice
+
+    def spy(shift: torch.Tensor, points: int, count: int, *parts: int) -> torch.Tensor:
+        drawn.append(points * count)
+        return original(shift, points, count, *parts)
+
+    monkeypatch.setattr(renderer_module, "lattice", spy)
+    settings = replace(SETTINGS, stage1_steps=1, stage2_steps=0, image_loss=image_loss, albedo_start=0.0)
+    record = Record()
+    found = fit(replace(problem, plan=replace(problem.plan, samples=samples)), NoPrior(), settings, record)
+    assert found.counters["samples_per_pixel"] == taken
+    assert sum(drawn[-2:]) * (2 if image_loss == "crossed" else 1) == taken
+    assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
+
+
+def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path) -> None:
+    """Killed after its first checkpoint: rays, points and seconds of the whole are counted once."""
+    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", "prior=oracle", "fit.checkpoint_seconds=0"])
+
+    def costs(folder: RunFolder) -> tuple[int, int]:
+        metrics = run(config, folder, Progress(io.StringIO()))
+        assert metrics["time_s"]["total"] >= metrics["time_s"]["stage1"] + metrics["time_s"]["stage2"]
+        return metrics["rays"], metrics["counters"]["points"]
+
+    class Killed(BaseException):
+        pass
+
+    class Dying(RunFolder):
+        def save_checkpoint(self, state: dict[str, Any]) -> None:
+            super().save_checkpoint(state)
+            if state["fit"]["step"] == 7:
+                raise Killed
+
+    with RunFolder.open(tmp_path / "whole", {}, "0") as folder:
+        whole = costs(folder)
+    with Dying.open(tmp_path / "killed", {}, "0") as folder, pytest.raises(Killed):
+        costs(folder)
+    with RunFolder.open(tmp_path / "killed", {}, "0") as folder:
+        assert costs(folder) == whole
 
 
 def test_for_training_leaves_nothing_else(scene: Scene) -> None:

@@ -95,6 +95,11 @@ def test_options_of_the_command_line_arrive(weights: str) -> None:
     assert prior.provides == {"albedo", "specular"}
 
 
+def test_patches_are_those_of_the_prior_behind(weights: str) -> None:
+    assert CorrectedPrior(of_options={"weights": weights}).patches == "auto"
+    assert CorrectedPrior(of="regressor").patches is None
+
+
 def test_unrevealed(weights: str, stack: Stack) -> None:
     prior = CorrectedPrior(of_options={"weights": weights})
     with pytest.raises(InputError, match="prior=corrected: asked for images of shape .* was revealed nothing"):

@@ -32,9 +32,11 @@ from ia_bench.priors.training.validation import score_single_view
 from ia_bench.priors.training.warm_start import warm_start
 from ia_bench.progress import Progress
 from ia_bench.torchvision_shim import import_torchvision
+from ia_bench.whole_file import whole_file
 
 FINAL_RATE = 0.02  # of the full rate, at the last step
 PICTURES = 8  # images of a sample grid
+VALIDATION = "validation.jsonl"  # one line a validation
 STATE_FORMAT = 2  # raised when a change of the code changes what state.pt holds
 PERMUTATIONS = 1 << 20  # marks the random streams of permutations; those of batches are marked by their process
 
@@ -108,6 +110,8 @@ class _Training:
 
         settings, main = self.settings, self.accelerator.is_main_process
         self.writer = SummaryWriter(settings.out / "tensorboard", purge_step=self.step) if main else None
+        if main:
+            _forget_validations_after(self.step, settings.out / VALIDATION)
         task = self.progress.task("training", settings.steps, self.step)
         started = saved = time.monotonic()
         while self.step < settings.steps:
@@ -142,7 +146,7 @@ class _Training:
             output, wanted = self._predicted(batch, draws)
         loss = weighted_error(output.float() - wanted, batch.masks, level=settings.level, background=settings.background)
         self.accelerator.backward(loss)
-        norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient)
+        norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient or math.inf)
         if not bool(torch.isfinite(norm)):
             raise FloatingPointError(f"step {self.step}: the gradient is NaN or Inf; the last checkpoint is kept")
         self.optimizer.step(rate_factor(self.step, settings.steps, settings.warmup))
@@ -205,7 +209,7 @@ class _Training:
         rows = [image[:PICTURES].flatten(0, 1).clamp(0, 1) ** (1 / 2.2) for image in scored.pictures.values()]
         self.writer.add_image("validation", torch.cat(rows, 1), self.step, dataformats="HWC")
         self.progress.note(f"step {self.step}: " + ", ".join(f"{name} {value:.2f}" for name, value in self.figures.items()))
-        with (settings.out / "validation.jsonl").open("a") as file:
+        with (settings.out / VALIDATION).open("a") as file:
             file.write(json.dumps({"step": self.step, "seconds": round(self.seconds, 1), **self.figures}) + "\n")
 
     def _save(self) -> None:
@@ -296,6 +300,15 @@ def batch_index(images: int, batch: int, seed: int, step: int) -> Tensor:
         order = torch.randperm(images, generator=torch.Generator().manual_seed(_stream(seed, epoch, PERMUTATIONS)))
         parts.append(order[position[position // images == epoch] % images])
     return torch.cat(parts)
+
+
+def _forget_validations_after(step: int, path: Path) -> None:
+    """Remove from ``path`` what a run that was stopped had validated beyond its last checkpoint; it is validated again."""
+    if not path.exists():
+        return
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    with whole_file(path) as partial:
+        partial.write_text("".join(line for line in lines if json.loads(line)["step"] <= step), encoding="utf-8")
 
 
 def _stream(*path: int) -> int:

@@ -16,6 +16,7 @@ from ia_bench.errors import InputError
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
 from ia_bench.priors.training.loop import (
     FINAL_RATE,
+    _forget_validations_after,
     _load_state,
     batch_index,
     dropped_conditions,
@@ -118,6 +119,14 @@ def test_a_resumed_run_ends_with_the_weights_of_an_uninterrupted_one(folders, tm
     whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     for name, value in whole.items():
         assert torch.equal(value, parts[name]), name
+
+
+def test_validations_beyond_the_last_checkpoint_are_forgotten(tmp_path):
+    path = tmp_path / "validation.jsonl"
+    _forget_validations_after(500, path)  # of a run that has none yet
+    path.write_text("".join(f'{{"step": {step}}}\n' for step in (250, 500, 750)))
+    _forget_validations_after(500, path)
+    assert [json.loads(line)["step"] for line in path.read_text().splitlines()] == [250, 500]
 
 
 @pytest.mark.slow
