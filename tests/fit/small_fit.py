@@ -19,7 +19,7 @@ from ia_bench.render.renderer import Renderer
 from ia_bench.render.visibility import TracedShadows
 from ia_bench.scenes.scene import Scene
 
-PLAN = Plan(samples=8, subsamples=2, texture=64, light_height=16, shadows="traced")
+PLAN = Plan(samples=16, subsamples=2, texture=64, light_height=16, shadows="traced")
 
 
 def make_problem(scene: Scene) -> Problem:

@@ -131,7 +131,7 @@ def test_samples_and_views_that_are_asked_for(problem: Problem, scene: Scene) ->
     found = fit(changed, prior, SETTINGS, Record())
     assert [(what, views) for what, views, _ in prior.asked] == [("sample", 4)] * 3 + [("guided", 4)] * 3
     assert len({seed for *_, seed in prior.asked[:3]}) == 3
-    steps = {"skipped_steps": 0, "cast_blocked_steps": 0}
+    steps = {"skipped_steps": 0, "cast_blocked_steps": 0, "samples_per_pixel": 16}
     assert found.counters == {"network_calls": 60, "prior_cached": 0, "distilled": 0, **steps}
 
 

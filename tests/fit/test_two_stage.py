@@ -1,6 +1,6 @@
 """The two-stage trainer on scene tiny: it recovers, repeats, resumes to the same bits, and sees no truth.
 
-Small and eager (8 samples, 64 texels, tens of steps): the numbers say that learning happens, not how good it gets.
+Small and eager (16 samples, 64 texels, tens of steps): the numbers say that learning happens, not how good it gets.
 """
 
 from __future__ import annotations
