@@ -307,8 +307,9 @@ def _forget_validations_after(step: int, path: Path) -> None:
     if not path.exists():
         return
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = [line for line in lines if line.endswith("\n") and json.loads(line)["step"] <= step]  # a kill may leave half a line
     with whole_file(path) as partial:
-        partial.write_text("".join(line for line in lines if json.loads(line)["step"] <= step), encoding="utf-8")
+        partial.write_text("".join(kept), encoding="utf-8")
 
 
 def _stream(*path: int) -> int:

@@ -124,7 +124,7 @@ def test_a_resumed_run_ends_with_the_weights_of_an_uninterrupted_one(folders, tm
 def test_validations_beyond_the_last_checkpoint_are_forgotten(tmp_path):
     path = tmp_path / "validation.jsonl"
     _forget_validations_after(500, path)  # of a run that has none yet
-    path.write_text("".join(f'{{"step": {step}}}\n' for step in (250, 500, 750)))
+    path.write_text("".join(f'{{"step": {step}}}\n' for step in (250, 500, 750)) + '{"step": 10')
     _forget_validations_after(500, path)
     assert [json.loads(line)["step"] for line in path.read_text().splitlines()] == [250, 500]
 
