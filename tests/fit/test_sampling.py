@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -282,8 +283,6 @@ def test_cache_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
 
 
 def test_cache_removes_what_a_killed_writer_left(tmp_path: Path) -> None:
-    import os
-
     old, young = (tmp_path / f".samples-{name}.1.safetensors" for name in ("old", "young"))
     for path in (old, young):
         path.write_bytes(b"half")
