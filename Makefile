@@ -50,9 +50,10 @@ stiffness: setup ## how stiff the shipped scenes are, and what their images conf
 work-precision: setup ## error against run time: forward and inverse (ARGS="--scene tiny --out FOLDER")
 	$(PY) -m ia_bench.checks.work_precision $(ARGS)
 
-lint: setup ## ruff and mypy
+lint: setup ## ruff, mypy, import contracts
 	.venv/bin/ruff check .
 	.venv/bin/mypy
+	.venv/bin/lint-imports
 
 # Without SIZE the recipe's own, which is another one for `tiny`.
 scenes: $(BLENDER_READY) ## render the shipped scenes again, below results/ (SIZE=512 SCENES="hat ship" DATASETS=FOLDER)
@@ -61,7 +62,7 @@ scenes: $(BLENDER_READY) ## render the shipped scenes again, below results/ (SIZ
 	done
 
 prior-data: setup ## render training images of the priors (ARGS="out=FOLDER images=20000 seed=1 ...")
-	$(PY) -m ia_bench.priors.data out=results/prior-data $(ARGS)
+	$(PY) -m ia_bench.training.data out=results/prior-data $(ARGS)
 
 # Blender as a module pins an older numpy, hence an environment of its own.
 $(BLENDER_READY): datasets/recipes/requirements.txt

@@ -24,15 +24,15 @@ from stage import run_as_a_run
 from ia_bench.checks.mitsuba_fit import MitsubaFit
 from ia_bench.checks.precision import first_time, without_compilation
 from ia_bench.checks.problem import make_problem
-from ia_bench.environment import environment
-from ia_bench.fit.problem import Fit, Monitor, Problem
-from ia_bench.fit.settings import FitSettings
-from ia_bench.fit.two_stage import TwoStage
-from ia_bench.paths import scenes_folder
+from ia_bench.common.machine import environment
+from ia_bench.common.paths import scenes_folder
+from ia_bench.methods.contract import Fit, Monitor, Problem
+from ia_bench.methods.two_stage.method import TwoStage
+from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.scenes.native import load_scene
+from ia_bench.readers.native import load_scene
 from ia_bench.scores.predict import Scorer
 
 METRICS = ("aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse")
@@ -65,7 +65,7 @@ class Nothing:
     """A progress bar that shows nothing."""
 
     def advance(self, amount: int = 1, **values: float) -> None:
-        """See :class:`ia_bench.fit.problem.Task`."""
+        """See :class:`ia_bench.methods.contract.Task`."""
 
 
 def our_fit(problem: Problem, prior: Prior, scorer: Scorer, steps: int) -> list[dict[str, float]]:

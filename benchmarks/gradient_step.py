@@ -35,8 +35,8 @@ from torch import Tensor
 
 from ia_bench.checks.mitsuba_scene import MitsubaScene, import_mitsuba
 from ia_bench.checks.precision import Moments, efficiency, time_in_turns
-from ia_bench.environment import environment
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.machine import environment
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import Light, make_renderer

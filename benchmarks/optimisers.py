@@ -30,22 +30,22 @@ import torch.nn.functional as F
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from ia_bench.composition import compose
-from ia_bench.fit.losses import tone_map
-from ia_bench.fit.neighbours import find_neighbours
-from ia_bench.fit.problem import Fit, Monitor, Problem
-from ia_bench.fit.settings import FitSettings
-from ia_bench.fit.two_stage import TwoStage
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
-from ia_bench.plan import make_plan
+from ia_bench.methods.contract import Fit, Monitor, Problem
+from ia_bench.methods.plan import make_plan
+from ia_bench.methods.two_stage.losses import tone_map
+from ia_bench.methods.two_stage.method import TwoStage
+from ia_bench.methods.two_stage.neighbours import find_neighbours
+from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
+from ia_bench.readers.native import load_scene
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Light, Renderer
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.visibility import make_visibility
-from ia_bench.scenes.native import load_scene
+from ia_bench.runs.composition import compose
 from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol
 from ia_bench.stability.stiffness.gauss_newton import Jacobian

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ia_bench.config import SceneConfig, resolve_scene_folder
+from ia_bench.readers.native import load_scene
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import texture_images
 from ia_bench.report.collect import Run
 from ia_bench.report.recovered import read_run
-from ia_bench.scenes.native import load_scene
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import View
 
 INSIDE = 0.99  # coverage of a pixel that counts

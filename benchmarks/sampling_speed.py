@@ -18,9 +18,9 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
+from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.sampler import Denoise, SamplerSettings, sample, seeded_noise
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
-from ia_bench.torchvision_shim import import_torchvision
 
 
 def main() -> None:

@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from stage import CPU, POINTS, Stage, resized
 
-from ia_bench.fit.problem import Monitor, Problem
-from ia_bench.fit.settings import FitSettings
-from ia_bench.fit.two_stage import TwoStage
-from ia_bench.plan import make_plan
+from ia_bench.methods.contract import Monitor, Problem
+from ia_bench.methods.plan import make_plan
+from ia_bench.methods.two_stage.method import TwoStage
+from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.renderer import Renderer
@@ -50,7 +50,7 @@ class StepClock:
         self.times: list[float] = []
 
     def advance(self, amount: int = 1, **values: float) -> None:
-        """See :class:`ia_bench.fit.problem.Task`."""
+        """See :class:`ia_bench.methods.contract.Task`."""
         self.times.append(time.process_time())
 
 

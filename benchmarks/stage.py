@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.common.paths import scenes_folder
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
-from ia_bench.paths import scenes_folder
+from ia_bench.readers.native import load_scene
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Camera, Scene
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def resized(camera: Camera, size: int) -> Camera:
 
 
 def run_as_a_run(threads: int) -> None:
-    """Make torch work as ia_bench/run.py has it."""
+    """Make torch work as ia_bench/runs/run.py has it."""
     torch.set_num_threads(threads)
     torch.use_deterministic_algorithms(True)
     torch.utils.deterministic.fill_uninitialized_memory = False

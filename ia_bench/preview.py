@@ -1,33 +1,6 @@
-"""``python -m ia_bench.preview RUN_FOLDER``: pictures of a run's glTF asset from a few angles, beside it."""
+"""``python -m ia_bench.preview``: pictures of a run's glTF asset; :mod:`ia_bench.cli.preview` does the work."""
 
-from __future__ import annotations
-
-import argparse
-import sys
-from collections.abc import Sequence
-from pathlib import Path
-
-from ia_bench.__main__ import OK, complain
-from ia_bench.errors import InputError
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m ia_bench.preview", description=__doc__, allow_abbrev=False)
-    parser.add_argument("run_folder", type=Path, help="folder of a finished run (with asset.glb)")
-    parser.add_argument("--views", type=int, default=4, help="angles around the object (default 4)")
-    parser.add_argument("--size", type=int, default=512, help="pixels along a side (default 512)")
-    wanted = parser.parse_args(arguments)
-    from ia_bench.render.preview import render_preview  # brings in trimesh
-
-    try:
-        asset = wanted.run_folder / "asset.glb"
-        for path in render_preview(asset, wanted.run_folder, views=wanted.views, size=wanted.size):
-            print(path)
-    except InputError as error:
-        return complain(str(error))
-    return OK
-
+from ia_bench.cli.preview import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    raise SystemExit(main())

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from ia_bench.scenes.native import load_scene
+from ia_bench.readers.native import load_scene
 from ia_bench.scenes.scene import Scene
 
 torch.set_num_threads(1)  # the arrays here are small: more threads only wait for each other

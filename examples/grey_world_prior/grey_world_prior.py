@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709
 FLOOR = 1e-6  # keeps quotients and logarithms finite in the dark

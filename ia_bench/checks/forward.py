@@ -19,21 +19,21 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ia_bench.__main__ import OK, complain
-from ia_bench.arguments import at_least
-from ia_bench.config import SceneConfig, resolve_scene_folder
-from ia_bench.errors import InputError
+from ia_bench.common.arguments import at_least
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, complain
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
+from ia_bench.readers.native import load_scene
 from ia_bench.render.atlas import cache_folder
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays
 from ia_bench.render.renderer import Light, Renderer
 from ia_bench.render.visibility import TracedShadows
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.exr import read_exr
-from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene, View
 from ia_bench.scores.metrics import encode, psnr
 

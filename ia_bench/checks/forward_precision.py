@@ -14,17 +14,17 @@ from torch import Tensor
 from ia_bench.checks.mitsuba_scene import MitsubaScene
 from ia_bench.checks.precision import converged, log_slope, relative_rmse, time_in_turns
 from ia_bench.checks.techniques import TECHNIQUES, technique_directions, unit_points
-from ia_bench.config import SceneConfig, resolve_scene_folder
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
+from ia_bench.readers.native import load_scene
 from ia_bench.render.estimator import shade_directions
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Light, Renderer
 from ia_bench.render.visibility import Visibility, make_visibility
-from ia_bench.scenes.native import load_scene
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 
 SAMPLES = (8, 16, 32, 64, 128, 256, 512)
 REPEATS = 4

@@ -21,20 +21,20 @@ from typing import Any
 
 import torch
 
-from ia_bench.__main__ import execute
 from ia_bench.checks.mitsuba_fit import MitsubaFit
 from ia_bench.checks.mitsuba_scene import import_mitsuba
 from ia_bench.checks.precision import without_compilation
 from ia_bench.checks.problem import make_problem
-from ia_bench.composition import compose
-from ia_bench.errors import InputError
-from ia_bench.fit.settings import FitSettings
-from ia_bench.paths import scenes_folder
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import scenes_folder
+from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.records import CURVE
-from ia_bench.scenes.native import load_scene
+from ia_bench.readers.native import load_scene
+from ia_bench.runs.composition import compose
+from ia_bench.runs.execute import execute
+from ia_bench.runs.folder import CURVE
 
 SCENE = "tiny"
 PRIORS = ("oracle", "none")

@@ -16,10 +16,10 @@ import torch
 from torch import Tensor
 
 from ia_bench.checks.mitsuba_scene import MitsubaScene
-from ia_bench.fit.problem import Fit, Problem
-from ia_bench.fit.settings import FitSettings
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
+from ia_bench.methods.contract import Fit, Problem
+from ia_bench.methods.two_stage.settings import FitSettings
 
 START_RAYS = 16  # camera rays a pixel of the renders that set the initial light
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ia_bench.whole_file import whole_file
+from ia_bench.common.atomic_file import whole_file
 
 
 def relative_rmse(estimate: np.ndarray, reference: np.ndarray) -> float:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import torch
 
-from ia_bench.fit.problem import Problem
-from ia_bench.plan import make_plan
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.plan import make_plan
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
@@ -13,7 +13,7 @@ from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Renderer
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.visibility import make_visibility
-from ia_bench.run import with_albedo
+from ia_bench.runs.run import with_albedo
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol

@@ -21,21 +21,21 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.__main__ import OK, complain
-from ia_bench.arguments import at_least
 from ia_bench.checks.problem import make_problem
-from ia_bench.config import SceneConfig, resolve_scene_folder
-from ia_bench.decompose import make_prior
-from ia_bench.errors import InputError
-from ia_bench.fit.geometry import view_geometry
+from ia_bench.common.arguments import at_least
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, complain
+from ia_bench.common.seeds import derive_seed
+from ia_bench.methods.asking.geometry import view_geometry
 from ia_bench.priors.contract import GeometryReader
 from ia_bench.priors.diffusion.encoding import exposure
-from ia_bench.priors.diffusion.sampler import derive_seed
 from ia_bench.priors.none import NoPrior
-from ia_bench.priors.training.dataset import TrainingImages
-from ia_bench.priors.training.validation import aligned_psnr, psnr
+from ia_bench.readers.native import load_scene
 from ia_bench.report.statistics import over_seeds
-from ia_bench.scenes.native import load_scene
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
+from ia_bench.runs.decomposition import make_prior
+from ia_bench.training.dataset import TrainingImages
+from ia_bench.training.validation import aligned_psnr, psnr
 
 SAMPLES = 8
 HELD_OUT = 64  # images of a folder of shards

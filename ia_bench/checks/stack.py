@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
-from ia_bench.paths import scenes_folder
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import scenes_folder
 from ia_bench.scenes.scene import Camera, View
 
 FIELD_OF_VIEW = 0.6  # radians, across the narrower side
@@ -66,7 +66,7 @@ def example_stack(views: int = 3) -> tuple[Stack, str]:
         folder = None
     if folder is None or not folder.is_dir():
         return painted_ball(32, 32, views), f"{views} computed views of a painted ball, 32 x 32"
-    from ia_bench.scenes.native import load_scene
+    from ia_bench.readers.native import load_scene
 
     chosen = load_scene(folder, truth=True).train[:views]
     height, width = chosen[0].mask.shape

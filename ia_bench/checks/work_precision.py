@@ -19,12 +19,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ia_bench.__main__ import FAULT, OK, complain, limit_threads
-from ia_bench.arguments import at_least
 from ia_bench.checks.precision import write_rows
-from ia_bench.environment import environment
-from ia_bench.errors import InputError
-from ia_bench.whole_file import whole_file
+from ia_bench.common.arguments import at_least
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import FAULT, OK, complain
+from ia_bench.common.machine import environment, limit_threads
 
 PARTS = ("forward", "inverse")
 

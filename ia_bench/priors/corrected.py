@@ -9,8 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench import registry
-from ia_bench.errors import InputError
+from ia_bench.common import registry
+from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import Counted, GeometryReader, Patchwise, Prior
 from ia_bench.priors.truth import RevealedTruth
 from ia_bench.scenes.scene import View

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 
 
 def choose_device(wanted: str) -> torch.device:

@@ -14,7 +14,8 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, read_config
@@ -22,7 +23,6 @@ from ia_bench.priors.diffusion.enlarging import enlarge, enlarge_by_difference, 
 from ia_bench.priors.diffusion.framing import Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
-from ia_bench.priors.diffusion.sampler import derive_seed
 from ia_bench.priors.inputs import check_views, choose_device, content_number
 
 VERSION = 3
@@ -53,7 +53,7 @@ Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor]], Tensor]
 class LearnedPrior(ABC):
     """Base of the priors with networks.
 
-    ``weights``: a folder that ia_bench.priors.train wrote, one with a folder for each component in it, or None for the
+    ``weights``: a folder that ia_bench.training.train wrote, one with a folder for each component in it, or None for the
     weights that come with the package. ``geometry``: let the network see normals and visibility where a scene has them.
     ``batch``: images at a time, which changes no sample beyond rounding. ``precision``: float32, bf16, or auto (bf16 where it
     is fast). ``device``: auto, cpu or cuda.

@@ -14,7 +14,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.truth import RevealedTruth
 from ia_bench.scenes.scene import View

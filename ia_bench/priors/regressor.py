@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.schedule import NoiseSchedule

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.scenes.scene import View
 
 

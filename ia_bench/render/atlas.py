@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.common.atomic_file import whole_file
 from ia_bench.material.textures import bilinear_taps
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.scenes.scene import Mesh
-from ia_bench.whole_file import whole_file
 
 
 @dataclass(frozen=True)

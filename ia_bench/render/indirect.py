@@ -23,7 +23,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import F0, dot, normal_reflectance, specular_lobes, visible_ggx_pdf
 from ia_bench.material.textures import Material, fetch

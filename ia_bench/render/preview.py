@@ -15,8 +15,8 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from ia_bench.errors import InputError
-from ia_bench.whole_file import whole_file
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
 
 FIELD_OF_VIEW = math.radians(35)
 ELEVATION = math.radians(20)

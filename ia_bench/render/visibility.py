@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import direction_to_texel, texel_to_direction
 from ia_bench.render.atlas import Atlas, cache_folder, kept_bake
 from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from enum import Enum
 
 from ia_bench.report.collect import Run
-from ia_bench.report.columns import METRIC_OF, Claim, Metric
 from ia_bench.report.statistics import Estimate, over_scenes
+from ia_bench.runs.table import Claim
+from ia_bench.scores.columns import METRIC_OF, Metric
 
 
 class Outcome(Enum):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ia_bench.report.columns import CURVE_METRICS, METRICS
+from ia_bench.scores.columns import CURVE_METRICS, METRICS
 
 SCHEMA = 1
 

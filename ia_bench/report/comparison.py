@@ -16,17 +16,17 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
 
-from ia_bench.errors import InputError
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
+from ia_bench.readers.native import load_scene
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import Light, make_renderer, texture_images
 from ia_bench.report.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene, View
-from ia_bench.whole_file import whole_file
 
 SAMPLES = 128  # per pixel of the relit picture, twice as many as scores have
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
@@ -166,7 +166,7 @@ def _compose(columns: Mapping[str, list[np.ndarray]], scores: list[list[str]], r
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    from ia_bench.__main__ import OK, complain
+    from ia_bench.common.exit_codes import OK, complain
 
     parser = argparse.ArgumentParser(prog="python -m ia_bench.report.comparison", allow_abbrev=False)
     parser.add_argument("runs", nargs="+", help="[NAME=]RUN_FOLDER; without a name the folder's")

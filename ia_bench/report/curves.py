@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ia_bench.report.collect import Run
-from ia_bench.report.columns import CURVE_METRICS, Metric
 from ia_bench.report.statistics import Estimate, over_seeds
+from ia_bench.scores.columns import CURVE_METRICS, Metric
 
 LEVELS: dict[str, tuple[float, ...]] = {  # what "given errors" are: dB for PSNR, squared perceptual roughness for MSE
     "albedo_psnr": (15.0, 20.0, 25.0, 30.0),

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.collect import Run
-from ia_bench.report.columns import CURVE_METRICS, Metric
-from ia_bench.whole_file import whole_file
+from ia_bench.scores.columns import CURVE_METRICS, Metric
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 from ia_bench.report.claims import Verdict, judge
 from ia_bench.report.collect import Collection, Run
-from ia_bench.report.columns import METRICS, Claim
 from ia_bench.report.curves import TimeToError, Worsening, time_to_beat, time_to_error, worsening
 from ia_bench.report.statistics import Estimate, paired_difference
 from ia_bench.report.table import Results, summarise
+from ia_bench.runs.table import Claim
+from ia_bench.scores.columns import METRICS
 
 
 @dataclass(frozen=True)

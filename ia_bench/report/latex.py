@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 
-from ia_bench.report.columns import METRICS, Metric
 from ia_bench.report.statistics import best_rows
 from ia_bench.report.table import (
     PAPER_TITLE,
@@ -16,6 +15,7 @@ from ia_bench.report.table import (
     cost_texts,
     estimate_text,
 )
+from ia_bench.scores.columns import METRICS, Metric
 
 COSTS = ("Seconds", "Memory", "Failed")
 FOOTNOTE = r"$^\dagger$ sees the ground truth and is not ranked."

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ia_bench.report.columns import METRICS
 from ia_bench.report.curves import WORSE_DB, seconds_text
 from ia_bench.report.findings import Findings
 from ia_bench.report.statistics import best_rows
 from ia_bench.report.table import PAPER_TITLE, Block, PaperRow, best_paper_methods, cost_texts, estimate_text
+from ia_bench.scores.columns import METRICS
 
 NOTES = """\
 Means are per image, then over images, seeds and scenes; ± is the 95 % interval over seeds. Bold: the best row that does

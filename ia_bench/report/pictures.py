@@ -15,16 +15,16 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
 
-from ia_bench.errors import InputError
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
+from ia_bench.readers.native import load_scene
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import Light, make_renderer, texture_images
 from ia_bench.report.panels import exposure, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene, View
-from ia_bench.whole_file import whole_file
 
 SAMPLES = 64  # per pixel of the re-render
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
@@ -117,7 +117,7 @@ def _compose(rows: list[list[np.ndarray]], lights: list[np.ndarray], title: str)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    from ia_bench.__main__ import OK, complain
+    from ia_bench.common.exit_codes import OK, complain
 
     parser = argparse.ArgumentParser(prog="python -m ia_bench.report.pictures", allow_abbrev=False)
     parser.add_argument("run_folder", type=Path, help="folder of a finished run")

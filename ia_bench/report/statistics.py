@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from ia_bench.report.collect import Run
-from ia_bench.report.columns import METRICS, Metric
+from ia_bench.scores.columns import METRICS, Metric
 
 CONFIDENCE = 0.95
 

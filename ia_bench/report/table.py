@@ -10,8 +10,8 @@ from importlib import resources
 from typing import Any
 
 from ia_bench.report.collect import Run
-from ia_bench.report.columns import METRICS, Metric
 from ia_bench.report.statistics import Estimate, Line, line
+from ia_bench.scores.columns import METRICS, Metric
 
 OVERALL = "mean over scenes"
 PAPER_TITLE = "The paper's own figures: the paper's scenes and renderer, not ours; do not compare with the rows above"

@@ -11,15 +11,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ia_bench.common.atomic_file import whole_file
 from ia_bench.report import figures
 from ia_bench.report.collect import Cell, Run, collect, find_run_folders
-from ia_bench.report.columns import METRICS, Claim
 from ia_bench.report.curves import TimeToError
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.latex import latex
 from ia_bench.report.markdown import report_text
 from ia_bench.report.table import csv_text, json_data
-from ia_bench.whole_file import whole_file
+from ia_bench.runs.table import Claim
+from ia_bench.scores.columns import METRICS
 
 
 @dataclass(frozen=True)

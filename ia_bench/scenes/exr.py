@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from ia_bench.errors import InputError
-from ia_bench.whole_file import whole_file
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
 
 RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
 

@@ -52,7 +52,7 @@ def lpips(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: L
 def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
     """Return the network, or the reason why there is none. Tried once per process, for a failed download is slow."""
     try:
-        from ia_bench.torchvision_shim import import_torchvision
+        from ia_bench.common.torchvision_shim import import_torchvision
 
         import_torchvision()
         import lpips as package

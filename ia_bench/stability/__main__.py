@@ -19,10 +19,10 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from ia_bench.__main__ import OK, complain
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.exit_codes import OK, complain
 from ia_bench.stability import lights, materials, priors, rendering, scores
 from ia_bench.stability.case import Case, Row, judge
-from ia_bench.whole_file import whole_file
 
 FAILED = 1
 

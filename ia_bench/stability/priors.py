@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
-from ia_bench.fit.losses import align_views, tone_map
+from ia_bench.common.errors import InputError
+from ia_bench.methods.two_stage.losses import align_views, tone_map
 from ia_bench.priors.diffusion.encoding import decode_albedo, encode_albedo, exposure
 from ia_bench.priors.diffusion.guidance import Guidance, Norm, Rule
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample

@@ -12,10 +12,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from ia_bench.check import main
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.finding import Finding
 from ia_bench.checks.stack import Stack, example_stack, painted_ball
+from ia_bench.cli.check import main
 
 
 class Sound:

@@ -10,8 +10,8 @@ from ia_bench.checks.forward_precision import ForwardStage
 from ia_bench.checks.mitsuba_fit import MitsubaFit
 from ia_bench.checks.mitsuba_scene import MitsubaScene, import_mitsuba
 from ia_bench.checks.problem import make_problem
-from ia_bench.errors import InputError
-from ia_bench.fit.settings import FitSettings
+from ia_bench.common.errors import InputError
+from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.scenes.scene import Scene

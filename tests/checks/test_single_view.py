@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 from priors.tiny_network import tiny_weights
-from priors.training.test_dataset import shard
+from training.test_dataset import shard
 
 from ia_bench.checks.single_view import load_examples, main, score
 from ia_bench.priors.diffusion.prior import DiffusionPrior
-from ia_bench.priors.training.shards import ShardInfo, shard_path, write_shard
 from ia_bench.scores.alignment import ALIGNMENTS
+from ia_bench.training.shards import ShardInfo, shard_path, write_shard
 
 
 class Knowing:

@@ -8,9 +8,9 @@ import pytest
 import torch
 from priors.tiny_network import tiny_weights
 
-from ia_bench import registry
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
+from ia_bench.common import registry
 from ia_bench.priors.contract import COMPONENTS, Prior, TruthSeer
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior

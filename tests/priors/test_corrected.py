@@ -10,10 +10,10 @@ from priors.tiny_network import tiny_weights
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import Stack, painted_ball
-from ia_bench.composition import compose
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.diffusion.prior import DiffusionPrior
+from ia_bench.runs.composition import compose
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.oracle import MAX_SCALE, OraclePrior
 from ia_bench.scenes.scene import Camera, View
 

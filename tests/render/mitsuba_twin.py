@@ -22,7 +22,7 @@ from shapes import camera_at
 from stage import Stage
 
 from ia_bench.checks.mitsuba_scene import import_mitsuba
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.scenes.scene import Camera, Mesh
 

@@ -17,7 +17,7 @@ import trimesh
 from shapes import bowl, camera_at, mesh_of, plate, sphere, together
 from stage import Stage
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.material.brdf import normalize
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render import atlas, indirect

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ia_bench.assets import glb
-from ia_bench.errors import InputError
-from ia_bench.preview import main
+from ia_bench.cli.preview import main
+from ia_bench.common.errors import InputError
 from ia_bench.render.preview import render_preview
+from ia_bench.runs.assets import glb
 from ia_bench.scenes.scene import Mesh
 
 needs_opengl = pytest.mark.skipif(

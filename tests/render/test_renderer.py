@@ -13,7 +13,7 @@ from shapes import camera_at, plate, sphere
 from stage import Stage
 from torch._inductor.exc import InvalidCxxCompiler
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import sample_directions
 from ia_bench.render.renderer import Light, PixelRadiance, Renderer, choose_shading, texture_images

@@ -11,7 +11,7 @@ import torch
 from shapes import camera_at, disk, plate, sphere, together
 from stage import Stage
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.render import visibility
 from ia_bench.render.atlas import cache_folder

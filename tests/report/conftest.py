@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.config import RunConfig, SceneConfig, identity
-from ia_bench.paths import scenes_folder
+from ia_bench.common.paths import scenes_folder
+from ia_bench.readers.native import load_scene
+from ia_bench.runs.config import RunConfig, SceneConfig, identity
 from ia_bench.scenes.exr import write_exr
-from ia_bench.scenes.native import load_scene
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
 SCALE = 1.25  # between the albedo of the perfect run and the truth

@@ -11,7 +11,7 @@ from scipy.stats import t as student
 
 from ia_bench.report.claims import Outcome, judge
 from ia_bench.report.collect import Run, read_run
-from ia_bench.report.columns import Claim
+from ia_bench.runs.table import Claim
 
 Write = Callable[..., Path]
 PSNR = ["albedo.psnr"]

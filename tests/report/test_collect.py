@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ia_bench.report.collect import BadRecord, collect, find_run_folders, read_curve, read_run
-from ia_bench.report.columns import METRICS
+from ia_bench.scores.columns import METRICS
 
 Write = Callable[..., Path]
 

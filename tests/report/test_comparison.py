@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.report.comparison import CELL, LEGEND, LINE, LINES, MARGIN, main, write_comparison
 from ia_bench.scenes.exr import read_exr, write_exr
 

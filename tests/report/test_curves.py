@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from ia_bench.report.collect import Run, read_run
-from ia_bench.report.columns import CURVE_METRICS
 from ia_bench.report.curves import LEVELS, time_to_beat, time_to_error, worsening
 from ia_bench.report.figures import draw_scene, save
+from ia_bench.scores.columns import CURVE_METRICS
 
 Write = Callable[..., Path]
 RISES = "stage1,0,0,10,10,10,10,0.1\nstage1,50,5,16,16,16,16,0.05\nstage2,100,20,24,24,24,24,0.01\n"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.report.pictures import CELL, COLUMNS, LINE, MARGIN, main, write_contact_sheet
 
 

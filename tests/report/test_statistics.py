@@ -9,8 +9,8 @@ import pytest
 import scipy.stats
 
 from ia_bench.report.collect import Run
-from ia_bench.report.columns import METRICS
 from ia_bench.report.statistics import Estimate, best_rows, line, over_scenes, over_seeds, paired_difference
+from ia_bench.scores.columns import METRICS
 
 RANDOM = np.random.default_rng(0)
 PSNR, ROUGHNESS = METRICS[0], METRICS[-1]

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.report.columns import METRICS, Claim
 from ia_bench.report.latex import escape
 from ia_bench.report.table import best_paper_methods, paper_rows
 from ia_bench.report.write import Report, write_report
+from ia_bench.runs.table import Claim
+from ia_bench.scores.columns import METRICS
 
 Write = Callable[..., Path]
 ROOT = Path(__file__).parents[2]

@@ -9,8 +9,8 @@ import pytest
 import torch
 from skimage.color import rgb2xyz, xyz2rgb
 
-from ia_bench.errors import InputError
-from ia_bench.fit.losses import linear_to_srgb as linear_to_srgb_torch
+from ia_bench.common.errors import InputError
+from ia_bench.methods.two_stage.losses import linear_to_srgb as linear_to_srgb_torch
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench.scenes.exr import read_exr, write_exr
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from skimage.draw import disk
 
+from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.scores import perceptual
 from ia_bench.scores.metrics import NoScoredPixel, Undefined
 from ia_bench.scores.protocol import LpipsSettings
-from ia_bench.torchvision_shim import import_torchvision
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = ROOT.parent / "shared" / "weights" / "lpips_squeeze.safetensors"
@@ -143,7 +143,7 @@ def run_python(code: str) -> str:
 
 def test_torchvision_imports_whether_or_not_its_operators_load() -> None:
     output = run_python(
-        "from ia_bench import torchvision_shim as shim; shim.import_torchvision(); shim.import_torchvision()\n"
+        "from ia_bench.common import torchvision_shim as shim; shim.import_torchvision(); shim.import_torchvision()\n"
         "import lpips, torchvision, torch\n"
         "print(len(shim._declared), torchvision.extension._has_ops())"
     )
@@ -154,7 +154,7 @@ def test_torchvision_imports_whether_or_not_its_operators_load() -> None:
 def test_a_torchvision_that_imports_is_left_alone() -> None:
     output = run_python(
         "import sys, types; sys.modules['torchvision'] = types.ModuleType('torchvision')\n"
-        "from ia_bench import torchvision_shim as shim; shim.import_torchvision(); print(shim._declared)"
+        "from ia_bench.common import torchvision_shim as shim; shim.import_torchvision(); print(shim._declared)"
     )
     assert output.strip() == "[]"
 
@@ -166,7 +166,7 @@ def test_other_failures_of_torchvision_are_not_hidden() -> None:
         "    def find_spec(self, name, *_):\n"
         "        if name == 'torchvision': raise RuntimeError('broken wheel')\n"
         "sys.meta_path.insert(0, Broken())\n"
-        "from ia_bench.torchvision_shim import import_torchvision\n"
+        "from ia_bench.common.torchvision_shim import import_torchvision\n"
         "try: import_torchvision()\n"
         "except RuntimeError as error: print(error)"
     )

@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 import torch
 
+from ia_bench.common.paths import scenes_folder
 from ia_bench.material.textures import Material
-from ia_bench.paths import scenes_folder
+from ia_bench.readers.native import load_scene
 from ia_bench.render.gbuffer import SurfaceInterpolator
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import make_renderer
-from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores import components
 from ia_bench.scores.predict import Scorer

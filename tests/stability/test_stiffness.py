@@ -13,8 +13,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
-from ia_bench.paths import scenes_folder
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import scenes_folder
 from ia_bench.stability.stiffness import spectrum
 from ia_bench.stability.stiffness.__main__ import main
 from ia_bench.stability.stiffness.gauss_newton import Jacobian, gram, stiffest

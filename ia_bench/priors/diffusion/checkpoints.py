@@ -21,11 +21,11 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.suggestions import unknown
+from ia_bench.common.torchvision_shim import import_torchvision
+from ia_bench.common.typed import fits, named
 from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
-from ia_bench.suggest import unknown
-from ia_bench.torchvision_shim import import_torchvision
-from ia_bench.typed import fits, named
 
 FORMAT = 1
 UNET = "unet/diffusion_pytorch_model.safetensors"
@@ -82,7 +82,7 @@ def read_description(folder: Path) -> dict[str, Any]:
     try:
         described: Any = json.loads(path.read_text())
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.priors.train") from None
+        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.training.train") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected JSON, found {error}") from None
     if not isinstance(described, dict):

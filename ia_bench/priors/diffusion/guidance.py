@@ -25,7 +25,7 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform, inverse_cosine_transform
 from ia_bench.priors.diffusion.sampler import Denoise
 from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE, posterior_variance

@@ -19,12 +19,12 @@ from safetensors import SafetensorError
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.suggestions import unknown
+from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.encoding import SpecularEncoding
 from ia_bench.priors.diffusion.schedule import SCHEDULE_KEYS
-from ia_bench.suggest import unknown
-from ia_bench.torchvision_shim import import_torchvision
 
 Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import torch
 
-from ia_bench.errors import InputError
-from ia_bench.suggest import unknown
+from ia_bench.common.errors import InputError
+from ia_bench.common.suggestions import unknown
 
 PRECISIONS = ("auto", "bf16", "float32")
 

@@ -8,12 +8,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Rule, check_rule
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, PatchSettings, sample_large
-from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample, seeded_noise
+from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE
 from ia_bench.priors.inputs import check_views

@@ -11,11 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, Spacing
 
 if TYPE_CHECKING:
@@ -114,8 +113,3 @@ def seeded_noise(seeds: Sequence[int], shape: tuple[int, int, int]) -> Noise:
     """Noise (N, *``shape``) on the CPU, image i from a generator of its own seeded by ``seeds[i]``."""
     generators = [torch.Generator().manual_seed(seed) for seed in seeds]
     return lambda: torch.stack([torch.randn(shape, generator=generator) for generator in generators])
-
-
-def derive_seed(seed: int, *path: int) -> int:
-    """A seed for one part or purpose of what ``seed`` (>= 0) stands for, as independent of it as if it were random."""
-    return int(np.random.SeedSequence(seed, spawn_key=path).generate_state(1, np.uint64)[0] >> np.uint64(1))

@@ -13,8 +13,8 @@ from typing import Any, Literal, get_args
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
-from ia_bench.torchvision_shim import import_torchvision
+from ia_bench.common.errors import InputError
+from ia_bench.common.torchvision_shim import import_torchvision
 
 PredictionType = Literal["epsilon", "v_prediction", "sample"]
 Spacing = Literal["trailing", "leading"]

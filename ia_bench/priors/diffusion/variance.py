@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.sampler import Denoise
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 from torch.serialization import get_unsafe_globals_in_checkpoint, safe_globals
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 
 CHUNK = 1 << 24  # bytes hashed at a time
 

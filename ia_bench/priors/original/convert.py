@@ -13,16 +13,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.__main__ import INTERRUPTED, OK, complain
-from ia_bench.errors import InputError
-from ia_bench.paths import make_writable
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import INTERRUPTED, OK, complain
+from ia_bench.common.paths import make_writable
+from ia_bench.common.suggestions import unknown
+from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.original import layout
 from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
 from ia_bench.priors.original.names import Source, clip_source, ema, unet_source, vae_source
-from ia_bench.suggest import unknown
-from ia_bench.torchvision_shim import import_torchvision
-from ia_bench.whole_file import whole_file
 
 USAGE = """\
 python -m ia_bench.priors.original.convert [albedo=CKPT] [specular=CKPT] out=FOLDER

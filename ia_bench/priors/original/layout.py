@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.original.checkpoint import Checkpoint
 from ia_bench.priors.original.names import CLIP, UNET, VAE
 

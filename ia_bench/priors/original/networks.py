@@ -11,10 +11,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import CLIP_DEVIATION, CLIP_MEAN
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
-from ia_bench.torchvision_shim import import_torchvision
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.guidance import GuidanceReport
-from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample
+from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
 from ia_bench.priors.inputs import check_views, choose_device, content_number
 from ia_bench.priors.original.convert import RECORD
 from ia_bench.priors.original.guidance import pull

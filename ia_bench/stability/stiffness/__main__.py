@@ -21,14 +21,14 @@ from typing import Any
 
 import torch
 
-from ia_bench.__main__ import OK, complain
-from ia_bench.arguments import at_least
-from ia_bench.config import SceneConfig, resolve_scene_folder
-from ia_bench.errors import InputError
+from ia_bench.common.arguments import at_least
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, complain
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.stability.stiffness.measure import Grids, Measurement, measure
 from ia_bench.stability.stiffness.pictures import draw_confusions, draw_spectra
 from ia_bench.stability.stiffness.stage import Stage
-from ia_bench.whole_file import whole_file
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

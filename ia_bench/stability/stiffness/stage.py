@@ -10,19 +10,19 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ia_bench.errors import InputError
-from ia_bench.fit.losses import tone_map
-from ia_bench.fit.settings import FitSettings
+from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
-from ia_bench.plan import make_plan
+from ia_bench.methods.plan import make_plan
+from ia_bench.methods.two_stage.losses import tone_map
+from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
+from ia_bench.readers.native import load_scene
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Light, Renderer, make_renderer
 from ia_bench.render.settings import RenderSettings
-from ia_bench.scenes.native import load_scene
 from ia_bench.scenes.scene import Scene
 from ia_bench.stability.stiffness.gauss_newton import Jacobian
 

@@ -5,10 +5,10 @@ import torch
 from priors.tiny_network import tiny_config, tiny_weights
 from safetensors.torch import load_file, save_file
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.checkpoints import ENCODER, HEAD, UNET, fingerprint, load_network, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.torchvision_shim import import_torchvision
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from scipy.integrate import solve_ivp
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Pull, combine
 from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform, inverse_cosine_transform
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample

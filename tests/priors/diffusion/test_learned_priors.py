@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 import ia_bench.priors
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.checkpoints import save_network
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.framing import Frame

@@ -6,7 +6,7 @@ import pytest
 import torch
 from priors.tiny_network import tiny_config
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.network import MaterialNetwork
 
 

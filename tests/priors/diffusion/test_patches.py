@@ -13,7 +13,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport
 from ia_bench.priors.diffusion.operators import GaussianBlur
 from ia_bench.priors.diffusion.patches import PatchSettings, hann_window, patch_origins, sample_large

@@ -9,9 +9,10 @@ import torch
 from gaussian_prior import gaussian_denoiser, wide_schedule
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.diffusion.guidance import Guidance
-from ia_bench.priors.diffusion.sampler import SamplerSettings, derive_seed, sample, step_weights
+from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, step_weights
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
 
 COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, 1.56, 100, dtype=torch.float64)).square())
@@ -42,7 +43,7 @@ def test_ancestral_steps_are_bayes_rule():
 
 @pytest.mark.parametrize("eta", [0.0, 0.7, 1.0])
 def test_against_diffusers(eta: float):
-    from ia_bench.torchvision_shim import import_torchvision
+    from ia_bench.common.torchvision_shim import import_torchvision
 
     import_torchvision()
     from diffusers import DDIMScheduler

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0, ideal_output
 
 SIGMAS = [1e-4, 1e-2, 1.0, 1e2, 1e4]
@@ -66,7 +66,7 @@ def test_diffusers_config():
 
 @pytest.mark.parametrize("spacing", ["trailing", "leading"])
 def test_timesteps_are_those_of_diffusers(spacing: str):
-    from ia_bench.torchvision_shim import import_torchvision
+    from ia_bench.common.torchvision_shim import import_torchvision
 
     import_torchvision()
     from diffusers import DDIMScheduler

@@ -14,11 +14,11 @@ import torch
 from ldm import LatentDiffusion, save
 from torch import Tensor
 
-from ia_bench.errors import InputError
+from ia_bench.common.errors import InputError
+from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.original import layout, names
 from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
 from ia_bench.priors.original.convert import convert, half_precision, main, read
-from ia_bench.torchvision_shim import import_torchvision
 
 TOLERANCE = 2e-5  # two orders of summation in float32; a wrong tensor differs by 0.1 and more
 

@@ -13,14 +13,14 @@ import torch.nn.functional as F
 from ldm import LatentDiffusion
 from torch import Tensor
 
-from ia_bench.check import main as check
 from ia_bench.checks.stack import painted_ball
-from ia_bench.errors import InputError
+from ia_bench.cli.check import main as check
+from ia_bench.common.errors import InputError
+from ia_bench.common.seeds import derive_seed
+from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
-from ia_bench.priors.diffusion.sampler import derive_seed
 from ia_bench.priors.inputs import content_number
 from ia_bench.priors.original.prior import IntrinsicAnythingPrior
-from ia_bench.torchvision_shim import import_torchvision
 
 
 def photographs(count: int = 2, side: int = 32) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,49 @@
+"""``python -m ia_bench.decompose IMAGE...``: albedo and specular shading behind single images, by a prior alone."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import INTERRUPTED, OK, complain
+from ia_bench.common.paths import make_writable
+from ia_bench.runs.decomposition import check_numbers, decompose_with, make_prior, reduced, write_decomposition
+from ia_bench.scenes.photograph import read_photograph
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    about = __doc__.partition("\n")[0]
+    parser = argparse.ArgumentParser(prog="python -m ia_bench.decompose", description=about, allow_abbrev=False)
+    parser.add_argument("images", nargs="+", type=Path, metavar="IMAGE", help="PNG, JPEG, TIFF, ... (sRGB) or OpenEXR (linear)")
+    parser.add_argument("--mask", type=Path, help="picture that is white on the object; else the image's alpha, else all of it")
+    parser.add_argument("--out", type=Path, default=Path("decomposed"), help="folder for the results (default: decomposed)")
+    parser.add_argument("--prior", default="diffusion", help="a prior's name or module:Class (default: diffusion)")
+    parser.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the prior, e.g. steps=20")
+    parser.add_argument("--samples", type=int, default=8, help="samples whose mean and spread are written (default: 8)")
+    parser.add_argument("--size", type=int, default=512, help="reduce larger images to this many pixels (default: 512)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: 0)")
+    wanted = parser.parse_args(arguments)
+    try:
+        check_numbers("--", samples=wanted.samples, size=wanted.size, seed=wanted.seed)
+        if wanted.mask is not None and len(wanted.images) > 1:
+            raise InputError(f"--mask: expected one image with it, found {len(wanted.images)}")
+        stems = [path.stem for path in wanted.images]
+        twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+        if twice is not None:
+            raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
+        read = [read_photograph(path, wanted.mask, notice=print) for path in wanted.images]  # all mistakes come before any work
+        maker = make_prior(wanted.prior, wanted.option)
+        make_writable(wanted.out, "--out")
+        for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
+            parts = decompose_with(maker, *reduced(radiance, coverage, wanted.size), samples=wanted.samples, seed=wanted.seed)
+            print(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations")
+            for written in write_decomposition(parts, wanted.out, path.stem):
+                print(f"  {written}")
+    except InputError as error:
+        return complain(str(error))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return OK

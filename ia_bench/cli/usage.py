@@ -1,0 +1,78 @@
+"""The text of ``python -m ia_bench --help``: what it does, examples, and every choice with its line of description."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ia_bench.common import registry
+from ia_bench.common.paths import conf_folder
+
+GROUPS = {
+    "scene": "what is reconstructed (or scene.path=FOLDER, any folder in the native format)",
+    "prior": "what is known of albedo and specular shading beforehand (or module:Class)",
+    "method": "who reconstructs (or module:Class)",
+    "preset": "how much work",
+    "protocol": "how results are scored",
+}
+
+TEXT = """\
+python -m ia_bench [GROUP=NAME ...] [SETTING=VALUE ...]
+
+Reconstructs albedo, roughness and light of one object from posed images under one unknown light, with the help of a
+prior, scores the result by a declared protocol, and leaves everything in one folder.
+
+Examples
+  python -m ia_bench prior=oracle scene=hat          one run
+  python -m ia_bench scene=tiny preset=smoke         does it run? (seconds)
+  python -m ia_bench scene.path=FOLDER out=RESULTS   a scene of your own, results where you want them
+  python -m ia_bench -m seed=0,1,2 prior=none,oracle a sweep, one run after the other
+  python -m ia_bench -m hydra/launcher=ray seed=0,1 threads=1
+                                                     a sweep in parallel (pip install -e '.[ray]')
+  python -m ia_bench prior=oracle --cfg job          every setting and its value, without running
+  python -m ia_bench.table                           the paper's table: every row x scene x seed
+
+Choices
+{choices}
+Settings
+  seed=0                  every random draw depends on it
+  out=FOLDER              the run's folder; otherwise runs/<scene>/<row>-<hash> below the current folder
+  device=auto             auto, cpu or cuda
+  threads=N               CPU threads (all by default)
+  geometry.uv=mesh        xatlas unwraps a mesh that has no texture coordinates
+  fit.*, render.*         the trainer's and the renderer's settings; --cfg job lists them, and what is auto there is
+                          decided by the plan, from measurements of the scene
+  protocol.*              e.g. protocol.lpips.net=squeeze
+
+Results
+  A run is known by the hash of its configuration. One that has finished is not repeated; one that was killed resumes
+  from its last checkpoint. Its folder holds metrics.json, curve.csv, config.json, albedo.exr, roughness.exr, light.exr
+  and asset.glb.
+
+Exit status: 0 done, 1 a fault of the program (with traceback), 2 a mistake in what was asked (with one message),
+130 interrupted. IA_BENCH_DEBUG=1 shows the traceback of mistakes too. Hydra's own options: --hydra-help.
+"""
+
+
+def usage() -> str:
+    """The help text, with built-in and installed choices. Installed plugins are imported to see whether they work."""
+    return TEXT.format(choices="\n".join(_group(group, line) for group, line in GROUPS.items()))
+
+
+def _group(group: str, line: str) -> str:
+    choices = {path.stem: _description(path) for path in sorted((conf_folder() / group).glob("*.yaml"))}
+    trouble = []
+    kind = next((kind for kind in registry.KINDS if kind == group), None)
+    if kind is not None:
+        installed = registry.installed(kind)
+        working, broken = registry.load_installed(kind)
+        choices |= {name: f"from {installed[name].distribution}" for name in working}
+        trouble = [f"    ! {problem}\n" for problem in broken]
+    lines = [f"    {name:<18}{description}\n" for name, description in choices.items()]
+    return f"  {group + '=':<18}{line}\n" + "".join(lines + trouble)
+
+
+def _description(path: Path) -> str:
+    """The comment that follows the command at the top of a YAML file."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    command = next(number for number, line in enumerate(lines) if line.startswith("# python -m"))
+    return lines[command + 1].removeprefix("#").strip()

@@ -1,0 +1,193 @@
+"""Priors, methods and scenes by name: built in, from entry points of other distributions, or as ``"module:Class"``.
+
+A built-in plugin is one YAML file of ``conf/<group>/`` with a ``target``. Another distribution adds one with an entry
+point in the group ``ia_bench.priors``, ``ia_bench.methods`` or ``ia_bench.scenes``:
+
+    [project.entry-points."ia_bench.priors"]
+    my_prior = "my_package.prior:MyPrior"
+
+Nothing is imported before it is used, and every import is guarded: a plugin that raises is named and skipped, and is
+an error only for the run that asked for it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Literal, get_args, get_type_hints
+
+import yaml
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import conf_folder
+from ia_bench.common.suggestions import unknown
+from ia_bench.common.typed import fits, named
+
+Kind = Literal["prior", "method", "scene"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+BUILT_IN = "ia_bench"
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """A name and where its class or function is: ``target`` is ``"module:attribute"``."""
+
+    kind: Kind
+    name: str
+    target: str
+    distribution: str
+
+
+@dataclass(frozen=True)
+class BrokenPlugin:
+    """A plugin that cannot be used, and why in one line."""
+
+    plugin: Plugin
+    reason: str
+
+    def __str__(self) -> str:
+        """The line shown to the user."""
+        plugin = self.plugin
+        return f"{plugin.kind} '{plugin.name}' of {plugin.distribution} is skipped: {self.reason}"
+
+
+def installed(kind: Kind) -> dict[str, Plugin]:
+    """Plugins that other distributions offer, by name. Reads their metadata and imports nothing.
+
+    A name that is built in, or that two distributions claim, belongs to the first (built in, then alphabetical).
+    """
+    found: dict[str, Plugin] = {}
+    taken = built_in(kind)
+    for entry in sorted(entry_points(group=f"ia_bench.{kind}s"), key=lambda e: (e.name, e.value)):
+        if entry.name not in taken and entry.name not in found:
+            distribution = f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown distribution"
+            found[entry.name] = Plugin(kind, entry.name, entry.value, distribution)
+    return found
+
+
+@cache
+def built_in(kind: Kind) -> Mapping[str, Plugin]:
+    """Plugins that have a YAML file with a ``target`` in the configuration group of that kind, by name."""
+    found = {}
+    for path in sorted((conf_folder() / kind).glob("*.yaml")):
+        settings = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+        if settings.get("target"):
+            found[path.stem] = Plugin(kind, path.stem, settings["target"], BUILT_IN)
+    return found
+
+
+def find(kind: Kind, name: str) -> Plugin:
+    """The plugin called ``name``, or the one that ``name`` spells out as ``"module:attribute"``.
+
+    Raises InputError naming the closest known name.
+    """
+    if ":" in name:
+        return Plugin(kind, name, name, "the command line")
+    known = {**built_in(kind), **installed(kind)}
+    if name not in known:
+        raise InputError(f"{unknown(kind, name, known)} (or module:Class)")
+    return known[name]
+
+
+def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None:
+    """What tells one state of a plugin's code from another, None for a built-in one: distribution and hash of its module's file.
+
+    ``target``: None for the one that ``name`` stands for. Imports no more than the packages above the module. Other files that
+    the module imports are told by the distribution's version alone.
+    """
+    known = {**built_in(kind), **installed(kind)}
+    plugin = known.get(name)
+    if plugin is None or target not in (None, plugin.target):
+        plugin = Plugin(kind, name, target or name, "the command line")
+    if plugin.distribution == BUILT_IN:
+        return None
+    try:
+        found = importlib.util.find_spec(plugin.target.partition(":")[0])
+    except (Exception, SystemExit):  # a package above it raises; creating the plugin will say so
+        found = None
+    path = Path(found.origin) if found is not None and found.origin else None
+    source = hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else "no file"
+    return f"{plugin.distribution}, {source}"
+
+
+def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author put there)
+    """Import what a plugin points to. Raises InputError with the plugin, its distribution and the cause in one line."""
+    broken = _try_load(plugin)
+    if isinstance(broken, BrokenPlugin):
+        raise InputError(f"{plugin.kind} '{plugin.name}' of {plugin.distribution} cannot be used: {broken.reason}")
+    return broken
+
+
+def load_installed(kind: Kind) -> tuple[dict[str, Any], list[BrokenPlugin]]:
+    """Import every plugin of other distributions: what works by name, and what does not."""
+    working: dict[str, Any] = {}
+    broken: list[BrokenPlugin] = []
+    for name, plugin in installed(kind).items():
+        loaded = _try_load(plugin)
+        if isinstance(loaded, BrokenPlugin):
+            broken.append(loaded)
+        else:
+            working[name] = loaded
+    return working, broken
+
+
+def create(kind: Kind, name: str, target: str, options: Mapping[str, Any]) -> Any:  # noqa: ANN401 (as load)
+    """Import ``target`` and call it with ``options`` as keyword arguments.
+
+    Raises InputError for a plugin that cannot be imported, for an option that its signature does not have or that lacks a
+    value, naming the closest option, and for a value that its annotation does not take. An exception raised inside the call
+    is passed on as it is.
+    """
+    known = {**built_in(kind), **installed(kind)}
+    distribution = known[name].distribution if name in known and known[name].target == target else "the command line"
+    factory = load(Plugin(kind, name, target, distribution))
+    _check_options(kind, name, factory, options)
+    return factory(**options)
+
+
+def _try_load(plugin: Plugin) -> Any:  # noqa: ANN401 (as load)
+    module, separator, attribute = plugin.target.partition(":")
+    if not (module and separator and attribute):
+        return BrokenPlugin(plugin, f"expected a target 'module:Class', found '{plugin.target}'")
+    try:
+        found: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except (Exception, SystemExit) as error:  # whatever foreign code does on import stays with that plugin
+        reason = str(error).splitlines()[0] if str(error) else "no message"
+        return BrokenPlugin(plugin, f"importing {plugin.target} raised {type(error).__name__}: {reason}")
+    return found
+
+
+def _check_options(kind: Kind, name: str, factory: Any, options: Mapping[str, Any]) -> None:  # noqa: ANN401 (as load)
+    parameters = inspect.signature(factory).parameters.values()
+    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+        return
+    known = {p.name: p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
+    for key in options:
+        if key not in known:
+            raise InputError(unknown(f"option of {kind} '{name}'", key, known))
+    missing = [p.name for p in known.values() if p.default is p.empty and p.name not in options]
+    if missing:
+        keys = ", ".join(f"{kind}.options.{key}=..." for key in missing)
+        raise InputError(f"{kind} '{name}' needs {keys}")
+    annotations = _annotations(factory)
+    for key, value in options.items():
+        default = value is None and known[key].default is None  # which annotations often leave out
+        if key in annotations and not default and not fits(value, annotations[key]):
+            raise InputError(f"{kind}.options.{key}: expected {named(annotations[key])}, found {value!r}")
+
+
+def _annotations(factory: Any) -> dict[str, Any]:  # noqa: ANN401 (as load)
+    """The types of a factory's parameters; none where they cannot be told."""
+    try:
+        return get_type_hints(factory.__init__ if isinstance(factory, type) else factory)  # type: ignore[misc]  # its own
+    except Exception:  # foreign annotations may name what only a type checker imports
+        return {}

@@ -1,0 +1,128 @@
+"""Reading a triangle mesh: repaired with a line that says so, or refused with one clear error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from ia_bench.common.errors import InputError
+from ia_bench.scenes.scene import Mesh
+
+
+def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
+    """Read ``path`` (PLY, OBJ, glTF: whatever trimesh reads) and return the mesh and one note per repair.
+
+    ``uv``: "mesh" uses the file's texture coordinates, "xatlas" makes new ones. Raises InputError for a file without
+    triangles, with NaN or Inf vertices, or (with "mesh") without UV, or with UV outside [0, 1].
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such mesh")
+    try:
+        loaded = trimesh.load(path, process=False, fix_texture=_uv_per_face(path))
+        if isinstance(loaded, trimesh.Scene):  # a file of several parts
+            loaded = loaded.to_mesh()
+    except Exception as error:  # trimesh raises whatever its parsers raise
+        raise InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})") from None
+    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+        raise InputError(f"{path}: expected triangles, found none")
+    vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int64)
+    if not np.isfinite(vertices).all():
+        bad = int((~np.isfinite(vertices).all(axis=1)).sum())
+        raise InputError(f"{path}: {bad} of {len(vertices)} vertices are NaN or Inf")
+    texture_uv = getattr(loaded.visual, "uv", None)
+    if texture_uv is not None and len(texture_uv) != len(vertices):
+        raise InputError(f"{path}: expected one UV per vertex ({len(vertices)}), found {len(texture_uv)}")
+    # The public attribute would compute normals where the file has none; only its cache tells the two apart.
+    stored = loaded._cache.cache.get("vertex_normals")
+
+    notes: list[str] = []
+    faces = _without_degenerate(vertices, faces, path, notes)
+    normals = _normals(vertices, faces, stored, path, notes)
+    used, compact = np.unique(faces, return_inverse=True)
+    if len(used) < len(vertices):
+        notes.append(f"{path.name}: dropped {len(vertices) - len(used)} unreferenced vertices of {len(vertices)}")
+    vertices, normals, faces = vertices[used], normals[used], compact.reshape(faces.shape)
+    if uv == "xatlas":
+        return _unwrap(vertices, faces, normals), (*notes, f"{path.name}: UV made by xatlas")
+    if texture_uv is None:
+        raise InputError(f"{path}: the mesh has no UV; add them, or run with geometry.uv=xatlas")
+    texture_uv = np.asarray(texture_uv, np.float64)[used]
+    low, high = texture_uv.min(), texture_uv.max()
+    if not np.isfinite([low, high]).all() or low < -1e-6 or high > 1 + 1e-6:
+        raise InputError(f"{path}: expected UV within [0, 1], found {low:.4g} ... {high:.4g}; run with geometry.uv=xatlas")
+    mesh = Mesh(
+        vertices=vertices.astype(np.float32),
+        faces=faces.astype(np.int32),
+        normals=normals.astype(np.float32),
+        uv=texture_uv.clip(0, 1).astype(np.float32),
+    )
+    return mesh, tuple(notes)
+
+
+def _uv_per_face(path: Path) -> bool:
+    """Whether trimesh must split vertices by UV. Elsewhere it must not: it drops vertices, and all stored normals."""
+    if path.suffix.lower() != ".ply":
+        return False
+    with path.open("rb") as file:
+        return b" texcoord" in file.read(65536).split(b"end_header")[0]
+
+
+def _without_degenerate(vertices: np.ndarray, faces: np.ndarray, path: Path, notes: list[str]) -> np.ndarray:
+    corners = vertices[faces]
+    edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    doubled_area = np.linalg.norm(np.cross(*edges), axis=1)
+    longest = np.maximum(np.linalg.norm(edges[0], axis=1), np.linalg.norm(edges[1], axis=1))
+    sound = doubled_area > 1e-10 * longest**2  # relative, so that the scale of the scene does not matter
+    if not sound.any():
+        raise InputError(f"{path}: every one of the {len(faces)} triangles has zero area")
+    if not sound.all():
+        notes.append(f"{path.name}: dropped {int((~sound).sum())} zero-area triangles of {len(faces)}")
+    return faces[sound]
+
+
+def _normals(
+    vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None, path: Path, notes: list[str]
+) -> np.ndarray:
+    if stored is not None and len(stored) == len(vertices):
+        length = np.linalg.norm(stored, axis=1, keepdims=True)
+        if np.isfinite(length).all() and (length[np.unique(faces)] > 1e-6).all():
+            return np.asarray(stored) / np.maximum(length, 1e-12)
+        notes.append(f"{path.name}: stored normals are zero or not finite in places; smooth normals computed instead")
+    else:
+        notes.append(f"{path.name}: no normals stored; smooth normals computed")
+    # Vertices split at UV seams must share one normal, so the averaging is over positions, weighted by corner angle.
+    _, shared = np.unique(vertices, axis=0, return_inverse=True)
+    shared = shared.reshape(-1)
+    welded = trimesh.Trimesh(vertices=np.zeros((shared.max() + 1, 3)), faces=shared[faces], process=False)
+    welded.vertices[shared] = vertices
+    normals = np.asarray(trimesh.Trimesh(welded.vertices, welded.faces, process=False).vertex_normals)[shared]
+    flat = np.linalg.norm(normals, axis=1) < 1e-6
+    if (flat & np.isin(np.arange(len(vertices)), faces)).any():
+        face_normals = np.cross(*(vertices[faces[:, i]] - vertices[faces[:, 0]] for i in (1, 2)))
+        normals = normals.copy()
+        for corner in range(3):
+            where = flat[faces[:, corner]]
+            normals[faces[where, corner]] = face_normals[where]
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    return normals
+
+
+def _unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh:
+    import xatlas
+
+    atlas = xatlas.Atlas()
+    atlas.add_mesh(vertices.astype(np.float32), faces.astype(np.uint32), normals.astype(np.float32))
+    options = xatlas.PackOptions()
+    options.padding = 2
+    options.resolution = 1024
+    options.bilinear = True
+    atlas.generate(pack_options=options)
+    source, new_faces, uv = atlas[0]
+    return Mesh(
+        vertices=vertices[source].astype(np.float32),
+        faces=new_faces.astype(np.int32),
+        normals=normals[source].astype(np.float32),
+        uv=np.asarray(uv, np.float32).clip(0, 1),
+    )

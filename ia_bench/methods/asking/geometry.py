@@ -1,0 +1,75 @@
+"""What a prior that reads geometry is given: camera-space normals and ambient visibility of the pixels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.material.brdf import normalize, tangent_frame
+from ia_bench.methods.asking.views import restrict
+from ia_bench.methods.contract import Problem
+from ia_bench.render.estimator import lattice
+from ia_bench.render.gbuffer import GBuffer, SurfacePoints
+
+AMBIENT_RAYS = 32  # a pixel, shared by its points
+CHUNK = 16_384  # pixels at a time
+
+
+@torch.no_grad()
+def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Tensor]:
+    """Normals (V, H, W, 3) and visibility (V, H, W, 1) of some training views, as a GeometryReader takes them.
+
+    Both are box-filtered over the pixel's points like every premultiplied image, as in the data that priors are trained on.
+    Visibility is estimated from 32 cosine-distributed directions a pixel, asked of the renderer's own shadows; a convex
+    object, for which the plan leaves shadows out, is open everywhere. On the CPU, like everything a prior is given.
+    """
+    gbuffer, _ = restrict(problem.gbuffer, views)
+    device = gbuffer.face.device
+    rotations = np.stack([problem.scene.train[view].camera.to_world[:3, :3] for view in views]).astype(np.float32)
+    to_world = torch.from_numpy(rotations).to(device)
+    size = gbuffer.shape[1] * gbuffer.shape[2]
+    normals = torch.zeros(len(views) * size, 3, device=device)
+    visibility = torch.zeros(len(views) * size, 1, device=device)
+    generator = torch.Generator(device=device).manual_seed(0)
+    for rows in torch.arange(len(gbuffer.pixel), device=device).split(CHUNK):
+        hit, points, view = _points(problem, gbuffer, rows)
+        pixel = gbuffer.pixel[rows]
+        world = (points.normal.reshape(*hit.shape, 3) * hit[..., None]).mean(1)
+        normals[pixel] = torch.einsum("pi,pij->pj", world, to_world[view])
+        visibility[pixel] = _ambient(problem, hit, points, generator).mean(1, keepdim=True)
+    shape = gbuffer.shape
+    return normals.reshape(*shape, 3).cpu(), visibility.reshape(*shape, 1).cpu()
+
+
+def _points(problem: Problem, gbuffer: GBuffer, rows: Tensor) -> tuple[Tensor, SurfacePoints, Tensor]:
+    """Which points of (R,) pixels hit (R, S), all R S points (those that miss are any), and the pixels' views (R,)."""
+    face = gbuffer.face[rows]
+    view = gbuffer.pixel[rows] // (gbuffer.shape[1] * gbuffer.shape[2])
+    camera = gbuffer.origin[view][:, None].expand(-1, face.shape[1], -1).reshape(-1, 3)
+    bary = gbuffer.barycentric[rows].reshape(-1, 2)
+    return face >= 0, problem.renderer.surface(face.clamp_min(0).reshape(-1).long(), bary, camera), view
+
+
+def _ambient(problem: Problem, hit: Tensor, points: SurfacePoints, generator: torch.Generator) -> Tensor:
+    """Open share of the cosine-weighted hemisphere at each point, 0 where it misses: (R, S)."""
+    pixels, side = hit.shape
+    count = max(1, AMBIENT_RAYS // side)
+    shift = torch.rand(pixels, 3, generator=generator, dtype=torch.float64, device=hit.device)
+    samples = lattice(shift, side, count)[..., :2].float().reshape(pixels * side, count, 2)
+    direction = cosine_directions(points.normal, samples)
+    index = torch.nonzero(hit.reshape(-1).repeat_interleave(count))[:, 0]
+    blocked = problem.renderer.visibility.blocked(points, index // count, direction.reshape(-1, 3)[index])
+    visible = torch.zeros(pixels * side * count, device=hit.device)
+    visible[index] = (~blocked).float()
+    return visible.reshape(pixels, side, count).mean(-1)
+
+
+def cosine_directions(normal: Tensor, samples: Tensor) -> Tensor:
+    """Directions (N, K, 3) around unit normals (N, 3), of density cosine / pi, from samples (N, K, 2) in [0, 1)^2."""
+    radius, angle = samples[..., 0].sqrt(), 2 * math.pi * samples[..., 1]
+    tangent, bitangent = tangent_frame(normal[:, None])
+    flat = tangent * (radius * angle.cos())[..., None] + bitangent * (radius * angle.sin())[..., None]
+    return normalize(flat + normal[:, None] * (1 - samples[..., :1]).clamp_min(0).sqrt())

@@ -1,0 +1,92 @@
+"""A prediction as a similarity kernel: which pixels share an albedo, whatever it is.
+
+After Diffusion-Based Material Regularization for Physics-Based Inverse Rendering (arXiv 2606.31065): where the prediction
+hardly varies the material may not vary either; the images decide everything else.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ia_bench.material.textures import fetch
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.settings import SupervisionSettings
+from ia_bench.methods.two_stage.targets import Targets
+from ia_bench.scenes.tensor_color import linear_to_srgb
+
+PAIRS = 1  # partners of a pixel in one step: others follow in the next
+LEVEL = 0.3  # mean albedo to which a prediction of unknown scale is brought before distances are taken
+LOG_FLOOR = 0.01  # added to the albedo inside the log: differences below it are no contrast that anybody sees
+
+
+class SimilarityKernel:
+    """The loss: weighted mean of exp(-d^2 / 2 s^2) |log a_i - log a_j| over random pairs of pixels i, j of the same view.
+
+    d is the Euclidean sRGB distance of the prediction at i and j, s ``kernel_scale``, a the fit's albedo. Partners are
+    drawn anew in every step, at distances uniform between one pixel and the radius: the near ones carry detail, the far
+    ones reach across shading; a partner's albedo is that of one of its points, drawn at random too. A pair counts only if
+    the object fills both pixels, in the G-buffer and in the photograph's mask (an edge mixes its albedo with something
+    else), and the prior was asked about the view; the more confident the prior is of both, the more it counts.
+    """
+
+    def __init__(self, problem: Problem, targets: Targets, settings: SupervisionSettings, *, free_scale: bool) -> None:
+        """``free_scale``: the scale of a view's prediction means nothing, and must not change distances either."""
+        self._problem = problem
+        gbuffer = problem.gbuffer
+        views, self._height, self._width = gbuffer.shape
+        size = self._height * self._width
+        device = gbuffer.pixel.device
+        self._reach = max(1.0, settings.radius * max(self._height, self._width))
+        self._scale = settings.kernel_scale
+        self._weight = targets.weights["albedo"][:, 0].sqrt()
+        mask = problem.pixels_of(torch.stack([torch.from_numpy(v.mask) for v in problem.scene.train]).to(device)[..., None])
+        self._weight = self._weight * (gbuffer.face >= 0).all(1) * (mask[:, 0] > 0.999)
+        prediction = targets.values["albedo"]
+        if free_scale:
+            view = torch.zeros_like(gbuffer.pixel) if targets.common_scale else gbuffer.pixel // size
+            used = (self._weight > 0).float()
+            count = torch.zeros(views, device=device).index_add_(0, view, used)
+            mean = torch.zeros(views, device=device).index_add_(0, view, used * prediction.mean(-1)) / count.clamp_min(1)
+            prediction = prediction * (LEVEL / mean.clamp_min(1e-6))[view][:, None]
+        self._prediction = linear_to_srgb(prediction)
+        self._entry = torch.full((views * size,), -1, dtype=torch.int32, device=device)
+        self._entry[gbuffer.pixel] = torch.arange(len(gbuffer.pixel), dtype=torch.int32, device=device)
+
+    def loss(self, albedo: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
+        """The loss of G-buffer entries (B,) whose rendered albedo (B, 3) is given; partners are looked up in ``texture``."""
+        partner, uv, there = self._partners(pixels, generator)
+        here = pixels.repeat_interleave(PAIRS)
+        weight = self._weight[here] * self._weight[partner] * there
+        distance = (self._prediction[here] - self._prediction[partner]).square().sum(-1)
+        similarity = torch.exp(-distance / (2 * self._scale**2))
+        difference = self._log(albedo).repeat_interleave(PAIRS, 0) - self._log(fetch(texture, uv))
+        return (weight * similarity * difference.abs().mean(-1)).sum() / weight.sum().clamp_min(1e-6)
+
+    def _partners(self, pixels: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+        """A random entry near each pixel, PAIRS times: (B PAIRS,) entries, UV of a random point of each, whether there is one.
+
+        Where there is none (0 instead of 1) the pixel itself is returned.
+        """
+        gbuffer = self._problem.gbuffer
+        here = gbuffer.pixel[pixels].repeat_interleave(PAIRS)
+        draws = torch.rand(3, len(here), generator=generator, device=here.device)
+        reach, angle = 1 + (self._reach - 1) * draws[0], 2 * math.pi * draws[1]
+        column = here % self._width + (reach * angle.cos()).round().long()
+        row = here // self._width % self._height + (reach * angle.sin()).round().long()
+        inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
+        start = here - here % (self._width * self._height)
+        there = torch.where(inside, start + row * self._width + column, here)
+        entry = self._entry[there].long()
+        found = inside & (entry >= 0)
+        partner = torch.where(found, entry, pixels.repeat_interleave(PAIRS))
+        point = (draws[2] * gbuffer.subsamples).long().clamp(max=gbuffer.subsamples - 1)
+        face = gbuffer.face[partner, point].clamp_min(0).long()
+        uv = self._problem.renderer.surface.uv(face, gbuffer.barycentric[partner, point])
+        return partner, uv, found.to(draws.dtype)
+
+    @staticmethod
+    def _log(albedo: Tensor) -> Tensor:
+        return torch.log(albedo + LOG_FLOOR)

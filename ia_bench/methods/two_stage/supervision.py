@@ -1,0 +1,128 @@
+"""The prior's part of equation 5: its predictions as targets, as a similarity kernel, as a mean colour, or distilled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.material.textures import fetch
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.kernel import SimilarityKernel
+from ia_bench.methods.two_stage.losses import Alignment, align_views, encode, tone_map
+from ia_bench.methods.two_stage.mean_colour import MeanColour
+from ia_bench.methods.two_stage.targets import Targets
+from ia_bench.priors.contract import Prior
+
+ALIGNMENT_PIXELS = 65_536  # about this many pixels of all views, and their share of those asked about, estimate the alignment
+ALIGNMENT_PERIOD = 10  # steps between two estimates
+
+
+class Supervision:
+    """The losses of one set of targets, of the kind that ``problem.supervision`` names.
+
+    Alignment of a target is an inner minimisation that alternates with the optimiser's steps, so it carries no gradient.
+    A distilled target needs none: it was made from the render itself.
+    """
+
+    def __init__(self, problem: Problem, prior: Prior, ssi: str, targets: Targets) -> None:
+        self.targets = targets
+        self._problem, self._settings = problem, problem.supervision
+        self._distilled = self._settings.kind == "sds"
+        self._ssi = "none" if self._distilled else ssi
+        self._encoding = prior.encoding
+        gbuffer = problem.gbuffer
+        view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
+        self._group = torch.zeros_like(view) if targets.common_scale else view
+        self._coverage = (gbuffer.face >= 0).float().mean(1, keepdim=True)
+        self._takes_targets = "albedo" in targets.values and bool(self._settings.terms & {"target", "sds"})
+        self._alignment: Alignment | None = None
+        self._kernel: SimilarityKernel | None = None
+        self._colour: MeanColour | None = None
+        if "albedo" not in targets.values:
+            return
+        asked = targets.weights["albedo"][:, 0] > 0
+        covered = torch.nonzero(asked & (self._coverage[:, 0] == 1))[:, 0]  # a pixel on the edge mixes in a background
+        usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
+        self._subset = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
+        points = gbuffer.face[self._subset]
+        self._hit = (points >= 0)[..., None]
+        self._uv = problem.renderer.surface.uv(points.clamp_min(0).long(), gbuffer.barycentric[self._subset])
+        if "colour" in self._settings.terms:
+            self._colour = MeanColour(problem, targets, free_scale=self._ssi != "none")
+        if "similarity" in self._settings.terms:
+            self._kernel = SimilarityKernel(problem, targets, self._settings, free_scale=self._ssi != "none")
+
+    @property
+    def sets_albedo(self) -> bool:
+        """Whether the targets say which albedo a pixel has, not only which pixels share one."""
+        return "albedo" in self.targets.values and "target" in self._settings.terms
+
+    @property
+    def mean_colour(self) -> Tensor | None:
+        """The mean albedo (3,) that the targets stand for, where that is asked of them."""
+        return None if self._colour is None else self._colour.mean()
+
+    def update(self, albedo: Tensor, step: int) -> None:
+        """Estimate the alignment again if targets need it and it is due at ``step``; a pure function of step and texture."""
+        if self._takes_targets and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
+            with torch.no_grad():
+                prediction = (fetch(albedo, self._uv) * self._hit).sum(1) / self._hit.shape[1]
+            self._alignment = align_views(
+                prediction,
+                self.targets.values["albedo"][self._subset],
+                self._group[self._subset],
+                self._problem.gbuffer.shape[0],
+                self._ssi,
+            )
+
+    def state(self) -> dict[str, Any]:
+        """What a checkpoint must keep: the targets, and the alignment between two updates."""
+        aligned = self._alignment
+        return {
+            "targets": self.targets.state(),
+            "alignment": {} if aligned is None else {"scale": aligned.scale, "shift": aligned.shift},
+        }
+
+    def restore_alignment(self, state: dict[str, Tensor]) -> None:
+        """Take over the ``alignment`` of :meth:`state`."""
+        self._alignment = Alignment(**state) if state else None
+
+    def albedo_loss(self, prediction: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
+        """Loss of (B, 3) predictions, rendered from the albedo ``texture``, at G-buffer entries (B,)."""
+        loss = torch.zeros((), device=prediction.device)
+        if self._kernel is not None:
+            loss = loss + self._settings.kernel_weight * self._kernel.loss(prediction, pixels, texture, generator)
+        if self._colour is not None and self._settings.colour_weight:
+            loss = loss + self._settings.colour_weight * self._colour.loss(prediction, pixels)
+        if self._takes_targets:
+            loss = loss + self._settings.target_weight * self._target_loss(prediction, pixels)
+        return loss
+
+    def _target_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
+        """|SSI(k_hat, k_s) - k_s| in the prior's encoding; distilled: the square, whose gradient is that of SDS."""
+        assert self._alignment is not None, "update() comes first"
+        aligned = self._alignment(prediction, self._group[pixels], self._coverage[pixels])
+        return self._difference("albedo", aligned, pixels)
+
+    def specular_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
+        """|S_hat - S_s| of tone-mapped radiance: highlights span orders of magnitude, their log does not.
+
+        Where the prior could hardly have said more, only what falls short of it counts.
+        Distilled: the square in the prior's encoding, in which it was noised and denoised.
+        """
+        if not self._settings.specular_weight:
+            return torch.zeros((), device=prediction.device)
+        if self._distilled:
+            return self._settings.specular_weight * self._difference("specular", prediction, pixels)
+        difference = tone_map(prediction) - tone_map(self.targets.values["specular"][pixels])
+        if "specular" in self.targets.at_least:
+            difference = torch.where(self.targets.at_least["specular"][pixels], difference.clamp(max=0), difference)
+        return self._settings.specular_weight * (self.targets.weights["specular"][pixels] * difference.abs()).mean()
+
+    def _difference(self, name: str, prediction: Tensor, pixels: Tensor) -> Tensor:
+        encoding = self._encoding[name]
+        difference = encode(prediction, encoding) - encode(self.targets.values[name][pixels], encoding)
+        error = 0.5 * difference**2 if self._distilled else difference.abs()
+        return (self.targets.weights[name][pixels] * error).mean()

@@ -1,0 +1,132 @@
+"""From command-line overrides to a RunConfig through Hydra, and from Hydra's errors to one message to act on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException, OverrideParseException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
+
+from ia_bench.common import registry
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import conf_folder
+from ia_bench.common.suggestions import unknown
+from ia_bench.runs.config import MethodConfig, PriorConfig, RunConfig, SceneConfig, resolved
+
+HYDRA_VERSION = "1.3"
+CONFIG_NAME = "config"
+LAUNCHER_EXTRAS = ("ray", "submitit")
+SHORT = {"prior.supervision": "prior.supervision.kind"}
+"""Settings that may be named by what is chosen first in them."""
+
+
+def register(overrides: Sequence[str]) -> None:
+    """Tell Hydra the types of a run and every plugin that has no YAML file of its own.
+
+    Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``).
+    """
+    store = ConfigStore.instance()
+    schema = _writable(OmegaConf.structured(RunConfig))
+    store.store(name="schema", node=schema)
+    for kind in registry.KINDS:
+        for plugin in [*registry.installed(kind).values(), *_named_plugins(kind, overrides)]:
+            store.store(group=kind, name=plugin.name, node=_node(plugin))
+
+
+def written_out(overrides: Sequence[str]) -> list[str]:
+    """``overrides`` with the short names written out."""
+    parts = [text.partition("=") for text in overrides]
+    return [SHORT.get(key, key) + separator + value for key, separator, value in parts]
+
+
+def compose(overrides: Sequence[str]) -> RunConfig:
+    """The resolved configuration of ``python -m ia_bench <overrides>``. Raises InputError for what it cannot mean."""
+    overrides = written_out(overrides)
+    register(overrides)
+    try:
+        with initialize_config_dir(str(conf_folder()), version_base=HYDRA_VERSION):
+            return to_run_config(hydra_compose(CONFIG_NAME, list(overrides)))
+    except (HydraException, OmegaConfBaseException) as error:
+        raise InputError(explain(error)) from error
+
+
+def to_run_config(composed: DictConfig) -> RunConfig:
+    """Hydra's result as the dataclasses, resolved for this machine. Raises InputError for a key that does not exist."""
+    _refuse_added_keys(composed, RunConfig, "")
+    config = OmegaConf.to_object(composed)
+    assert isinstance(config, RunConfig)
+    return resolved(config)
+
+
+def explain(error: Exception) -> str:
+    """What a user needs to know of an error of Hydra or OmegaConf: key, what was expected, closest right name."""
+    cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else error
+    if isinstance(error, MissingConfigException) and error.missing_cfg_file:
+        group, _, name = str(error.missing_cfg_file).rpartition("/")
+        if group == "hydra/launcher" and name.split("_")[0] in LAUNCHER_EXTRAS:
+            return f"hydra/launcher={name} needs an extra: pip install -e '.[{name.split('_')[0]}]' in the checkout"
+        return unknown(group or "configuration", name, sorted(error.options or ()))
+    if isinstance(error, OverrideParseException):
+        first = str(error.message).splitlines()[0]
+        return f"cannot read '{error.override}': {first}. Expected key=value; quote values that contain , = : or spaces"
+    if isinstance(cause, ConfigKeyError | ConfigAttributeError) and cause.full_key:
+        return _unknown_key(cause)
+    if isinstance(cause, OmegaConfBaseException):
+        where = f"{cause.full_key}: " if cause.full_key else ""
+        return where + str(cause).splitlines()[0]
+    if isinstance(error, ConfigCompositionException):
+        return " ".join(str(error).split())
+    return str(error)
+
+
+def _unknown_key(cause: ConfigKeyError | ConfigAttributeError) -> str:
+    parent, _, last = str(cause.full_key).rpartition(".")
+    last = re.split(r"[.@]", last)[0]
+    node = cause.parent_node
+    names = sorted(str(name) for name in node if name != "hydra") if isinstance(node, DictConfig) else []
+    return unknown("setting", last, names, prefix=f"{parent}." if parent else "")
+
+
+def _refuse_added_keys(node: Any, schema: type, prefix: str) -> None:  # noqa: ANN401 (a configuration value)
+    """Hydra's ``+key=value`` adds keys even to typed nodes; a run has none that could use them."""
+    types = {f.name: f for f in fields(schema)}
+    for name in node:
+        if name not in types:
+            raise InputError(unknown("setting", str(name), types, prefix))
+        kind = OmegaConf.get_type(node, name)
+        if kind is not None and is_dataclass(kind) and isinstance(kind, type):
+            _refuse_added_keys(node[name], kind, f"{prefix}{name}.")
+
+
+def _named_plugins(kind: registry.Kind, overrides: Sequence[str]) -> list[registry.Plugin]:
+    """Plugins written as ``kind=module:attribute``, also as one of several values of a sweep."""
+    values = [text.partition("=")[2] for text in overrides if text.partition("=")[0] == kind]
+    targets = [target.strip("'\" ") for value in values for target in value.split(",")]
+    return [registry.find(kind, target) for target in targets if ":" in target]
+
+
+def _node(plugin: registry.Plugin) -> DictConfig:
+    """What ``conf/<kind>/<name>.yaml`` would say of a plugin; its options are checked against its signature later."""
+    if plugin.kind == "scene":
+        return OmegaConf.structured(SceneConfig(name=plugin.name, reader=plugin.target))
+    config = PriorConfig if plugin.kind == "prior" else MethodConfig
+    node = _writable(OmegaConf.structured(config(name=plugin.name, target=plugin.target)))
+    OmegaConf.set_struct(node.options, False)
+    return node
+
+
+def _writable(node: DictConfig) -> DictConfig:
+    """OmegaConf marks frozen dataclasses read-only; overrides have to reach them (the result is frozen again)."""
+    OmegaConf.set_readonly(node, None)
+    for name in node:
+        child = node._get_node(name)  # plain access raises for values that are still missing
+        if isinstance(child, DictConfig):
+            _writable(child)
+    return node

@@ -1,0 +1,184 @@
+"""Albedo and specular shading behind single images, by a prior alone.
+
+Use it as::
+
+    from ia_bench.decompose import decompose
+    parts = decompose("photo.jpg")
+    parts.mean["albedo"], parts.spread["albedo"]  # (H, W, 3) linear, premultiplied by parts.mask
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
+from ia_bench.runs.composition import compose
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.photograph import read_photograph
+
+SPREAD_GAIN = 4.0
+"""The spread is shown this much brighter; it is a standard deviation of linear values and mostly small."""
+EXPOSED_QUANTILE = 0.99
+"""This share of an HDR image's pixels fits below white on the sheet."""
+LEAST = {"samples": 1, "size": 8, "seed": 0}
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """What the prior makes of one image. All (H, W, 3) float32, linear, premultiplied by ``mask`` (H, W) in [0, 1].
+
+    ``image``: what it was given, possibly reduced; ``mean`` and ``spread`` (standard deviation) over ``samples`` samples, by
+    component ("albedo" in [0, 1], "specular" in the radiance of the image). ``network_calls``: evaluations it took.
+    """
+
+    image: np.ndarray
+    mask: np.ndarray
+    mean: dict[str, np.ndarray]
+    spread: dict[str, np.ndarray]
+    samples: int
+    network_calls: int
+
+
+def decompose(
+    image: str | Path,
+    mask: str | Path | None = None,
+    *,
+    prior: str = "diffusion",
+    options: Mapping[str, Any] | None = None,
+    samples: int = 8,
+    size: int = 512,
+    seed: int = 0,
+) -> Decomposition:
+    """Split a picture into albedo and specular shading.
+
+    ``image``, ``mask``: files, see :func:`ia_bench.scenes.photograph.read_photograph`. ``prior``: a name or "module:Class", with
+    ``options``. ``samples``: at least 1. ``size``: a picture whose longer side has more pixels is reduced to that many, at
+    least 8. ``seed``: at least 0. Raises InputError.
+    """
+    check_numbers("", samples=samples, size=size, seed=seed)
+    maker = make_prior(prior, options or {})
+    radiance, coverage = read_photograph(Path(image), None if mask is None else Path(mask))
+    return decompose_with(maker, *reduced(radiance, coverage, size), samples=samples, seed=seed)
+
+
+def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[Path]:
+    """Write every component and its spread as PNG (sRGB, straight alpha) and EXR (linear, premultiplied), and a sheet of all.
+
+    Only the PNG of a spread is brightened, by SPREAD_GAIN.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written, cells = [], [("image", _shown(parts.image, parts.mask, _exposure(parts.image)))]
+    for component, mean in parts.mean.items():
+        exposure = 1.0 if component == "albedo" else _exposure(parts.image)
+        kinds = [("", mean, exposure, component)]
+        if parts.samples > 1:
+            caption = f"{component} {SPREAD_GAIN:g} x spread"
+            kinds.append(("_spread", parts.spread[component], SPREAD_GAIN * exposure, caption))
+        for suffix, values, brightness, caption in kinds:
+            picture = _shown(values, parts.mask, brightness)
+            exr, png = (folder / f"{name}_{component}{suffix}.{kind}" for kind in ("exr", "png"))
+            write_exr(exr, np.dstack([values, parts.mask]), half=False)
+            with whole_file(png) as partial:
+                Image.fromarray(picture).save(partial)
+            written += [exr, png]
+            cells.append((caption, picture))
+    sheet = folder / f"{name}_sheet.png"
+    with whole_file(sheet) as partial:
+        _sheet(cells).save(partial)
+    return [*written, sheet]
+
+
+def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  # noqa: ANN401 (any prior)
+    """The prior called ``name``, with options as a mapping or as KEY=VALUE texts. Raises InputError for one of no use here."""
+    from ia_bench.common import registry  # brings in torch
+
+    texts, values = ([], options) if isinstance(options, Mapping) else (list(options), {})
+    for text in texts:
+        if "=" not in text:
+            raise InputError(f"--option: expected KEY=VALUE, found {text!r}")
+    config = compose([f"prior={name}", *(f"prior.options.{text}" for text in texts)]).prior
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in values.items()}
+    prior = registry.create("prior", config.name, config.target, {**config.options, **given})
+    if getattr(prior, "sees_truth", False):
+        raise InputError(f"--prior: {name} needs ground truth, which a photograph does not have")
+    if not prior.provides:
+        raise InputError(f"--prior: {name} provides nothing to decompose an image into")
+    return prior
+
+
+def check_numbers(prefix: str, **values: int) -> None:
+    """Raise InputError for a number below the one in LEAST; the message puts ``prefix`` before its name."""
+    for name, least in LEAST.items():
+        if values[name] < least:
+            raise InputError(f"{prefix}{name}: expected at least {least}, found {values[name]}")
+
+
+def decompose_with(prior: Any, image: np.ndarray, mask: np.ndarray, *, samples: int, seed: int) -> Decomposition:  # noqa: ANN401
+    """Split an image (H, W, 3), linear and premultiplied by its mask (H, W), with a prior that is made already."""
+    import torch
+
+    from ia_bench.common.seeds import derive_seed
+
+    images, masks = torch.from_numpy(image)[None], torch.from_numpy(mask)[None]
+    count = samples if prior.stochastic else 1
+    before = prior.network_calls
+    drawn = [prior.sample(images, masks, seed=derive_seed(seed, draw)) for draw in range(count)]
+    stacked = {name: torch.stack([sample[name][0] for sample in drawn]).numpy() for name in sorted(prior.provides)}
+    return Decomposition(
+        image=image,
+        mask=mask,
+        mean={name: values.mean(0) for name, values in stacked.items()},
+        spread={name: values.std(0) for name, values in stacked.items()},
+        samples=count,
+        network_calls=prior.network_calls - before,
+    )
+
+
+def reduced(radiance: np.ndarray, coverage: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """The image with at most ``size`` pixels along its longer side, averaged in linear light."""
+    height, width = coverage.shape
+    scale = size / max(height, width)
+    if scale >= 1:
+        return radiance, coverage
+    shape = max(round(width * scale), 1), max(round(height * scale), 1)
+    channels = [
+        np.asarray(Image.fromarray(channel).resize(shape, Image.Resampling.BOX))
+        for channel in np.moveaxis(np.dstack([radiance, coverage]), -1, 0)
+    ]
+    stacked = np.stack(channels, -1).clip(0)
+    return np.ascontiguousarray(stacked[..., :3]), stacked[..., 3].clip(0, 1)
+
+
+def _exposure(image: np.ndarray) -> float:
+    """1, or less for an image that would clip on a display."""
+    return float(min(1.0, 1 / max(np.quantile(image.max(-1), EXPOSED_QUANTILE), 1e-12)))
+
+
+def _shown(linear: np.ndarray, mask: np.ndarray, exposure: float) -> np.ndarray:
+    """(H, W, 4) uint8, sRGB with straight alpha, of premultiplied linear values."""
+    straight = exposure * linear / np.maximum(mask, 1e-3)[..., None]
+    encoded = linear_to_srgb(straight.clip(0, 1)) * (mask > 0)[..., None]
+    return np.round(255 * np.dstack([encoded, mask])).astype(np.uint8)
+
+
+def _sheet(cells: list[tuple[str, np.ndarray]]) -> Image.Image:
+    """The pictures side by side over white, with their names above."""
+    height, width = cells[0][1].shape[:2]
+    zoom = max(1, round(192 / max(height, width)))
+    line, gap = 20, 8
+    sheet = Image.new("RGB", (len(cells) * (width * zoom + gap) + gap, height * zoom + line + gap), "white")
+    draw = ImageDraw.Draw(sheet)
+    for column, (name, picture) in enumerate(cells):
+        left = gap + column * (width * zoom + gap)
+        shown = Image.fromarray(picture).resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
+        sheet.paste(shown, (left, line), shown)
+        draw.text((left, 4), name, fill="black")
+    return sheet

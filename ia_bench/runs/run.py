@@ -1,0 +1,197 @@
+"""The whole story of one run: load, plan, bake, fit, score, save."""
+
+from __future__ import annotations
+
+import math
+import resource
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.machine import environment
+from ia_bench.common.progress import Progress
+from ia_bench.common.registry import create
+from ia_bench.methods.asking.views import evenly_spread
+from ia_bench.methods.contract import Fit, Monitor, Problem
+from ia_bench.methods.plan import make_plan
+from ia_bench.priors.contract import Counted, Patchwise, TruthSeer
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.rays import RayCaster, make_rays
+from ia_bench.render.renderer import choose_shading, make_renderer, texture_images
+from ia_bench.runs.assets import write_assets
+from ia_bench.runs.config import RunConfig, resolve_scene_folder, scene_reader
+from ia_bench.runs.folder import SCHEMA, RunFolder
+from ia_bench.scenes.scene import Scene, View
+from ia_bench.scores.predict import Scorer
+from ia_bench.scores.protocol import Protocol
+
+
+def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, Any]:
+    """Do one run (or finish an interrupted one) and return its metrics, which are then in ``folder``."""
+    # The same configuration gives the same numbers. On CUDA some sums have no deterministic algorithm in torch: there it warns.
+    torch.use_deterministic_algorithms(True, warn_only=config.device == "cuda")
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
+    seconds: dict[str, float] = {}
+    started = time.perf_counter()
+    # ---- load ------------------------------------------------------------------------------------------------
+    device = torch.device(config.device)
+    protocol = Protocol.from_config(config.protocol)
+    scene = scene_reader(config.scene)(resolve_scene_folder(config.scene), truth=True, uv=config.geometry.uv)
+    for note in scene.notes:
+        progress.note(note)
+    blind = scene.for_training()
+    prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
+    method = create("method", config.method.name, config.method.target, config.method.options)
+    if getattr(method, "sees_truth", False):
+        method.reveal_scene(scene.truth)
+
+    # ---- plan and bake ---------------------------------------------------------------------------------------
+    with _clock(seconds, "bake"):
+        surface = SurfaceInterpolator(scene.mesh, device)
+        rays = make_rays(scene.mesh, device)
+        plan = make_plan(
+            blind, surface, rays, config.render, prior, device, prior_views=config.prior.supervision.views
+        )
+        for line in plan.lines():
+            progress.note(line)
+        if isinstance(prior, Patchwise) and prior.patches == "auto":
+            prior.use_patches(plan.patches)
+        shading = choose_shading(config.render.shading, progress.note)
+        renderer = make_renderer(
+            scene.mesh,
+            surface,
+            rays,
+            shadows=plan.shadows,
+            bounces=plan.bounces,
+            coat=config.render.coat,
+            shading=shading,
+            notice=progress.note,
+        )
+        gbuffer = trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, device)
+    if prior.sees_truth:
+        if not isinstance(prior, TruthSeer):
+            raise InputError(f"prior={config.prior.name}: expected a method reveal(views) with sees_truth, found none")
+        views = with_albedo(scene, surface, gbuffer)
+        prior.reveal(tuple(views[view] for view in evenly_spread(blind, plan.prior_views)))
+
+    # ---- fit -------------------------------------------------------------------------------------------------
+    scorer = Scorer(scene, renderer, rays, protocol, seed=config.seed)
+    curve = Curve(folder, scorer)
+    costs = Costs(rays, surface, started)
+    monitor = Monitor(
+        task=progress.task,
+        note=progress.note,
+        score=curve.score,
+        save=lambda state: folder.save_checkpoint({"fit": state, "curve": curve.rows, "costs": costs.state()}),
+        load=lambda: curve.resume(folder.load_checkpoint(), costs),
+    )
+    result: Fit = method.fit(
+        Problem(blind, gbuffer, renderer, plan, config.prior.supervision),
+        prior,
+        config.fit,
+        seed=config.seed,
+        monitor=monitor,
+    )
+    seconds.update(result.seconds)
+
+    # ---- score and save --------------------------------------------------------------------------------------
+    with _clock(seconds, "score"):
+        steps = config.fit.stage1_steps + config.fit.stage2_steps
+        curve.score(result.stage, steps, sum(result.seconds.values()), result)
+        scores = scorer.full(result.material, result.light)
+    write_assets(folder, scene.mesh, result)
+    metrics = {
+        "schema": SCHEMA,
+        "row": config.row_name,
+        "scene": config.scene.name,
+        "seed": config.seed,
+        "config_hash": folder.config_hash,
+        "status": "ok",
+        "sees_truth": bool(prior.sees_truth or getattr(method, "sees_truth", False)),
+        **scores.as_dict(),
+        "time_s": {"bake": 0.0, "prior": 0.0, "stage1": 0.0, "stage2": 0.0, "score": 0.0, **seconds, "total": costs.seconds()},
+        "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+        "rays": rays.rays,
+        "network_calls": result.counters.get("network_calls", prior.network_calls),
+        "counters": {
+            "points": surface.points,
+            "bent_normals": surface.bent_normals,
+            **(prior.counters if isinstance(prior, Counted) else {}),
+            **result.counters,
+        },
+        "plan": plan.record(),
+        "environment": environment(config.device, config.threads or 1),
+    }
+    folder.write_metrics(metrics)
+    return metrics
+
+
+def with_albedo(scene: Scene, surface: SurfaceInterpolator, gbuffer: GBuffer) -> tuple[View, ...]:
+    """The training views with true albedo: their own, or that of the true texture as the views see it."""
+    if scene.truth is None or scene.truth.albedo is None or all(view.albedo is not None for view in scene.train):
+        return scene.train
+    texture = torch.from_numpy(scene.truth.albedo).float().to(surface.device)
+    share = gbuffer.coverage().clamp_min(1e-6)[..., None]
+    albedo = (texture_images(surface, gbuffer, texture) / share).cpu().numpy()
+    return tuple(
+        view if view.albedo is not None else replace(view, albedo=image * view.mask[..., None])
+        for view, image in zip(scene.train, albedo, strict=True)
+    )
+
+
+@contextmanager
+def _clock(seconds: dict[str, float], phase: str) -> Iterator[None]:
+    started = time.perf_counter()
+    yield
+    seconds[phase] = time.perf_counter() - started
+
+
+class Costs:
+    """What a run has cost so far, that of the processes before an interruption included; what a resumed one repeats counts once."""
+
+    def __init__(self, rays: RayCaster, surface: SurfaceInterpolator, started: float) -> None:
+        self._rays, self._surface, self._started = rays, surface, started
+
+    def seconds(self) -> float:
+        """Wall time of the whole run."""
+        return time.perf_counter() - self._started
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint."""
+        points, bent = self._surface.points, self._surface.bent_normals
+        return {"seconds": self.seconds(), "rays": self._rays.rays, "points": points, "bent_normals": bent}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from :meth:`state`; baking, which a resumed run has just repeated, is in it already."""
+        self._started = time.perf_counter() - state["seconds"]
+        self._rays.rays = state["rays"]
+        self._surface.points, self._surface.bent_normals = state["points"], state["bent_normals"]
+
+
+class Curve:
+    """Error against run time: scored off the clock, kept across interruptions."""
+
+    def __init__(self, folder: RunFolder, scorer: Scorer) -> None:
+        self._folder, self._scorer = folder, scorer
+        self.rows: list[dict[str, Any]] = []
+
+    def score(self, stage: str, step: int, seconds: float, fit: Fit) -> None:
+        """Add a row and write the file."""
+        quick = self._scorer.quick(fit.material, fit.light)
+        quick = {key: value if value is None or math.isfinite(value) else None for key, value in quick.items()}
+        self.rows.append({"stage": stage, "step": step, "seconds": seconds, **quick})
+        self._folder.write_curve(self.rows)
+
+    def resume(self, checkpoint: dict[str, Any] | None, costs: Costs) -> dict[str, Any] | None:
+        """Take the rows and costs of a checkpoint over and hand on the method's own state."""
+        if checkpoint is None:
+            return None
+        self.rows = checkpoint["curve"]
+        costs.restore(checkpoint["costs"])
+        state: dict[str, Any] = checkpoint["fit"]
+        return state

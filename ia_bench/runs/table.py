@@ -1,0 +1,157 @@
+"""A table is many runs: rows, scenes and seeds from ``conf/table/<name>.yaml``, and the cells that they make."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import conf_folder
+from ia_bench.common.suggestions import unknown
+from ia_bench.runs.composition import compose
+from ia_bench.runs.config import RunConfig, hash_of, identity, slug
+from ia_bench.scores.columns import METRIC_OF
+
+
+@dataclass
+class Claim:
+    """Row ``better`` is above row ``worse`` in each of ``metrics``, named as in :attr:`Metric.key`."""
+
+    better: str
+    worse: str
+    metrics: list[str] = field(default_factory=lambda: ["albedo.psnr", "aligned_albedo.psnr", "relighting.psnr"])
+
+
+@dataclass
+class Row:
+    """A row of the table: the overrides that make it, what a reader has to know of it, its seeds if not the table's."""
+
+    name: str
+    overrides: list[str]
+    note: str = ""
+    seeds: list[int] | None = None
+
+
+@dataclass
+class Table:
+    """``conf/table/<name>.yaml``; ``reference`` names the row that the others are compared with, scene by scene.
+
+    ``claims``: orderings of rows that the report judges. ``pictured``: rows that one picture per scene shows beside the truth.
+    """
+
+    scenes: list[str] = field(default_factory=list)
+    seeds: list[int] = field(default_factory=lambda: [0])
+    rows: list[Row] = field(default_factory=list)
+    reference: str | None = None
+    claims: list[Claim] = field(default_factory=list)
+    pictured: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Request:
+    """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell."""
+
+    table: str = "paper"
+    scenes: tuple[str, ...] | None = None
+    seeds: tuple[int, ...] | None = None
+    jobs: int | None = None
+    overrides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One run of the table: what it computes, the command line that does, and where its results go."""
+
+    row: Row
+    config: RunConfig
+    content: dict[str, Any]
+    overrides: tuple[str, ...]
+
+    @property
+    def config_hash(self) -> str:
+        """Identity of the run."""
+        return hash_of(self.content)
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        assert self.config.out is not None
+        return Path(self.config.out)
+
+    @property
+    def name(self) -> str:
+        """How messages call this cell."""
+        return f"{self.config.scene.name} / {self.row.name} / seed {self.config.seed}"
+
+
+def load_table(name: str) -> Table:
+    """Read ``conf/table/<name>.yaml``. Raises InputError naming the closest table, or the file and key at fault."""
+    path = conf_folder() / "table" / f"{name}.yaml"
+    if not path.is_file():
+        raise InputError(unknown("table", name, sorted(p.stem for p in path.parent.glob("*.yaml"))))
+    try:
+        table = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(Table), OmegaConf.load(path)))
+    except (OmegaConfBaseException, YAMLError) as error:
+        raise InputError(f"{path}: {error}") from None
+    assert isinstance(table, Table)
+    names = [row.name for row in table.rows]
+    if len(set(names)) != len(names):
+        raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
+    for where, seeds in (("seeds", table.seeds), *((f"rows: {row.name}: seeds", row.seeds) for row in table.rows)):
+        if seeds is not None and not seeds:
+            raise InputError(f"{path}: {where}: expected at least one, found none")
+    if table.reference is not None and table.reference not in names:
+        raise InputError(f"{path}: reference: {unknown('row', table.reference, names)}")
+    for row in table.pictured:
+        if row not in names:
+            raise InputError(f"{path}: pictured: {unknown('row', row, names)}")
+    for claim in table.claims:
+        for key, found, known in (
+            *(("row", row, names) for row in (claim.better, claim.worse)),
+            *(("metric", metric, list(METRIC_OF)) for metric in claim.metrics),
+        ):
+            if found not in known:
+                raise InputError(f"{path}: claims: {unknown(key, found, known)}")
+    return table
+
+
+def make_cells(table: Table, request: Request, threads: int, results: Path) -> list[Cell]:
+    """Every row x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
+
+    The request's seeds replace the table's, not those of a row that has its own. Raises InputError where there
+    is no cell, or one twice.
+    """
+    seeds = table.seeds if request.seeds is None else request.seeds
+    cells = [
+        _cell(row, scene, seed, request, threads, results)
+        for row in table.rows
+        for seed in (seeds if row.seeds is None else row.seeds)
+        for scene in (request.scenes if request.scenes is not None else table.scenes)
+    ]
+    if not cells:
+        raise InputError(f"table {request.table}: expected at least one row and one scene, found none")
+    twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
+    if twice:
+        raise InputError(f"expected every row, scene and seed once, found {twice[0]} more than once")
+    return cells
+
+
+def _cell(row: Row, scene: str, seed: int, request: Request, threads: int, results: Path) -> Cell:
+    own = [f"scene={scene}", f"seed={seed}", f"threads={threads}", f"row={_quoted(row.name)}"]
+    overrides = [*row.overrides, *own, *request.overrides]
+    config = compose(overrides)
+    content = identity(config)
+    folder = results / "runs" / slug(scene) / f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
+    overrides.append(f"out={_quoted(str(folder))}")
+    return Cell(row, replace(config, out=str(folder)), content, tuple(overrides))
+
+
+def _quoted(text: str) -> str:
+    """A text as a value in Hydra's grammar, whatever characters it has."""
+    return "'" + text.replace("'", "\\'") + "'"

@@ -1,0 +1,108 @@
+"""Reading any picture as a linear image with a mask: photographs with EXIF orientation and alpha, OpenEXR images."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from PIL import Image, ImageOps, UnidentifiedImageError
+
+from ia_bench.common.errors import InputError
+from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import read_exr, refuse_negative
+
+HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
+"""Greyscale modes of Pillow with more than 8 bits, and the value of white in them."""
+
+ALPHA_ROUNDING = 1e-3  # half floats and filters pass 1 by a little
+
+
+def read_photograph(
+    path: Path, mask: Path | None = None, *, notice: Callable[[str], None] = warnings.warn
+) -> tuple[np.ndarray, np.ndarray]:
+    """A picture as linear radiance (H, W, 3) float32, premultiplied, and its mask (H, W) in [0, 1].
+
+    OpenEXR files are linear and their alpha premultiplied; everything else that Pillow opens is sRGB with straight alpha,
+    turned upright by its EXIF orientation. ``mask``: a picture of the same size, white where the object is; it
+    multiplies the alpha. Without either the whole picture is the object. ``notice`` is told what had to be mended. Raises
+    InputError.
+    """
+    radiance, coverage = _read_linear(path, notice) if path.suffix.lower() == ".exr" else _read_encoded(path)
+    if mask is not None:
+        chosen = _read_mask(mask)
+        if chosen.shape != coverage.shape:
+            found, expected = chosen.shape, coverage.shape
+            raise InputError(f"{mask}: expected {expected[1]} x {expected[0]} pixels like {path}, found {found[1]} x {found[0]}")
+        radiance, coverage = radiance * chosen[..., None], coverage * chosen
+    if not (coverage > 0).any():
+        raise InputError(f"{mask or path}: the mask has no pixel of an object (all of it is 0)")
+    return radiance.astype(np.float32), coverage.astype(np.float32)
+
+
+def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
+    if not path.is_file():
+        raise InputError(f"{path}: no such image")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            alpha = "A" in file.channels()
+    except (RuntimeError, OSError, ValueError) as error:
+        raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
+    image = read_exr(path, 4 if alpha else 3)
+    refuse_negative(path, image[..., :3])
+    below = int((image[..., :3] < 0).any(-1).sum())
+    if below:
+        notice(f"{path}: {below} pixels are below zero, as lossy compression leaves them, and set to 0")
+        image[..., :3] = image[..., :3].clip(min=0)
+    if not alpha:
+        return image, np.ones(image.shape[:2], np.float32)
+    wrong = (image[..., 3] < 0) | (image[..., 3] > 1 + ALPHA_ROUNDING)
+    if wrong.any():
+        raise InputError(f"{path}: expected alpha from 0 to 1, found {image[..., 3][wrong][0]:g} in {int(wrong.sum())} pixel(s)")
+    return image[..., :3], image[..., 3].clip(0, 1)
+
+
+def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    picture = _open(path)
+    if picture.mode in HIGH_BIT_MODES:
+        grey = _grey(path, picture)
+        values = np.dstack([grey, grey, grey, np.ones_like(grey)])
+    else:
+        values = np.asarray(picture.convert("RGBA"), np.float32) / 255
+    return srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
+
+
+def _read_mask(path: Path) -> np.ndarray:
+    picture = _open(path)
+    if "transparency" in picture.info:
+        picture = picture.convert("RGBA")
+    if "A" in picture.getbands():
+        alpha = np.asarray(picture.getchannel("A"), np.float32) / 255
+        if alpha.min() < 1:
+            return alpha  # a cut-out: its shape is in its alpha
+    return _grey(path, picture)
+
+
+def _grey(path: Path, picture: Image.Image) -> np.ndarray:
+    if picture.mode in HIGH_BIT_MODES:  # which convert("L") would cut at 255
+        white, values = HIGH_BIT_MODES[picture.mode], np.asarray(picture)
+        if values.min() < 0 or values.max() > white:
+            raise InputError(f"{path}: expected values from 0 to {white:g}, found {values.min()} to {values.max()}")
+        return values.astype(np.float32) / np.float32(white)
+    return np.asarray(picture.convert("L"), np.float32) / 255
+
+
+def _open(path: Path) -> Image.Image:
+    if not path.is_file():
+        raise InputError(f"{path}: no such image")
+    try:
+        with Image.open(path) as file:
+            upright = ImageOps.exif_transpose(file)
+            upright.load()
+    except (UnidentifiedImageError, OSError, SyntaxError, Image.DecompressionBombError) as error:
+        raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ...), found {error}") from None
+    if upright.mode == "F":
+        raise InputError(f"{path}: expected whole numbers, found floating point; linear images are read as OpenEXR")
+    return upright

@@ -1,0 +1,141 @@
+"""Training batches from shards: images recoloured, mirrored, exposed and made noisy, then encoded for the network.
+
+Light acts on image and specular shading alike and leaves the albedo as it is, so a colour cast costs nothing to render;
+neither does another order of the colour channels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ia_bench.common.errors import InputError
+from ia_bench.priors.diffusion.encoding import (
+    encode_albedo,
+    encode_geometry,
+    encode_image,
+    encode_specular,
+    exposure,
+)
+from ia_bench.priors.diffusion.network import NetworkConfig
+from ia_bench.training.shards import CHANNELS, load_shard, shard_paths
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """``mirror``, ``permute``: probability of a left-right mirrored image, and of another order of the colour channels.
+
+    ``cast``: standard deviation of the light's log gain per channel. ``exposure``: half range of the log exposure error.
+    ``noise``: largest standard deviation of sensor noise, relative to the image's exposure. ``no_geometry``: probability
+    that normals and visibility are withheld, so that one network serves images without them.
+    """
+
+    mirror: float = 0.5
+    permute: float = 0.15
+    cast: float = 0.2
+    exposure: float = 0.3
+    noise: float = 0.02
+    no_geometry: float = 0.5
+
+
+NO_AUGMENTATION = Augmentation(mirror=0, permute=0, cast=0, exposure=0, noise=0, no_geometry=1)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """``condition`` (N, K, H, W) and ``target`` (N, 3 C, H, W) in the network's space; ``masks`` (N, H, W) coverage.
+
+    ``factor`` (N,): the exposure that was applied, which decoding the specular component needs.
+    """
+
+    condition: Tensor
+    target: Tensor
+    masks: Tensor
+    factor: Tensor
+
+    def to(self, device: torch.device) -> Batch:
+        """The same on another device."""
+        return Batch(*(tensor.to(device) for tensor in (self.condition, self.target, self.masks, self.factor)))
+
+
+class TrainingImages:
+    """All images of a folder of shards, in memory as half floats (115 kB an image of 64 x 64). ``seeds``: where from."""
+
+    def __init__(self, folder: Path, *, limit: int | None = None) -> None:
+        """Raises InputError for a folder without shards or with shards of different sizes."""
+        loaded: list[dict[str, Tensor]] = []
+        seeds: set[int] = set()
+        count = 0
+        for path in shard_paths(folder):
+            tensors, info = load_shard(path)
+            if loaded and tensors["image"].shape[1] != loaded[0]["image"].shape[1]:
+                raise InputError(f"{path}: expected images of {loaded[0]['image'].shape[1]} pixels, found {info.size}")
+            loaded.append(tensors)
+            seeds.add(info.seed)
+            count += info.count
+            if limit is not None and count >= limit:
+                break
+        self.folder, self.seeds = folder, frozenset(seeds)
+        self._tensors = {name: torch.cat([shard[name] for shard in loaded])[:limit] for name in CHANNELS}
+        self.size = self._tensors["image"].shape[1]
+
+    def __len__(self) -> int:
+        return len(self._tensors["image"])
+
+    def linear(self, index: Tensor) -> dict[str, Tensor]:
+        """The images (N,) as they were rendered: tensors of ia_bench.training.shards, float32."""
+        return {name: tensor[index].float() for name, tensor in self._tensors.items()}
+
+    def batch(self, index: Tensor, config: NetworkConfig, augmentation: Augmentation, generator: torch.Generator) -> Batch:
+        """Encode images (N,), augmented by draws of ``generator``."""
+        return encode(augment(self.linear(index), augmentation, generator), config, augmentation, generator)
+
+
+def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.Generator) -> dict[str, Tensor]:
+    """Mirror, permute channels and colour the light of linear images; geometry and masks follow."""
+    count = len(images["image"])
+    radiance, masks = images["image"][..., :3], images["image"][..., 3:]
+    mirrored = torch.rand(count, generator=generator) < settings.mirror
+    permuted = torch.rand(count, generator=generator) < settings.permute
+    order = torch.where(permuted[:, None], torch.rand(count, 3, generator=generator).argsort(1), torch.arange(3))
+    gain = torch.exp(settings.cast * torch.randn(count, 3, generator=generator))[:, None, None]
+
+    def colours(values: Tensor) -> Tensor:
+        return torch.gather(values, 3, order[:, None, None].expand_as(values))
+
+    changed = {
+        "image": torch.cat([colours(radiance) * gain, masks], -1),
+        "albedo": colours(images["albedo"]),
+        "specular": colours(images["specular"]) * gain,
+        "normal": torch.where(
+            mirrored[:, None, None, None], images["normal"] * torch.tensor([-1.0, 1.0, 1.0]), images["normal"]
+        ),
+        "visibility": images["visibility"],
+    }
+    return {
+        name: torch.where(mirrored[:, None, None, None], values.flip(2), values) for name, values in changed.items()
+    }
+
+
+def encode(images: dict[str, Tensor], config: NetworkConfig, settings: Augmentation, generator: torch.Generator) -> Batch:
+    """Expose, add sensor noise, and encode linear images for a network of ``config``."""
+    radiance, masks = images["image"][..., :3], images["image"][..., 3]
+    count = len(masks)
+    factor = exposure(radiance, masks)
+    factor = factor * torch.exp(settings.exposure * (2 * torch.rand(count, generator=generator) - 1))
+    deviation = settings.noise * torch.rand(count, generator=generator) / factor
+    grain = torch.randn(radiance.shape, generator=generator) * deviation[:, None, None, None] * masks[..., None]
+    condition = encode_image((radiance + grain).clamp_min(0), masks, factor)
+    withheld = torch.rand(count, generator=generator) < settings.no_geometry
+    if config.geometry:
+        geometry = encode_geometry(images["normal"], images["visibility"])
+        condition = torch.cat([condition, geometry * ~withheld[:, None, None, None]], 1)
+    encoded = {
+        "albedo": lambda: encode_albedo(images["albedo"], masks),
+        "specular": lambda: encode_specular(images["specular"], masks, factor, config.specular),
+    }
+    target = torch.cat([encoded[name]() for name in config.components], 1)
+    return Batch(condition, target, masks, factor)

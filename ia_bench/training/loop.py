@@ -1,0 +1,333 @@
+"""The training loop of the priors: ``accelerate`` for devices and processes, every draw a function of (seed, step).
+
+Because nothing depends on a running generator, a run that resumes from any checkpoint meets the same batches, the same
+noise and the same dropped conditions as one that was never stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
+from ia_bench.common.torchvision_shim import import_torchvision
+from ia_bench.priors.diffusion.checkpoints import read_description, save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.precision import use_bf16
+from ia_bench.priors.diffusion.schedule import NoiseSchedule, ideal_output
+from ia_bench.training.dataset import Batch, TrainingImages
+from ia_bench.training.optimiser import MuonAdamW, split_weights
+from ia_bench.training.settings import TrainSettings
+from ia_bench.training.validation import score_single_view
+from ia_bench.training.warm_start import warm_start
+
+FINAL_RATE = 0.02  # of the full rate, at the last step
+PICTURES = 8  # images of a sample grid
+VALIDATION = "validation.jsonl"  # one line a validation
+STATE_FORMAT = 2  # raised when a change of the code changes what state.pt holds
+PERMUTATIONS = 1 << 20  # marks the random streams of permutations; those of batches are marked by their process
+
+
+def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
+    """Train (or go on training) and return the last validation figures; the weights are in ``settings.out``/weights."""
+    import_torchvision()  # before diffusers and accelerate, which import it
+    from accelerate import Accelerator
+
+    if settings.threads is not None:
+        torch.set_num_threads(settings.threads)
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    accelerator = Accelerator(mixed_precision="bf16" if use_bf16(settings.precision, device, "precision") else "no")
+    if settings.batch % accelerator.num_processes:
+        raise InputError(f"batch: expected a multiple of the {accelerator.num_processes} processes, found {settings.batch}")
+    return _Training(settings, accelerator, progress).finish()
+
+
+class _Training:
+    """State of one training run in one process."""
+
+    def __init__(self, settings: TrainSettings, accelerator: Any, progress: Progress) -> None:  # noqa: ANN401 (lazy import)
+        from diffusers.training_utils import EMAModel
+
+        self.settings, self.accelerator, self.progress = settings, accelerator, progress
+        self.images = TrainingImages(settings.data)
+        self.held_out = TrainingImages(settings.validation, limit=settings.validation_images)
+        for images in (self.images, self.held_out):
+            if images.size != settings.network.size:
+                raise InputError(f"{images.folder}: expected images of network.size={settings.network.size}, found {images.size}")
+        shared = self.images.seeds & self.held_out.seeds
+        if shared:
+            raise InputError(
+                f"{self.held_out.folder}: expected images of other seeds than in {self.images.folder}, found seed {min(shared)}"
+            )
+        torch.manual_seed(settings.seed)
+        self.network = MaterialNetwork(settings.network)
+        if settings.init is not None:
+            warm_start(self.network, settings.init)
+        self.schedule = None
+        if settings.network.kind == "diffusion":
+            config = {**settings.network.schedule, "prediction_type": settings.network.prediction_type}
+            self.schedule = NoiseSchedule.from_diffusers(config).alpha_bar.float()
+        hidden, others = split_weights(self.network, muon=settings.muon_rate > 0)
+        adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
+        self.ema = EMAModel(self.network.parameters(), decay=settings.ema, use_ema_warmup=True, power=0.75)
+        self.step, self.seconds = 0, 0.0
+        self.figures: dict[str, Any] = {}
+        state = _load_state(settings)
+        if state is not None:
+            self.network.load_state_dict(state["network"])
+            self.ema.load_state_dict(state["ema"])
+            self.step, self.seconds, self.figures = state["step"], state["seconds"], state["figures"]
+            for name, now in self._circumstances().items():
+                if state["circumstances"][name] != now:
+                    progress.note(
+                        f"{settings.out}: {now} {name}, and {state['circumstances'][name]} when the run was stopped; "
+                        "the weights will not be those of a run without the stop"
+                    )
+        self.model, adamw = accelerator.prepare(self.network, adamw)
+        self.optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
+        if state is not None:
+            self.optimizer.load_state_dict(state["optimizer"])
+        self.ema.to(accelerator.device)
+        self.predict = torch.compile(self.model) if settings.compile else self.model
+        self._ahead = ThreadPoolExecutor(1)
+        self._coming: Future[tuple[Batch, dict[str, Tensor]]] | None = None
+
+    def finish(self) -> dict[str, Any]:
+        from torch.utils.tensorboard import SummaryWriter
+
+        settings, main = self.settings, self.accelerator.is_main_process
+        self.writer = SummaryWriter(settings.out / "tensorboard", purge_step=self.step) if main else None
+        if main:
+            _forget_validations_after(self.step, settings.out / VALIDATION)
+        task = self.progress.task("training", settings.steps, self.step)
+        started = saved = time.monotonic()
+        while self.step < settings.steps:
+            before = time.monotonic()
+            loss = self._optimise()
+            self.step += 1
+            self.seconds += time.monotonic() - before
+            task.advance(1, loss=loss)
+            if self.writer is not None and self.step % 20 == 0:
+                self.writer.add_scalar("loss", loss, self.step)
+                self.writer.add_scalar("rate", rate_factor(self.step, settings.steps, settings.warmup), self.step)
+            now = time.monotonic()
+            out_of_time = settings.minutes is not None and now - started > 60 * settings.minutes
+            last = self.step == settings.steps or self._agree(out_of_time)
+            if self.step % settings.validate_steps == 0 or last:
+                self._validate()
+            if self._agree(now - saved > 60 * settings.checkpoint_minutes) or last:
+                self._save()
+                saved = now
+            if last:
+                break
+        self._ahead.shutdown(cancel_futures=True)
+        self.accelerator.wait_for_everyone()
+        return self.figures
+
+    def _optimise(self) -> float:
+        settings, device = self.settings, self.accelerator.device
+        batch, draws = self._coming.result() if self._coming is not None else self._draw(self.step)
+        self._coming = self._ahead.submit(self._draw, self.step + 1)  # while the network works on this one
+        batch = batch.to(device)
+        with self.accelerator.autocast():
+            output, wanted = self._predicted(batch, draws)
+        loss = weighted_error(output.float() - wanted, batch.masks, level=settings.level, background=settings.background)
+        self.accelerator.backward(loss)
+        norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient or math.inf)
+        if not bool(torch.isfinite(norm)):
+            raise FloatingPointError(f"step {self.step}: the gradient is NaN or Inf; the last checkpoint is kept")
+        self.optimizer.step(rate_factor(self.step, settings.steps, settings.warmup))
+        self.ema.step(self.network.parameters())
+        return float(loss.detach())
+
+    def _draw(self, step: int) -> tuple[Batch, dict[str, Tensor]]:
+        """This process's share of the batch of ``step``, and its random numbers."""
+        settings = self.settings
+        index = batch_index(len(self.images), settings.batch, settings.seed, step)
+        share = index[self.accelerator.process_index :: self.accelerator.num_processes]
+        generator = torch.Generator().manual_seed(_stream(settings.seed, step, self.accelerator.process_index))
+        batch = self.images.batch(share, settings.network, settings.augmentation, generator)
+        count = len(share)
+        choice = torch.rand(count, generator=generator)
+        no_channels, no_tokens = dropped_conditions(choice, settings.drop_channels, settings.drop_tokens, settings.drop_both)
+        draws = {
+            "noise": torch.randn(batch.target.shape, generator=generator),
+            "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (count,), generator=generator),
+            "drop_channels": no_channels,
+            "drop_tokens": no_tokens,
+        }
+        return batch, draws
+
+    def _predicted(self, batch: Batch, draws: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """The network's raw output and what it should have been, (N, 3 C, H, W) each."""
+        device = batch.target.device
+        draws = {name: value.to(device) for name, value in draws.items()}
+        if self.schedule is None:  # the regressor always sees its image
+            timestep = torch.full_like(draws["timestep"], self.settings.network.last_timestep)
+            return self.predict(None, timestep, batch.condition, None), batch.target
+        level = self.schedule.to(device)[draws["timestep"]][:, None, None, None]
+        noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
+        wanted = ideal_output(self.settings.network.prediction_type, batch.target, draws["noise"], level)
+        dropped = (draws["drop_channels"], draws["drop_tokens"])
+        return self.predict(noisy, draws["timestep"], batch.condition, dropped), wanted
+
+    def _agree(self, mine: bool) -> bool:
+        """The main process decides for all, since clocks differ."""
+        from accelerate.utils import broadcast
+
+        if self.accelerator.num_processes == 1:
+            return mine
+        return bool(broadcast(torch.tensor(float(mine), device=self.accelerator.device)) > 0)
+
+    def _validate(self) -> None:
+        if self.writer is None:
+            return
+        settings = self.settings
+        self.ema.store(self.network.parameters())
+        self.ema.copy_to(self.network.parameters())
+        self.network.eval()
+        index = torch.arange(min(settings.validation_images, len(self.held_out)))
+        scored = score_single_view(self.network, self.held_out, index, steps=settings.validation_sampler_steps, seed=settings.seed)
+        self.network.train()
+        self.ema.restore(self.network.parameters())
+        self.figures = {name: round(value, 3) for name, value in scored.figures.items()}
+        for name, value in scored.figures.items():
+            self.writer.add_scalar(f"validation/{name}", value, self.step)
+        rows = [image[:PICTURES].flatten(0, 1).clamp(0, 1) ** (1 / 2.2) for image in scored.pictures.values()]
+        self.writer.add_image("validation", torch.cat(rows, 1), self.step, dataformats="HWC")
+        self.progress.note(f"step {self.step}: " + ", ".join(f"{name} {value:.2f}" for name, value in self.figures.items()))
+        with (settings.out / VALIDATION).open("a") as file:
+            file.write(json.dumps({"step": self.step, "seconds": round(self.seconds, 1), **self.figures}) + "\n")
+
+    def _save(self) -> None:
+        if not self.accelerator.is_main_process:
+            return
+        settings = self.settings
+        state = {
+            "format": STATE_FORMAT,
+            "identity": settings.identity(),
+            "step": self.step,
+            "seconds": self.seconds,
+            "figures": self.figures,
+            "circumstances": self._circumstances(),
+            "network": self.network.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "ema": self.ema.state_dict(),
+        }
+        partial = settings.out / ".state.partial"
+        torch.save(state, partial)
+        os.replace(partial, settings.out / "state.pt")
+        self.ema.store(self.network.parameters())
+        self.ema.copy_to(self.network.parameters())
+        save_network(settings.out / "weights", self.network, self._provenance())
+        self.ema.restore(self.network.parameters())
+
+    def _circumstances(self) -> dict[str, Any]:
+        """What a run's numbers depend on and its settings do not say."""
+        accelerator = self.accelerator
+        return {
+            "images": len(self.images),
+            "processes": accelerator.num_processes,
+            "precision": "bf16" if accelerator.mixed_precision == "bf16" else "float32",
+        }
+
+    def _provenance(self) -> dict[str, Any]:
+        settings = self.settings
+        return {
+            "steps": self.step,
+            "batch": settings.batch,
+            "seconds": round(self.seconds),
+            "images": len(self.images),
+            "processes": self.accelerator.num_processes,
+            "threads": torch.get_num_threads(),
+            "device": torch.cuda.get_device_name() if torch.cuda.is_available() else platform.machine(),
+            "seed": settings.seed,
+            "init": None if settings.init is None else read_description(settings.init)["provenance"],
+            "validation": self.figures,
+        }
+
+
+def weighted_error(difference: Tensor, masks: Tensor, *, level: float, background: float) -> Tensor:
+    """Mean square of ``difference`` (N, C, H, W), weighed by what of it is the error of a colour and what of a structure.
+
+    Inside ``masks`` (N, H, W) each channel's mean over an image counts ``level``, the rest 1; outside, pixels count
+    ``background``. Any such weights of a square leave its minimum where it was, the expectation of the truth.
+    """
+    inside = (masks[:, None] > 0).float()
+    pixels = inside.sum((2, 3), keepdim=True)
+    mean = (difference * inside).sum((2, 3), keepdim=True) / pixels.clamp_min(1)
+    inner = ((difference - mean).square() * inside).sum() + level * (mean.square() * pixels).sum()
+    outer = (difference.square() * (1 - inside)).sum()
+    count = (pixels + background * (masks[0].numel() - pixels)).sum() * difference.shape[1]
+    return (inner + background * outer) / count
+
+
+def rate_factor(step: int, steps: int, warmup: int) -> float:
+    """Share of the full learning rate at ``step``: a linear rise, then a cosine down to FINAL_RATE."""
+    rise = min(1.0, (step + 1) / max(warmup, 1))
+    fall = FINAL_RATE + (1 - FINAL_RATE) * 0.5 * (1 + math.cos(math.pi * step / max(steps, 1)))
+    return rise * fall
+
+
+def dropped_conditions(choice: Tensor, channels: float, tokens: float, both: float) -> tuple[Tensor, Tensor]:
+    """Which images are trained without their channels and which without their tokens, (N,) bool each.
+
+    ``choice`` (N,) is uniform in [0, 1); ``channels`` of the images lose these alone, ``tokens`` those alone, ``both`` both.
+    """
+    edges = torch.tensor([channels, tokens, both]).cumsum(0)
+    neither = (choice >= edges[1]) & (choice < edges[2])
+    return (choice < edges[0]) | neither, ((choice >= edges[0]) & (choice < edges[1])) | neither
+
+
+def batch_index(images: int, batch: int, seed: int, step: int) -> Tensor:
+    """Images (batch,) of a step: successive parts of a permutation that is new in every pass over the data."""
+    position = torch.arange(step * batch, (step + 1) * batch)
+    parts = []
+    for epoch in position.div(images, rounding_mode="floor").unique().tolist():
+        order = torch.randperm(images, generator=torch.Generator().manual_seed(_stream(seed, epoch, PERMUTATIONS)))
+        parts.append(order[position[position // images == epoch] % images])
+    return torch.cat(parts)
+
+
+def _forget_validations_after(step: int, path: Path) -> None:
+    """Remove from ``path`` what a run that was stopped had validated beyond its last checkpoint; it is validated again."""
+    if not path.exists():
+        return
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = [line for line in lines if line.endswith("\n") and json.loads(line)["step"] <= step]  # a kill may leave half a line
+    with whole_file(path) as partial:
+        partial.write_text("".join(kept), encoding="utf-8")
+
+
+def _stream(*path: int) -> int:
+    """One seed from several numbers."""
+    return int(np.random.SeedSequence(path).generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+
+def _load_state(settings: TrainSettings) -> dict[str, Any] | None:
+    path: Path = settings.out / "state.pt"
+    make_writable(settings.out, "out")
+    if not path.is_file():
+        return None
+    try:
+        state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # whatever torch raises on a damaged file
+        raise InputError(f"{path}: expected the state of a training run, found a file that cannot be read ({error})") from error
+    if state.get("format") != STATE_FORMAT:
+        raise InputError(f"{path}: expected format {STATE_FORMAT}, found {state.get('format')}; choose another out=FOLDER")
+    if state["identity"] != settings.identity():
+        raise InputError(f"{path}: belongs to a run with other settings; choose another out=FOLDER or the old settings")
+    return state

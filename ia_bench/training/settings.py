@@ -1,0 +1,181 @@
+"""Everything that a training run of a prior depends on, from KEY=VALUE arguments."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import NoneType
+from typing import Any, get_args, get_type_hints
+
+import yaml
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.suggestions import unknown
+from ia_bench.common.typed import check_ranges, fits, named
+from ia_bench.priors.diffusion.network import NetworkConfig
+from ia_bench.priors.diffusion.precision import PRECISIONS
+from ia_bench.training.dataset import Augmentation
+
+LIMITS: dict[str, tuple[float, float]] = {
+    **dict.fromkeys(("steps", "batch", "threads", "validate_steps", "validation_images"), (1, math.inf)),
+    **dict.fromkeys(("minutes", "checkpoint_minutes", "warmup"), (0, math.inf)),
+    **dict.fromkeys(("rate", "muon_rate", "weight_decay", "clip_gradient"), (0, math.inf)),
+    **dict.fromkeys(("ema", "drop_channels", "drop_tokens", "drop_both", "background", "level"), (0, 1)),
+    **dict.fromkeys(("augmentation.mirror", "augmentation.permute", "augmentation.no_geometry"), (0, 1)),
+    **dict.fromkeys(("augmentation.cast", "augmentation.exposure", "augmentation.noise"), (0, math.inf)),
+    "seed": (0, 2**32 - 1),  # validation multiplies it and stays within 64 bits
+}
+"""The least and the largest value of settings that are numbers."""
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """``data``, ``validation``: folders of shards (different seeds); ``out``: the run's folder, resumed where it exists.
+
+    ``init``: folder of weights to start from, also of the other kind (:mod:`ia_bench.training.warm_start`), None for
+    random ones. ``steps``: optimiser steps in all; a run may go on with more. The rates, ``muon_rate`` of Muon on hidden
+    weights and ``rate`` of AdamW on the others (on all with ``muon_rate`` 0), rise over ``warmup`` steps and fall along a
+    cosine to a fiftieth. ``minutes``: stop (and keep the state) after that long, None for no limit. ``batch``: images a step
+    over all processes. ``ema``: decay of the averaged weights, which are the ones that are kept. ``drop_channels``,
+    ``drop_tokens``, ``drop_both``: share of the images whose condition is withheld in that way, for classifier-free guidance
+    (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss. ``level``: weight in it
+    of an image's mean error, which one image hardly tells (light and paint can share any colour) and which is most of it.
+    ``precision``: "bf16", "float32", or "auto" (bf16 where the processor has it). ``compile``: whether the network is
+    compiled for training. ``checkpoint_minutes``, ``validate_steps``: how often the state is kept, and the network
+    validated on ``validation_images`` images with ``validation_sampler_steps`` denoising steps.
+    """
+
+    data: Path
+    validation: Path
+    out: Path
+    init: Path | None = None
+    steps: int = 20_000
+    minutes: float | None = None
+    batch: int = 32
+    rate: float = 5e-4
+    muon_rate: float = 0.02
+    warmup: int = 200
+    weight_decay: float = 0.01
+    clip_gradient: float = 1.0
+    ema: float = 0.999
+    drop_channels: float = 0.05
+    drop_tokens: float = 0.05
+    drop_both: float = 0.05
+    background: float = 0.1
+    level: float = 0.25
+    precision: str = "auto"
+    compile: bool = True
+    threads: int | None = None
+    seed: int = 0
+    checkpoint_minutes: float = 5.0
+    validate_steps: int = 1000
+    validation_images: int = 64
+    validation_sampler_steps: int = 10
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    augmentation: Augmentation = field(default_factory=Augmentation)
+
+    def identity(self) -> str:
+        """Hash of what the weights depend on; a run resumes only where it is the same."""
+        free = ("out", "steps", "minutes", "threads", "compile", "checkpoint_minutes")
+        values = {
+            key: value
+            for key, value in dataclasses.asdict(self).items()
+            if key not in free and not key.startswith("validat")
+        }
+        return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
+def parse(arguments: Sequence[str]) -> TrainSettings:
+    """Read KEY=VALUE arguments; keys of the parts are dotted (network.size=128). Raises InputError naming the key."""
+    known = _keys(TrainSettings)
+    flat: dict[str, Any] = {}
+    for argument in arguments:
+        key, separator, text = argument.partition("=")
+        if key not in known:
+            raise InputError(unknown("setting of ia_bench.training.train", key, known))
+        if not separator or not text:
+            raise InputError(f"{key}: expected {key}=VALUE, found {argument!r}")
+        flat[key] = _value(key, text, known[key])
+    for key in ("data", "validation", "out"):
+        if key not in flat:
+            raise InputError(f"expected {key}=FOLDER; --help says more")
+    parts: dict[str, dict[str, Any]] = {"network": {}, "augmentation": {}}
+    for key in [key for key in flat if "." in key]:
+        part, _, name = key.partition(".")
+        parts[part][name] = flat.pop(key)
+    settings = TrainSettings(
+        **flat, network=NetworkConfig(**parts["network"]), augmentation=Augmentation(**parts["augmentation"])
+    )
+    steps = settings.network.timesteps if settings.network.kind == "diffusion" else math.inf
+    check_ranges(settings, {**LIMITS, "validation_sampler_steps": (1, steps)})
+    dropped = settings.drop_channels + settings.drop_tokens + settings.drop_both
+    if dropped > 1:
+        raise InputError(f"drop_channels + drop_tokens + drop_both: expected at most 1, found {dropped:g}")
+    if settings.precision not in PRECISIONS:
+        raise InputError(unknown("value of precision", settings.precision, PRECISIONS))
+    return settings
+
+
+def _keys(kind: type, prefix: str = "") -> dict[str, Any]:
+    hints = get_type_hints(kind)
+    found: dict[str, Any] = {}
+    for item in dataclasses.fields(kind):
+        if dataclasses.is_dataclass(hints[item.name]):
+            found |= _keys(hints[item.name], f"{item.name}.")
+        else:
+            found[prefix + item.name] = hints[item.name]
+    return found
+
+
+def _value(key: str, text: str, kind: Any) -> Any:  # noqa: ANN401 (any field's type and value)
+    """``text`` as YAML reads it, if it fits ``kind``; a path is taken as it is."""
+    kinds = get_args(kind) or (kind,)
+    try:
+        value = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError):  # of a date that does not exist
+        value = text  # which fits nothing but text
+    if Path in kinds:
+        return None if value is None and NoneType in kinds else Path(text)
+    if float in kinds and isinstance(value, int | str) and not isinstance(value, bool):
+        try:
+            value = float(value)  # YAML 1.1 reads 5e-4 as text
+        except (OverflowError, ValueError):
+            value = text
+    choices = [choice for choice in kinds if isinstance(choice, str)]
+    if choices and value not in choices:
+        raise InputError(unknown(f"value of {key}", text, choices))
+    if not fits(value, kind):
+        raise InputError(f"{key}: expected {named(kind)}, found {text!r}")
+    return tuple(value) if isinstance(value, list) else value
+
+
+USAGE = """\
+python -m ia_bench.training.train data=FOLDER validation=FOLDER out=FOLDER [KEY=VALUE ...]
+torchrun --nproc_per_node 2 -m ia_bench.training.train ...                (several processes or GPUs)
+
+Trains a prior on shards made by python -m ia_bench.training.data. The same command resumes a run that was stopped.
+network.kind=regressor trains the deterministic alternative of the same size. out/weights holds the averaged weights
+(prior.options.weights=out/weights uses them), out/tensorboard the curves and pictures.
+
+Settings and their defaults
+{settings}
+"""
+
+
+def usage() -> str:
+    """The help text, with every setting."""
+    lines = []
+    for prefix, instance in (("", TrainSettings), ("network.", NetworkConfig), ("augmentation.", Augmentation)):
+        for item in dataclasses.fields(instance):
+            if item.name in ("network", "augmentation"):
+                continue
+            default = "(required)" if item.default is item.default_factory is dataclasses.MISSING else item.default
+            if item.default is dataclasses.MISSING and item.default_factory is not dataclasses.MISSING:
+                default = item.default_factory()
+            lines.append(f"  {prefix + item.name:<28}{default}")
+    return USAGE.format(settings="\n".join(lines))

@@ -1,0 +1,109 @@
+"""How good a network is on held-out images, against taking the image itself as albedo and against constants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ia_bench.priors.diffusion.conditioned import Conditioned
+from ia_bench.priors.diffusion.encoding import decode_albedo, decode_specular
+from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
+from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.training.dataset import NO_AUGMENTATION, Batch, TrainingImages, encode
+
+MEAN_SAMPLES = 8
+
+
+@dataclass(frozen=True)
+class SingleView:
+    """``figures``: PSNR in dB, means over images, of linear values inside the mask; ``pictures`` for a look (N, H, W, 3).
+
+    ``albedo_image``: the image taken as albedo; ``albedo_one``, ``albedo_mean``: one sample and the mean of 8, each scaled
+    by one factor per image so that its mean is the truth's (``..._channels``: one per channel). ``specular_...``: exposed
+    radiance clipped at white, without alignment; ``specular_constant``: the best constant colour of each image.
+    """
+
+    figures: dict[str, float]
+    pictures: dict[str, Tensor]
+
+
+@torch.no_grad()
+def score_single_view(network: MaterialNetwork, images: TrainingImages, index: Tensor, *, steps: int, seed: int) -> SingleView:
+    """Sample what ``network`` makes of held-out images (N,), without geometry, and score it."""
+    linear = images.linear(index)
+    batch = encode(linear, network.config, NO_AUGMENTATION, torch.Generator().manual_seed(seed))
+    inside = batch.masks > 0.5
+    predictions = predict(network, batch, samples=MEAN_SAMPLES, steps=steps, seed=seed)
+    figures: dict[str, float] = {}
+    radiance = linear["image"][..., :3]
+    pictures = {"image": (radiance * batch.factor[:, None, None, None]).clamp(0, 1)}
+    if "albedo" in predictions:
+        truth, drawn = linear["albedo"], predictions["albedo"]
+        candidates = {"image": radiance, "one": drawn[0], "mean": drawn.mean(0)}
+        for name, value in candidates.items():
+            figures[f"albedo_{name}"] = _mean(aligned_psnr(value, truth, inside, channels=False))
+            figures[f"albedo_{name}_channels"] = _mean(aligned_psnr(value, truth, inside, channels=True))
+        pictures |= {"albedo": truth, "albedo_one": drawn[0], "albedo_mean": drawn.mean(0)}
+    if "specular" in predictions:
+        scale = batch.factor[:, None, None, None]
+        truth, drawn = (linear["specular"] * scale).clamp(0, 1), predictions["specular"] * scale
+        weight = inside[..., None].float()
+        constant = (truth * weight).sum((1, 2), keepdim=True) / weight.sum((1, 2), keepdim=True).clamp_min(1)
+        for name, value in {"constant": constant.expand_as(truth), "one": drawn[0], "mean": drawn.mean(0)}.items():
+            figures[f"specular_{name}"] = _mean(psnr(value.clamp(0, 1), truth, inside))
+        pictures |= {"specular": truth, "specular_one": drawn[0], "specular_mean": drawn.mean(0)}
+    return SingleView(figures, pictures)
+
+
+def predict(network: MaterialNetwork, batch: Batch, *, samples: int, steps: int, seed: int) -> dict[str, Tensor]:
+    """Linear samples of every component, (samples, N, H, W, 3); a regressor repeats its one estimate."""
+    config = network.config
+    count, _, height, width = batch.target.shape
+    device = next(network.parameters()).device
+    condition = batch.condition.to(device)
+    if config.kind == "regressor":
+        estimate = Conditioned(network, NoiseSchedule.from_sigmas([1.0])).regress(condition)
+        encoded = estimate.expand(samples, *estimate.shape)
+    else:
+        schedule = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type})
+        denoise = Conditioned(network, schedule).bind(condition)
+        shape = (samples * count, config.output_channels, height, width)
+        seeds = [seed * 1_000_003 + i for i in range(samples * count)]
+        drawn = sample(denoise, schedule, shape, seeds, SamplerSettings(steps=steps), device=device)
+        encoded = drawn.reshape(samples, count, *shape[1:])
+    found = {}
+    for part, component in zip(encoded.cpu().split(3, 2), config.components, strict=True):
+        decoded = [
+            decode_albedo(one, batch.masks)
+            if component == "albedo"
+            else decode_specular(one, batch.masks, batch.factor, config.specular)
+            for one in part
+        ]
+        found[component] = torch.stack(decoded)
+    return found
+
+
+def aligned_psnr(predicted: Tensor, truth: Tensor, inside: Tensor, *, channels: bool) -> Tensor:
+    """PSNR (N,) of linear images (N, H, W, 3) inside (N, H, W), the prediction scaled to the truth's mean first.
+
+    One factor per image, or one per channel. A black prediction keeps factor 1.
+    """
+    weight = inside[..., None].float()
+    axes = (1, 2) if channels else (1, 2, 3)
+    means = [(values * weight).sum(axes, keepdim=True) for values in (predicted, truth)]
+    scale = torch.where(means[0] > 1e-6, means[1] / means[0].clamp_min(1e-6), 1.0)
+    return psnr(predicted * scale, truth, inside)
+
+
+def psnr(predicted: Tensor, truth: Tensor, inside: Tensor) -> Tensor:
+    """PSNR (N,) in dB with peak 1 over the pixels inside (N, H, W) of (N, H, W, 3) images, at most 100."""
+    weight = inside[..., None].float()
+    error = ((predicted - truth).square() * weight).sum((1, 2, 3)) / (3 * weight.sum((1, 2, 3))).clamp_min(1)
+    return -10 * torch.log10(error.clamp_min(1e-10))
+
+
+def _mean(values: Tensor) -> float:
+    return float(values.mean())

@@ -1,0 +1,67 @@
+"""Puts a tiny `run` in the place of ia_bench.runs.run, for tests of everything around it.
+
+Python imports a module of this name at start-up: a test puts this folder on PYTHONPATH of the process that it starts.
+In its own process it executes this file. Either way nothing happens unless FAKE_LOG is set.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+import types
+from pathlib import Path
+
+
+def run(config, folder, progress):
+    """A fit of 40 steps with a checkpoint after each; its result depends on every step having been made once.
+
+    FAKE_STEP_SECONDS makes it slow; FAKE_LOG is a file that gets a line whenever it starts. The row "crash" dies by
+    signal, "raise" raises.
+    """
+    from ia_bench.runs.config import labels
+
+    with Path(os.environ["FAKE_LOG"]).open("a") as log:
+        log.write(f"{config.scene.name} {config.row_name} {config.seed}\n")
+    if config.row == "crash":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if config.row == "raise":
+        raise RuntimeError("boom")
+    state = folder.load_checkpoint() or {"step": 0, "value": config.seed}
+    if state["step"]:
+        progress.note(f"resumed at {state['step']}")
+    task = progress.task("stage 1", total=40, done=state["step"])
+    while state["step"] < 40:
+        time.sleep(float(os.environ.get("FAKE_STEP_SECONDS", "0")))
+        state = {"step": state["step"] + 1, "value": (state["value"] * 6364136223846793005 + state["step"]) % 2**61}
+        folder.save_checkpoint(state)
+        task.advance(1, loss=1 / state["step"])
+    folder.write_curve([{"stage": 1, "step": 40, "seconds": 0.5, "albedo_psnr": 20.0}])
+    metrics = {
+        "schema": 1,
+        **labels(config),
+        "config_hash": folder.config_hash,
+        "status": "ok",
+        "metrics": {"albedo": {"psnr": 20.0 + config.seed, "value": state["value"]}},
+        "per_image": {},
+        "time_s": {"total": 1.0},
+        "peak_memory_bytes": 1,
+        "rays": 1,
+        "network_calls": 0,
+        "plan": {"needed": [], "left_out": []},
+        "environment": {},
+    }
+    folder.write_metrics(metrics)
+    return metrics
+
+
+def install() -> None:
+    """Make `from ia_bench.runs.run import run` find the run above."""
+    module = types.ModuleType("ia_bench.runs.run")
+    module.run = run
+    sys.modules["ia_bench.runs.run"] = module
+
+
+if "FAKE_LOG" in os.environ:
+    install()

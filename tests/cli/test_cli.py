@@ -1,0 +1,282 @@
+"""The command line around a run: mistakes, resuming, two at once, sweeps, plugins, and a real installation.
+
+The run itself is replaced by tests/fake_run, so that these tests take seconds and say nothing about rendering.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from ia_bench.cli.run import main
+from ia_bench.common.paths import conf_folder
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture(autouse=True)
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty current folder, two scenes, and the fake run in this process and in those it starts."""
+    for scene in ("hat", "ship"):
+        (tmp_path / "datasets" / "scenes" / scene).mkdir(parents=True)
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
+    monkeypatch.setenv("FAKE_LOG", str(tmp_path / "log"))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE / "fake_run"), str(HERE.parents[1])]))
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")  # main sets it; this puts it back afterwards
+    monkeypatch.delenv("IA_BENCH_DEBUG", raising=False)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setitem(sys.modules, "ia_bench.runs.run", sys)  # recorded, so that what install() does is undone
+    monkeypatch.setattr(sys, "argv", ["ia_bench"])
+    spec = importlib.util.spec_from_file_location("fake_run", HERE / "fake_run" / "sitecustomize.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    return work
+
+
+def call(*arguments: str) -> int:
+    return main(["device=cpu", "threads=1", *arguments])
+
+
+def started() -> list[str]:
+    """One line per start of the fake run."""
+    log = Path(os.environ["FAKE_LOG"])
+    return log.read_text().splitlines() if log.exists() else []
+
+
+def results() -> list[dict]:
+    return [json.loads(path.read_text()) for path in sorted(Path("runs").rglob("metrics.json"))]
+
+
+@pytest.mark.parametrize(
+    ("mistake", "expected"),
+    [
+        ("preset=quik", "unknown preset 'quik'; did you mean 'quick'? There are: full, paper, quick, smoke"),
+        ("scene=hatt", "unknown scene 'hatt'; did you mean 'hat'? There are: console, "),
+        ("prior=orcale", "unknown prior 'orcale'; did you mean 'oracle'?"),
+        ("sed=1", "unknown setting 'sed'; did you mean 'seed'? There are: device, fit, "),
+        ("presett=quick", "unknown setting 'presett'; did you mean 'preset'?"),
+        ("fit.pixls=3", "unknown setting 'fit.pixls'; did you mean 'fit.pixels'? There are: "),
+        ("+fit.pixls=3", "unknown setting 'fit.pixls'; did you mean 'fit.pixels'?"),
+        ("fit.rates.lite=3", "unknown setting 'fit.rates.lite'; did you mean 'fit.rates.light'?"),
+        ("protocol.lpips.nett=alex", "unknown setting 'protocol.lpips.nett'; did you mean 'protocol.lpips.net'?"),
+        ("protocol.lpips.net=sqeeze", "did you mean squeeze?"),
+        ("protocol=papre-v1", "unknown protocol 'papre-v1'; did you mean 'paper-v1'?"),
+        ("geometry.uv=mash", "unknown value of geometry.uv 'mash'; did you mean 'mesh'? There are: mesh, xatlas"),
+        ("render.texture=big", "render.texture: expected a positive whole number or auto, found big"),
+        ("seed=abc", "seed: Value 'abc' of type 'str' could not be converted to Integer"),
+        ("seed=-1", "seed: expected 0 to 2^63 - 1, found -1"),
+        ("threads=0", "threads: expected at least 1, found 0"),
+        ("fit=3", "fit: "),
+        ("seed=1,2", "To sweep over it, add --multirun"),
+        ("fit.pixels=[", "cannot read 'fit.pixels=['"),
+        ("seed", "cannot read 'seed'"),
+        ("scene.path=nowhere", "nowhere: no such folder"),
+        ("hydra/launcher=rai", "unknown hydra/launcher 'rai'"),
+        ("prior=nowhere:Thing", None),  # only the run imports it
+    ],
+)
+def test_mistake_is_one_message(mistake: str, expected: str | None, capfd: pytest.CaptureFixture[str]) -> None:
+    status = call(mistake)
+    out, err = capfd.readouterr()
+    if expected is None:
+        assert status == 0
+        return
+    assert (status, out) == (2, "")
+    assert expected in err
+    assert err.startswith("ia_bench: ")
+    assert err.count("\n") == 1
+    assert not Path("runs").exists()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="the extra is installed")
+def test_launcher_of_a_missing_extra_says_how_to_get_it(capfd: pytest.CaptureFixture[str]) -> None:
+    assert call("-m", "hydra/launcher=ray", "seed=0,1") == 2
+    assert "pip install -e '.[ray]'" in capfd.readouterr().err
+
+
+def test_debugging_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_DEBUG", "1")
+    with pytest.raises(Exception, match="preset/quik"):
+        call("preset=quik")
+
+
+def test_run_prints_its_numbers_and_is_never_repeated(capfd: pytest.CaptureFixture[str]) -> None:
+    assert call("seed=3") == 0
+    first = capfd.readouterr()
+    assert "none, scene hat, seed 3, protocol paper-v1:\n  albedo          psnr 23" in first.out
+    assert "stage 1: 40/40, loss 0.025" in first.err
+    (folder,) = Path("runs/hat").iterdir()
+    assert folder.name.startswith("none-")
+    assert sorted(p.name for p in folder.iterdir()) == [".lock", "config.json", "curve.csv", "metrics.json"]
+    assert call("seed=3") == 0
+    second = capfd.readouterr()
+    assert second.out == first.out
+    assert "already finished" in second.err
+    assert started() == ["hat none 3"]
+    assert sorted(p.name for p in Path().iterdir()) == ["runs"], "Hydra leaves nothing of its own"
+
+
+def test_internal_fault_has_a_traceback_a_record_and_a_second_try(capfd: pytest.CaptureFixture[str]) -> None:
+    assert call("row=raise") == 1
+    assert "RuntimeError: boom" in capfd.readouterr().err
+    assert [(r["status"], r["error"]) for r in results()] == [("failed", "RuntimeError: boom")]
+    assert call("row=raise") == 1
+    assert len(started()) == 2
+
+
+def test_folder_of_another_configuration_is_refused(capfd: pytest.CaptureFixture[str]) -> None:
+    assert call("out=here") == 0
+    capfd.readouterr()
+    assert call("out=here", "fit.pixels=7") == 2
+    assert "here: holds the results of another configuration; these differ: fit.pixels (4096 there, 7 here)" in (
+        capfd.readouterr().err
+    )
+
+
+def test_sweep_runs_every_combination(capfd: pytest.CaptureFixture[str]) -> None:
+    assert call("-m", "seed=0,1", "scene=hat,ship") == 0
+    assert sorted(started()) == ["hat none 0", "hat none 1", "ship none 0", "ship none 1"]
+    assert len(results()) == 4
+    assert sorted(p.name for p in Path().iterdir()) == ["runs"]
+    capfd.readouterr()
+    assert call("-m", "sed=0,1") == 2
+    assert "did you mean 'seed'" in capfd.readouterr().err
+
+
+def test_prior_of_another_distribution_needs_no_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "site" / "third-1.2.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: third\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text("[ia_bench.priors]\nmine = third_module:Mine\n")
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    assert call("prior=mine", "prior.options.strength=2") == 0
+    assert call("-m", "prior=none,mine,their_module:Theirs") == 0
+    configs = [json.loads(path.read_text())["config"]["prior"] for path in sorted(Path("runs").rglob("config.json"))]
+    configs = [{key: config[key] for key in ("name", "target", "options")} for config in configs]
+    assert {"name": "mine", "target": "third_module:Mine", "options": {"strength": 2}} in configs
+    assert {"name": "mine", "target": "third_module:Mine", "options": {}} in configs
+    assert {"name": "their_module:Theirs", "target": "their_module:Theirs", "options": {}} in configs
+
+
+def test_every_setting_can_be_shown(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["prior=oracle", "prior.supervision=similarity", "--cfg", "job"]) == 0
+    shown = capfd.readouterr().out
+    assert "stage1_steps: " in shown
+    assert "kind: similarity" in shown
+    assert not Path("runs").exists()
+
+
+def test_help_describes_every_choice(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    text = capfd.readouterr().out
+    for path in conf_folder().glob("*/*.yaml"):
+        if path.parent.name != "table":
+            line = next(line for line in text.splitlines() if line.startswith(f"    {path.stem} "))
+            assert len(line) > 30
+    assert max(map(len, text.splitlines())) <= 120
+    assert "runs/<scene>/<row>-<hash>" in text
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "ia_bench", "device=cpu", "threads=1", *arguments]
+
+
+def test_process_ends_with_status_2(workplace: Path) -> None:
+    done = subprocess.run(command("preset=quik"), stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("ia_bench: unknown preset 'quik'; did you mean 'quick'?")
+    assert "Traceback" not in done.stderr
+
+
+def test_killed_run_resumes_to_the_same_numbers() -> None:
+    assert call("out=whole") == 0
+    slow = os.environ | {"FAKE_STEP_SECONDS": "0.05"}
+    checkpoint = Path("killed/checkpoint.pt")
+    for _ in range(2):
+        process = subprocess.Popen(command("out=killed"), env=slow, stderr=subprocess.DEVNULL)
+        before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
+        deadline = time.monotonic() + 30
+        while time.monotonic() < deadline and (not checkpoint.exists() or checkpoint.stat().st_mtime_ns == before):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        assert not Path("killed/metrics.json").exists()
+    done = subprocess.run(command("out=killed"), capture_output=True, text=True, check=True)
+    assert "resumed at " in done.stderr
+    whole, killed = (json.loads(Path(name, "metrics.json").read_text()) for name in ("whole", "killed"))
+    assert killed == whole
+
+
+def test_two_at_once_share_one_result() -> None:
+    slow = os.environ | {"FAKE_STEP_SECONDS": "0.05"}
+    both = [subprocess.Popen(command(), env=slow, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    texts = [process.communicate(timeout=60)[1] for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    assert started() == ["hat none 0"]
+    waited = [text for text in texts if "another process is working on this run" in text]
+    assert len(waited) == 1
+    assert "already finished" in waited[0]
+
+
+@pytest.mark.slow
+def test_installation_works_from_any_folder(tmp_path: Path) -> None:
+    """`pip install .` into an empty environment; the dependencies are borrowed from this one, so nothing is loaded."""
+    borrowed = next(path for path in sys.path if path.endswith("site-packages"))
+    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "FAKE_LOG")}
+    python = tmp_path / "venv" / "bin" / "python"
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
+    (site / "borrowed.pth").write_text(borrowed + "\n")
+    source = tmp_path / "source"
+    shutil.copytree(HERE.parents[1] / "ia_bench", source / "ia_bench")
+    shutil.copytree(HERE.parents[1] / "conf", source / "conf")
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(HERE.parents[1] / name, source)
+    pip = [python, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index", "--quiet", source]
+    subprocess.run(pip, check=True, env=environment)
+    shutil.rmtree(source)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    run = {"cwd": elsewhere, "env": environment, "capture_output": True, "text": True, "check": False}
+    where = subprocess.run([python, "-c", "import ia_bench; print(ia_bench.__file__)"], **run)
+    assert where.stdout.startswith(str(site))
+    shown = subprocess.run([python, "-m", "ia_bench", "--help"], **run)
+    assert shown.returncode == 0, shown.stderr
+    assert "paper-v1" in shown.stdout
+    settings = subprocess.run([python, "-m", "ia_bench", "prior=oracle", "preset=paper", "--cfg", "job"], **run)
+    assert "texture: 2048" in settings.stdout
+    Image.new("RGB", (64, 64), (200, 120, 40)).save(elsewhere / "photo.png")
+    decomposed = subprocess.run([python, "-m", "ia_bench.decompose", "photo.png", "--samples", "1", "--out", "parts"], **run)
+    assert decomposed.returncode == 0, decomposed.stderr  # the weights are in the package
+    assert (elsewhere / "parts/photo_albedo.exr").is_file()
+    del environment["IA_BENCH_DATASETS"]
+    without = subprocess.run([python, "-m", "ia_bench", "device=cpu"], **run)
+    assert without.returncode == 2
+    assert "IA_BENCH_DATASETS" in without.stderr
+    assert "scene.path=FOLDER" in without.stderr
+
+
+@pytest.mark.slow
+def test_ray_runs_a_sweep(tmp_path: Path) -> None:
+    pytest.importorskip("hydra_plugins.hydra_ray_launcher", reason="needs the extra: pip install -e '.[ray]'")
+    environment = os.environ | {"RAY_AUTH_MODE": "disabled", "HOME": str(tmp_path)}
+    arguments = command("-m", "hydra/launcher=ray", "seed=0,1")
+    done = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert sorted(started()) == ["hat none 0", "hat none 1"]
+    assert [r["status"] for r in results()] == ["ok", "ok"]

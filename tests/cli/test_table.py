@@ -1,0 +1,248 @@
+"""The table's orchestration: which cells there are, that a crash stays in its cell, and that nothing runs twice.
+
+Cells are real processes of `python -m ia_bench` in which tests/fake_run stands for the run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from ia_bench.cli.table import main, parse
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import INTERRUPTED
+from ia_bench.common.paths import conf_folder
+from ia_bench.common.progress import Progress
+from ia_bench.runs import schedule
+from ia_bench.runs import table as module
+from ia_bench.runs.composition import compose
+from ia_bench.runs.folder import finished_metrics
+from ia_bench.runs.schedule import jobs_and_threads, run_cells
+from ia_bench.runs.table import Request, Row, Table, load_table, make_cells
+
+HERE = Path(__file__).parent
+ABLATIONS = [f"diffusion, targets{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
+ROWS = ["ceiling", "none", "oracle", "diffusion, kernel", *ABLATIONS, "diffusion, distilled", "regressor, targets"]
+
+
+@pytest.fixture(autouse=True)
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for scene in ("hat", "ship", "console", "figurine"):
+        (tmp_path / "datasets" / "scenes" / scene).mkdir(parents=True)
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
+    monkeypatch.setenv("FAKE_LOG", str(tmp_path / "log"))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE / "fake_run"), str(HERE.parents[1])]))
+    monkeypatch.delenv("IA_BENCH_DEBUG", raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+def cells_of(table: Table, **request) -> list[module.Cell]:
+    overrides = ("device=cpu", *request.pop("overrides", ()))
+    return make_cells(table, Request(overrides=overrides, **request), 1, Path("results/paper"))
+
+
+def started() -> list[str]:
+    log = Path(os.environ["FAKE_LOG"])
+    return sorted(log.read_text().splitlines()) if log.exists() else []
+
+
+@pytest.mark.parametrize("path", sorted(conf_folder().glob("table/*.yaml")), ids=lambda path: path.stem)
+def test_shipped_table_is_well_formed(path: Path) -> None:
+    table = load_table(path.stem)
+    command = "# make table " if path.stem == "paper" else f"# python -m ia_bench.table table={path.stem}\n"
+    assert path.read_text().startswith(command)
+    cells = cells_of(table)
+    assert len(cells) == len(table.rows) * len(table.scenes) * len(table.seeds)
+    assert len({cell.config_hash for cell in cells}) == len(cells), "two rows with one configuration say nothing"
+    assert len({cell.folder for cell in cells}) == len(cells)
+
+
+def test_paper_table_has_the_ablations_as_configuration() -> None:
+    table = load_table("paper")
+    assert [row.name for row in table.rows] == ROWS
+    cells = {cell.row.name: cell.config for cell in cells_of(table, scenes=("hat",))}
+    assert cells["ceiling"].method.name == "ceiling"
+    assert cells["none"].prior.name == "none"
+    assert cells["diffusion, targets w/o specular"].fit.weights.specular == 0
+    assert cells["diffusion, targets w/o albedo"].fit.weights.albedo == 0
+    assert not cells["diffusion, targets w/o guided"].fit.guided
+    kinds = {name: cell.prior.supervision.kind for name, cell in cells.items() if cell.prior.name in ("diffusion", "regressor")}
+    assert kinds == {
+        "diffusion, kernel": "similarity", **dict.fromkeys([*ABLATIONS, "regressor, targets"], "target"),
+        "diffusion, distilled": "sds",
+    }  # fmt: skip
+    assert cells["oracle"].fit == compose(["device=cpu"]).fit
+    assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}
+
+
+def test_a_row_may_have_seeds_of_its_own() -> None:
+    rows = [Row("a", ["prior=none"]), Row("b", ["prior=oracle"], seeds=[7])]
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=rows), seeds=(0, 1))
+    assert [(cell.row.name, cell.config.seed) for cell in cells] == [("a", 0), ("a", 1), ("b", 7)]
+
+
+def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
+    cells = cells_of(load_table("paper"), scenes=("ship",), seeds=(3,))
+    (cell,) = [one for one in cells if one.row.name == "diffusion, targets w/o guided"]
+    again = compose(cell.overrides)
+    assert again == cell.config
+    assert (again.seed, again.scene.name, again.threads) == (3, "ship", 1)
+    assert str(cell.folder).startswith("results/paper/runs/ship/diffusion-targets-w-o-guided-seed3-")
+
+
+def test_overrides_go_to_every_cell() -> None:
+    cells = cells_of(load_table("paper"), scenes=("hat",), overrides=("fit.pixels=77",))
+    assert {cell.config.fit.pixels for cell in cells} == {77}
+
+
+def test_command_line_is_told_apart() -> None:
+    overrides = ("preset=smoke", "protocol.lpips.net=squeeze")
+    request = parse(["table=paper", "seeds=0,1", "scenes=hat,ship", "jobs=2", *overrides])
+    assert request == Request("paper", ("hat", "ship"), (0, 1), 2, overrides)
+    assert parse(["jobs=auto"]) == parse([]) == Request()
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ("table=papper", "unknown table 'papper'; did you mean 'paper'?"),
+        ("seeds=0,x", "seeds=x: expected whole numbers from 0"),
+        ("jobs=0", "jobs=0: expected whole numbers from 1"),
+        ("scenes=hatt", "unknown scene 'hatt'; did you mean 'hat'?"),
+        ("seed=1", "it has scenes=, seeds= and table="),
+        ("++seed=1", "it has scenes=, seeds= and table="),
+        ("scene.path=/tmp", "it has scenes=, seeds= and table="),
+        ("seeds=0,0", "found hat / none / seed 0 more than once"),
+        ("seds=1", "unknown setting 'seds'; did you mean 'seed'?"),
+        ("fit.pixls=1", "did you mean 'fit.pixels'?"),
+        ("paper", "expected SETTING=VALUE, found 'paper'"),
+    ],
+)
+def test_mistake_is_one_message_before_anything_runs(
+    argument: str, message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["device=cpu", argument]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert message in err
+    assert "Traceback" not in err
+    assert started() == []
+
+
+def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
+    (tmp_path / "table").mkdir()
+    for content, message in [
+        ("rowes: []", r"bad\.yaml: .*rowes"),
+        ("rows: [{name: a, overrides: []}, {name: a, overrides: []}]", "expected different names, found a, a"),
+        ("rows: [{name: a, overrides: []}]\nreference: b", "reference: unknown row 'b'"),
+        ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
+        ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
+        ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
+        ("rows: [{name: a, overrides: [], seeds: []}]", "rows: a: seeds: expected at least one, found none"),
+        ("seeds: []", "seeds: expected at least one, found none"),
+        ("rows: [", "bad.yaml: "),
+    ]:
+        (tmp_path / "table" / "bad.yaml").write_text(content)
+        with pytest.raises(InputError, match=f"(?s){message}"):
+            load_table("bad")
+
+
+def test_threads_share_the_cores_and_depend_on_the_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(schedule.os, "sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(schedule, "total_memory", lambda: 64 << 30)
+    assert jobs_and_threads(None, "cpu") == (8, 1)
+    assert jobs_and_threads(3, "cpu") == (3, 2)
+    assert jobs_and_threads(None, "cuda") == (1, 8)
+    monkeypatch.setattr(schedule, "total_memory", lambda: 7 << 30)
+    assert jobs_and_threads(None, "cpu") == (2, 4)
+    monkeypatch.setattr(schedule, "total_memory", lambda: 1 << 30)
+    assert jobs_and_threads(None, "cpu") == (1, 8)
+
+
+def test_crash_stays_in_its_cell_and_finished_cells_are_skipped(capfd: pytest.CaptureFixture[str]) -> None:
+    rows = [Row("good", ["prior=none"]), Row("crash", ["prior=oracle"]), Row("raise", ["method=ceiling"])]
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=rows))
+    logs = Path("results/paper/logs")
+    with Progress() as progress:
+        failed = run_cells(cells, 2, logs, progress)
+    assert failed == 2
+    said = capfd.readouterr().err
+    assert "hat / good / seed 0: ok" in said
+    assert "hat / crash / seed 0: FAILED (killed by signal 9" in said
+    assert "hat / raise / seed 0: FAILED (exit status 1: RuntimeError: boom)" in said
+    assert "failed 2" in said
+    good, crash, raised = (json.loads((cell.folder / "metrics.json").read_text()) for cell in cells)
+    assert (good["status"], crash["status"], raised["status"]) == ("ok", "failed", "failed")
+    assert crash["error"].startswith("killed by signal 9")
+    assert raised["error"] == "RuntimeError: boom"
+    assert "RuntimeError: boom" in next(logs.glob("hat-raise-*.log")).read_text()
+
+    with Progress() as progress:
+        run_cells(cells, 2, logs, progress)
+    assert started() == ["hat crash 0", "hat crash 0", "hat good 0", "hat raise 0", "hat raise 0"]
+    assert "1 of 3 cells are finished already" in capfd.readouterr().err
+
+
+def test_an_interrupted_table_records_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FAKE_STEP_SECONDS", "0.2")
+    command = [sys.executable, "-m", "ia_bench.table", "scenes=hat", "jobs=1", "device=cpu"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not list(Path("results").rglob("checkpoint.pt")):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == INTERRUPTED, said
+    assert "interrupted; the same command resumes" in said
+    assert list(Path("results").rglob("checkpoint.pt"))
+    assert list(Path("results").rglob("metrics.json")) == []
+
+
+def test_a_cell_whose_folder_is_taken_fails_alone(capfd: pytest.CaptureFixture[str]) -> None:
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("taken", ["method=ceiling"]), Row("good", ["prior=none"])]))
+    taken = cells[0].folder
+    taken.mkdir(parents=True)
+    (taken / "config.json").write_text("{")
+    with Progress() as progress:
+        assert run_cells(cells, 1, Path("results/paper/logs"), progress) == 1
+    said = capfd.readouterr().err
+    assert "hat / taken / seed 0: FAILED (" in said
+    assert "config.json: not valid JSON" in said
+    assert "hat / good / seed 0: ok" in said
+
+
+@pytest.mark.slow
+def test_whole_table_on_the_tiny_scene(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    """Every row for real, and the report from what they leave; a second call only writes the report again."""
+    monkeypatch.delenv("FAKE_LOG")
+    monkeypatch.delenv("IA_BENCH_DATASETS")
+    monkeypatch.setenv("PYTHONPATH", str(HERE.parents[1]))
+    arguments = ["scenes=tiny", "preset=smoke", "device=cpu"]
+    assert main(arguments) == 0, capfd.readouterr().err
+    said = capfd.readouterr().out
+    assert all(row in said for row in ROWS)
+    results = Path("results/paper")
+    for name in ("report.md", "table.tex", "table.csv", "table.json", "pictures/tiny.png"):
+        assert (results / name).stat().st_size > 0
+    files = sorted(results.rglob("metrics.json"))
+    times = [path.stat().st_mtime_ns for path in files]
+    assert len(files) == len(ROWS)
+    assert main(arguments) == 0
+    assert [path.stat().st_mtime_ns for path in files] == times
+    (folder,) = results.glob("runs/tiny/none-*")
+    config_hash = json.loads((folder / "config.json").read_text())["config_hash"]
+    assert finished_metrics(folder, config_hash) is not None
+
+
+def test_help_is_the_module_text(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    assert "seeds=0,1" in capfd.readouterr().out
+    assert sys.modules["ia_bench.cli.table"].__doc__ is not None

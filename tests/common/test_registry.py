@@ -1,0 +1,165 @@
+"""Plugins of other distributions: found by metadata, imported on use, and unable to harm those that do not use them."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ia_bench.cli.usage import usage
+from ia_bench.common import registry
+from ia_bench.common.errors import InputError
+
+GOOD = """
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal
+
+class Given:
+    pass
+
+class Good:
+    def __init__(self, strength=1.0):
+        self.strength = strength
+
+class Needy:
+    def __init__(self, checkpoint, size=3):
+        pass
+
+class Typed:
+    def __init__(
+        self,
+        *,
+        strength: "float" = 1.0,
+        steps: int = 3,
+        names: Iterable[str] = (),
+        patches: bool | str = "auto",
+        table: Mapping[str, Any] | None = None,
+        rule: Literal["paper", "variance"] = "paper",
+        sloppy: int = None,
+        strange: [int] = 3,
+        given: Given = (),
+    ) -> None:
+        pass
+
+class Unresolved:
+    def __init__(self, steps: "Missing" = 3) -> None:
+        pass
+"""
+ENTRY_POINTS = """
+[ia_bench.priors]
+good = third_good:Good
+needy = third_good:Needy
+broken = third_broken:Thing
+leaving = third_leaving:Thing
+absent = third_nowhere:Thing
+nameless = third_good:Nothing
+none = third_good:Good
+[ia_bench.scenes]
+blender = third_good:Good
+"""
+
+
+@pytest.fixture(autouse=True)
+def third_party(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A distribution `third 1.2` with one good plugin and every kind of bad one."""
+    (tmp_path / "third_good.py").write_text(GOOD)
+    (tmp_path / "third_broken.py").write_text("raise ImportError('libfoo.so is missing\\nsecond line')")
+    (tmp_path / "third_leaving.py").write_text("raise SystemExit(3)")
+    info = tmp_path / "third-1.2.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: third\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text(ENTRY_POINTS)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield
+    for name in [name for name in sys.modules if name.startswith("third_")]:
+        del sys.modules[name]
+
+
+def test_listing_imports_nothing() -> None:
+    names = registry.installed("prior")
+    assert set(names) == {"good", "needy", "broken", "leaving", "absent", "nameless"}
+    assert names["good"] == registry.Plugin("prior", "good", "third_good:Good", "third 1.2")
+    assert set(registry.installed("scene")) == {"blender"}
+    assert not [name for name in sys.modules if name.startswith("third_")]
+
+
+def test_built_in_name_cannot_be_taken_over() -> None:
+    assert registry.find("prior", "none").distribution == registry.BUILT_IN
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("broken", "ImportError: libfoo.so is missing$"),
+        ("leaving", "SystemExit: 3"),
+        ("absent", "ModuleNotFoundError: No module named 'third_nowhere'"),
+        ("nameless", "AttributeError: .*'Nothing'"),
+    ],
+)
+def test_broken_plugin_is_an_error_only_for_who_asks(name: str, cause: str) -> None:
+    with pytest.raises(InputError, match=f"prior '{name}' of third 1.2 cannot be used: importing .* raised {cause}"):
+        registry.load(registry.find("prior", name))
+    working, broken = registry.load_installed("prior")
+    assert set(working) == {"good", "needy"}
+    assert name in [one.plugin.name for one in broken]
+    assert all("\n" not in str(one) and "third 1.2" in str(one) for one in broken)
+
+
+def test_help_names_the_broken_and_goes_on() -> None:
+    text = usage()
+    assert "from third 1.2" in text
+    assert "prior 'broken' of third 1.2 is skipped: importing third_broken:Thing raised ImportError" in text
+    assert "paper-v1" in text.partition("broken")[2]
+
+
+def test_unknown_name_gives_the_closest() -> None:
+    with pytest.raises(InputError, match=r"unknown prior 'orcale'; did you mean 'oracle'\? There are: .*good"):
+        registry.find("prior", "orcale")
+
+
+def test_class_spelled_out() -> None:
+    made = registry.create("prior", "third_good:Good", "third_good:Good", {"strength": 2.0})
+    assert made.strength == 2.0
+    with pytest.raises(InputError, match="expected a target 'module:Class', found 'third_good:'"):
+        registry.load(registry.find("prior", "third_good:"))
+
+
+def test_options_are_checked_against_the_signature() -> None:
+    with pytest.raises(InputError, match="unknown option of prior 'good' 'strenght'; did you mean 'strength'"):
+        registry.create("prior", "good", "third_good:Good", {"strenght": 2.0})
+    with pytest.raises(InputError, match=r"prior 'needy' needs prior\.options\.checkpoint=\.\.\."):
+        registry.create("prior", "needy", "third_good:Needy", {})
+
+
+def create_typed(**options: Any) -> Any:
+    return registry.create("prior", "third_good:Typed", "third_good:Typed", options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"strength": "a"}, "strength: expected a number, found 'a'"),
+        ({"strength": True}, "strength: expected a number, found True"),
+        ({"steps": "a"}, "steps: expected a whole number, found 'a'"),
+        ({"steps": 3.5}, "steps: expected a whole number, found 3.5"),
+        ({"steps": None}, "steps: expected a whole number, found None"),
+        ({"names": None}, r"names: expected a list \(text each\), found None"),
+        ({"names": "albedo"}, r"names: expected a list \(text each\), found 'albedo'"),
+        ({"names": ["albedo", 3]}, r"names: expected a list \(text each\), found \['albedo', 3\]"),
+        ({"patches": 1}, "patches: expected true or false or text, found 1"),
+        ({"table": [1]}, r"table: expected a table or null, found \[1\]"),
+        ({"rule": "foo"}, "rule: expected paper or variance, found 'foo'"),
+    ],
+    ids=str,
+)
+def test_values_are_checked_against_annotations(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=rf"^prior\.options\.{message}$"):
+        create_typed(**options)
+
+
+def test_whatever_an_annotation_may_mean_is_let_through() -> None:
+    create_typed(strength=2, names=["albedo"], patches=True, table={"a": 1}, rule="variance", sloppy=None)
+    create_typed(patches="auto", table=None, strange="b", given="c")
+    registry.create("prior", "third_good:Unresolved", "third_good:Unresolved", {"steps": "many"})

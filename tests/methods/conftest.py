@@ -1,0 +1,42 @@
+"""The shipped scene tiny as a problem, under the settings of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+import torch
+from small_fit import Record, make_problem
+
+from ia_bench.common.paths import scenes_folder
+from ia_bench.methods.contract import Problem
+from ia_bench.readers.native import load_scene
+from ia_bench.scenes.scene import Scene
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    """Scene tiny with its truth."""
+    return load_scene(scenes_folder() / "tiny", truth=True)
+
+
+@pytest.fixture(scope="session")
+def problem(scene: Scene) -> Problem:
+    """What a method would be given of it."""
+    return make_problem(scene.for_training())
+
+
+@pytest.fixture(autouse=True, scope="module")
+def as_in_a_run() -> Iterator[None]:
+    """Deterministic algorithms, and one thread: work this small only waits for a second one."""
+    threads = torch.get_num_threads()
+    torch.use_deterministic_algorithms(True)
+    torch.set_num_threads(1)
+    yield
+    torch.use_deterministic_algorithms(False)
+    torch.set_num_threads(threads)
+
+
+@pytest.fixture
+def record() -> Record:
+    return Record()

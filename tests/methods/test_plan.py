@@ -1,0 +1,355 @@
+"""What the plan decides, from made-up scenes whose answer is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from shapes import bowl, camera_at, disk, plate, sphere, together
+
+from ia_bench.common.errors import InputError
+from ia_bench.methods.plan import (
+    LIGHT_HEIGHTS,
+    TEXTURE_SIZES,
+    VIEWS_A_POINT,
+    Decision,
+    Plan,
+    _closest_quarter,
+    _normal_spread,
+    make_plan,
+    normal_error,
+)
+from ia_bench.priors.none import NoPrior
+from ia_bench.priors.oracle import OraclePrior
+from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.rays import make_rays
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.scene import Camera, Mesh, Scene, View
+
+CPU = torch.device("cpu")
+FROM_ABOVE = camera_at((0, 0, 5), pixels=32)
+VIEW_WIDTH = 2 * 5 * math.tan(math.radians(20))  # of FROM_ABOVE, at the origin
+FILLING = VIEW_WIDTH / 2 * 1.05  # half a side of a plate that fills FROM_ABOVE
+
+
+class Limited(NoPrior):
+    """A prior of albedo that works at 64 pixels."""
+
+    provides = frozenset({"albedo"})
+    resolution = 64
+
+
+class Patched(Limited):
+    """One that can do with patches."""
+
+    def __init__(self, patches: bool | str | None = "auto") -> None:
+        self.patches = patches
+
+    def use_patches(self, patches: bool) -> None:
+        self.patches = patches
+
+
+def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
+    views = tuple(
+        View(str(i), camera, np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)))
+        for i, camera in enumerate(cameras)
+    )
+    return Scene("made-up", Path("made-up"), mesh, views)
+
+
+def plan_of(mesh: Mesh, *cameras: Camera, prior: object = None, prior_views: int | str = "all", **settings: object) -> Plan:
+    surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
+    scene, wanted = scene_of(mesh, *cameras), RenderSettings(**settings)  # type: ignore[arg-type]
+    return make_plan(scene, surface, rays, wanted, prior or NoPrior(), CPU, prior_views=prior_views)  # type: ignore[arg-type]
+
+
+def decision(plan: Plan, what: str) -> Decision:
+    (found,) = [d for d in plan.decisions if d.what == what]
+    return found
+
+
+# ---------------------------------------------------------------- shadows
+@pytest.mark.parametrize("smooth", [True, False])
+def test_a_convex_sphere_needs_no_shadow_rays(smooth: bool) -> None:
+    plan = plan_of(sphere(3, smooth=smooth), camera_at((3, 2, 1)), camera_at((-3, 2, 1)))
+    assert plan.shadows == "none"
+    found = decision(plan, "render.shadows")
+    assert found.measured is not None
+    assert found.measured["occluded_share"] == 0
+    assert found.left_out == "shadow rays"
+
+
+def test_a_plate_under_a_disk_needs_them() -> None:
+    """The disk hides R^2 / (R^2 + h^2) of the cosine-weighted sky of a small plate; the camera sees only the plate."""
+    radius, height = 0.7, 0.6
+    mesh = together(plate(0.01), disk(radius, height=height))
+    camera = camera_at((0.3, 0.0, 0.05), pixels=16, field_of_view=1.0)
+    plan = plan_of(mesh, camera)
+    assert plan.shadows == "traced"
+    found = decision(plan, "render.shadows")
+    assert found.measured is not None
+    share = radius**2 / (radius**2 + height**2)
+    assert found.measured["occluded_share"] == pytest.approx(
+        share, abs=5 * math.sqrt(0.25 / found.measured["probe_rays"])
+    )
+    assert found.left_out is None
+
+
+def test_a_rare_shadow_is_a_shadow() -> None:
+    """A small disk far above a plate hides one in a thousand directions: no longer none."""
+    mesh = together(plate(0.01), disk(0.05, height=1.5))
+    plan = plan_of(mesh, camera_at((0.3, 0.0, 0.05), pixels=16, field_of_view=1.0))
+    assert plan.shadows == "traced"
+
+
+# ---------------------------------------------------------------- indirect light
+
+
+def test_a_convex_mesh_needs_no_bounces() -> None:
+    plan = plan_of(sphere(3), camera_at((3.0, 1.0, 1.0)))
+    found = decision(plan, "render.bounces")
+    assert plan.bounces == 0
+    assert found.left_out == "indirect light"
+    assert found.measured is not None
+    assert found.measured["indirect_share"] < 0.001
+
+
+def test_a_hemisphere_needs_bounces() -> None:
+    """Half of the rays from its inside meet it again, each time: with albedo 1/2 the share of bounced light is 1/4.
+
+    Of 20 000 paths the share's standard error is 0.3 %; below 0.5 % are left after three bounces (1/4^4 = 0.4 %).
+    """
+    plan = plan_of(bowl(), camera_at((0.0, 0.0, 4.0)))
+    found = decision(plan, "render.bounces")
+    assert found.measured is not None
+    assert found.measured["indirect_share"] == pytest.approx(0.25, abs=0.012)
+    assert found.measured["share_beyond_one"] == pytest.approx(1 / 16, abs=0.008)
+    assert plan.bounces == 3
+    assert found.left_out == "more than 3 bounces"
+
+
+# ---------------------------------------------------------------- sub-samples
+def test_a_flat_plate_that_fills_the_view_needs_one_point_a_pixel() -> None:
+    plan = plan_of(plate(FILLING), FROM_ABOVE)
+    assert plan.subsamples == 1
+    found = decision(plan, "render.subsamples")
+    assert set(found.measured or {}) == {"edge_pixel_share", "mean_normal_change_degrees", "normal_error_of_2_x_2"}
+    assert not any((found.measured or {}).values())
+    assert found.left_out == "pixel sub-samples"
+
+
+def test_edges_need_more() -> None:
+    """A flat plate of 7 by 7 pixels plus half a pixel all around: 32 of its 81 pixels are partly covered."""
+    plan = plan_of(plate(VIEW_WIDTH / 2 * 8 / 32), camera_at((0, 0, 5), pixels=31))
+    assert plan.subsamples == 3
+    measured = decision(plan, "render.subsamples").measured
+    assert measured is not None
+    assert measured["edge_pixel_share"] > 0.2
+    assert measured["mean_normal_change_degrees"] == 0
+
+
+def test_the_expected_error_of_a_mean_normal_is_the_one_against_many_points(tiny: Scene) -> None:
+    """Within a factor of 1.5 of that against 8 x 8 points, for 1 to 4 points a side of the shipped scene `tiny`."""
+    surface, rays = SurfaceInterpolator(tiny.mesh, CPU), make_rays(tiny.mesh, CPU)
+    cameras = [view.camera for view in tiny.train[::4]]
+
+    def mean_normals(side: int) -> torch.Tensor:
+        gbuffer = trace_gbuffer(cameras, rays, side, CPU)
+        hit = gbuffer.face >= 0
+        camera = gbuffer.origin[gbuffer.pixel // (32 * 32)][:, None].expand(*hit.shape, 3)
+        normal = torch.zeros(*hit.shape, 3)
+        normal[hit] = surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit]).normal
+        image = torch.zeros(len(cameras) * 32 * 32, 3)
+        image[gbuffer.pixel] = normal.mean(1)
+        return image
+
+    many, two = mean_normals(8), trace_gbuffer(cameras, rays, 2, CPU)
+    for side in (1, 2, 3, 4):
+        true = float((mean_normals(side) - many)[two.pixel].square().sum(-1).mean().sqrt())
+        assert true / 1.5 < normal_error(_normal_spread(surface, two), side) < 1.5 * true
+
+
+def test_thin_parts_need_more_still() -> None:
+    """Plates of two thirds of a pixel, a pixel apart: every pixel is an edge. Coarse edges take no more than 2 x 2."""
+    pixel = VIEW_WIDTH / 32
+    thin = plate(pixel / 3)
+    strips = [replace(thin, vertices=thin.vertices + np.array([2 * x * pixel, 0, 0], np.float32)) for x in range(-4, 5)]
+    assert plan_of(together(*strips), FROM_ABOVE).subsamples >= 3
+    big = plan_of(plate(FILLING / 2), camera_at((0, 0, 5), pixels=128))
+    assert big.subsamples == 2
+
+
+def test_curvature_needs_more() -> None:
+    """A sphere that fills the view: no edges, but a pixel spans 2.6 degrees of it in the middle, more outside."""
+    near = camera_at((0, 2, 0), pixels=16)
+    plan = plan_of(sphere(4), near)
+    assert plan.subsamples == 2
+    measured = decision(plan, "render.subsamples").measured
+    assert measured is not None
+    assert measured["edge_pixel_share"] == 0
+    smallest = math.degrees(1 * 2 * math.tan(math.radians(20)) / 16)
+    assert smallest < measured["mean_normal_change_degrees"] < 3 * smallest
+
+
+# ---------------------------------------------------------------- texture
+@pytest.mark.parametrize(
+    ("uv_scale", "pixels", "size"),
+    [(1.0, 32, 64), (0.25, 32, 256), (0.1, 32, 512), (1.0, 200, 256), (1e-3, 32, 2048), (1.0, 8, 64)],
+)
+def test_texture_follows_the_footprint_of_a_pixel(uv_scale: float, pixels: int, size: int) -> None:
+    """A plate's pixel spans uv_scale / pixels of the texture (a little less: it fills more than the view)."""
+    plan = plan_of(plate(FILLING, uv_scale=uv_scale), camera_at((0, 0, 5), pixels=pixels))
+    found = decision(plan, "render.texture")
+    assert found.measured is not None
+    assert found.measured["pixel_footprint_uv"] == pytest.approx(uv_scale / 1.05 / pixels, rel=1e-3)
+    assert plan.texture == size
+    assert found.left_out == (f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None)
+
+
+def test_footprints_of_many_large_images() -> None:
+    """Fifteen probed views of 2048 x 2048 have more pixels than torch.quantile takes."""
+    footprint = torch.arange(17_000_000, dtype=torch.float32).flip(0)
+    assert _closest_quarter(footprint) == pytest.approx(4_250_000, rel=1e-6)
+    assert _closest_quarter(torch.tensor([3.0])) == 3
+
+
+def test_jumps_to_another_island_are_no_footprint() -> None:
+    """Two plates side by side on opposite corners of the atlas: their common border does not count."""
+    left, right = plate(FILLING / 2, uv_scale=0.1), plate(FILLING / 2, uv_scale=0.1)
+    shift = np.array([FILLING / 2, 0, 0], np.float32)
+    left = replace(left, vertices=left.vertices - shift)
+    right = replace(right, vertices=right.vertices + shift, uv=right.uv + 0.9)
+    one = plan_of(left, FROM_ABOVE)
+    both = plan_of(together(left, right), FROM_ABOVE)
+    footprints = [decision(p, "render.texture").measured for p in (one, both)]
+    assert footprints[0] is not None
+    assert footprints[1] is not None
+    assert footprints[1]["pixel_footprint_uv"] == pytest.approx(footprints[0]["pixel_footprint_uv"], rel=1e-3)
+    assert both.texture == one.texture == 256
+
+
+def test_a_mesh_that_no_light_reaches_is_named() -> None:
+    """A camera inside a ball whose triangles face inward: no path from what it sees leaves the ball."""
+    ball = sphere(2)
+    inward = replace(ball, faces=ball.faces[:, ::-1].copy(), normals=-ball.normals)
+    with pytest.raises(InputError, match="mesh: expected light from outside to reach what the cameras see.*render.bounces=0"):
+        plan_of(inward, camera_at((0, 0, 0.5), pixels=32))
+
+
+# ---------------------------------------------------------------- light
+def test_light_of_a_flat_mirror() -> None:
+    """On a plate, mirror directions turn by as much as view directions do: 40 degrees over 32 pixels."""
+    plan = plan_of(plate(FILLING), FROM_ABOVE)
+    found = decision(plan, "render.light_height")
+    assert found.measured is not None
+    middle = math.degrees(VIEW_WIDTH / 32 / 5)  # 1.30 degrees in the middle, less toward the corners
+    assert 0.8 * middle < found.measured["mirror_footprint_degrees"] < middle
+    assert plan.light_height == LIGHT_HEIGHTS[-1]  # 180 / 1.2 = 150 rows would be seen
+    assert found.left_out == f"light rows above {LIGHT_HEIGHTS[-1]}"
+    assert "worse with finer lights" in found.why
+
+
+def test_light_of_a_small_ball() -> None:
+    """A ball that is 10 pixels wide reflects half of the sphere in a few pixels: the coarsest light will do."""
+    plan = plan_of(sphere(3), camera_at((0, 18, 0), pixels=32))
+    assert plan.light_height == LIGHT_HEIGHTS[0]
+    assert decision(plan, "render.light_height").left_out == f"light rows above {LIGHT_HEIGHTS[0]}"
+
+
+# ---------------------------------------------------------------- prior
+@pytest.mark.parametrize(
+    ("prior", "pixels", "patches", "left_out"),
+    [
+        (NoPrior(), 32, False, "prior sampling"),
+        (OraclePrior(), 200, False, "patch-wise sampling"),
+        (Limited(), 300, False, "patch-wise sampling"),
+        (Patched(), 168, False, "patch-wise sampling"),
+        (Patched(), 200, True, None),
+        (Patched(True), 32, True, None),
+        (Patched(False), 300, False, None),
+        (Patched(None), 300, False, "patch-wise sampling"),  # around a prior that has none
+    ],
+)
+def test_patches_only_where_a_prior_would_reduce_the_object_too_far(
+    prior: object, pixels: int, patches: bool, left_out: str | None
+) -> None:
+    """The mask of these views fills the image."""
+    plan = plan_of(plate(FILLING), camera_at((0, 0, 5), pixels=pixels), prior=prior)
+    found = decision(plan, "prior.patches")
+    assert (plan.patches, found.value, found.left_out) == (patches, patches, left_out)
+
+
+# ---------------------------------------------------------------- the whole
+USERS = {"shadows": "baked", "bounces": 1, "subsamples": 3, "texture": 96, "light_height": 48}
+
+
+@pytest.mark.parametrize("name", USERS)
+def test_a_users_setting_is_taken_and_recorded_as_such(name: str) -> None:
+    """Whatever the measurement would have said; the other decisions stay what they were."""
+    usual = plan_of(plate(FILLING), FROM_ABOVE)
+    plan = plan_of(plate(FILLING), FROM_ABOVE, **{name: USERS[name]})
+    assert getattr(plan, name) == USERS[name] != getattr(usual, name)
+    found = decision(plan, f"render.{name}")
+    assert (found.value, found.why, found.measured, found.left_out) == (USERS[name], "set by the user", None, None)
+    others = [d for d in plan.decisions if d.what != found.what]
+    assert others == [d for d in usual.decisions if d.what != found.what]
+
+
+def test_samples_are_passed_on() -> None:
+    assert plan_of(plate(FILLING), FROM_ABOVE, samples=17).samples == 17
+
+
+def test_every_decision_is_printed_and_recorded_with_its_measurement() -> None:
+    plan = plan_of(plate(FILLING), FROM_ABOVE)
+    renderer = ["shadows", "bounces", "subsamples", "texture", "light_height", "metallic"]
+    whats = [*(f"render.{name}" for name in renderer), "prior.patches"]
+    assert [d.what for d in plan.decisions] == whats
+    for line, found in zip(plan.lines(), plan.decisions, strict=True):
+        assert line == f"plan: {found.what} = {found.value}: {found.why}"
+    record = plan.record()
+    assert [entry["what"] for entry in record["needed"]] == whats
+    assert all(entry["measured"] for entry in record["needed"][:6])
+    left_out = {entry["what"] for entry in record["left_out"]}
+    assert {"shadow rays", "pixel sub-samples", "prior sampling"} <= left_out
+
+
+def test_the_plan_is_the_same_every_time() -> None:
+    mesh = together(plate(0.5), disk(0.4, height=0.5))
+    cameras = [camera_at((2, 1, z)) for z in (0.5, 1.0, 2.0)]
+    assert plan_of(mesh, *cameras) == plan_of(mesh, *cameras)
+
+
+def test_cameras_that_do_not_see_the_mesh_are_named() -> None:
+    """The usual cause is a matrix of another convention: the camera looks the other way."""
+    camera = camera_at((0, 0, 5))
+    turned = camera.to_world @ np.diag([1.0, -1.0, -1.0, 1.0])  # OpenCV: looks along +z
+    with pytest.raises(InputError, match=r"made-up.*no training camera sees the mesh.*transform_matrix.*-z"):
+        plan_of(sphere(2), replace(camera, to_world=turned))
+
+
+def around(count: int) -> list[Camera]:
+    """Cameras on a circle in the plane z = 1."""
+    return [camera_at((4 * math.cos(a), 4 * math.sin(a), 1.0)) for a in np.arange(count) * 2 * np.pi / count]
+
+
+def test_a_prior_is_asked_about_as_many_views_as_show_the_surface() -> None:
+    """Sixty views around a ball show it far more often than is wanted; with four, each is needed."""
+    many, few = (plan_of(sphere(3), *around(count), prior=Limited(), prior_views="auto") for count in (60, 4))
+    assert 8 <= many.prior_views < 60  # type: ignore[operator]
+    found = decision(many, "prior.supervision.views")
+    assert found.measured is not None
+    assert found.measured["seen_by_chosen_views"] >= 0.9 * VIEWS_A_POINT
+    assert found.left_out == f"prior samples of {60 - many.prior_views} views"  # type: ignore[operator]
+    assert few.prior_views == 4
+    assert decision(few, "prior.supervision.views").left_out is None
+
+
+@pytest.mark.parametrize("wanted", ["all", 5])
+def test_the_number_of_views_may_be_set(wanted: int | str) -> None:
+    plan = plan_of(sphere(2), *around(12), prior=Limited(), prior_views=wanted)
+    assert plan.prior_views == wanted
+    assert plan_of(sphere(2), *around(12)).prior_views == "all"  # nobody to ask

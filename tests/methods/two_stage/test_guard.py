@@ -1,0 +1,229 @@
+"""NaN and Inf in a fit: the step is skipped, named and counted; ten in a row stop the fit; the state stays finite.
+
+A renderer that misbehaves in chosen steps stands in for whatever may go wrong inside. Its first call is that of the initial
+light, so call number n + 1 belongs to step n.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Callable, Container
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from small_fit import Record, fit, same
+from torch import Tensor
+
+import ia_bench.cli.run as command
+from ia_bench.methods.contract import Fit, Problem
+from ia_bench.methods.two_stage import guard
+from ia_bench.methods.two_stage import method as two_stage
+from ia_bench.methods.two_stage.guard import PATIENCE
+from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
+from ia_bench.priors.none import NoPrior
+from ia_bench.render.renderer import PixelRadiance, Renderer
+
+SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=64, checkpoint_seconds=0.0)
+ENTRY = 5  # of the batch, the one that is spoiled
+
+
+class BadGradient(torch.autograd.Function):
+    """The identity, whose gradient has one value of NaN in row ENTRY."""
+
+    @staticmethod
+    def forward(context: Any, values: Tensor) -> Tensor:
+        return values.clone()
+
+    @staticmethod
+    def backward(context: Any, gradient: Tensor) -> Tensor:
+        gradient = gradient.clone()
+        gradient[ENTRY] = torch.nan
+        return gradient
+
+
+def spoil_value(value: float) -> Callable[[PixelRadiance], PixelRadiance]:
+    def spoil(rendered: PixelRadiance) -> PixelRadiance:
+        specular = rendered.specular.clone()
+        specular[ENTRY, 1] = value
+        return replace(rendered, specular=specular)
+
+    return spoil
+
+
+def spoil_gradient(rendered: PixelRadiance) -> PixelRadiance:
+    return replace(rendered, diffuse=BadGradient.apply(rendered.diffuse))
+
+
+class Failing:
+    """A renderer that spoils its result in the given steps and remembers which pixel it was."""
+
+    def __init__(
+        self, renderer: Renderer, steps: Container[int], spoil: Callable[[PixelRadiance], PixelRadiance], first: int = -1
+    ) -> None:
+        self.surface, self._renderer, self._steps, self._spoil = renderer.surface, renderer, steps, spoil
+        self.step = first
+        self.spoiled: list[int] = []
+
+    def render_pixels(self, gbuffer: Any, pixels: Tensor, *rest: Any) -> PixelRadiance:
+        rendered = self._renderer.render_pixels(gbuffer, pixels, *rest)
+        if self.step in self._steps:
+            rendered = self._spoil(rendered)
+            self.spoiled.append(int(gbuffer.pixel[pixels[ENTRY]]))
+        self.step += 1
+        return rendered
+
+
+def spoiled_fit(problem: Problem, record: Record, renderer: Failing, settings: FitSettings = SETTINGS, **resume: bytes) -> Fit:
+    return fit(replace(problem, renderer=renderer), NoPrior(), settings, record, **resume)  # type: ignore[arg-type]
+
+
+def place(problem: Problem, flat: int) -> str:
+    _, height, width = problem.gbuffer.shape
+    view = problem.scene.train[flat // (height * width)].name
+    return f"view {view} row {flat // width % height} column {flat % width}"
+
+
+def finite(found: Fit) -> bool:
+    return all(bool(torch.isfinite(t).all()) for t in (found.material.albedo, found.material.roughness, found.light))
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_bad_pixel_costs_one_step_and_is_named(problem: Problem, record: Record, value: float) -> None:
+    renderer = Failing(problem.renderer, {7}, spoil_value(value))
+    found = spoiled_fit(problem, record, renderer)
+    assert finite(found)
+    assert found.counters["skipped_steps"] == 1
+    assert record.notes == [
+        f"step 7 is skipped: the rendered radiance is NaN or Inf in 1 of 64 pixels ({place(problem, renderer.spoiled[0])})",
+        "fit: 1 of 30 steps were skipped because of NaN or Inf",
+    ]
+    assert [step for step, loss in enumerate(record.losses) if math.isnan(loss)] == [7]
+    before, after = (record.monitor(record.states[step]).load() for step in (7, 8))
+    assert before is not None
+    assert after is not None
+    for name, kept in before["parameters"].items():
+        assert torch.equal(kept, after["parameters"][name])
+    torch.testing.assert_close(before["optimizer"]["state"], after["optimizer"]["state"], rtol=0, atol=0)
+
+
+def test_a_good_fit_counts_nothing_and_says_nothing(problem: Problem, record: Record) -> None:
+    found = fit(problem, NoPrior(), SETTINGS, record)
+    assert found.counters["skipped_steps"] == 0
+    assert record.notes == []
+
+
+def test_a_bad_gradient_leads_back_from_the_texels_to_the_pixel(problem: Problem, record: Record) -> None:
+    """The pixel that was spoiled is among those named, and they are few: the ones that fetch the same texels."""
+    renderer = Failing(problem.renderer, {7}, spoil_gradient)
+    found = spoiled_fit(problem, record, renderer)
+    assert finite(found)
+    assert found.counters["skipped_steps"] == 1
+    assert record.notes[0].startswith("step 7 is skipped: the gradient of albedo is NaN, Inf or too large in ")
+    assert record.notes[0].count("view") <= guard.NAMED
+    keeper = guard.StepGuard(problem, {})
+    batch = torch.arange(0, len(problem.gbuffer.pixel), 7)
+    bad = torch.zeros(64, 64, dtype=torch.bool)
+    seen = int(torch.nonzero(problem.gbuffer.face[batch[3]] >= 0)[0])
+    points = problem.gbuffer.face[batch[3]][seen].long(), problem.gbuffer.barycentric[batch[3]][seen]
+    column, row = (problem.renderer.surface.uv(*points) * torch.tensor([1.0, -1.0]) + torch.tensor([0.0, 1.0])) * 64
+    bad[int(row), int(column)] = True
+    fetching = keeper._pixels_that_fetch(bad, batch)
+    assert int(batch[3]) in fetching
+    assert len(fetching) < 0.2 * len(batch)
+
+
+def test_a_gradient_whose_square_overflows_does_not_reach_adam(problem: Problem, record: Record) -> None:
+    """Adam would keep an infinite second moment, and that texel would never move again."""
+
+    def huge(rendered: PixelRadiance) -> PixelRadiance:
+        diffuse = rendered.diffuse.clone()
+        if diffuse.requires_grad:
+            diffuse.register_hook(lambda gradient: 1e25 * gradient)
+        return replace(rendered, diffuse=diffuse)
+
+    found = spoiled_fit(problem, record, Failing(problem.renderer, {7}, huge), SETTINGS)
+    assert finite(found)
+    assert found.counters["skipped_steps"] == 1
+    state = record.monitor(record.states[29]).load()
+    assert state is not None
+    assert all(bool(torch.isfinite(moment["exp_avg_sq"]).all()) for moment in state["optimizer"]["state"].values())
+
+
+def test_a_light_that_overflows_is_taken_back(problem: Problem, record: Record) -> None:
+    """exp(1000) is Inf in float32; the rate takes the log radiance there in one step, over and over."""
+    settings = replace(SETTINGS, rates=LearningRates(light=1e3, final=1.0))
+    with pytest.raises(FloatingPointError, match=r"^step 9: the light's radiance became NaN or Inf in \d+ of 512 texels \(row "):
+        fit(problem, NoPrior(), settings, record)
+    state = record.monitor(record.states[9]).load()
+    assert state is not None
+    assert bool(torch.isfinite(torch.exp(state["parameters"]["log_light"])).all())
+
+
+def test_ten_in_a_row_stop_the_fit_with_the_last_good_state(problem: Problem, record: Record) -> None:
+    renderer = Failing(problem.renderer, range(12, 100), spoil_value(math.nan))
+    with pytest.raises(FloatingPointError, match=f"^step 21: the rendered radiance .* stops after {PATIENCE} such steps in a row"):
+        spoiled_fit(problem, record, renderer)
+    assert len(record.notes) == PATIENCE - 1
+    good, kept = (record.monitor(record.states[step]).load() for step in (12, 21))
+    assert good is not None
+    assert kept is not None
+    for name, parameter in good["parameters"].items():
+        assert torch.equal(parameter, kept["parameters"][name])
+    # What is broken still stops it at once, with the same message; what has been mended goes on from there.
+    with pytest.raises(FloatingPointError, match="^step 21: the rendered radiance"):
+        spoiled_fit(problem, Record(), Failing(problem.renderer, range(100), spoil_value(math.nan), 21), resume=record.states[21])
+    mended = fit(problem, NoPrior(), SETTINGS, Record(), resume=record.states[21])
+    assert finite(mended)
+    assert mended.counters["skipped_steps"] == PATIENCE - 1
+
+
+def test_nine_in_a_row_do_not(problem: Problem, record: Record) -> None:
+    bad = {*range(3, 12), *range(13, 22)}
+    found = spoiled_fit(problem, record, Failing(problem.renderer, bad, spoil_value(math.nan)))
+    assert finite(found)
+    assert found.counters["skipped_steps"] == 18
+
+
+@pytest.mark.parametrize("step", [5, 8, 12], ids=["before", "within", "after"])
+def test_a_resumed_fit_ends_with_the_same_bits_and_counts(problem: Problem, step: int) -> None:
+    bad, whole = {7, 8, 9, 25}, Record()
+    expected = spoiled_fit(problem, whole, Failing(problem.renderer, bad, spoil_value(math.nan)))
+    renderer = Failing(problem.renderer, bad, spoil_value(math.nan), first=step)
+    found = spoiled_fit(problem, Record(), renderer, resume=whole.states[step])
+    assert same(found, expected)
+    assert found.counters["skipped_steps"] == expected.counters["skipped_steps"] == 4
+
+
+def test_a_first_render_that_is_bad_stops_at_once(problem: Problem, record: Record) -> None:
+    with pytest.raises(FloatingPointError, match="^the first render's radiance is NaN or Inf in 1 of .* pixels"):
+        spoiled_fit(problem, record, Failing(problem.renderer, {-1}, spoil_value(math.nan)))
+
+
+def test_the_command_says_it_in_one_line_and_records_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the command line: exit status 1, metrics.json of a failed run with the reason, the checkpoint kept."""
+    render = two_stage._Run._render
+
+    def bad(self: Any, *arguments: Any) -> PixelRadiance:
+        rendered = render(self, *arguments)
+        return spoil_value(math.nan)(rendered) if self.optimizer.state else rendered  # from the second step on
+
+    monkeypatch.setattr(two_stage._Run, "_render", bad)
+    out = tmp_path / "run"
+    monkeypatch.setattr("sys.argv", ["ia_bench"])
+    assert command.main(["scene=tiny", "preset=smoke", "threads=1", "device=cpu", f"out={out}"]) == command.FAULT
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert said.strip().splitlines()[-1].startswith("ia_bench: step 10: the rendered radiance is NaN or Inf in 1 of 512 pixels")
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["status"] == "failed"
+    assert metrics["error"].startswith("FloatingPointError: step 10: the rendered radiance")
+    saved = torch.load(io.BytesIO((out / "checkpoint.pt").read_bytes()), weights_only=True)["state"]["fit"]
+    assert saved["skipped"] == {"in_all": 9, "in_a_row": 9}
+    assert all(bool(torch.isfinite(parameter).all()) for parameter in saved["parameters"].values())

@@ -1,0 +1,235 @@
+"""Alignment against a float64 loop, variation against integrals, what each term must ignore and see; neighbours and the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.losses import align_views, crossed_loss, smoothness, tone_map, total_variation
+from ia_bench.methods.two_stage.neighbours import find_neighbours
+
+VIEWS = 4
+
+
+def pixels(count: int = 500, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Random predictions and targets (P, 3) in views (P,); the views have different numbers of pixels."""
+    generator = torch.Generator().manual_seed(seed)
+    view = (VIEWS * torch.rand(count, generator=generator) ** 2).long()
+    return torch.rand(count, 3, generator=generator), 2 * torch.rand(count, 3, generator=generator) ** 3, view
+
+
+def reference(prediction: Tensor, target: Tensor, view: Tensor, mode: str) -> tuple[np.ndarray, np.ndarray]:
+    """Scale and shift per view: means and mean absolute deviations over all values of a view, in float64."""
+    scales, shifts = [], []
+    for one in range(VIEWS):
+        p, t = (x[view == one].double().numpy().ravel() for x in (prediction, target))
+        if mode == "scale":
+            scales.append(t.mean() / p.mean())
+            shifts.append(0.0)
+        else:
+            scales.append(np.abs(t - t.mean()).mean() / np.abs(p - p.mean()).mean())
+            shifts.append(t.mean() - scales[-1] * p.mean())
+    return np.array(scales), np.array(shifts)
+
+
+@pytest.mark.parametrize("mode", ["scale_shift", "scale"])
+def test_alignment_equals_the_reference(mode: str) -> None:
+    prediction, target, view = pixels()
+    alignment = align_views(prediction, target, view, VIEWS, mode)
+    scale, shift = reference(prediction, target, view, mode)
+    np.testing.assert_allclose(alignment.scale, scale, rtol=1e-5)
+    np.testing.assert_allclose(alignment.shift, shift, atol=1e-6)
+    aligned = alignment(prediction, view, torch.ones(len(view), 1)).double().numpy()
+    expected = prediction.double().numpy() * scale[view][:, None] + shift[view][:, None]
+    np.testing.assert_allclose(aligned, expected, rtol=1e-5, atol=1e-6)
+    for one in range(VIEWS):
+        here = (view == one).numpy()
+        assert aligned[here].mean() == pytest.approx(target[here].double().mean().item(), rel=1e-5)
+
+
+def test_alignment_undoes_scale_and_shift_of_a_view() -> None:
+    target, _, view = pixels()
+    scale, shift = torch.tensor([0.5, 1.5, 3.0, 0.2])[view][:, None], torch.tensor([0.1, 0.0, 0.4, 0.3])[view][:, None]
+    spoiled = scale * target + shift
+    full = torch.ones(len(view), 1)
+    undone = align_views(spoiled, target, view, VIEWS, "scale_shift")(spoiled, view, full)
+    torch.testing.assert_close(undone, target, rtol=1e-4, atol=1e-5)
+    scaled = scale * target
+    undone = align_views(scaled, target, view, VIEWS, "scale")(scaled, view, full)
+    torch.testing.assert_close(undone, target, rtol=1e-4, atol=1e-5)
+    kept = align_views(scaled, target, view, VIEWS, "none")(scaled, view, full)
+    assert torch.equal(kept, scaled)
+
+
+@pytest.mark.parametrize("mode", ["scale_shift", "scale"])
+def test_common_scale_does_not_hide_a_colour_cast(mode: str) -> None:
+    target, _, view = pixels()
+    cast = target * torch.tensor([1.3, 1.0, 0.7])
+    alignment = align_views(cast, target, view, VIEWS, mode)
+    error = (alignment(cast, view, torch.ones(len(view), 1)) - target).abs().mean(0)
+    assert float(error[0]) > 0.1
+    assert float(error[2]) > 0.1
+    per_channel = cast * (target.mean(0) / cast.mean(0))
+    torch.testing.assert_close(per_channel, target)  # which a scale per channel would have hidden
+
+
+@pytest.mark.parametrize("mode", ["scale_shift", "scale", "none"])
+@pytest.mark.parametrize(("prediction", "target"), [(0.3, 0.6), (0.0, 0.6), (0.3, 0.0), (0.0, 0.0)])
+def test_constant_images_are_safe(mode: str, prediction: float, target: float) -> None:
+    view = torch.tensor([0, 0, 0, 2, 2])  # views 1 and 3 have no pixels
+    p, t = torch.full((5, 3), prediction), torch.full((5, 3), target)
+    alignment = align_views(p, t, view, VIEWS, mode)
+    assert bool(torch.isfinite(alignment.scale).all() & torch.isfinite(alignment.shift).all())
+    assert alignment.scale[[1, 3]].tolist() == [1, 1]
+    assert alignment.shift[[1, 3]].tolist() == [0, 0]
+    if mode == "scale_shift":
+        assert alignment.scale.tolist() == [1, 1, 1, 1]
+        torch.testing.assert_close(alignment(p, view, torch.ones(5, 1)), t)
+
+
+def test_alignment_carries_no_gradient_and_moves_covered_pixels_alone() -> None:
+    prediction, target, view = pixels()
+    prediction.requires_grad_(True)
+    alignment = align_views(prediction, target, view, VIEWS, "scale_shift")
+    assert not alignment.scale.requires_grad
+    assert not alignment.shift.requires_grad
+    aligned = alignment(prediction, view, torch.zeros(len(view), 1))
+    torch.testing.assert_close(aligned, prediction * alignment.scale[view][:, None])
+    aligned.sum().backward()
+    torch.testing.assert_close(prediction.grad, alignment.scale[view][:, None].expand(-1, 3).contiguous())
+
+
+def test_alignment_of_an_unknown_mode() -> None:
+    with pytest.raises(ValueError, match="expected scale_shift, scale or none, found 'affine'"):
+        align_views(*pixels(), VIEWS, "affine")
+
+
+def test_tone_map_is_monotone_with_finite_slope_everywhere() -> None:
+    radiance = torch.cat([torch.zeros(1), torch.logspace(-8, 6, 200)]).requires_grad_(True)
+    mapped = tone_map(radiance)
+    assert mapped[0].item() == 0
+    assert bool((mapped.diff() > 0).all())
+    mapped.sum().backward()
+    assert bool(torch.isfinite(radiance.grad).all() & (radiance.grad > 0).all())
+    assert mapped.max().item() < 5  # a sun does not drown the rest
+    x = 0.37
+    assert float(tone_map(torch.tensor(x))) == pytest.approx(1.055 * np.log1p(x) ** (1 / 2.4) - 0.055, rel=1e-6)
+
+
+def test_smoothness() -> None:
+    constant = torch.full((50, 3), 0.7)
+    assert float(smoothness(constant, constant, torch.rand(50))) == 0
+    here, there = torch.tensor([[0.1, 0.2], [0.5, 0.5]]), torch.tensor([[0.3, 0.2], [0.1, 0.9]])
+    assert float(smoothness(here, there, torch.tensor([1.0, 0.5]))) == pytest.approx((0.1 * 1 + 0.4 * 0.5) / 2)
+    assert float(smoothness(here, there, torch.zeros(2))) == 0
+
+
+def first_hits(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Position (P, 3), triangle normal (P, 3) and UV (P, 2) of every pixel's first hit, from the mesh's own arrays."""
+    mesh, gbuffer = problem.scene.mesh, problem.gbuffer
+    face = gbuffer.face.numpy()
+    rows, first = np.arange(len(face)), (face >= 0).argmax(1)
+    corners = mesh.faces[face[rows, first]]
+    u, v = gbuffer.barycentric.numpy()[rows, first].T.astype(np.float64)
+    weights = np.stack([1 - u - v, u, v], 1)[..., None]
+    triangle = mesh.vertices[corners].astype(np.float64)
+    normal = np.cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return (triangle * weights).sum(1), normal, (mesh.uv[corners] * weights).sum(1)
+
+
+def test_neighbours_are_neighbours_in_space_whatever_the_atlas_says(problem: Problem) -> None:
+    images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]))
+    found = find_neighbours(problem, images, scale=0.1)
+    position, normal, uv = first_hits(problem)
+    np.testing.assert_allclose(found.uv.numpy(), uv, atol=1e-5)
+    own = np.arange(len(position))
+    index, similarity = found.index.numpy(), found.similarity.numpy()
+    real = index != own[:, None]
+    assert 0.5 < real.mean() < 1
+    assert ((similarity >= 0) & (similarity <= 1)).all()
+    assert (similarity[~real] == 0).all()
+
+    # Exactly the next pixel to the right or below, of the same view.
+    _, height, width = problem.gbuffer.shape
+    pixel = problem.gbuffer.pixel.numpy()
+    for side, step in ((0, 1), (1, width)):
+        ours, other = pixel[real[:, side]], pixel[index[real[:, side], side]]
+        assert (other == ours + step).all()
+        assert (other // (height * width) == ours // (height * width)).all()
+        assert side or (other // width == ours // width).all()
+
+    # Near in space, and never around a fold or an edge of depth.
+    away = np.linalg.norm(position[:, None] - position[index], axis=-1)[real]
+    assert away.max() < 8 * np.median(away)
+    assert (normal[:, None] * normal[index]).sum(-1)[real].min() > 0.3  # shading normals differ by less than triangles
+    # Pairs reach across seams of the atlas, where a texture's own neighbours would not.
+    apart = np.linalg.norm(uv[:, None] - uv[index], axis=-1)[real]
+    across = apart > 10 * np.median(apart)
+    assert across.sum() > 20
+
+
+def test_similar_neighbours_are_smoothed_and_edges_are_not(problem: Problem) -> None:
+    flat = torch.full((len(problem.gbuffer.pixel), 3), 0.4)
+    found = find_neighbours(problem, flat, scale=0.1)
+    real = found.index != torch.arange(len(flat))[:, None]
+    assert found.similarity[real].eq(1).all()
+    left = problem.gbuffer.pixel % problem.gbuffer.shape[2] < 16
+    painted = torch.where(left[:, None], 0.4, 4.0).expand(-1, 3)
+    across = left != left[find_neighbours(problem, painted, 0.1).index[:, 0]]
+    assert across.sum() > 20
+    assert float(find_neighbours(problem, painted, 0.1).similarity[across, 0].max()) < 1e-6
+    assert find_neighbours(problem, torch.zeros_like(flat), 0.1).similarity.isfinite().all()
+
+
+# ---- two estimates that judge each other -----------------------------------------------------------------------------
+
+
+def test_crossed_loss_without_noise_is_the_l1_beyond_its_cut_and_a_parabola_within() -> None:
+    target = torch.tensor([[0.0, 0.05, 0.5], [1.0, 10.0, 1e6]])
+    far = 3 * target + 1
+    difference = (tone_map(far) - tone_map(target)).abs()
+    assert crossed_loss(far, far, target, 1e-6).item() == pytest.approx(difference.mean().item(), rel=1e-6)
+    assert crossed_loss(target, target, target, 0.1).item() == 0
+    near = (target[:, 1:] * 1.001, target[:, 1:] * 1.002)
+    values = [crossed_loss(x, x, target[:, 1:], 0.1).item() for x in near]
+    assert values[1] / values[0] == pytest.approx(4, rel=0.02)
+
+
+def test_noise_pulls_the_l1_but_not_the_crossed_loss() -> None:
+    """A pixel whose mean is right, the noise of its estimates in proportion to a parameter: the L1 wants less of it.
+
+    Normal noise that the cut does not reach; the gradient's mean is within 4 of its standard errors (1 in 16 000).
+    """
+    generator = torch.Generator().manual_seed(0)
+    target, count = torch.full((20_000, 1), 0.4), 20_000
+    noise = 0.02 * torch.randn(2, count, 1, generator=generator)
+    level = torch.ones(count, 1, requires_grad=True)
+    loss = crossed_loss(target + level * noise[0], target + level * noise[1], target, 0.5)
+    (crossed,) = torch.autograd.grad(loss * count, level)
+    loss = (tone_map(target + level * noise.mean(0)) - tone_map(target)).abs().mean()
+    (plain,) = torch.autograd.grad(loss * count, level)
+    assert abs(crossed.mean().item()) < 4 * crossed.std().item() / count**0.5
+    assert plain.mean().item() > 40 * plain.std().item() / count**0.5
+
+
+def test_crossed_loss_stays_finite_at_black_and_blinding_pixels() -> None:
+    estimate = torch.tensor([[0.0, 1e6, 0.0]], requires_grad=True)
+    loss = crossed_loss(estimate, estimate.detach(), torch.tensor([[0.0, 0.0, 1e6]]), 0.1)
+    (gradient,) = torch.autograd.grad(loss, estimate)
+    assert bool(torch.isfinite(loss) & torch.isfinite(gradient).all())
+
+
+@pytest.mark.parametrize("height", [16, 64])
+def test_total_variation_is_the_mean_slope_over_the_sphere(height: int) -> None:
+    """A log radiance a cos(polar angle) has the mean slope a pi / 4; a roof over the azimuth a, up and down, a pi / 2."""
+    polar = ((torch.arange(height) + 0.5) * torch.pi / height)[:, None, None].expand(-1, 2 * height, 3)
+    azimuth = ((torch.arange(2 * height) + 0.5) * torch.pi / height)[None, :, None].expand(height, -1, 3)
+    assert total_variation(torch.full_like(polar, 3.0)).item() == 0
+    assert total_variation(2 * polar.cos()).item() == pytest.approx(2 * torch.pi / 4, rel=0.02)
+    roof = 2 * (azimuth - torch.pi).abs()
+    assert total_variation(roof).item() == pytest.approx(2 * torch.pi / 2, rel=2 / height)
+    assert total_variation(roof.roll(5, 1)).item() == pytest.approx(total_variation(roof).item(), rel=1e-5)

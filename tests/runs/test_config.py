@@ -1,0 +1,341 @@
+"""Every shipped configuration composes, and the hash changes with what decides numbers and with nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib
+import inspect
+import json
+import os
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import conf_folder
+from ia_bench.methods.two_stage.settings import FIT_RANGES, FitSettings, SupervisionSettings
+from ia_bench.render.settings import RenderSettings
+from ia_bench.runs import config as configuration
+from ia_bench.runs.composition import compose
+from ia_bench.runs.config import RunConfig, SceneConfig, config_hash, identity, resolve_scene_folder, run_folder, slug
+from ia_bench.scores.protocol import Protocol
+
+CONF = conf_folder()
+GROUP_FILES = sorted(path for path in CONF.glob("*/*.yaml") if path.parent.name != "table")
+
+
+@pytest.fixture(autouse=True)
+def scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Scene folders of every shipped name, with just enough in them to be told apart."""
+    root = tmp_path / "datasets" / "scenes"
+    for path in CONF.glob("scene/*.yaml"):
+        (root / path.stem).mkdir(parents=True)
+        (root / path.stem / "scene.json").write_text(json.dumps({"name": path.stem}))
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
+    return root
+
+
+def hash_with(*overrides: str) -> str:
+    return config_hash(compose(["device=cpu", *overrides]))
+
+
+@pytest.mark.parametrize("path", GROUP_FILES, ids=lambda path: f"{path.parent.name}={path.stem}")
+def test_shipped_choice_composes_and_says_how(path: Path) -> None:
+    config = compose(["device=cpu", f"{path.parent.name}={path.stem}"])
+    chosen = getattr(config, path.parent.name)
+    name = chosen if isinstance(chosen, str) else chosen["name"] if isinstance(chosen, dict) else chosen.name
+    assert name == path.stem
+    commands = [line for line in path.read_text().splitlines()[:2] if line.startswith("# python -m ia_bench ")]
+    assert len(commands) == 1, "opens with the command that uses it"
+    words = shlex.split(commands[0].removeprefix("# python -m ia_bench "))
+    overrides = [word for word in words if word != "device=cuda"]
+    assert f"{path.parent.name}={path.stem}" in overrides
+    compose([*overrides, "device=cpu"])
+
+
+@pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "method")], ids=lambda p: p.stem)
+def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
+    settings = yaml.safe_load(path.read_text())
+    module, _, name = settings["target"].partition(":")
+    parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters
+    defaults = {key: list(p.default) if isinstance(p.default, tuple) else p.default for key, p in parameters.items()}
+    options = settings.get("options", {})
+    assert options.keys() <= defaults.keys()
+    if path.stem == "spoiled_oracle":  # the oracle with other dials
+        assert options != defaults
+    else:
+        assert options == defaults
+
+
+def test_quick_is_the_defaults_and_paper_is_the_paper() -> None:
+    quick = compose(["device=cpu", "preset=quick"])
+    assert (quick.fit, quick.render) == (FitSettings(), RenderSettings())
+    assert Protocol.from_config(quick.protocol) == Protocol()
+    paper = compose(["device=cpu", "preset=paper"])
+    assert (paper.render.texture, paper.render.light_height, paper.render.samples) == (2048, 256, 144)
+    assert (paper.fit.stage1_steps, paper.fit.stage2_steps) == (20_000, 15_000)
+
+
+def test_result_is_typed_and_frozen_again() -> None:
+    fit = compose(["device=cpu", "fit.weights.albedo=2"]).fit
+    assert fit.weights.albedo == 2.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        fit.pixels = 1  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("render.samples=0", "render.samples: expected at least 1, found 0"),
+        ("fit.smooth_scale=0", r"fit.smooth_scale: expected a finite number >= 1e-06, found 0"),
+        ("fit.rates.albedo=-1", r"fit.rates.albedo: expected a finite number >= 0, found -1"),
+        ("fit.rates.final=-1", r"fit.rates.final: expected a finite number >= 1e-06, found -1"),
+        ("fit.light_uniform=2", r"fit.light_uniform: expected a finite number from 0 to 1, found 2"),
+        ("fit.roughness_initial=7", r"fit.roughness_initial: expected a finite number from 0 to 1, found 7"),
+        ("fit.weights.image=nan", r"fit.weights.image: expected a finite number >= 0, found nan"),
+        ("fit.residual_cut=0", r"fit.residual_cut: expected a finite number >= 1e-06, found 0"),
+        ("fit.pixels=0", r"fit.pixels: expected a finite number >= 1, found 0"),
+        ("seed=9223372036854775808", r"seed: expected 0 to 2\^63 - 1, found 9223372036854775808"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(override: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        compose(["device=cpu", override])
+
+
+@pytest.mark.parametrize(
+    ("prior", "override", "expected"),
+    [
+        ("oracle", "prior.options.noise=nan", "prior.options.noise: expected a finite number, found nan"),
+        ("corrected", "prior.options.of_options={eta: nan}", "prior.options.of_options.eta: expected a finite number, found nan"),
+        ("oracle", "prior.options.components=[inf]", r"prior.options.components\[0\]: expected a finite number, found inf"),
+        ("none", "+method.options.rate=nan", "method.options.rate: expected a finite number, found nan"),
+        ("corrected", "prior.options.of_options=abc", "prior.options.of_options: expected a table of options, found 'abc'"),
+    ],
+)
+def test_options_that_no_prior_can_take_are_refused(prior: str, override: str, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        compose(["device=cpu", f"prior={prior}", override])
+
+
+def test_every_number_of_the_fit_has_a_range() -> None:
+    flat = {}
+    for name, value in dataclasses.asdict(FitSettings()).items():
+        flat |= {f"{name}.{part}": inner for part, inner in value.items()} if isinstance(value, dict) else {name: value}
+    assert FIT_RANGES.keys() == {key for key, value in flat.items() if type(value) in (int, float)}
+    for key, (least, most) in FIT_RANGES.items():
+        assert least <= flat[key] <= most
+
+
+def test_the_kind_of_supervision_may_be_named_alone() -> None:
+    assert compose(["device=cpu", "prior=diffusion", "prior.supervision=sds"]).prior.supervision.kind == "sds"
+    with pytest.raises(InputError, match=r"prior.supervision.kind.*did you mean 'similarity'"):
+        compose(["device=cpu", "prior=diffusion", "prior.supervision=similarty"])
+
+
+def test_command_line_beats_preset() -> None:
+    assert compose(["device=cpu", "render.samples=7", "preset=paper"]).render.samples == 7
+
+
+def test_hash_is_sha256_of_canonical_json() -> None:
+    config = compose(["device=cpu"])
+    text = json.dumps(identity(config), sort_keys=True, separators=(",", ":"))
+    assert config_hash(config) == hashlib.sha256(text.encode()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("out=elsewhere",),
+        ("row=another",),
+        ("preset=quick",),
+        ("fit.checkpoint_seconds=99",),
+        ("prior.supervision.cache=false",),
+        ("fit.pixels=4096",),
+        (f"threads={len(os.sched_getaffinity(0))}",),
+    ],
+    ids=str,
+)
+def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None:
+    assert hash_with(*overrides) == hash_with()
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "seed=1",
+        "threads=63",
+        "scene=ship",
+        "prior=oracle",
+        "method=ceiling",
+        "geometry.uv=xatlas",
+        "preset=smoke",
+        "protocol.lpips.net=squeeze",
+        "protocol.ssim.sigma=2",
+        "protocol.samples_per_pixel=65",
+        "render.shadows=baked",
+        "fit.rates.light=0.3",
+    ],
+)
+def test_hash_changes_with_what_decides_numbers(override: str) -> None:
+    assert hash_with(override) != hash_with()
+
+
+def test_hash_changes_with_every_setting_of_fit_and_render() -> None:
+    config = compose(["device=cpu"])
+    hashes = [config_hash(config)]
+    for section in ("fit", "render"):
+        for changed in _variations(getattr(config, section)):
+            hashes.append(config_hash(dataclasses.replace(config, **{section: changed})))
+    assert len(hashes) > 15
+    assert len(set(hashes)) == len(hashes)
+
+
+def test_hash_changes_with_every_setting_of_supervision() -> None:
+    config = compose(["device=cpu"])
+    hashes = {config_hash(config)}
+    varied = [s for s in _variations(config.prior.supervision) if s.cache]
+    for changed in varied:
+        hashes.add(config_hash(dataclasses.replace(config, prior=dataclasses.replace(config.prior, supervision=changed))))
+    assert len(hashes) == len(varied) + 1 == len(dataclasses.fields(config.prior.supervision))
+
+
+@pytest.mark.parametrize("prior", ["oracle", "ia_bench.priors.none:NoPrior"])
+def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
+    """Also of one that is spelled out, whose node Hydra is told of only then."""
+    settings = ["kind=target+similarity", "views=7", "samples=4"]
+    words = [f"prior={prior}", *(f"prior.supervision.{setting}" for setting in settings)]
+    supervision = compose(["device=cpu", *words]).prior.supervision
+    assert supervision == SupervisionSettings(kind="target+similarity", views=7, samples=4)
+    assert compose(["device=cpu"]).prior.supervision == SupervisionSettings()
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("kind=similarty", "did you mean 'similarity'"),
+        ("knd=sds", "unknown setting 'prior.supervision.knd'"),
+        ("views=some", "prior.supervision.views: expected a number of views >= 1, all or auto, found some"),
+        ("confidence=spread", "expected samples >= 2 or fuse=true"),
+        ("samples=many", "prior.supervision.samples"),
+    ],
+)
+def test_mistakes_about_supervision(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        compose(["device=cpu", f"prior.supervision.{override}"])
+
+
+def test_hash_distinguishes_oracle_dials() -> None:
+    assert hash_with("prior=oracle", "prior.options.noise=0.1") != hash_with("prior=oracle")
+
+
+def test_hash_follows_the_scene_content_and_not_its_place(scenes: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere" / "hat"
+    elsewhere.mkdir(parents=True)
+    (elsewhere / "scene.json").write_bytes((scenes / "hat" / "scene.json").read_bytes())
+    before = hash_with("scene=hat")
+    assert hash_with(f"scene.path={elsewhere}") == before
+    (scenes / "hat" / "mesh.ply").write_bytes(b"ply")
+    with_mesh = hash_with("scene=hat")
+    (scenes / "hat" / "mesh.ply").write_bytes(b"PLY")  # as long as before
+    assert len({before, with_mesh, hash_with("scene=hat")}) == 3
+
+
+def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path) -> None:
+    for name in ("here", "there"):
+        (tmp_path / name / "unet").mkdir(parents=True)
+        (tmp_path / name / "unet" / "weights.safetensors").write_bytes(b"one")
+    option = f"prior.options.weights={tmp_path / 'here'}"
+    before = hash_with("prior=diffusion", option)
+    assert hash_with("prior=diffusion", f"prior.options.weights={tmp_path / 'there'}") == before
+    assert hash_with("prior=diffusion") != before
+    (tmp_path / "here" / "CARD.md").write_text("weights of mine")
+    assert hash_with("prior=diffusion", option) == before
+    (tmp_path / "here" / "unet" / "weights.safetensors").write_bytes(b"other")
+    assert hash_with("prior=diffusion", option) != before
+    nested = [f"prior.options.of_options={{weights: {tmp_path / name}}}" for name in ("here", "there")]
+    assert hash_with("prior=corrected", nested[0]) != hash_with("prior=corrected", nested[1])
+
+
+def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    before = {name: hash_with(f"prior={name}") for name in ("none", "diffusion", "corrected")}
+    (tmp_path / "weights").write_bytes(b"others")
+    monkeypatch.setattr(configuration, "PACKAGED_WEIGHTS", tmp_path)
+    after = {name: hash_with(f"prior={name}") for name in before}
+    assert {name: after[name] == before[name] for name in before} == {"none": True, "diffusion": False, "corrected": False}
+
+
+@pytest.mark.parametrize(
+    "overrides", [("prior=mine:Mine",), ("method=mine:Mine",), ("prior=corrected", "prior.options.of='mine:Mine'")]
+)
+def test_hash_follows_the_code_of_what_is_not_built_in(
+    overrides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "mine.py").write_text("class Mine: value = 1")
+    before = hash_with(*overrides)
+    assert hash_with(*overrides) == before
+    (tmp_path / "mine.py").write_text("class Mine: value = 2")
+    assert hash_with(*overrides) != before
+
+
+def test_hash_follows_the_content_of_lpips_weights_and_not_their_place(tmp_path: Path) -> None:
+    hashes = [hash_with()]  # LPIPS from the package's cache, or undefined: giving the weights later is another run
+    for name, content in (("a", b"weights"), ("b", b"weights"), ("c", b"others")):
+        path = tmp_path / f"{name}.safetensors"
+        path.write_bytes(content)
+        hashes.append(hash_with(f"protocol.lpips.weights={path}"))
+    assert hashes[1] == hashes[2]
+    assert len({*hashes}) == 3
+
+
+def test_folder_is_named_by_scene_row_and_hash() -> None:
+    config = compose(["device=cpu", "prior=oracle", "row='oracle w/o guided'"])
+    assert run_folder(config) == Path("runs", "hat", f"oracle-w-o-guided-{config_hash(config)[:8]}")
+    assert run_folder(compose(["device=cpu", "out=some/where"])) == Path("some/where")
+    assert run_folder(compose(["device=cpu", "method=ceiling"])).name.startswith("ceiling-")
+    assert slug("../x y") == "..-x-y"
+
+
+def test_own_scene_is_called_after_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "mug").mkdir()
+    config = compose(["device=cpu", f"scene.path={tmp_path / 'mug'}"])
+    assert config.scene.name == "mug"
+    assert resolve_scene_folder(config.scene) == tmp_path / "mug"
+
+
+def test_no_shipped_scenes_names_both_ways_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "nothing"))
+    with pytest.raises(InputError, match=r"(?s)IA_BENCH_DATASETS.*scene\.path=FOLDER"):
+        resolve_scene_folder(SceneConfig(name="hat"))
+
+
+def test_scene_plugin_needs_no_folder() -> None:
+    scene = SceneConfig(name="theirs", reader="their_package:read")
+    assert resolve_scene_folder(scene) is None
+
+
+def test_device_auto_is_resolved() -> None:
+    assert compose([]).device in ("cpu", "cuda")
+    assert configuration.resolved(compose(["device=cpu"])).device == "cpu"
+
+
+def _variations(settings):
+    """The same settings with one leaf changed, for every leaf but those that decide no number."""
+    found = []
+    for leaf in dataclasses.fields(settings):
+        value = getattr(settings, leaf.name)
+        if dataclasses.is_dataclass(value):
+            found += [dataclasses.replace(settings, **{leaf.name: changed}) for changed in _variations(value)]
+        elif leaf.name != "checkpoint_seconds":
+            other = value + "x" if isinstance(value, str) else not value if isinstance(value, bool) else value + 1
+            found.append(dataclasses.replace(settings, **{leaf.name: other}))
+    return found
+
+
+def test_variations_cover_a_nested_setting() -> None:
+    assert len(_variations(RunConfig().fit)) >= 10

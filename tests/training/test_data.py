@@ -1,0 +1,97 @@
+"""``python -m ia_bench.training.data``: its arguments, what it refuses, and that a kill loses no finished shard."""
+
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Progress
+from ia_bench.training import data
+from ia_bench.training.data import Request, main, make_data, parse
+from ia_bench.training.shards import CHANNELS, ShardInfo, load_shard, shard_path, write_shard
+
+
+def test_arguments(tmp_path):
+    found = parse([f"out={tmp_path}", "images=300", "seed=4", "workers=2", "size=32", "shading=eager"])
+    assert found == Request(tmp_path, images=300, size=32, seed=4, workers=2, shading="eager")
+    assert parse(["out=a"]).images == 20_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["out=a", "image=3"], "unknown setting of ia_bench.training.data 'image'; did you mean 'images'"),
+        (["out=a", "images=0"], "images: expected a whole number, at least 1, found '0'"),
+        (["out=a", "seed=x"], "seed: expected a whole number, at least 0, found 'x'"),
+        (["out=a", "size"], "size: expected size=VALUE"),
+        (["out=a", "shading=eagre"], "did you mean 'eager'"),
+        (["images=3"], "expected out=FOLDER"),
+    ],
+)
+def test_mistakes_are_named(arguments, message, capsys):
+    assert main(arguments) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_file_instead_of_the_folder_is_named(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    assert main([f"out={tmp_path / 'file'}"]) == 2
+    assert f"out: {tmp_path / 'file'}: expected a folder that can be written, found: File exists\n" in capsys.readouterr().err
+
+
+def fake_shard(path, **changes):
+    info = ShardInfo(**{"seed": 0, "first": 0, "count": 3, "size": 16, **changes})
+    write_shard(path, {name: torch.rand(info.count, 16, 16, n) for name, n in CHANNELS.items()}, info)
+
+
+def test_finished_shards_are_kept_and_others_refused(tmp_path, monkeypatch):
+    rendered = []
+    monkeypatch.setattr(data, "_render", lambda request, progress, shards, advance: rendered.extend(shards))
+    fake_shard(shard_path(tmp_path, 0))
+    (tmp_path / ".tmp-shard_00001.safetensors").write_bytes(b"half")
+    with Progress() as progress:
+        make_data(Request(tmp_path, images=3, size=16), progress)
+        assert rendered == []
+        assert not list(tmp_path.glob(".tmp-*"))
+        assert (tmp_path / "contact_sheet.png").exists()
+        for wrong in (Request(tmp_path, images=3, size=16, seed=1), Request(tmp_path, images=3, size=64)):
+            with pytest.raises(InputError, match="Give another out= folder"):
+                make_data(wrong, progress)
+        for more in (2, 1):  # in the shard, and in another one
+            with pytest.raises(InputError, match="expected at most images=2, found more. Give another out= folder"):
+                make_data(Request(tmp_path, images=2, size=16), progress)
+            if more == 2:
+                fake_shard(shard_path(tmp_path, 1))
+        shard_path(tmp_path, 1).unlink()
+        make_data(Request(tmp_path, images=5, size=16), progress)  # the shard is short of two
+        assert rendered == [(shard_path(tmp_path, 0), 0, 5)]
+
+
+def arguments(folder):
+    return [sys.executable, "-m", "ia_bench.training.data", f"out={folder}", "images=264", "size=8", "workers=2", "shading=eager"]
+
+
+@pytest.mark.slow
+def test_a_killed_run_is_resumed_to_the_same_bytes(tmp_path):
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    subprocess.run(arguments(whole), check=True)
+    process = subprocess.Popen(arguments(killed), start_new_session=True)
+    while not list(killed.glob("shard_*")):
+        assert process.poll() is None, "ended before it could be killed"
+        time.sleep(0.02)
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + 20
+    while subprocess.run(["pgrep", "-g", str(process.pid)], stdout=subprocess.DEVNULL).returncode == 0:
+        assert time.monotonic() < deadline, "workers outlive the run"
+        time.sleep(0.1)
+    kept = {path.name: path.stat().st_mtime_ns for path in killed.glob("shard_*")}
+    subprocess.run(arguments(killed), check=True)
+    assert all((killed / name).stat().st_mtime_ns == stamp for name, stamp in kept.items())
+    for path in sorted(whole.glob("shard_*")):
+        (a, first), (b, second) = load_shard(path), load_shard(killed / path.name)
+        assert first == second
+        assert all(torch.equal(a[name], b[name]) for name in CHANNELS)

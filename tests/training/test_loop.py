@@ -1,0 +1,318 @@
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from priors.tiny_network import tiny_weights
+from safetensors.torch import load_file
+from training.test_dataset import shard
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.torchvision_shim import import_torchvision
+from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
+from ia_bench.training.loop import (
+    FINAL_RATE,
+    _forget_validations_after,
+    _load_state,
+    batch_index,
+    dropped_conditions,
+    rate_factor,
+    weighted_error,
+)
+from ia_bench.training.settings import TrainSettings, parse, usage
+from ia_bench.training.shards import ShardInfo, shard_path, write_shard
+
+SMALL = ["network.size=16", "network.channels=[16,32]", "network.tokens=16", "batch=4", "warmup=2", "compile=false"]
+QUICK = ["validate_steps=1000", "validation_images=4", "validation_sampler_steps=2", "precision=float32", "threads=1"]
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    root = tmp_path_factory.mktemp("shards")
+    for name, seed in (("data", 0), ("validation", 1)):
+        (root / name).mkdir()
+        write_shard(shard_path(root / name, 0), shard(count=12, seed=seed), ShardInfo(seed, 0, 12, 16))
+    return root
+
+
+def command(folders, out, *more):
+    return [f"data={folders / 'data'}", f"validation={folders / 'validation'}", f"out={out}", *SMALL, *QUICK, *more]
+
+
+def start(arguments, launcher=()):
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "ACCELERATE_USE_CPU": "true"}
+    line = [sys.executable, "-m", *launcher, "ia_bench.training.train", *arguments]
+    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+
+
+def run(arguments, launcher=()):
+    started = start(arguments, launcher)
+    printed = started.communicate()
+    return subprocess.CompletedProcess(started.args, started.returncode, *printed)
+
+
+def train(arguments):
+    ended = run(arguments)
+    assert ended.returncode == 0, ended.stderr
+    return ended
+
+
+def test_every_image_is_seen_once_in_every_pass():
+    images, batch = 10, 4
+    seen = torch.cat([batch_index(images, batch, 3, step) for step in range(5)])
+    for epoch in range(2):
+        assert sorted(seen[epoch * images : (epoch + 1) * images].tolist()) == list(range(images))
+    assert not torch.equal(seen[:images], seen[images:])
+    assert torch.equal(batch_index(images, batch, 3, 4), seen[16:])
+
+
+def test_a_batch_larger_than_the_data_takes_several_passes():
+    assert torch.bincount(batch_index(3, 8, 0, 0), minlength=3).tolist() in ([3, 3, 2], [3, 2, 3], [2, 3, 3])
+
+
+def test_conditions_are_dropped_in_the_shares_that_were_asked_for():
+    choice = (torch.arange(1000) + 0.5) / 1000
+    channels, tokens = dropped_conditions(choice, 0.05, 0.1, 0.2)
+    assert int((channels & ~tokens).sum()) == 50
+    assert int((tokens & ~channels).sum()) == 100
+    assert int((tokens & channels).sum()) == 200
+    assert not torch.cat(dropped_conditions(choice, 0, 0, 0)).any()
+
+
+def test_the_loss_weighs_an_images_mean_error_apart():
+    """A constant error counts ``level``, one without a mean its whole square, wherever the other one is."""
+    masks = torch.zeros(2, 8, 8)
+    masks[0, :4], masks[1] = 0.5, 1
+    inside = (masks > 0).float()[:, None]
+    constant = torch.tensor([0.3, -0.5])[:, None, None, None] * inside.expand(2, 6, 8, 8)
+    waves = 0.2 * (-1.0) ** torch.arange(8) * inside.expand(2, 6, 8, 8)
+    outside = 0.7 * (1 - inside).expand(2, 6, 8, 8)
+    pixels = 32 + 64 + 0.1 * 32
+    for level in (0, 0.25, 1):
+        expected = (level * (32 * 0.3**2 + 64 * 0.5**2) + 96 * 0.2**2 + 0.1 * 32 * 0.7**2) / pixels
+        found = weighted_error(constant + waves + outside, masks, level=level, background=0.1)
+        assert float(found) == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_rate_rises_and_falls():
+    factors = [rate_factor(step, 100, 10) for step in range(101)]
+    assert factors[0] == pytest.approx(0.1)
+    assert factors.index(max(factors)) in (9, 10)
+    assert factors[-1] == pytest.approx(FINAL_RATE)
+
+
+def weights_of(folder):
+    return load_network(folder / "weights")[0].state_dict()
+
+
+def test_a_resumed_run_ends_with_the_weights_of_an_uninterrupted_one(folders, tmp_path):
+    train(command(folders, tmp_path / "whole", "steps=4"))
+    # Stopped by its time limit after the first step; the next command goes on.
+    train(command(folders, tmp_path / "parts", "steps=4", "minutes=0"))
+    assert json.loads((tmp_path / "parts/weights/prior.json").read_text())["provenance"]["steps"] == 1
+    train(command(folders, tmp_path / "parts", "steps=4"))
+    whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
+    for name, value in whole.items():
+        assert torch.equal(value, parts[name]), name
+
+
+def test_validations_beyond_the_last_checkpoint_are_forgotten(tmp_path):
+    path = tmp_path / "validation.jsonl"
+    _forget_validations_after(500, path)  # of a run that has none yet
+    path.write_text("".join(f'{{"step": {step}}}\n' for step in (250, 500, 750)) + '{"step": 10')
+    _forget_validations_after(500, path)
+    assert [json.loads(line)["step"] for line in path.read_text().splitlines()] == [250, 500]
+
+
+@pytest.mark.slow
+def test_a_killed_run_resumes_from_whichever_checkpoint_it_left(folders, tmp_path):
+    arguments = ("steps=40", "network.prediction_type=v_prediction", "network.head=0")
+    train(command(folders, tmp_path / "whole", *arguments))
+    often = command(folders, tmp_path / "parts", *arguments, "checkpoint_minutes=0")
+    for wanted in (1, 9):
+        killed = start(often)
+        while step_of(tmp_path / "parts/state.pt") < wanted and killed.poll() is None:
+            time.sleep(0.01)
+        killed.kill()
+        killed.communicate()
+        assert wanted <= step_of(tmp_path / "parts/state.pt") < 40
+    train(command(folders, tmp_path / "parts", *arguments))
+    whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
+    for name, value in whole.items():
+        assert torch.equal(value, parts[name]), name
+
+
+def step_of(state):
+    return torch.load(state, weights_only=True)["step"] if state.is_file() else 0
+
+
+def test_data_that_has_grown_since_the_last_checkpoint_is_said(folders, tmp_path):
+    shutil.copytree(folders, tmp_path / "grown")
+    train(command(tmp_path / "grown", tmp_path / "run", "steps=2", "minutes=0"))
+    write_shard(shard_path(tmp_path / "grown/data", 1), shard(count=12, seed=2), ShardInfo(0, 12, 12, 16))
+    ended = train(command(tmp_path / "grown", tmp_path / "run", "steps=2"))
+    assert "24 images, and 12 when the run was stopped" in ended.stderr
+
+
+def test_training_improves_the_samples_and_is_followed(folders, tmp_path):
+    ended = train(command(folders, tmp_path / "run", "steps=30", "rate=3e-3", "validate_steps=15"))
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    events = EventAccumulator(str(tmp_path / "run/tensorboard"), size_guidance={"scalars": 0}).Reload()
+    assert {"loss", "rate", "validation/albedo_mean", "validation/specular_one"} <= set(events.Tags()["scalars"])
+    assert events.Tags()["images"] == ["validation"]
+    rows = [json.loads(line) for line in (tmp_path / "run/validation.jsonl").read_text().splitlines()]
+    assert [row["step"] for row in rows] == [15, 30]
+    assert rows[1]["specular_one"] > rows[0]["specular_one"]
+    assert "weights in" in ended.stdout + ended.stderr
+    network, provenance = load_network(tmp_path / "run/weights")
+    assert provenance["steps"] == 30
+    assert network.config.channels == (16, 32)
+
+
+def test_the_regressor_trains_by_the_same_command(folders, tmp_path):
+    train(command(folders, tmp_path / "run", "steps=2", "network.kind=regressor"))
+    network, _ = load_network(tmp_path / "run/weights")
+    assert network.config.kind == "regressor"
+    assert network.unet.config.in_channels == 16 * 8  # no noise goes in
+
+
+def test_a_pretrained_clip_reads_the_image_and_stays_as_it_is(folders, tmp_path):
+    import_torchvision()
+    from transformers import CLIPVisionConfig, CLIPVisionModel
+
+    config = CLIPVisionConfig(
+        hidden_size=16, intermediate_size=32, num_hidden_layers=2, num_attention_heads=2, image_size=32, patch_size=8
+    )
+    torch.manual_seed(0)
+    clip = CLIPVisionModel(config)
+    clip.save_pretrained(tmp_path / "clip", safe_serialization=True)
+    train(command(folders, tmp_path / "run", "steps=2", f"network.encoder={tmp_path / 'clip'}"))
+    assert set(load_file(tmp_path / "run/weights/encoder.safetensors")) == {"projection.weight", "projection.bias"}
+    network, _ = load_network(tmp_path / "run/weights")
+    for name, value in clip.state_dict().items():
+        assert torch.equal(network.encoder.vision.state_dict()[name], value), name
+    condition = torch.rand(2, network.config.condition_channels, 16, 16)
+    tokens = network.tokens(condition)
+    assert tokens.shape == (2, 1 + 16, 16)
+    changed = condition.clone()
+    changed[1, :3] = 0
+    assert torch.equal(network.tokens(changed)[0], tokens[0])
+    assert not torch.allclose(network.tokens(changed)[1], tokens[1])
+    before = fingerprint(tmp_path / "run/weights")
+    next(clip.parameters()).data += 1
+    clip.save_pretrained(tmp_path / "clip", safe_serialization=True)
+    assert fingerprint(tmp_path / "run/weights") != before
+    (tmp_path / "clip/model.safetensors").unlink()
+    with pytest.raises(InputError, match="network.encoder: .*clip: expected a CLIP vision model as safetensors, found"):
+        load_network(tmp_path / "run/weights")
+
+
+def test_training_starts_from_given_weights(folders, tmp_path):
+    start = tiny_weights(tmp_path / "start", seed=5, prediction_type="sample", head=32)
+    train(command(folders, tmp_path / "run", "steps=1", f"init={start}", "rate=1e-9", "muon_rate=0", "warmup=0"))
+    network, provenance = load_network(tmp_path / "run/weights")
+    for name, value in load_network(start)[0].state_dict().items():
+        torch.testing.assert_close(network.state_dict()[name], value, atol=1e-4, rtol=1e-3)
+    assert provenance["init"] == {"steps": 0}
+    ended = run(command(folders, tmp_path / "other", "steps=1", f"init={start}", "network.tokens=32"))
+    assert ended.returncode == 2
+    assert "init" in ended.stderr
+
+
+@pytest.mark.slow
+def test_two_processes_train_together(folders, tmp_path):
+    """Without random numbers in a batch, two halves of it make the step of the whole: only if gradients are averaged."""
+    still = [f"augmentation.{name}=0" for name in ("mirror", "permute", "cast", "exposure", "noise")]
+    plain = ("steps=3", "network.kind=regressor", "ema=0", "augmentation.no_geometry=1", *still)
+    train(command(folders, tmp_path / "one", *plain))
+    ended = run(command(folders, tmp_path / "two", *plain), ("torch.distributed.run", "--nproc_per_node", "2", "-m"))
+    assert ended.returncode == 0, ended.stderr
+    provenance = load_network(tmp_path / "two/weights")[1]
+    assert (provenance["processes"], provenance["steps"]) == (2, 3)
+    train(command(folders, tmp_path / "half", *plain, "batch=2"))
+    runs = [weights_of(tmp_path / name).values() for name in ("one", "two", "half")]
+    one, two, half = (torch.cat([value.flatten() for value in values]) for values in runs)
+    assert float((two - one).norm()) < 0.05 * float((half - one).norm())
+
+
+def test_another_run_in_the_folder_is_refused(folders, tmp_path):
+    train(command(folders, tmp_path / "run", "steps=1"))
+    ended = run(command(folders, tmp_path / "run", "steps=1", "rate=1e-3"))
+    assert ended.returncode == 2
+    assert "other settings" in ended.stderr
+
+
+def test_held_out_images_that_are_trained_on_are_refused(folders, tmp_path):
+    ended = run(command(folders, tmp_path / "run", "steps=1", f"validation={folders / 'data'}"))
+    assert ended.returncode == 2
+    data = folders / "data"
+    assert f"{data}: expected images of other seeds than in {data}, found seed 0\n" in ended.stderr
+
+
+def test_a_gradient_that_is_not_finite_is_one_line(folders, tmp_path):
+    ended = run(command(folders, tmp_path / "run", "steps=9", "rate=1e30", "warmup=0"))
+    assert ended.returncode == 1
+    assert "the gradient is NaN or Inf; the last checkpoint is kept\n" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_a_run_whose_folder_is_a_file_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="out: .*file: expected a folder that can be written, found: File exists"):
+        _load_state(parse(["data=a", "validation=b", f"out={tmp_path / 'file'}"]))
+
+
+def test_arguments_are_typed():
+    settings = parse(["data=a", "validation=b", "out=c", "rate=1e-4", "network.channels=[16,32]", "network.fold=4", "minutes=3"])
+    assert isinstance(settings, TrainSettings)
+    assert (settings.rate, settings.network.channels, settings.network.fold, settings.minutes) == (1e-4, (16, 32), 4, 3)
+    assert "network.channels" in usage()
+    settings = parse(["data=1", "validation=b", "out=c", "minutes=5e1", "threads=null", "init=null", "network.components=[albedo]"])
+    assert (settings.data, settings.minutes, settings.threads, settings.init) == (Path("1"), 50.0, None, None)
+    assert settings.network.components == ("albedo",)
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ("stepz=3", "did you mean 'steps'"),
+        ("steps=many", "steps: expected a whole number, found 'many'"),
+        ("rate=fast", "rate: expected a number, found 'fast'"),
+        ("network.kind=difusion", "did you mean 'diffusion'"),
+        ("network.schedule={num_train_timesteps: 1000, beta_schedul: linear}", "did you mean 'beta_schedule'"),
+        ("network.size=60", "expected a multiple of 16"),
+        ("network.channels=[40]", "expected multiples of 16"),
+        ("steps=0", "steps: expected a finite number >= 1"),
+        ("precision=half", "unknown value of precision"),
+        ("out=", "out: expected out=VALUE, found 'out='"),
+        ("minutes=abc", "minutes: expected a number or null, found 'abc'"),
+        ("minutes=-1", "minutes: expected a finite number >= 0, found -1"),
+        ("threads=two", "threads: expected a whole number or null, found 'two'"),
+        ("threads=0", "threads: expected a finite number >= 1, found 0"),
+        ("seed=-1", r"seed: expected a finite number from 0 to 4294967295, found -1"),
+        ("rate=[", r"rate: expected a number, found '\['"),
+        ("rate=nan", "rate: expected a finite number >= 0, found nan"),
+        ("rate=true", "rate: expected a number, found 'true'"),
+        ("rate=2026-13-01", "rate: expected a number, found '2026-13-01'"),
+        ("ema=2", r"ema: expected a finite number from 0 to 1, found 2"),
+        ("drop_both=0.95", r"drop_channels \+ drop_tokens \+ drop_both: expected at most 1, found 1.05"),
+        ("augmentation.mirror=1.5", r"augmentation.mirror: expected a finite number from 0 to 1, found 1.5"),
+        ("validation_sampler_steps=1001", r"validation_sampler_steps: expected a finite number from 1 to 1000, found 1001"),
+        ("network.channels=48", r"network.channels: expected a list \(a whole number each\), found '48'"),
+        ("network.channels=[]", "network.channels: expected multiples of 16"),
+        ("network.head=-1", "network.head: expected at least 0, found -1"),
+        ("network.fold=0", "network.fold: expected at least 1, found 0"),
+        ("network.tokens=24", "network.tokens: expected a multiple of 16"),
+        ("network.components=[foo]", "network.components: expected some of albedo, specular, each once"),
+        ("network.schedule={}", "num_train_timesteps: expected a whole number >= 1, found None"),
+    ],
+)
+def test_mistakes_name_the_key(argument, message):
+    with pytest.raises(InputError, match=message):
+        parse(["data=a", "validation=b", "out=c", argument])
