@@ -20,7 +20,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.paths import PACKAGE, scenes_folder
 from ia_bench.common.suggestions import unknown
 from ia_bench.methods.two_stage.settings import (
-    CONFIDENCES,
     FIT_CHOICES,
     KINDS,
     FitSettings,
@@ -44,7 +43,6 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "render.shading": ("auto", "compiled", "eager"),
     **{f"fit.{key}": choices for key, choices in FIT_CHOICES.items()},
     "prior.supervision.kind": KINDS,
-    "prior.supervision.confidence": CONFIDENCES,
     "device": ("auto", "cpu", "cuda"),
 }
 """Settings that are one of a few words."""

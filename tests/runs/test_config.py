@@ -207,10 +207,10 @@ def test_hash_changes_with_every_setting_of_supervision() -> None:
 @pytest.mark.parametrize("prior", ["oracle", "ia_bench.priors.none:NoPrior"])
 def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
     """Also of one that is spelled out, whose node Hydra is told of only then."""
-    settings = ["kind=target+similarity", "views=7", "samples=4"]
+    settings = ["kind=similarity", "views=7", "sds_views=2"]
     words = [f"prior={prior}", *(f"prior.supervision.{setting}" for setting in settings)]
     supervision = compose(["device=cpu", *words]).prior.supervision
-    assert supervision == SupervisionSettings(kind="target+similarity", views=7, samples=4)
+    assert supervision == SupervisionSettings(kind="similarity", views=7, sds_views=2)
     assert compose(["device=cpu"]).prior.supervision == SupervisionSettings()
 
 
@@ -220,8 +220,7 @@ def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
         ("kind=similarty", "did you mean 'similarity'"),
         ("knd=sds", "unknown setting 'prior.supervision.knd'"),
         ("views=some", "prior.supervision.views: expected a number of views >= 1, all or auto, found some"),
-        ("confidence=spread", "expected samples >= 2 or fuse=true"),
-        ("samples=many", "prior.supervision.samples"),
+        ("sds_views=many", "prior.supervision.sds_views"),
     ],
 )
 def test_mistakes_about_supervision(override: str, message: str) -> None:

@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.seeds import derive_seed
 from ia_bench.methods.asking.geometry import view_geometry
 from ia_bench.methods.asking.sample_cache import SampleCache, StoredSample, content_key
 from ia_bench.methods.asking.views import evenly_spread
@@ -20,11 +19,6 @@ from ia_bench.priors.contract import Bounded, Counted, Distiller, Fingerprinted,
 from ia_bench.render.atlas import cache_folder
 
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
-
-
-def draw_seed(seed: int, draw: int) -> int:
-    """Seed of a view's sample number ``draw``: the run's own for the first, unrelated ones for the others."""
-    return seed if draw == 0 else derive_seed(seed, draw)
 
 
 class PriorSampler:
@@ -36,18 +30,13 @@ class PriorSampler:
     """
 
     def __init__(self, problem: Problem, prior: Prior, seed: int) -> None:
-        """Raises InputError when distillation, or a spread of samples, is asked of a prior that has none."""
+        """Raises InputError when distillation is asked of a prior that has none."""
         self._problem, self._prior, self._seed = problem, prior, seed
         settings = problem.supervision
         if settings.kind == "sds" and not isinstance(prior, Distiller):
             raise InputError(
                 f"prior.supervision.kind=sds: expected a prior with a method distill(images, masks, renders, *, seed), "
                 f"found {type(prior).__name__}, which has none"
-            )
-        if settings.confidence == "spread" and not settings.fuse and prior.provides and not prior.stochastic:
-            raise InputError(
-                f"prior.supervision.confidence=spread: expected a prior whose samples differ, or prior.supervision.fuse=true; "
-                f"found {type(prior).__name__}, which always gives the same sample"
             )
         self.views = evenly_spread(problem.scene, problem.plan.prior_views if settings.views == "auto" else settings.views)
         self.counters = {"prior_cached": 0, **dict.fromkeys(self._counted(), 0)}
@@ -56,14 +45,29 @@ class PriorSampler:
         keeps = settings.cache and isinstance(prior, Fingerprinted) and not prior.sees_truth  # truth is in no key
         self._cache = SampleCache(cache_folder()) if keeps else None
 
-    def draw(self, guidance: Images | None) -> list[Images]:
-        """The samples of every view asked, linear and premultiplied. ``guidance``: current renders of the same views.
+    def draw(self, guidance: Images | None) -> Images:
+        """A sample of every view asked, linear and premultiplied. ``guidance``: current renders of the same views.
 
-        As many as the settings say, but one of a prior that always gives the same. Raises ValueError when the prior breaks
-        its contract (wrong components, shapes, NaN): its user needs to know which.
+        Raises ValueError when the prior breaks its contract (wrong components, shapes, NaN): its user needs to know which.
         """
-        count = self._problem.supervision.samples if self._prior.stochastic else 1
-        return [self._draw_once(draw_seed(self._seed, draw), guidance) for draw in range(count)]
+        images, masks = self._photographs(self.views)
+        cache = self._cache if guidance is None else None
+        key = self._key(images, masks) if cache is not None else ""
+        stored = cache.load(key) if cache is not None else None
+        if stored is not None:
+            self.counters["prior_cached"] += 1
+            self._count(stored.counters)
+            self.kept_seconds += stored.seconds
+            return stored.sample
+
+        def ask() -> Images:
+            return self._prior.sample(images, masks, seed=self._seed, guidance=guidance)
+
+        started = time.perf_counter()
+        sample, counted = self._ask(ask, self.views, set(self._prior.provides), images.shape)
+        if cache is not None:
+            cache.store(key, StoredSample(sample, time.perf_counter() - started, counted))
+        return sample
 
     def ceilings(self) -> Images:
         """Component -> (V,): where the samples of the views asked end, for those that do."""
@@ -79,26 +83,6 @@ class PriorSampler:
             return prior.distill(images, masks, renders, seed=seed)
 
         return self._ask(ask, views, set(renders), images.shape)[0]
-
-    def _draw_once(self, seed: int, guidance: Images | None) -> Images:
-        images, masks = self._photographs(self.views)
-        cache = self._cache if guidance is None else None
-        key = self._key(images, masks, seed) if cache is not None else ""
-        stored = cache.load(key) if cache is not None else None
-        if stored is not None:
-            self.counters["prior_cached"] += 1
-            self._count(stored.counters)
-            self.kept_seconds += stored.seconds
-            return stored.sample
-
-        def ask() -> Images:
-            return self._prior.sample(images, masks, seed=seed, guidance=guidance)
-
-        started = time.perf_counter()
-        sample, counted = self._ask(ask, self.views, set(self._prior.provides), images.shape)
-        if cache is not None:
-            cache.store(key, StoredSample(sample, time.perf_counter() - started, counted))
-        return sample
 
     def _ask(
         self, ask: Callable[[], Images], views: tuple[int, ...], expected: set[str], shape: torch.Size
@@ -129,12 +113,12 @@ class PriorSampler:
         images = torch.stack([torch.from_numpy(view.image) for view in chosen])
         return images, torch.stack([torch.from_numpy(view.mask) for view in chosen])
 
-    def _key(self, images: Tensor, masks: Tensor, seed: int) -> str:
+    def _key(self, images: Tensor, masks: Tensor) -> str:
         """What decides a sample; geometry by what it is computed from."""
         prior = self._prior
         assert isinstance(prior, Fingerprinted)
         rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
-        parts: list[str | Tensor] = [prior.fingerprint, rounding, str(seed), images, masks]
+        parts: list[str | Tensor] = [prior.fingerprint, rounding, str(self._seed), images, masks]
         if isinstance(prior, GeometryReader) and prior.reads_geometry:
             mesh, shadows = self._problem.scene.mesh, type(self._problem.renderer.visibility).__name__
             cameras = [self._problem.scene.train[view].camera for view in self.views]

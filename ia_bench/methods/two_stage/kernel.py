@@ -29,7 +29,7 @@ class SimilarityKernel:
     drawn anew in every step, at distances uniform between one pixel and the radius: the near ones carry detail, the far
     ones reach across shading; a partner's albedo is that of one of its points, drawn at random too. A pair counts only if
     the object fills both pixels, in the G-buffer and in the photograph's mask (an edge mixes its albedo with something
-    else), and the prior was asked about the view; the more confident the prior is of both, the more it counts.
+    else), and the prior was asked about the view.
     """
 
     def __init__(self, problem: Problem, targets: Targets, settings: SupervisionSettings, *, free_scale: bool) -> None:
@@ -46,7 +46,7 @@ class SimilarityKernel:
         self._weight = self._weight * (gbuffer.face >= 0).all(1) * (mask[:, 0] > 0.999)
         prediction = targets.values["albedo"]
         if free_scale:
-            view = torch.zeros_like(gbuffer.pixel) if targets.common_scale else gbuffer.pixel // size
+            view = gbuffer.pixel // size
             used = (self._weight > 0).float()
             count = torch.zeros(views, device=device).index_add_(0, view, used)
             mean = torch.zeros(views, device=device).index_add_(0, view, used * prediction.mean(-1)) / count.clamp_min(1)

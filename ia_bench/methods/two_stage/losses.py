@@ -8,17 +8,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
+from ia_bench.scenes.tensor_color import linear_to_srgb
 
 
 def encode(linear: Tensor, encoding: str) -> Tensor:
     """Linear values in a prior's ``encoding``, "linear" or "srgb"."""
     return linear_to_srgb(linear) if encoding == "srgb" else linear
-
-
-def decode(encoded: Tensor, encoding: str) -> Tensor:
-    """The inverse of :func:`encode`."""
-    return srgb_to_linear(encoded) if encoding == "srgb" else encoded
 
 
 def tone_map(radiance: Tensor) -> Tensor:

@@ -125,10 +125,9 @@ class _Run:
         return 2 * samples_taken(self._samples_a_half, points)
 
     def _draws_again(self) -> bool:
-        """Whether stage 2 has guided samples; the mean colour alone is better left as it was before the fit."""
-        supervision = self.problem.supervision
-        wanted = supervision.kind != "sds" and (supervision.kind != "colour" or "specular" in self._supervising)
-        return self.settings.guided and self.prior.guidable and wanted and bool(self._supervising)
+        """Whether stage 2 has guided samples."""
+        wanted = self.settings.guided and self.problem.supervision.kind != "sds"
+        return wanted and self.prior.guidable and bool(self._supervising)
 
     @property
     def _supervising(self) -> frozenset[str]:
@@ -232,12 +231,10 @@ class _Run:
     # ---- start and prior------------------------------------------------------------------------------------------
 
     def _initial_albedo(self) -> None:
-        """The prior's albedo averaged over the views in texture space, its mean colour, or the constant ``albedo_initial``."""
-        targets, colour = self.supervision.targets, self.supervision.mean_colour
-        if colour is None or not self.settings.weights.albedo:
-            mean = self.images.mean(0) if self.settings.neutral_start == "light" else torch.ones_like(self.images[0])
-            colour = self.settings.albedo_initial * mean / mean.mean().clamp_min(1e-8)
-            colour = colour / colour.max().clamp_min(1.0)
+        """The prior's albedo averaged over the views in texture space, or ``albedo_initial`` in the images' mean colour."""
+        targets, mean = self.supervision.targets, self.images.mean(0)
+        colour = self.settings.albedo_initial * mean / mean.mean().clamp_min(1e-8)
+        colour = colour / colour.max().clamp_min(1.0)
         with torch.no_grad():
             self.parameters["albedo"].copy_(colour.clamp(0, 1).expand_as(self.parameters["albedo"]))
         if self.supervision.sets_albedo and self.settings.weights.albedo:  # a prior switched off must not leak in here
@@ -283,13 +280,11 @@ class _Run:
     def _draw(self, *, guided: bool) -> None:
         """Sample the prior; what is distilled is not sampled, so nothing supervises before the first distillation."""
         with self._asking():
-            problem, views, free_scale = self.problem, self.sampler.views, self.settings.ssi != "none"
+            problem, views = self.problem, self.sampler.views
             targets = Targets({}, {})
             if problem.supervision.kind != "sds":
-                samples = self.sampler.draw(self._renders(views, self._supervising) if guided else None)
-                targets = make_targets(
-                    problem, self.prior, samples, views, free_scale=free_scale, ceilings=self.sampler.ceilings()
-                )
+                sample = self.sampler.draw(self._renders(views, self._supervising) if guided else None)
+                targets = make_targets(problem, self.prior, sample, views, ceilings=self.sampler.ceilings())
             self._supervise(targets)
 
     def _distill(self) -> None:

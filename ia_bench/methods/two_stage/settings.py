@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from ia_bench.common.errors import InputError
 from ia_bench.common.typed import check_ranges
 
-KINDS = ("target", "similarity", "colour", "target+similarity", "colour+similarity", "sds")
-CONFIDENCES = ("none", "spread")
+KINDS = ("target", "similarity", "sds")
 TINY = 1e-6  # the least value of what divides
 
 
@@ -60,8 +59,7 @@ class FitSettings:
     only learn the light's error; so is metallic. ``cast_start``: fraction of all steps after which light and albedo exchange
     a colour; highlights, which decide it, must be there first. ``roughness_initial``, ``metallic_initial``,
     ``albedo_initial``: constant start of the textures (of the albedo only where no prior gives a better one).
-    ``neutral_start``: what is grey at that start, the "light" (the albedo has the images' mean colour) or the "albedo" (the
-    light has it); images alone hardly tell the two apart later.
+    There the albedo has the images' mean colour and the light is grey: images alone hardly tell the two apart later.
     ``smooth_scale``: colour difference (log radiance) at which a pair of neighbouring pixels stops being smoothed.
     ``light_uniform``: fraction of light samples spread over the sphere, so that dark texels are visited too.
     """
@@ -81,7 +79,6 @@ class FitSettings:
     roughness_initial: float = 0.5
     metallic_initial: float = 0.5
     albedo_initial: float = 0.5
-    neutral_start: str = "light"
     smooth_scale: float = 0.1
     light_uniform: float = 0.2
     checkpoint_seconds: float = 15.0
@@ -93,17 +90,13 @@ class SupervisionSettings:
 
     ``kind``: what a prediction of albedo is taken as. "target": the albedo itself, up to the scale that ``fit.ssi``
     leaves free. "similarity": a kernel that says which pixels share an albedo, not which one it is (after Diffusion-Based
-    Material Regularization, arXiv 2606.31065). "colour": the mean colour of the object, and nothing else. With a "+": both.
+    Material Regularization, arXiv 2606.31065).
     "sds": score distillation, which denoises the current render instead of sampling. Specular shading is a target in all but
     the last (it varies with the view, so that no kernel of constant material applies), where it is distilled.
-    ``target_weight``, ``kernel_weight``, ``colour_weight``: of the terms of the albedo, all times ``fit.weights.albedo``;
+    ``target_weight``, ``kernel_weight``: of the terms of the albedo, all times ``fit.weights.albedo``;
     ``specular_weight`` times ``fit.weights.specular``: how far this prior's specular shading is to be trusted.
     ``kernel_scale``: standard deviation of the kernel, a Euclidean distance of sRGB colours.
     ``radius``: how far apart the pixels of a pair may be, as a fraction of the longer side of the image.
-    ``samples``: draws per view, averaged in the prior's encoding. ``confidence``: "none", or "spread": pixels on which
-    the draws (fused: the views) disagree count less, by 1 / (1 + (spread / ``spread_scale``)^2); the spread is a
-    standard deviation in the prior's encoding.
-    ``fuse``: the albedo of all views is merged in texture space, one scale per view solved for, before it supervises.
     ``views``: how many training views the prior is asked about, evenly spread, "all", or "auto": as many as the plan finds
     to show the surface often enough. The image loss uses every view.
     ``sds_period``: steps between two distillations; ``sds_views``: views in each.
@@ -113,23 +106,13 @@ class SupervisionSettings:
     kind: str = "target"
     target_weight: float = 1.0
     kernel_weight: float = 0.01
-    colour_weight: float = 0.3
     specular_weight: float = 1.0
     kernel_scale: float = 0.1
     radius: float = 0.5
-    samples: int = 1
-    confidence: str = "none"
-    spread_scale: float = 0.1
-    fuse: bool = False
     views: int | str = "all"
     sds_period: int = 10
     sds_views: int = 4
     cache: bool = True
-
-    @property
-    def terms(self) -> frozenset[str]:
-        """The parts of ``kind``."""
-        return frozenset(self.kind.split("+"))
 
 
 FIT_RANGES = {
@@ -163,7 +146,6 @@ FIT_RANGES = {
 FIT_CHOICES = {
     "image_loss": ("crossed", "l1"),
     "ssi": ("scale_shift", "scale", "none"),
-    "neutral_start": ("light", "albedo"),
 }
 
 
@@ -180,28 +162,18 @@ def check_supervision(settings: SupervisionSettings) -> None:
     key = "prior.supervision."
     if settings.kind not in KINDS:
         raise InputError(f"{key}kind: expected one of {', '.join(KINDS)}, found {settings.kind!r}")
-    if settings.confidence not in CONFIDENCES:
-        raise InputError(f"{key}confidence: expected one of {', '.join(CONFIDENCES)}, found {settings.confidence!r}")
-    for name in ("kernel_scale", "radius", "spread_scale"):
+    for name in ("kernel_scale", "radius"):
         value = getattr(settings, name)
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{key}{name}: expected a finite number > 0, found {value}")
-    for name in ("target_weight", "kernel_weight", "colour_weight", "specular_weight"):
+    for name in ("target_weight", "kernel_weight", "specular_weight"):
         value = getattr(settings, name)
         if not (math.isfinite(value) and value >= 0):
             raise InputError(f"{key}{name}: expected a finite number >= 0, found {value}")
-    for name in ("samples", "sds_period", "sds_views"):
+    for name in ("sds_period", "sds_views"):
         value = getattr(settings, name)
         if value < 1:
             raise InputError(f"{key}{name}: expected at least 1, found {value}")
     views = settings.views
     if views not in ("all", "auto") and not (isinstance(views, int) and views >= 1):
         raise InputError(f"{key}views: expected a number of views >= 1, all or auto, found {views}")
-    if settings.kind == "sds":
-        for name, value, only in (
-            ("samples", settings.samples, 1), ("fuse", settings.fuse, False), ("confidence", settings.confidence, "none")
-        ):  # fmt: skip
-            if value != only:
-                raise InputError(f"{key}{name}: expected {only} with kind=sds, which draws no samples, found {value}")
-    if settings.confidence == "spread" and settings.samples == 1 and not settings.fuse:
-        raise InputError(f"{key}confidence=spread: expected samples >= 2 or fuse=true, found one sample a view")

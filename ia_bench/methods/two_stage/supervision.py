@@ -1,4 +1,4 @@
-"""The prior's part of equation 5: its predictions as targets, as a similarity kernel, as a mean colour, or distilled."""
+"""The prior's part of equation 5: its predictions as targets, as a similarity kernel, or distilled."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.kernel import SimilarityKernel
 from ia_bench.methods.two_stage.losses import Alignment, align_views, encode, tone_map
-from ia_bench.methods.two_stage.mean_colour import MeanColour
 from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.priors.contract import Prior
 
@@ -33,13 +32,11 @@ class Supervision:
         self._ssi = "none" if self._distilled else ssi
         self._encoding = prior.encoding
         gbuffer = problem.gbuffer
-        view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
-        self._group = torch.zeros_like(view) if targets.common_scale else view
+        self._view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
         self._coverage = (gbuffer.face >= 0).float().mean(1, keepdim=True)
-        self._takes_targets = "albedo" in targets.values and bool(self._settings.terms & {"target", "sds"})
+        self._takes_targets = "albedo" in targets.values and self._settings.kind != "similarity"
         self._alignment: Alignment | None = None
         self._kernel: SimilarityKernel | None = None
-        self._colour: MeanColour | None = None
         if "albedo" not in targets.values:
             return
         asked = targets.weights["albedo"][:, 0] > 0
@@ -49,20 +46,13 @@ class Supervision:
         points = gbuffer.face[self._subset]
         self._hit = (points >= 0)[..., None]
         self._uv = problem.renderer.surface.uv(points.clamp_min(0).long(), gbuffer.barycentric[self._subset])
-        if "colour" in self._settings.terms:
-            self._colour = MeanColour(problem, targets, free_scale=self._ssi != "none")
-        if "similarity" in self._settings.terms:
+        if self._settings.kind == "similarity":
             self._kernel = SimilarityKernel(problem, targets, self._settings, free_scale=self._ssi != "none")
 
     @property
     def sets_albedo(self) -> bool:
         """Whether the targets say which albedo a pixel has, not only which pixels share one."""
-        return "albedo" in self.targets.values and "target" in self._settings.terms
-
-    @property
-    def mean_colour(self) -> Tensor | None:
-        """The mean albedo (3,) that the targets stand for, where that is asked of them."""
-        return None if self._colour is None else self._colour.mean()
+        return "albedo" in self.targets.values and self._settings.kind == "target"
 
     def update(self, albedo: Tensor, step: int) -> None:
         """Estimate the alignment again if targets need it and it is due at ``step``; a pure function of step and texture."""
@@ -72,7 +62,7 @@ class Supervision:
             self._alignment = align_views(
                 prediction,
                 self.targets.values["albedo"][self._subset],
-                self._group[self._subset],
+                self._view[self._subset],
                 self._problem.gbuffer.shape[0],
                 self._ssi,
             )
@@ -91,19 +81,14 @@ class Supervision:
 
     def albedo_loss(self, prediction: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
         """Loss of (B, 3) predictions, rendered from the albedo ``texture``, at G-buffer entries (B,)."""
-        loss = torch.zeros((), device=prediction.device)
         if self._kernel is not None:
-            loss = loss + self._settings.kernel_weight * self._kernel.loss(prediction, pixels, texture, generator)
-        if self._colour is not None and self._settings.colour_weight:
-            loss = loss + self._settings.colour_weight * self._colour.loss(prediction, pixels)
-        if self._takes_targets:
-            loss = loss + self._settings.target_weight * self._target_loss(prediction, pixels)
-        return loss
+            return self._settings.kernel_weight * self._kernel.loss(prediction, pixels, texture, generator)
+        return self._settings.target_weight * self._target_loss(prediction, pixels)
 
     def _target_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
         """|SSI(k_hat, k_s) - k_s| in the prior's encoding; distilled: the square, whose gradient is that of SDS."""
         assert self._alignment is not None, "update() comes first"
-        aligned = self._alignment(prediction, self._group[pixels], self._coverage[pixels])
+        aligned = self._alignment(prediction, self._view[pixels], self._coverage[pixels])
         return self._difference("albedo", aligned, pixels)
 
     def specular_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:

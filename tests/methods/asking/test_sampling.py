@@ -14,7 +14,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.methods.asking.sample_cache import SampleCache, StoredSample, content_key
-from ia_bench.methods.asking.sampling import PriorSampler, draw_seed
+from ia_bench.methods.asking.sampling import PriorSampler
 from ia_bench.methods.asking.views import evenly_spread, restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import SupervisionSettings
@@ -88,13 +88,13 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_prior_is_shown_the_training_images_alone(problem: Problem) -> None:
     spy = Spy()
-    samples = sampler(problem, spy).draw(None)
-    assert len(samples) == len(spy.asked) == 1
+    sample = sampler(problem, spy).draw(None)
+    assert len(spy.asked) == 1
     asked = spy.asked[0]
     assert (asked["seed"], asked["guidance"]) == (7, None)
     np.testing.assert_array_equal(asked["images"], np.stack([v.image for v in problem.scene.train]))
     np.testing.assert_array_equal(asked["masks"], np.stack([v.mask for v in problem.scene.train]))
-    assert torch.equal(samples[0]["albedo"], 0.5 * asked["images"])
+    assert torch.equal(sample["albedo"], 0.5 * asked["images"])
 
 
 def test_guidance_is_handed_through(problem: Problem) -> None:
@@ -115,21 +115,6 @@ def test_guidance_is_handed_through(problem: Problem) -> None:
 def test_broken_samples_are_refused(problem: Problem, answers: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sampler(problem, Spy(**answers)).draw(None)
-
-
-def test_every_draw_has_its_own_seed_and_the_first_has_the_runs(problem: Problem) -> None:
-    spy = Spy()
-    assert len(sampler(problem, spy, samples=5).draw(None)) == 5
-    seeds = [asked["seed"] for asked in spy.asked]
-    assert seeds == [draw_seed(7, draw) for draw in range(5)]
-    assert seeds[0] == 7
-    every = {draw_seed(seed, draw) for seed in range(50) for draw in range(20)}
-    assert len(every) == 1000  # no run's draw is another run's
-    assert min(every) >= 0
-    assert max(every) < 2**63
-    spy = Spy()
-    spy.stochastic = False
-    assert len(sampler(problem, spy, samples=5).draw(None)) == 1  # five times the same would tell nothing
 
 
 def test_distillation_needs_a_distiller(problem: Problem) -> None:
@@ -197,16 +182,16 @@ def test_geometry_comes_before_every_question_about_other_views(problem: Problem
 
 
 def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path) -> None:
-    first, second = sampler(problem, Kept(), samples=2), sampler(problem, again := Kept(), samples=2)
+    first, second = sampler(problem, Kept()), sampler(problem, again := Kept())
     drawn, kept = first.draw(None), second.draw(None)
     assert again.asked == []
-    assert all(torch.equal(a[name], b[name]) for a, b in zip(drawn, kept, strict=True) for name in a)
-    assert first.counters == {"network_calls": 6, "prior_cached": 0}
-    assert second.counters == {"network_calls": 6, "prior_cached": 2}
+    assert all(torch.equal(drawn[name], kept[name]) for name in drawn)
+    assert first.counters == {"network_calls": 3, "prior_cached": 0}
+    assert second.counters == {"network_calls": 3, "prior_cached": 1}
     assert first.kept_seconds == 0
     assert second.kept_seconds > 0
-    assert len(list(cache.glob("samples-*.safetensors"))) == 2
-    assert len(list(cache.iterdir())) == 2  # nothing half-written is left
+    assert len(list(cache.glob("samples-*.safetensors"))) == 1
+    assert len(list(cache.iterdir())) == 1  # nothing half-written is left
 
 
 def test_what_a_prior_counts_is_kept_and_starts_at_none(problem: Problem) -> None:

@@ -26,11 +26,7 @@ SETTINGS = FitSettings(stage1_steps=6, stage2_steps=4, pixels=128, checkpoint_se
 
 KINDS: dict[str, dict[str, Any]] = {
     "similarity": {"kind": "similarity"},
-    "target and kernel": {"kind": "target+similarity", "samples": 2, "confidence": "spread"},
-    "fused": {"fuse": True, "confidence": "spread"},
-    "few views": {"views": 3, "samples": 2},
-    "few views, fused": {"views": 3, "fuse": True, "kind": "target+similarity"},
-    "colour and kernel": {"kind": "colour+similarity"},
+    "few views": {"views": 3},
     "sds": {"kind": "sds", "sds_period": 3, "sds_views": 2},
 }
 
@@ -125,24 +121,13 @@ def test_kinds_differ(problem: Problem, scene: Scene) -> None:
 # ---- the prior is asked as the settings say --------------------------------------------------------------------------
 
 
-def test_samples_and_views_that_are_asked_for(problem: Problem, scene: Scene) -> None:
-    changed = supervised(problem, samples=3, views=4)
+def test_views_that_are_asked_for(problem: Problem, scene: Scene) -> None:
+    changed = supervised(problem, views=4)
     prior = noisy(scene, changed)
     found = fit(changed, prior, SETTINGS, Record())
-    assert [(what, views) for what, views, _ in prior.asked] == [("sample", 4)] * 3 + [("guided", 4)] * 3
-    assert len({seed for *_, seed in prior.asked[:3]}) == 3
+    assert [(what, views) for what, views, _ in prior.asked] == [("sample", 4), ("guided", 4)]
     steps = {"skipped_steps": 0, "cast_blocked_steps": 0, "samples_per_pixel": 16}
-    assert found.counters == {"network_calls": 60, "prior_cached": 0, "distilled": 0, **steps}
-
-
-@pytest.mark.parametrize(("weight", "asked"), [(1.0, ["sample", "guided"]), (0.0, ["sample"])])
-def test_stage_2_asks_again_for_specular_shading_but_not_for_a_mean_colour(
-    problem: Problem, scene: Scene, weight: float, asked: list[str]
-) -> None:
-    changed = supervised(problem, kind="colour", specular_weight=weight)
-    prior = noisy(scene, changed)
-    fit(changed, prior, SETTINGS, Record())
-    assert [what for what, *_ in prior.asked] == asked
+    assert found.counters == {"network_calls": 20, "prior_cached": 0, "distilled": 0, **steps}
 
 
 def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None:
@@ -162,7 +147,7 @@ def test_distillation_of_a_prior_that_cannot(problem: Problem, scene: Scene, rec
         fit(supervised(problem, kind="sds"), prior, SETTINGS, record)
 
 
-@pytest.mark.parametrize("kind", ["similarity", "target+similarity", "colour", "sds"])
+@pytest.mark.parametrize("kind", ["target", "similarity", "sds"])
 def test_albedo_can_be_switched_off(problem: Problem, scene: Scene, kind: str) -> None:
     changed = supervised(problem, kind=kind)
     settings = replace(SETTINGS, guided=False, weights=LossWeights(albedo=0.0))
@@ -237,38 +222,16 @@ def test_distilled_gaussian_converges_to_its_mean(problem: Problem, scene: Scene
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kind": "kernel"}, r"prior\.supervision\.kind: expected one of target, similarity, colour, .*, sds, found 'kernel'"),
-        ({"confidence": "high"}, r"prior\.supervision\.confidence: expected one of none, spread, found 'high'"),
+        ({"kind": "kernel"}, r"prior\.supervision\.kind: expected one of target, similarity, sds, found 'kernel'"),
         ({"kernel_scale": 0.0}, r"prior\.supervision\.kernel_scale: expected a finite number > 0, found 0\.0"),
         ({"radius": float("nan")}, r"prior\.supervision\.radius: .*found nan"),
         ({"target_weight": -1.0}, r"prior\.supervision\.target_weight: expected a finite number >= 0, found -1\.0"),
-        ({"samples": 0}, r"prior\.supervision\.samples: expected at least 1, found 0"),
+        ({"sds_views": 0}, r"prior\.supervision\.sds_views: expected at least 1, found 0"),
         ({"views": 0}, r"prior\.supervision\.views: expected a number of views >= 1, all or auto, found 0"),
         ({"views": "some"}, r"prior\.supervision\.views: .*found some"),
-        ({"kind": "sds", "samples": 2}, r"prior\.supervision\.samples: expected 1 with kind=sds.*found 2"),
-        ({"kind": "sds", "fuse": True}, r"prior\.supervision\.fuse: expected False with kind=sds"),
-        ({"confidence": "spread"}, r"prior\.supervision\.confidence=spread: expected samples >= 2 or fuse=true"),
-        ({"confidence": "spread", "samples": 2}, r"prior\.supervision\.confidence=spread: expected a prior whose samples differ"),
     ],
 )
 def test_impossible_settings(problem: Problem, scene: Scene, record: Record, settings: dict, message: str) -> None:
     changed = supervised(problem, **settings)
     with pytest.raises(InputError, match=message):
         TwoStage().fit(changed, OraclePrior(), SETTINGS, seed=0, monitor=record.monitor())
-
-
-def test_mean_colour_tells_light_from_paint(problem: Problem, scene: Scene) -> None:
-    """An oracle blurred until only colours are left: the fit's albedo has their mean, where none keeps the light's cast."""
-    settings = replace(SETTINGS, guided=False, stage1_steps=40, pixels=256, weights=LossWeights(specular=0.0))
-    settings = replace(settings, neutral_start="albedo")  # the start that leaves the larger cast
-    casts = {}
-    for name, components in (("none", []), ("colour", ["albedo"])):
-        prior = OraclePrior(components=components, blur=20.0)
-        prior.reveal(scene.train)
-        albedo = fit(supervised(problem, kind="colour"), prior, settings, Record()).material.albedo
-        picture = texture_images(problem.renderer.surface, problem.gbuffer, albedo).numpy()
-        inside = np.stack([view.mask for view in scene.train]) > 0.99
-        ratio = np.log(picture[inside].mean(0) / np.stack([view.albedo for view in scene.train])[inside].mean(0))
-        casts[name] = float(np.abs(ratio - ratio.mean()).max())
-    assert casts["none"] > 0.2
-    assert casts["colour"] < 0.05

@@ -13,7 +13,7 @@ from torch import Tensor
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import SupervisionSettings
 from ia_bench.methods.two_stage.supervision import ALIGNMENT_PERIOD, Supervision
-from ia_bench.methods.two_stage.targets import Targets, to_mean_one
+from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
 
@@ -34,9 +34,9 @@ def seen(problem: Problem, texture: Tensor) -> Tensor:
     return problem.pixels_of(texture_images(problem.renderer.surface, problem.gbuffer, texture))
 
 
-def even(values: dict[str, Tensor], *, common_scale: bool = False) -> Targets:
+def even(values: dict[str, Tensor]) -> Targets:
     """Targets of equal weight everywhere."""
-    return Targets(values, {name: torch.ones(len(v), 1) for name, v in values.items()}, common_scale)
+    return Targets(values, {name: torch.ones(len(v), 1) for name, v in values.items()})
 
 
 def supervise(problem: Problem, ssi: str, targets: Targets, **settings: object) -> Supervision:
@@ -62,24 +62,10 @@ def test_alignment_is_found_from_the_texture(problem: Problem, texture: Tensor) 
         assert albedo_loss(supervision, pixels * torch.tensor([1.2, 1.0, 0.8]), every, texture) > 0.01
 
 
-def test_fused_targets_share_one_scale(problem: Problem, texture: Tensor) -> None:
-    """What views of their own scale hide, a common scale shows: every view darker than the one before."""
-    pixels = seen(problem, texture)
-    size = problem.gbuffer.shape[1] * problem.gbuffer.shape[2]
-    uneven = pixels * (1 - 0.05 * (problem.gbuffer.pixel // size))[:, None]
-    every, losses = torch.arange(len(pixels)), {}
-    for common in (False, True):
-        supervision = supervise(problem, "scale", even({"albedo": uneven}, common_scale=common))
-        supervision.update(texture, 0)
-        losses[common] = albedo_loss(supervision, pixels, every, texture)
-    assert losses[False] < 1e-4
-    assert losses[True] > 0.05
-
-
 def test_loss_is_the_weighted_mean_difference_in_the_priors_encoding(problem: Problem, texture: Tensor) -> None:
     pixels, chosen = seen(problem, texture), torch.tensor([3, 50, 700])
     target = pixels.flip(0)
-    weight = to_mean_one(torch.rand(len(pixels), 1, generator=torch.Generator().manual_seed(1)))
+    weight = torch.rand(len(pixels), 1, generator=torch.Generator().manual_seed(1))
     for encoding in ("linear", "srgb"):
         prior = Encoded()
         prior.encoding = {"albedo": encoding, "specular": "srgb"}
@@ -100,11 +86,10 @@ def test_terms_are_weighed(problem: Problem, texture: Tensor) -> None:
         supervision.update(texture, 0)
         return albedo_loss(supervision, pixels, every, texture)
 
-    target, kernel = loss(), loss(kind="similarity", kernel_weight=1.0)
-    assert target > 0
-    assert kernel > 0
-    both = loss(kind="target+similarity", target_weight=0.5, kernel_weight=2.0)
-    assert both == pytest.approx(0.5 * target + 2 * kernel, rel=1e-5)
+    for kind, weight in (("target", "target_weight"), ("similarity", "kernel_weight")):
+        one = loss(kind=kind, **{weight: 1.0})
+        assert one > 0
+        assert loss(kind=kind, **{weight: 0.5}) == pytest.approx(0.5 * one, rel=1e-5)
 
 
 def test_the_specular_term_is_weighed(problem: Problem) -> None:
@@ -149,8 +134,8 @@ def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor
     pixels = seen(problem, texture)
     asked = problem.gbuffer.pixel < 4 * problem.gbuffer.shape[1] * problem.gbuffer.shape[2]
     values = torch.where(asked[:, None], 0.5 * pixels, 0.0)
-    targets = Targets({"albedo": values}, {"albedo": to_mean_one(asked.float()[:, None])})
-    for kind in ("target", "similarity", "target+similarity"):
+    targets = Targets({"albedo": values}, {"albedo": asked.float()[:, None] / asked.float().mean()})
+    for kind in ("target", "similarity"):
         supervision = supervise(problem, "scale", targets, kind=kind)
         supervision.update(texture, 0)
         others = torch.nonzero(~asked)[:, 0]
@@ -184,59 +169,3 @@ def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem
     assert loss(2, clipped) == 0
     assert loss(2, ~clipped) > 0.01
     assert loss(0.5, clipped) == pytest.approx(loss(0.5, ~clipped), rel=1e-5)
-
-
-# ---- the mean colour ---------------------------------------------------------------------------------------------------
-
-
-def test_mean_colour_against_closed_form(problem: Problem, texture: Tensor) -> None:
-    """A fit whose mean is off by known factors: smooth L1 (beta 0.1) of their logs, less the mean log unless scale counts."""
-    pixels = seen(problem, texture)
-    every = torch.nonzero((problem.gbuffer.face >= 0).all(1))[:, 0]  # an edge pixel does not count
-    factors = torch.tensor([1.05, 1.0, 0.5])
-    logs = np.log(factors.double().numpy())
-
-    def smooth_l1(x: np.ndarray) -> float:
-        return float(np.where(np.abs(x) < 0.1, x**2 / 0.2, np.abs(x) - 0.05).mean())
-
-    for ssi, expected in (("scale", smooth_l1(logs - logs.mean())), ("none", smooth_l1(logs))):
-        supervision = supervise(problem, ssi, even({"albedo": pixels}), kind="colour", colour_weight=2.0)
-        supervision.update(texture, 0)
-        assert albedo_loss(supervision, factors * pixels[every], every, texture) == pytest.approx(2 * expected, rel=1e-4)
-
-
-def test_mean_colour_has_no_opinion_on_details(problem: Problem, texture: Tensor) -> None:
-    """Targets shuffled over the pixels have the same mean: no loss, where a target sees a large one."""
-    pixels = seen(problem, texture)
-    full = torch.nonzero((problem.gbuffer.face >= 0).all(1))[:, 0]
-    shuffled = pixels.clone()
-    shuffled[full] = pixels[full[torch.randperm(len(full), generator=torch.Generator().manual_seed(0))]]
-    losses = {}
-    for kind in ("colour", "target"):
-        supervision = supervise(problem, "scale", even({"albedo": shuffled}, common_scale=True), kind=kind)
-        supervision.update(texture, 0)
-        losses[kind] = albedo_loss(supervision, pixels[full], full, texture)
-    assert losses["colour"] < 1e-4
-    assert losses["target"] > 0.01
-
-
-def test_mean_colour_counts_only_the_views_asked(problem: Problem, texture: Tensor) -> None:
-    pixels = seen(problem, texture)
-    size = problem.gbuffer.shape[1] * problem.gbuffer.shape[2]
-    asked = (problem.gbuffer.pixel // size < 4)[:, None].float()
-    targets = Targets({"albedo": torch.where(asked > 0, pixels, 0.0)}, {"albedo": asked})
-    supervision = supervise(problem, "scale", targets, kind="colour")
-    supervision.update(texture, 0)
-    every = torch.arange(len(pixels))
-    assert albedo_loss(supervision, torch.where(asked > 0, pixels, 1e3), every, texture) < 1e-5
-    full = (problem.gbuffer.face >= 0).all(1) & (asked[:, 0] > 0)
-    assert supervision.mean_colour is not None
-    torch.testing.assert_close(supervision.mean_colour, pixels[full].mean(0), rtol=1e-4, atol=0)
-
-
-def test_a_mean_colour_of_nothing_is_none(problem: Problem, texture: Tensor) -> None:
-    """No view was asked: the fit then starts as it does without a prior, and nothing pulls."""
-    pixels = seen(problem, texture)
-    supervision = supervise(problem, "scale", Targets({"albedo": pixels}, {"albedo": torch.zeros(len(pixels), 1)}), kind="colour")
-    assert supervision.mean_colour is None
-    assert albedo_loss(supervision, pixels, torch.arange(len(pixels)), texture) == 0
