@@ -45,7 +45,7 @@ stability: setup ## extreme inputs, one line each, against what the answer must 
 	$(PY) -m ia_bench.stability $(ARGS)
 
 stiffness: setup ## how stiff the shipped scenes are, and what their images confuse (some minutes)
-	$(PY) -m ia_bench.stability.stiffness $(or $(SCENES),$(SHIPPED) tiny) --out results/stiffness $(ARGS)
+	$(PY) -m benchmarks.stiffness $(or $(SCENES),$(SHIPPED) tiny) --out results/stiffness $(ARGS)
 
 work-precision: setup ## error against run time: forward and inverse (ARGS="--scene tiny --out FOLDER")
 	$(PY) -m ia_bench.checks.work_precision $(ARGS)

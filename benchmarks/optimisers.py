@@ -30,6 +30,7 @@ import torch.nn.functional as F
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from benchmarks.stiffness.gauss_newton import Jacobian
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Fit, Monitor, Problem
@@ -48,7 +49,6 @@ from ia_bench.render.visibility import make_visibility
 from ia_bench.runs.composition import compose
 from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol
-from ia_bench.stability.stiffness.gauss_newton import Jacobian
 
 SCORED = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0)  # of the steps
 INNER = 10  # iterations of conjugate gradients or of L-BFGS a step

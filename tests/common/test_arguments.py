@@ -15,7 +15,7 @@ import pytest
         (["ia_bench.checks.single_view", "hat"], "--seeds", "x", 0),
         (["ia_bench.checks.forward", "tiny"], "--samples", "0", 1),
         (["ia_bench.checks.work_precision"], "--threads", "0", 1),
-        (["ia_bench.stability.stiffness", "tiny", "--out", "nowhere"], "--bounces", "-1", 0),
+        (["benchmarks.stiffness", "tiny", "--out", "nowhere"], "--bounces", "-1", 0),
     ],
 )
 def test_refused(command: list[str], option: str, value: str, least: int) -> None:

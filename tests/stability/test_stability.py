@@ -1,4 +1,4 @@
-"""The table of extreme cases, by its command; and that a case fails where it should."""
+"""Every extreme case; the table of them, by its command; and that a case fails where it should."""
 
 from __future__ import annotations
 
@@ -10,25 +10,53 @@ from pathlib import Path
 
 import pytest
 import torch
+from stability import extreme_lights as lights
+from stability import extreme_materials as materials
+from stability.case import Case, Measured, judge, refused
+from stability.table import all_cases, main
 
+from ia_bench.cli.stability import main as command
 from ia_bench.material import brdf
-from ia_bench.stability import lights, materials
-from ia_bench.stability.__main__ import all_cases, main
-from ia_bench.stability.case import Case, Measured, judge, refused
+
+CASES = tuple(all_cases())
 
 
-def test_every_case_passes_and_the_file_says_what_the_table_says(tmp_path: Path) -> None:
+@pytest.mark.stability
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.group}: {case.extreme}: {case.quantity}")
+def test_the_answer_is_what_it_must_be(case: Case) -> None:
+    assert judge(case).problem is None
+
+
+def test_cases_have_names_of_their_own() -> None:
+    assert len(CASES) >= 60
+    assert len({(case.group, case.extreme, case.quantity) for case in CASES}) == len(CASES)
+    assert {case.group for case in CASES} >= {"BRDF", "light", "rendering", "SSI", "schedule", "guidance", "scores"}
+
+
+def test_the_file_says_what_the_table_says(tmp_path: Path) -> None:
     out = tmp_path / "stability.json"
-    ended = subprocess.run(
-        [sys.executable, "-m", "ia_bench.stability", "--out", str(out)], capture_output=True, text=True, check=False
-    )
+    words = [sys.executable, "-m", "ia_bench.stability", "--only", "PSNR", "--out", str(out)]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     rows = json.loads(out.read_text())
-    assert len(rows) >= 60
+    assert [row["extreme"] for row in rows] == [case.extreme for case in CASES if "PSNR" in case.quantity]
     assert f"{len(rows)} cases, 0 failed" in ended.stdout
     assert all(row["verdict"] == "ok" and row["finite"] for row in rows)
-    assert len({(row["group"], row["extreme"], row["quantity"]) for row in rows}) == len(rows)
-    assert {row["group"] for row in rows} >= {"BRDF", "light", "rendering", "SSI", "schedule", "guidance", "scores"}
+
+
+def test_a_failed_case_is_a_line_and_the_exit_status(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong = Case("arithmetic", "one", "two", "three", 0.1, lambda: Measured(0.2))
+    monkeypatch.setattr("stability.table.all_cases", lambda: iter([wrong]))
+    assert main([]) == 1
+    assert "FAILED: error above 0.1" in capsys.readouterr().out
+
+
+def test_without_a_checkout_it_says_that_it_needs_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("ia_bench.cli.stability.PACKAGE", tmp_path / "ia_bench")
+    assert command([]) == 2
+    assert "needs a checkout" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -85,7 +113,7 @@ def test_a_wrong_light_sampler_is_found(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_part_of_the_cases_and_mistakes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--only", "SSIM"]) == 0
-    count = sum("SSIM" in f"{case.group} {case.extreme} {case.quantity}" for case in all_cases())
+    count = sum("SSIM" in f"{case.group} {case.extreme} {case.quantity}" for case in CASES)
     assert f"{count} cases, 0 failed" in capsys.readouterr().out
     assert main(["--only", "banana"]) == 2
     assert main(["--out", "/nowhere/at/all.json"]) == 2

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
+from benchmarks.stiffness.measure import Measurement
+from benchmarks.stiffness.stage import Stage
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.render.renderer import texture_images
-from ia_bench.stability.stiffness.measure import Measurement
-from ia_bench.stability.stiffness.stage import Stage
 
 
 def draw_spectra(path: Path, values: Mapping[str, np.ndarray]) -> None:

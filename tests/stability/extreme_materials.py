@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import torch
+from stability.case import Case, Measured, all_finite, deviation
 from torch import Tensor
 
 from ia_bench.material.brdf import (
@@ -16,7 +17,6 @@ from ia_bench.material.brdf import (
     tangent_frame,
     visible_ggx_pdf,
 )
-from ia_bench.stability.case import Case, Measured, all_finite, deviation
 
 GROUP = "BRDF"
 COUNT = 4096
@@ -28,20 +28,20 @@ def cases() -> Iterator[Case]:
     value, double = "specular BRDF x cosine", "float64; gradient: differences"
     for roughness in (MIN_ROUGHNESS, 0.1, 0.5, 1.0):
         extreme = f"roughness {roughness:g}, around the lobe"
-        yield Case(GROUP, extreme, value, double, 2e-3, lambda r=roughness: _precision(r, None), 5e-3)  # type: ignore[misc]
+        yield Case(GROUP, extreme, value, double, 2e-3, lambda r=roughness: _precision(r, None), 5e-3)
     yield Case(GROUP, "roughness 0, off the mirror direction", value, "0", 0.0, _mirror)
     for cosine in (1e-1, 1e-2, 1e-3, 1e-4, 1e-6):
         extreme = f"view at cosine {cosine:g}, roughness 0.3"
-        yield Case(GROUP, extreme, value, double, 2e-3, lambda c=cosine: _precision(0.3, c), 5e-3)  # type: ignore[misc]
+        yield Case(GROUP, extreme, value, double, 2e-3, lambda c=cosine: _precision(0.3, c), 5e-3)
     yield Case(GROUP, "light below the horizon", value, "0; gradient: 0", 0.0, _below, 0.0)
     yield Case(GROUP, "light opposite to the view (no half vector)", value, "finite", 1.0, _no_half_vector)
     yield Case(GROUP, "zero vector", "normalize", "0; gradient: finite", 0.0, _zero_vector)
     yield Case(GROUP, "normals at both poles and 1e-7 beside", "tangent frame", "orthonormal", 1e-6, _frames)
     for roughness in (MIN_ROUGHNESS, 0.1, 0.5, 1.0):
         extreme, quantity = f"roughness {roughness:g}, view from the normal to grazing", "reflected energy beyond 1"
-        yield Case(GROUP, extreme, quantity, "0", 0.0, lambda r=roughness: _energy(r))  # type: ignore[misc]
+        yield Case(GROUP, extreme, quantity, "0", 0.0, lambda r=roughness: _energy(r))
         quantity = "share of samples without density"
-        yield Case(GROUP, extreme, quantity, "0", 0.0, lambda r=roughness: _densities(r))  # type: ignore[misc]
+        yield Case(GROUP, extreme, quantity, "0", 0.0, lambda r=roughness: _densities(r))
 
 
 def _pairs(roughness: float, cosine: float | None) -> tuple[Tensor, Tensor, Tensor]:

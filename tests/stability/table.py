@@ -18,18 +18,18 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from stability import extreme_lights, extreme_materials, extreme_priors, extreme_rendering, extreme_scores
+from stability.case import Case, Row, judge
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.exit_codes import OK, complain
-from ia_bench.stability import lights, materials, priors, rendering, scores
-from ia_bench.stability.case import Case, Row, judge
 
 FAILED = 1
 
 
 def all_cases() -> Iterator[Case]:
     """Every case of every group."""
-    for part in (materials, lights, rendering, priors, scores):
+    for part in (extreme_materials, extreme_lights, extreme_rendering, extreme_priors, extreme_scores):
         yield from part.cases()
 
 
@@ -99,7 +99,3 @@ def record(row: Row) -> dict[str, Any]:
         "verdict": "failed" if row.problem else "ok",
         "problem": row.problem,
     }
-
-
-if __name__ == "__main__":
-    sys.exit(main())

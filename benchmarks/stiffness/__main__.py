@@ -1,6 +1,6 @@
 """Measure how stiff scenes are: the spectrum of the fit's Gauss-Newton operator at their ground truth.
 
-    python -m ia_bench.stability.stiffness hat ship console figurine tiny --out FOLDER
+    python -m benchmarks.stiffness hat ship console figurine tiny --out FOLDER
 
 J is that of the tone-mapped radiance of random training pixels with respect to albedo, roughness (both per unit) and log light,
 at fixed samples. The spectrum is dense, of changes that are constant on blocks of texels; the fit's own resolution gets its
@@ -21,21 +21,21 @@ from typing import Any
 
 import torch
 
+from benchmarks.stiffness.measure import Grids, Measurement, measure
+from benchmarks.stiffness.pictures import draw_confusions, draw_spectra
+from benchmarks.stiffness.stage import Stage
 from ia_bench.common.arguments import at_least
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
-from ia_bench.stability.stiffness.measure import Grids, Measurement, measure
-from ia_bench.stability.stiffness.pictures import draw_confusions, draw_spectra
-from ia_bench.stability.stiffness.stage import Stage
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print one row a scene, write the files."""
     about, _, more = (__doc__ or "").partition("\n")
     parser = argparse.ArgumentParser(
-        prog="python -m ia_bench.stability.stiffness", description=about, epilog=more,
+        prog="python -m benchmarks.stiffness", description=about, epilog=more,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
     parser.add_argument("scenes", nargs="+", help="names of shipped scenes, or scene folders")

@@ -13,13 +13,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from benchmarks.stiffness import spectrum
+from benchmarks.stiffness.__main__ import main
+from benchmarks.stiffness.gauss_newton import Jacobian, gram, stiffest
+from benchmarks.stiffness.measure import casts
+from benchmarks.stiffness.stage import Stage
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folder
-from ia_bench.stability.stiffness import spectrum
-from ia_bench.stability.stiffness.__main__ import main
-from ia_bench.stability.stiffness.gauss_newton import Jacobian, gram, stiffest
-from ia_bench.stability.stiffness.measure import casts
-from ia_bench.stability.stiffness.stage import Stage
 
 
 def made_up() -> tuple[Tensor, dict[str, Tensor]]:

@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from benchmarks.stiffness.gauss_newton import Jacobian
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
@@ -24,7 +25,6 @@ from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Light, Renderer, make_renderer
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Scene
-from ia_bench.stability.stiffness.gauss_newton import Jacobian
 
 FLOOR = 1e-4  # of the mean radiance: darker texels of a true light have no useful logarithm
 

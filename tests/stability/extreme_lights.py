@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import torch
+from stability.case import Case, Measured, all_finite, deviation, refused
 from torch import Tensor
 
 from ia_bench.light.latlong import (
@@ -15,7 +16,6 @@ from ia_bench.light.latlong import (
     row_solid_angles,
     texel_to_direction,
 )
-from ia_bench.stability.case import Case, Measured, all_finite, deviation, refused
 
 GROUP = "light"
 DRAWS = 200_000
@@ -25,11 +25,11 @@ def cases() -> Iterator[Case]:
     """All of them."""
     for extreme, radiance in _maps().items():
         quantity, reference = "integral of the density, worst of 64 normals", "1"
-        yield Case(GROUP, extreme, quantity, reference, 1e-4, lambda m=radiance: _integral(m))  # type: ignore[misc]
+        yield Case(GROUP, extreme, quantity, reference, 1e-4, lambda m=radiance: _integral(m))
         quantity, reference = "share of samples by row, in standard errors", "density x solid angle"
-        yield Case(GROUP, extreme, quantity, reference, 5.5, lambda m=radiance: _shares(m))  # type: ignore[misc]
+        yield Case(GROUP, extreme, quantity, reference, 5.5, lambda m=radiance: _shares(m))
     for name, bad in (("NaN", float("nan")), ("Inf", float("inf"))):
-        yield Case(GROUP, f"one texel of {name}", "sampling tables", "refused", 0.0, lambda b=bad: _bad_texel(b))  # type: ignore[misc]
+        yield Case(GROUP, f"one texel of {name}", "sampling tables", "refused", 0.0, lambda b=bad: _bad_texel(b))
     yield Case(GROUP, "one texel of 1e6 in 256 rows", "power after reduction to 16 rows", "power before", 1e-6, _reduced)
     yield Case(GROUP, "poles and seam", "texel of a direction drawn in it", "the texel", 0.0, _round_trip)
 

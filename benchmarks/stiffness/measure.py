@@ -10,9 +10,9 @@ import scipy.linalg
 import torch
 from torch import Tensor
 
-from ia_bench.stability.stiffness import spectrum
-from ia_bench.stability.stiffness.gauss_newton import Jacobian, gram, stiffest
-from ia_bench.stability.stiffness.stage import Stage
+from benchmarks.stiffness import spectrum
+from benchmarks.stiffness.gauss_newton import Jacobian, gram, stiffest
+from benchmarks.stiffness.stage import Stage
 
 CHUNK = 1024  # pixels recorded at a time
 QUANTILES = (0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99)
@@ -34,7 +34,7 @@ class Confusion:
     """A direction that images confuse, scaled so that no albedo changes by more than ALBEDO_CHANGE.
 
     ``change``: "albedo" (t, t, 3), "roughness" (t, t, 1), "log_light" (h, 2 h, 3), zero where nothing is seen; ``mu`` as in
-    :func:`ia_bench.stability.stiffness.spectrum.confusions`; ``image_change``: root mean square, of tone-mapped radiance.
+    :func:`benchmarks.stiffness.spectrum.confusions`; ``image_change``: root mean square, of tone-mapped radiance.
     """
 
     change: dict[str, np.ndarray]
@@ -141,7 +141,7 @@ def casts(jacobian: Jacobian, albedo: Tensor) -> dict[str, dict[str, float]]:
 
     "image_change": root mean square change of the tone-mapped images that a factor of 1.1 makes, to first order, in the channels
     concerned; "light_alone": the same of the light without the albedo; "mu" as in
-    :func:`ia_bench.stability.stiffness.spectrum.confusions`.
+    :func:`benchmarks.stiffness.spectrum.confusions`.
     """
     found = {}
     for name, channels in (("red", [0]), ("green", [1]), ("blue", [2]), ("all", [0, 1, 2])):

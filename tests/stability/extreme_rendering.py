@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
+from stability.case import Case, Measured, all_finite, deviation
 from torch import Tensor
 
 from ia_bench.material.brdf import MIN_ROUGHNESS, dot
@@ -21,7 +22,6 @@ from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Light, PixelRadiance, Renderer
 from ia_bench.render.visibility import make_visibility
 from ia_bench.scenes.scene import Camera, Mesh
-from ia_bench.stability.case import Case, Measured, all_finite, deviation
 
 GROUP = "rendering"
 CPU = torch.device("cpu")
@@ -51,28 +51,28 @@ def cases() -> Iterator[Case]:
     linear = "the same at exposure 1, times the factor"
     for factor in (1e-20, 1e-3, 1e3, 1e6, 1e20):
         what = "radiance; gradient in albedo"
-        yield Case(GROUP, f"exposure {factor:g}", what, linear, 1e-4, lambda f=factor: _exposed(f), 1e-4)  # type: ignore[misc]
+        yield Case(GROUP, f"exposure {factor:g}", what, linear, 1e-4, lambda f=factor: _exposed(f), 1e-4)
     yield Case(GROUP, "black light", "radiance; gradient in log radiance", "0", 0.0, lambda: _black(), 0.0)
     for light in ("sun", "pole"):
         what, reference = "diffuse radiance; gradient in albedo", "linear in the albedo"
         extreme = f"all light in one texel of 1e6 ({light})"
-        yield Case(GROUP, extreme, what, reference, 1e-4, lambda name=light: _linear_in_albedo(name), 1e-4)  # type: ignore[misc]
+        yield Case(GROUP, extreme, what, reference, 1e-4, lambda name=light: _linear_in_albedo(name), 1e-4)
     yield Case(GROUP, "albedo 0", "diffuse radiance", "0", 0.0, lambda: _furnace(0.0))
     yield Case(GROUP, "albedo 1 in a white furnace", "diffuse radiance", "1 (1.5 % noise)", 0.015, lambda: _furnace(1.0))
     for roughness in (MIN_ROUGHNESS, 1.0):
         extreme = f"roughness {roughness:g} in a white furnace"
         reference = "the lobe's directional albedo (1 % noise)"
-        yield Case(GROUP, extreme, "specular radiance", reference, 0.02, lambda r=roughness: _specular(r))  # type: ignore[misc]
+        yield Case(GROUP, extreme, "specular radiance", reference, 0.02, lambda r=roughness: _specular(r))
     for metallic, reference in ((0.0, "the dielectric"), (1.0, "no diffuse radiance")):
-        yield Case(GROUP, f"metallic {metallic:g}", "radiance", reference, 1e-6, lambda m=metallic: _metal(m))  # type: ignore[misc]
+        yield Case(GROUP, f"metallic {metallic:g}", "radiance", reference, 1e-6, lambda m=metallic: _metal(m))
     extreme = "albedo 1 and 100 bounces in an open box in a white furnace"
     yield Case(GROUP, extreme, "diffuse radiance; gradient in albedo", "1; finite", 0.02, _white_box)
     for factor in (1e-20, 1e20):
         what = "radiance of an open box with 3 bounces"
-        yield Case(GROUP, f"exposure {factor:g}", what, linear, 1e-4, lambda f=factor: _exposed_box(f))  # type: ignore[misc]
+        yield Case(GROUP, f"exposure {factor:g}", what, linear, 1e-4, lambda f=factor: _exposed_box(f))
     same = "the same at scale 1"
     for scale in (1e-4, 1e4):
-        yield Case(GROUP, f"mesh and camera at scale {scale:g}", "mean radiance", same, 2e-3, lambda s=scale: _scaled(s))  # type: ignore[misc]
+        yield Case(GROUP, f"mesh and camera at scale {scale:g}", "mean radiance", same, 2e-3, lambda s=scale: _scaled(s))
     plain = "the same without them"
     yield Case(GROUP, "100 triangles without area", "radiance", plain, 1e-6, lambda: _like_plain(Setup(degenerate=100)))
     yield Case(GROUP, "every triangle twice in the same place", "mean radiance", plain, 2e-3, lambda: _mean_like_plain(copies=2))
@@ -239,7 +239,7 @@ def _like_plain(setup: Setup) -> Measured:
 
 
 def _mean_like_plain(**changes: int) -> Measured:
-    found, plain = _render(replace(Setup(), **changes)), _render(Setup())  # type: ignore[arg-type]
+    found, plain = _render(replace(Setup(), **changes)), _render(Setup())
     return Measured(deviation(found.radiance.mean(0), plain.radiance.mean(0)), finite=all_finite(found.radiance))
 
 

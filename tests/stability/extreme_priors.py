@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 import torch
+from stability.case import Case, Measured, all_finite, deviation, refused
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
@@ -14,7 +15,6 @@ from ia_bench.priors.diffusion.encoding import decode_albedo, encode_albedo, exp
 from ia_bench.priors.diffusion.guidance import Guidance, Norm, Rule
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
-from ia_bench.stability.case import Case, Measured, all_finite, deviation, refused
 
 SHAPE = (2, 3, 24, 24)
 MEAN, VARIANCE, TARGET = 0.1, 0.1, 0.5  # of the Gaussian whose denoiser is known, and what guidance pulls to
@@ -77,11 +77,11 @@ def _alignments() -> Iterator[Case]:
     for mode in ("scale", "scale_shift"):
         what = f"alignment, {mode}"
         exact = "target"
-        yield Case(group, "prediction 1e-3 of the target", what, exact, 1e-4, lambda m=mode: _aligned(1e-3 * varied, varied, m))  # type: ignore[misc]
-        yield Case(group, "prediction 1e3 times the target", what, exact, 1e-4, lambda m=mode: _aligned(1e3 * varied, varied, m))  # type: ignore[misc]
-        yield Case(group, "constant prediction and target", what, exact, 1e-5, lambda m=mode: _aligned(constant, 2 * constant, m))  # type: ignore[misc]
-        yield Case(group, "zero prediction", f"scale, {mode}", "1", 0.0, lambda m=mode: _scale(zero, varied, m, 1.0))  # type: ignore[misc]
-        yield Case(group, "a view without pixels", f"scale, {mode}", "1", 0.0, lambda m=mode: _scale(zero[:0], zero[:0], m, 1.0))  # type: ignore[misc]
+        yield Case(group, "prediction 1e-3 of the target", what, exact, 1e-4, lambda m=mode: _aligned(1e-3 * varied, varied, m))
+        yield Case(group, "prediction 1e3 times the target", what, exact, 1e-4, lambda m=mode: _aligned(1e3 * varied, varied, m))
+        yield Case(group, "constant prediction and target", what, exact, 1e-5, lambda m=mode: _aligned(constant, 2 * constant, m))
+        yield Case(group, "zero prediction", f"scale, {mode}", "1", 0.0, lambda m=mode: _scale(zero, varied, m, 1.0))
+        yield Case(group, "a view without pixels", f"scale, {mode}", "1", 0.0, lambda m=mode: _scale(zero[:0], zero[:0], m, 1.0))
     yield Case(group, "negative prediction", "scale, scale", "1", 0.0, lambda: _scale(-varied, varied, "scale", 1.0))
 
 
@@ -103,7 +103,7 @@ def _schedules() -> Iterator[Case]:
     group, double = "schedule", "float64"
     for level in (0.0, 1e-12, 1 - 1e-7):
         what = "x0 from v"
-        yield Case(group, f"alpha_bar = {level:g}", what, double, 1e-5, lambda a=level: _clean("v_prediction", a))  # type: ignore[misc]
+        yield Case(group, f"alpha_bar = {level:g}", what, double, 1e-5, lambda a=level: _clean("v_prediction", a))
     yield Case(group, "alpha_bar = 0.999999", "x0 from epsilon", double, 1e-5, lambda: _clean("epsilon", 1 - 1e-6))
     zero = {"num_train_timesteps": 50, "rescale_betas_zero_snr": True, "prediction_type": "epsilon"}
     yield Case(
@@ -119,8 +119,8 @@ def _schedules() -> Iterator[Case]:
 def _clean(prediction_type: str, level: float) -> Measured:
     generator = torch.Generator().manual_seed(0)
     noisy, output = torch.randn(2, *SHAPE, generator=generator)
-    found = estimate_x0(prediction_type, output, noisy, level)  # type: ignore[arg-type]
-    exact = estimate_x0(prediction_type, output.double(), noisy.double(), level)  # type: ignore[arg-type]
+    found = estimate_x0(prediction_type, output, noisy, level)
+    exact = estimate_x0(prediction_type, output.double(), noisy.double(), level)
     return Measured(deviation(found, exact, 1.0), finite=all_finite(found))
 
 
@@ -132,18 +132,18 @@ def _guidance() -> Iterator[Case]:
     for strength in (1e-3, 1.0, 1e3):
         what, reference = "mean of 3 456 samples, in posterior standard deviations", "closed form"
         extreme = f"strength {strength:g}, rule variance, 300 steps"
-        yield Case(group, extreme, what, reference, 0.1, lambda s=strength: _posterior(s))  # type: ignore[misc]
+        yield Case(group, extreme, what, reference, 0.1, lambda s=strength: _posterior(s))
     yield Case(group, "strength 0", "sample", "the unguided one, to the bit", 0.0, lambda: _strength_zero())
     for rule, norm in (("variance", "squared"), ("paper", "squared"), ("shortcut", "squared"), ("paper", "l2"), ("shortcut", "l2")):
         for steps in (1, 1000):
             extreme = f"strength 1000, {steps} step{'s' * (steps > 1)}, rule {rule}, {norm}"
             yield Case(
                 group, extreme, "samples beyond [-1, 1]", "0", 0.0,
-                lambda r=rule, n=norm, s=steps: _in_range(r, n, s),  # type: ignore[misc]
+                lambda r=rule, n=norm, s=steps: _in_range(r, n, s),
             )  # fmt: skip
     for norm in ("squared", "l2"):
         extreme = f"a target that is already reached, rule shortcut, {norm}"
-        yield Case(group, extreme, "sample", "the unguided one", 1e-6, lambda n=norm: _arrived(n))  # type: ignore[misc]
+        yield Case(group, extreme, "sample", "the unguided one", 1e-6, lambda n=norm: _arrived(n))
     yield Case(group, "half of the pixels without weight", "these pixels", "the unguided ones", 0.0, _half_weighted)
     yield Case(group, "a target of noise of standard deviation 100", "samples beyond [-1, 1]", "0", 0.0, _noisy_target)
     yield Case(

@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from stability.case import Case, Measured, refused
 
 from ia_bench.scores.alignment import ALIGNMENTS
 from ia_bench.scores.metrics import NoScoredPixel, Undefined, psnr, ssim
 from ia_bench.scores.protocol import SsimSettings
-from ia_bench.stability.case import Case, Measured, refused
 
 GROUP = "scores"
 
@@ -42,7 +42,7 @@ def cases() -> Iterator[Case]:
         reference = "none, with its reason" if expected is None else "closed form"
         yield Case(
             GROUP, f"{name} prediction", quantity, reference, 1e-6,
-            lambda p=predicted, e=expected, t=pixels: _scale(p, t, e),  # type: ignore[misc]
+            lambda p=predicted, e=expected, t=pixels: _scale(p, t, e),
         )  # fmt: skip
 
 

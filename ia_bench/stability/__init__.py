@@ -1,1 +1,0 @@
-"""Stiff and extreme inputs, each with the answer it must have: ``python -m ia_bench.stability``."""
