@@ -20,7 +20,7 @@ from recovered_albedo import INSIDE, TestViews, recovered_albedos
 
 from ia_bench.report.collect import collect, find_run_folders
 from ia_bench.report.statistics import over_scenes
-from ia_bench.runs.folder import METRICS
+from ia_bench.runs.metrics import METRICS
 
 PER_CHANNEL = "aligned_albedo_per_channel"
 FACING_DOWN = -0.5  # upward component of the normal below this

@@ -20,7 +20,7 @@ from ia_bench.common.exit_codes import FAULT, INTERRUPTED, MISTAKE, OK
 from ia_bench.common.progress import Progress
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import NATIVE_READER, resolve_scene_folder, slug
-from ia_bench.runs.folder import finished_metrics
+from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import jobs_and_threads, run_cells
 from ia_bench.runs.table import Cell, Request, load_table, make_cells
 

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from ia_bench.runs.metrics import SCHEMA
 from ia_bench.scores.columns import CURVE_METRICS, METRICS
-
-SCHEMA = 1
 
 Cell = tuple[str, str, int]  # row, scene, seed
 

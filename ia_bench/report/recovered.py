@@ -13,7 +13,8 @@ import torch
 from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.runs.config import RunConfig, SceneConfig, identity
-from ia_bench.runs.folder import CONFIG, METRICS
+from ia_bench.runs.folder import CONFIG
+from ia_bench.runs.metrics import METRICS
 from ia_bench.scenes.exr import read_exr
 
 SHOWN = ("aligned_albedo.psnr", "view_synthesis.psnr", "relighting.psnr", "roughness.mse")

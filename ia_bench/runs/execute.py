@@ -7,7 +7,8 @@ from typing import Any
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import RunConfig, hash_of, identity, labels, run_folder
-from ia_bench.runs.folder import METRICS, RunFolder
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.metrics import METRICS
 
 
 def execute(config: RunConfig) -> dict[str, Any]:

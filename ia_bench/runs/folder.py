@@ -1,6 +1,6 @@
 """The folder of one run: its configuration, checkpoint and results, safe against kill -9 and against a second process.
 
-Files: ``config.json`` (identity and hash), ``checkpoint.pt`` while unfinished, ``curve.csv``, whatever the run saves,
+Files: ``config.json`` (identity and hash), ``checkpoint*.pt`` while unfinished, ``curve.csv``, whatever the run saves,
 and ``metrics.json``, written last. Every file is written beside its place and moved there, so a reader sees the old
 one, the new one or none.
 """
@@ -8,63 +8,49 @@ one, the new one or none.
 from __future__ import annotations
 
 import csv
-import fcntl
 import io
-import json
-import math
 import os
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any, BinaryIO
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.atomic_file import LEFTOVERS, whole_file
+from ia_bench.common.errors import Fault, InputError
+from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
+from ia_bench.runs.lock import lock_folder
+from ia_bench.runs.metrics import (
+    METRICS,
+    SCHEMA,
+    RecordError,
+    check_metrics,
+    damaged_file,
+    digest_of,
+    finished_metrics,
+    json_bytes,
+    read_object,
+    refuse_non_finite,
+)
 
-METRICS = "metrics.json"
 CONFIG = "config.json"
 CHECKPOINT = "checkpoint.pt"
-CHECKPOINT_FORMAT = 2  # raised when a change of the code changes what a checkpoint holds
 CURVE = "curve.csv"
-SCHEMA = 1
-
-METRICS_KEYS: dict[str, type] = {
-    "schema": int,
-    "row": str,
-    "scene": str,
-    "seed": int,
-    "protocol": str,
-    "config_hash": str,
-    "status": str,
-    "metrics": dict,
-    "per_image": dict,
-    "time_s": dict,
-    "peak_memory_bytes": int,
-    "rays": int,
-    "network_calls": int,
-    "plan": dict,
-    "environment": dict,
-}
-"""Keys that metrics.json of a finished run must have, and their types. More keys are allowed."""
-
-FAILED_KEYS = ("schema", "row", "scene", "seed", "protocol", "config_hash", "status")
-"""The keys that a failed run still has, besides ``error``."""
-
-
-class RecordError(ValueError):
-    """A result that must not be written: a missing key, a wrong type, NaN or infinity."""
 
 
 class RunFolder:
     """The folder of one run, held under an exclusive lock between entering and leaving the ``with`` block."""
 
-    def __init__(self, path: Path, config_hash: str, lock: TextIO, note: Callable[[str], None]) -> None:
+    def __init__(self, path: Path, config_hash: str, lock: BinaryIO, note: Callable[[str], None]) -> None:
         """Use :meth:`open`."""
         self.path = path
         self.config_hash = config_hash
         self._lock = lock
         self._note = note
+        self._written: set[str] = set()
+        self._kept: dict[str, str] = {}  # name of a part that stays -> its checksum
+        self._told_unsaved = False
 
     @classmethod
     def open(
@@ -75,13 +61,8 @@ class RunFolder:
         ``config`` is what ``config_hash`` was computed from; ``note`` receives one-line messages. Raises InputError for
         a folder that holds another configuration's results (naming the keys that differ), or that cannot be written.
         """
+        lock = lock_folder(path, note)
         try:
-            path.mkdir(parents=True, exist_ok=True)
-            lock = (path / ".lock").open("w")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be used as a run's folder ({error.strerror})") from None
-        try:
-            _acquire(lock, path, note)
             folder = cls(path, config_hash, lock, note)
             folder._claim(config)
         except BaseException:
@@ -96,58 +77,95 @@ class RunFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Release the lock; the file stays, so that nobody can lock a file that is already gone."""
+        """Release the lock."""
         self._lock.close()
 
     def finished(self) -> dict[str, Any] | None:
-        """The metrics of this run if it has already finished, else None (also after a failure)."""
-        return finished_metrics(self.path, self.config_hash)
+        """The metrics of this run if it has already finished and all its files are there, else None (also after a failure)."""
+        metrics = finished_metrics(self.path, self.config_hash)
+        damaged = None if metrics is None else damaged_file(self.path, metrics)
+        if damaged is None:
+            return metrics
+        self._note(f"{self.path / damaged}: not what the run wrote there, or gone; running again")
+        return None
+
+    # ---- checkpoints -------------------------------------------------------------------------------------------------
 
     def save_checkpoint(self, state: dict[str, Any]) -> None:
-        """Write a checkpoint of tensors, numbers, texts, lists and dicts, durable once this returns."""
-        import torch  # readers of results do without it
+        """Write a checkpoint of tensors, numbers, texts, lists and dicts, durable once this returns.
 
-        with self.path_for(CHECKPOINT) as temporary, temporary.open("wb") as file:
-            torch.save({"format": CHECKPOINT_FORMAT, "config_hash": self.config_hash, "state": state}, file)
+        A disk that cannot take it costs what an interruption would lose, not the run: that is said once.
+        """
+        content, _ = pack({"kept": dict(self._kept), "state": state}, self.config_hash)
+        if self._try_to_write(CHECKPOINT, content):
+            self._remove_checkpoints({CHECKPOINT, *map(_kept_file, self._kept.values())})  # parts that nothing names any more
 
     def load_checkpoint(self) -> dict[str, Any] | None:
-        """The last checkpoint, or None. One that cannot be read is reported and ignored: the run starts over."""
-        import torch
-
+        """The last checkpoint, or None. One that is not whole is reported and ignored: the run starts over."""
         path = self.path / CHECKPOINT
-        if not path.exists():
+        if not os.path.lexists(path):
             return None
         try:
-            saved = torch.load(path, map_location="cpu", weights_only=True)
-            if saved["config_hash"] != self.config_hash:
-                reason = "it belongs to another configuration"
-            elif saved.get("format") != CHECKPOINT_FORMAT:
-                reason = "another version of the code wrote it"
-            else:
-                state: dict[str, Any] = saved["state"]
-                return state
-        except Exception as error:  # torch.load raises whatever a damaged file leads it to
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        self._note(f"{path}: checkpoint ignored, starting over ({reason})")
-        return None
+            saved = unpack(path, self.config_hash)
+            for digest in saved["kept"].values():
+                unpack(self.path / _kept_file(digest), self.config_hash, digest)
+        except BadCheckpoint as error:
+            self._note(f"{path}: checkpoint ignored, starting over ({error})")
+            return None
+        self._kept = saved["kept"]
+        state: dict[str, Any] = saved["state"]
+        return state
+
+    def keep(self, name: str, state: dict[str, Any]) -> None:
+        """Write a part of the state that stays as it is, once; the checkpoints that follow refer to it by its checksum."""
+        content, digest = pack(state, self.config_hash)
+        if self._try_to_write(_kept_file(digest), content):
+            self._kept[name] = digest
+
+    def kept(self, name: str) -> dict[str, Any] | None:
+        """The part that was last kept under ``name``, as of the checkpoint that was loaded; None if there is none."""
+        digest = self._kept.get(name)
+        return None if digest is None else unpack(self.path / _kept_file(digest), self.config_hash, digest)
+
+    def drop_checkpoint(self) -> None:
+        """Remove the checkpoint and all that it refers to."""
+        self._kept = {}
+        self._remove_checkpoints(set())
+
+    def _try_to_write(self, name: str, content: bytes) -> bool:
+        try:
+            with whole_file(self.path / name) as temporary:
+                temporary.write_bytes(content)
+        except OSError as error:
+            if not self._told_unsaved:
+                self._note(f"{self.path / name}: cannot be written ({error.strerror}); an interruption would cost more than usual")
+            self._told_unsaved = True
+            return False
+        return True
+
+    def _remove_checkpoints(self, but: set[str]) -> None:
+        for path in self.path.glob("checkpoint*.pt"):
+            if path.name not in but:
+                with suppress(OSError):  # a folder, say, which is nobody's checkpoint
+                    path.unlink()
+
+    # ---- results -----------------------------------------------------------------------------------------------------
 
     @contextmanager
     def path_for(self, name: str) -> Iterator[Path]:
         """A temporary path to write to; it becomes the file ``name`` when the block ends without an exception.
 
+        Raises Fault where it cannot be written; what was there before stays.
+
         >>> with folder.path_for("albedo.exr") as path:  # doctest: +SKIP
         ...     write_exr(path, albedo)
         """
-        target = self.path / name
-        temporary = target.with_name(f".tmp-{target.name}")  # one writer at a time: the folder is locked
         try:
-            yield temporary
-            with temporary.open("rb") as written:
-                os.fsync(written.fileno())
-            os.replace(temporary, target)
-            _sync_folder(target.parent)
-        finally:
-            temporary.unlink(missing_ok=True)
+            with whole_file(self.path / name) as temporary:
+                yield temporary
+        except OSError as error:
+            raise Fault(f"{self.path / name}: cannot be written ({error.strerror or error})") from error
+        self._written.add(name)
 
     def write_bytes(self, name: str, content: bytes) -> None:
         """Write a file at once or not at all."""
@@ -156,7 +174,7 @@ class RunFolder:
 
     def write_json(self, name: str, content: Any) -> None:  # noqa: ANN401 (any JSON value)
         """Write JSON. Raises RecordError naming the first key that holds NaN, infinity or no JSON type."""
-        self.write_bytes(name, _json_bytes(content, name))
+        self.write_bytes(name, json_bytes(content, name))
 
     def write_curve(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Write error against run time: one row per evaluation, columns ``stage, step, seconds``, then the metrics.
@@ -165,25 +183,29 @@ class RunFolder:
         """
         columns = list(dict.fromkeys([*("stage", "step", "seconds"), *(key for row in rows for key in row)]))
         for number, row in enumerate(rows):
-            _refuse_non_finite(row, f"{CURVE}[{number}]")
+            refuse_non_finite(row, f"{CURVE}[{number}]")
         text = io.StringIO()
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
         self.write_bytes(CURVE, text.getvalue().encode())
 
-    def write_metrics(self, metrics: Mapping[str, Any]) -> None:
-        """Write metrics.json, after which the run is finished; the checkpoint is then no longer needed.
+    def write_metrics(self, metrics: Mapping[str, Any]) -> dict[str, Any]:
+        """Write metrics.json and return what it holds; the run is then finished, and its checkpoint no longer needed.
 
-        Raises RecordError where the schema of metrics.json is not met: a key missing or of the wrong type, another
-        configuration's hash, NaN or infinity, or a null without an entry in ``reasons``.
+        ``files`` is added: the checksum of every file that this process wrote. Raises RecordError where the schema of
+        metrics.json is not met: a key missing or of the wrong type, another configuration's hash, NaN or infinity, or a null
+        without an entry in ``reasons``.
         """
+        if metrics.get("status") == "ok":
+            metrics = {**metrics, "files": {name: digest_of(self.path / name) for name in sorted(self._written - {CONFIG, METRICS})}}
         check_metrics(metrics)
         if metrics["config_hash"] != self.config_hash:
             raise RecordError(f"config_hash: expected {self.config_hash}, found {metrics['config_hash']}")
         self.write_json(METRICS, metrics)
         if metrics["status"] == "ok":
-            (self.path / CHECKPOINT).unlink(missing_ok=True)
+            self.drop_checkpoint()
+        return dict(metrics)
 
     def write_failure(self, failure: BaseException | str, labels: Mapping[str, Any]) -> None:
         """Write a metrics.json with status "failed" and what went wrong as ``error``; the next run tries again.
@@ -191,7 +213,7 @@ class RunFolder:
         ``labels``: row, scene, seed and protocol, as in the metrics of a finished run.
         """
         if isinstance(failure, BaseException):
-            problem = f"{type(failure).__name__}: {failure}"
+            problem = str(failure) if isinstance(failure, Fault) else f"{type(failure).__name__}: {failure}"
             trace = "".join(traceback.format_exception(failure))
         else:
             problem, trace = failure, None
@@ -201,7 +223,7 @@ class RunFolder:
     def _claim(self, config: Mapping[str, Any]) -> None:
         path = self.path / CONFIG
         if path.exists():
-            held = _read_object(path)
+            held = read_object(path)
             if not isinstance(held.get("config_hash"), str) or not isinstance(held.get("config"), dict):
                 raise InputError(f"{path}: expected a run's config_hash and config, found {', '.join(held) or 'nothing'}")
             if held["config_hash"] != self.config_hash:
@@ -211,83 +233,13 @@ class RunFolder:
             raise InputError(f"{self.path}: holds a {METRICS} but no {CONFIG}, so it is not a run's folder")
         else:
             self.write_json(CONFIG, {"config_hash": self.config_hash, "config": dict(config)})
-        for leftover in self.path.glob(".tmp-*"):  # of a process that was killed while writing
-            leftover.unlink()
+        for leftover in self.path.glob(LEFTOVERS):  # of a process that was killed while writing
+            with suppress(OSError):  # a folder is somebody else's
+                leftover.unlink()
 
 
-def finished_metrics(path: Path, config_hash: str) -> dict[str, Any] | None:
-    """The metrics in a run's folder if they are of this configuration and of no failure, else None. Takes no lock."""
-    try:
-        metrics = _read_object(path / METRICS)
-    except FileNotFoundError:
-        return None
-    return metrics if metrics.get("status") == "ok" and metrics.get("config_hash") == config_hash else None
-
-
-def _read_object(path: Path) -> dict[str, Any]:
-    """A JSON object. Raises FileNotFoundError, and InputError for what is something else."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:  # no JSON, or no text
-        raise InputError(f"{path}: not valid JSON ({error}); delete its folder to run again") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: expected a JSON object, found {type(content).__name__}; delete its folder to run again")
-    return content
-
-
-def check_metrics(metrics: Mapping[str, Any]) -> None:
-    """Raise RecordError naming the first key of metrics.json that is missing, of the wrong type or null unexplained.
-
-    ``reasons`` explains every null by its dotted name: ``{"albedo.psnr": "no scored pixel"}``.
-    """
-    status = metrics.get("status")
-    if status not in ("ok", "failed"):
-        raise RecordError(f"status: expected 'ok' or 'failed', found {status!r}")
-    required = METRICS_KEYS if status == "ok" else {key: METRICS_KEYS[key] for key in FAILED_KEYS} | {"error": str}
-    reasons = metrics.get("reasons", {})
-    for key, kind in required.items():
-        if key not in metrics:
-            raise RecordError(f"{key}: missing")
-        value = metrics[key]
-        if value is None and reasons.get(key):
-            continue
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise RecordError(f"{key}: expected {kind.__name__}, found {value!r}")
-    if metrics["schema"] != SCHEMA:
-        raise RecordError(f"schema: expected {SCHEMA}, found {metrics['schema']}")
-    _check_values(metrics.get("metrics", {}), "", reasons)
-
-
-def _check_values(group: Mapping[str, Any], prefix: str, reasons: Mapping[str, str]) -> None:
-    """Metrics are numbers in named groups; an undefined one is None, with its reason under its dotted name."""
-    for key, value in group.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            _check_values(value, f"{name}.", reasons)
-        elif value is None:
-            if not reasons.get(name):
-                raise RecordError(f"metrics.{name}: is null without a reason; say why in reasons['{name}']")
-        elif not isinstance(value, int | float) or isinstance(value, bool):
-            raise RecordError(f"metrics.{name}: expected a number, found {value!r}")
-
-
-def _json_bytes(content: Any, name: str) -> bytes:  # noqa: ANN401 (any JSON value)
-    _refuse_non_finite(content, name)
-    try:
-        return (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
-    except TypeError as error:
-        raise RecordError(f"{name}: {error}") from None
-
-
-def _refuse_non_finite(value: Any, where: str) -> None:  # noqa: ANN401 (any JSON value)
-    if isinstance(value, float) and not math.isfinite(value):
-        raise RecordError(f"{where}: is {value}; an undefined value is null with a reason")
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            _refuse_non_finite(item, f"{where}: {key}" if ": " not in where else f"{where}.{key}")
-    elif isinstance(value, list | tuple):
-        for number, item in enumerate(value):
-            _refuse_non_finite(item, f"{where}[{number}]")
+def _kept_file(digest: str) -> str:
+    return f"checkpoint-{digest[:16]}.pt"
 
 
 def _differing(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
@@ -298,20 +250,3 @@ def _differing(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "")
             yield from _differing(before, after, f"{prefix}{key}.")
         elif before != after:
             yield f"{prefix}{key} ({before} there, {after} here)"
-
-
-def _acquire(lock: TextIO, path: Path, note: Callable[[str], None]) -> None:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        note(f"{path}: another process is working on this run; waiting for it to finish")
-        fcntl.flock(lock, fcntl.LOCK_EX)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Make a rename durable: on Linux the folder's entry is a write of its own."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -25,7 +25,8 @@ from ia_bench.render.rays import RayCaster, make_rays
 from ia_bench.render.renderer import choose_shading, make_renderer, texture_images
 from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig, resolve_scene_folder, scene_reader
-from ia_bench.runs.folder import SCHEMA, RunFolder
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.metrics import SCHEMA
 from ia_bench.scenes.scene import Scene, View
 from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol
@@ -127,8 +128,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "plan": plan.record(),
         "environment": environment(config.device, config.threads or 1),
     }
-    folder.write_metrics(metrics)
-    return metrics
+    return folder.write_metrics(metrics)
 
 
 def with_albedo(scene: Scene, surface: SurfaceInterpolator, gbuffer: GBuffer) -> tuple[View, ...]:

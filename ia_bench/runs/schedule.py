@@ -16,7 +16,8 @@ from ia_bench.common.exit_codes import OK
 from ia_bench.common.machine import commit, total_memory
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import labels, slug
-from ia_bench.runs.folder import METRICS, RunFolder, finished_metrics
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.metrics import METRICS, finished_metrics
 from ia_bench.runs.table import Cell
 
 MEMORY_PER_JOB = 3 << 30

@@ -49,7 +49,7 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
     """Write (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) values; the file appears whole or not at all.
 
     ``half`` halves the size and holds values up to 65504; larger ones need ``half=False``, so they raise ValueError,
-    as do NaN and Inf, which :func:`read_exr` would refuse.
+    as do NaN and Inf, which :func:`read_exr` would refuse. Raises OSError where the file cannot be written.
     """
     pixels = image[..., None] if image.ndim == 2 else image
     names = {1: "Y", 3: "RGB", 4: "RGBA"}[pixels.shape[-1]]
@@ -62,4 +62,7 @@ def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as partial, OpenEXR.File(header, channels) as file:
-        file.write(str(partial))
+        try:
+            file.write(str(partial))
+        except RuntimeError as error:  # what OpenEXR makes of a full disk: a sentence with the path, and one that says why
+            raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error

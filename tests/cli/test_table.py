@@ -23,7 +23,7 @@ from ia_bench.common.progress import Progress
 from ia_bench.runs import schedule
 from ia_bench.runs import table as module
 from ia_bench.runs.composition import compose
-from ia_bench.runs.folder import finished_metrics
+from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import jobs_and_threads, run_cells
 from ia_bench.runs.table import Request, Row, Table, load_table, make_cells
 

@@ -30,7 +30,7 @@ def write_run_below() -> Callable[..., Path]:
         curve = changes.pop("curve", None)
         metrics = {name: {"psnr": psnr, "ssim": 0.9, "lpips": 0.1} for name in TRIPLES} | {"roughness": {"mse": 0.05}}
         data = {
-            "schema": 1,
+            "schema": 2,
             "row": row,
             "scene": scene,
             "seed": seed,

@@ -60,7 +60,7 @@ def test_the_ceiling_is_known_by_its_only_stage(write_run: Write) -> None:
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"schema": 2}, r"metrics\.json: schema: expected 1, found 2"),
+        ({"schema": 1}, r"metrics\.json: schema: expected 2, found 1"),
         ({"status": "done"}, r"metrics\.json: status: expected ok or failed, found 'done'"),
         ({"metrics": None}, r"metrics\.json: metrics: expected dict, found None"),
         ({"metrics": {}}, r"metrics\.json: albedo: expected dict, found nothing"),
@@ -80,7 +80,7 @@ def test_a_broken_record_makes_its_cell_a_failed_one(write_run: Write, changes: 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ('{"schema": 1, ', "expected a JSON file"),
+        ('{"schema": 2, ', "expected a JSON file"),
         ("[]", "expected an object, found list"),
         ('{"row": "a", "scene": "b"}', "seed: expected int, found nothing"),
         ('{"row": "a", "scene": "b", "seed": true}', "seed: expected int, found True"),

@@ -15,9 +15,11 @@ from pathlib import Path
 import pytest
 import torch
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.machine import environment
-from ia_bench.runs.folder import METRICS, METRICS_KEYS, RecordError, RunFolder, check_metrics, finished_metrics
+from ia_bench.runs import checkpoint
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.metrics import METRICS, METRICS_KEYS, RecordError, check_metrics, finished_metrics, read_metrics
 
 HASH = "a" * 64
 CONFIG = {"seed": 0, "fit": {"pixels": 4096, "rates": {"light": 0.1}}}
@@ -26,10 +28,11 @@ LABELS = {"row": "none", "scene": "hat", "seed": 0, "protocol": "paper-v1"}
 
 def good_metrics() -> dict:
     return {
-        "schema": 1,
+        "schema": 2,
         **LABELS,
         "config_hash": HASH,
         "status": "ok",
+        "sees_truth": False,
         "metrics": {"albedo": {"psnr": 20.0}, "roughness": {"mse": None}},
         "reasons": {"roughness.mse": "no ground truth"},
         "per_image": {"albedo": {"psnr": [20.0]}},
@@ -39,6 +42,7 @@ def good_metrics() -> dict:
         "network_calls": 0,
         "plan": {"needed": [], "left_out": []},
         "environment": {},
+        "files": {},
     }
 
 
@@ -52,12 +56,12 @@ def test_finished_only_after_metrics(folder: RunFolder) -> None:
     assert folder.finished() is None
     folder.save_checkpoint({"step": 3})
     folder.write_metrics(good_metrics())
-    assert folder.finished() == good_metrics()
+    assert folder.finished() == good_metrics() == read_metrics(folder.path)
     assert folder.load_checkpoint() is None, "a finished run needs no checkpoint"
     assert finished_metrics(folder.path, "b" * 64) is None
 
 
-@pytest.mark.parametrize("key", METRICS_KEYS)
+@pytest.mark.parametrize("key", sorted({*METRICS_KEYS} - {"files"}))  # which the folder adds
 def test_metrics_lacking_a_key_are_refused(folder: RunFolder, key: str) -> None:
     metrics = good_metrics()
     del metrics[key]
@@ -78,7 +82,8 @@ def test_metrics_lacking_a_key_are_refused(folder: RunFolder, key: str) -> None:
         ({"rays": None}, "rays: expected int, found None"),
         ({"seed": True}, "seed: expected int, found True"),
         ({"seed": "0"}, "seed: expected int, found '0'"),
-        ({"schema": 2}, "schema: expected 1, found 2"),
+        ({"schema": 1}, "schema: expected 2, found 1"),
+        ({"time_s": {"total": "1"}}, r"time_s\.total: expected a number, found '1'"),
         ({"status": "done"}, "status: expected 'ok' or 'failed', found 'done'"),
         ({"config_hash": "b" * 64}, "config_hash: expected aaa"),
         ({"environment": {"where": Path()}}, "not JSON serializable"),
@@ -129,22 +134,70 @@ def test_checkpoint_of_other_code_is_reported_and_ignored(tmp_path: Path, monkey
     notes: list[str] = []
     with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
         folder.save_checkpoint({"step": 3})
-        monkeypatch.setattr("ia_bench.runs.folder.CHECKPOINT_FORMAT", -1)
+        monkeypatch.setattr(checkpoint, "_code", lambda: "of yesterday")
         assert folder.load_checkpoint() is None
     assert "another version of the code wrote it" in notes[0]
 
 
-@pytest.mark.parametrize("kept", [0, 1, 100, 0.5, 0.99])
-def test_truncated_checkpoint_is_reported_and_ignored(tmp_path: Path, kept: float) -> None:
+def _checkpoint_with(part: Path, change) -> None:
+    content = bytearray(part.read_bytes())
+    changed = change(content)
+    part.write_bytes(content if changed is None else changed)
+
+
+def _flip(place: int):
+    def flip(content: bytearray) -> None:
+        content[place % len(content)] ^= 0x10
+
+    return flip
+
+
+DAMAGE = {
+    **{f"truncated to {kept}": lambda content, kept=kept: content[:kept] for kept in (0, 1, 50, 100, 500, -1)},
+    **{f"flipped at {place}": _flip(place) for place in (3, 40, 90, 700, 1500, 2500, -30)},
+    "garbage": lambda content: bytes(range(256)) * 40,
+    "of torch alone": lambda content: content[len(checkpoint.MAGIC) + checkpoint.DIGEST :],
+    "longer": lambda content: content + b"more",
+}
+
+
+@pytest.mark.parametrize("part", ["checkpoint.pt", "checkpoint-*.pt"])
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_no_bit_of_a_damaged_checkpoint_is_believed(tmp_path: Path, damage: str, part: str) -> None:
     notes: list[str] = []
     with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
+        folder.keep("targets", {"albedo": torch.ones(300)})
         folder.save_checkpoint({"weights": torch.zeros(1000)})
-        path = tmp_path / "checkpoint.pt"
-        whole = path.read_bytes()
-        path.write_bytes(whole[: int(kept * len(whole)) if isinstance(kept, float) else kept])
+        assert folder.load_checkpoint() is not None
+        (path,) = tmp_path.glob(part)
+        _checkpoint_with(path, DAMAGE[damage])
         assert folder.load_checkpoint() is None
     assert len(notes) == 1
     assert "checkpoint.pt: checkpoint ignored, starting over" in notes[0]
+
+
+def test_what_stays_is_stored_once_and_goes_with_the_checkpoint(tmp_path: Path) -> None:
+    with RunFolder.open(tmp_path, CONFIG, HASH) as folder:
+        assert folder.kept("targets") is None
+        folder.keep("targets", {"albedo": torch.ones(100_000)})
+        for step in range(3):
+            folder.save_checkpoint({"step": step})
+        assert (tmp_path / "checkpoint.pt").stat().st_size < 10_000
+        (first,) = tmp_path.glob("checkpoint-*.pt")
+        folder.keep("targets", {"albedo": torch.zeros(5)})
+        assert first.exists(), "the checkpoint on disk still refers to it"
+    with RunFolder.open(tmp_path, CONFIG, HASH) as folder:
+        assert folder.load_checkpoint() == {"step": 2}
+        kept = folder.kept("targets")
+        assert kept is not None
+        assert kept["albedo"].sum() == 100_000
+        folder.keep("targets", {"albedo": torch.zeros(5)})
+        folder.save_checkpoint({"step": 3})
+        assert not first.exists()
+        first.write_bytes(b"of another run")
+        assert folder.load_checkpoint() == {"step": 3}
+        folder.write_metrics(good_metrics())
+    assert not list(tmp_path.glob("checkpoint*"))
 
 
 def test_checkpoint_that_would_run_code_is_ignored(folder: RunFolder) -> None:
@@ -153,6 +206,8 @@ def test_checkpoint_that_would_run_code_is_ignored(folder: RunFolder) -> None:
             return os.system, (f"touch {folder.path}/executed",)
 
     torch.save({"config_hash": HASH, "state": Code()}, folder.path / "checkpoint.pt")
+    assert folder.load_checkpoint() is None
+    (folder.path / "checkpoint.pt").write_bytes(checkpoint.pack({"kept": {}, "state": Code()}, HASH)[0])
     assert folder.load_checkpoint() is None
     assert not (folder.path / "executed").exists()
 
@@ -165,7 +220,7 @@ def test_file_is_replaced_whole_or_not_at_all(folder: RunFolder) -> None:
             path.write_bytes(b"ha")
             raise OSError("disk full")
 
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(Fault, match=r"albedo\.exr: cannot be written \(disk full\)"):
         write_half()
     assert (folder.path / "albedo.exr").read_bytes() == b"old"
     assert not list(folder.path.glob(".tmp-*"))
@@ -212,6 +267,105 @@ def test_leftovers_of_a_killed_writer_are_removed(folder: RunFolder) -> None:
         assert not list(path.glob(".tmp-*"))
 
 
+def test_a_finished_run_that_lost_a_file_is_none(tmp_path: Path) -> None:
+    notes: list[str] = []
+    with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
+        folder.write_bytes("albedo.exr", b"red")
+        folder.write_metrics(good_metrics())
+        assert folder.finished() is not None
+        (tmp_path / "preview.png").write_bytes(b"of somebody else")
+        assert folder.finished() is not None
+        for damage in (lambda path: path.write_bytes(b"rad"), Path.unlink, Path.mkdir):
+            damage(tmp_path / "albedo.exr")
+            assert folder.finished() is None
+    assert notes == [f"{tmp_path}/albedo.exr: not what the run wrote there, or gone; running again"] * 3
+
+
+@pytest.mark.parametrize("name", [".lock", "config.json", "metrics.json", "checkpoint.pt", ".tmp-albedo.exr"])
+def test_no_link_is_written_through(tmp_path: Path, name: str) -> None:
+    """A link in the folder leads out of it: to a file of somebody else, to nothing, or round in a circle."""
+    theirs = tmp_path / "theirs"
+    theirs.write_text("precious")
+    for number, target in enumerate((theirs, tmp_path / "nowhere", name)):
+        folder = tmp_path / f"run{number}"
+        folder.mkdir()
+        (folder / name).symlink_to(target)
+        try:
+            with RunFolder.open(folder, CONFIG, HASH) as opened:
+                assert opened.finished() is None
+                assert opened.load_checkpoint() is None
+                opened.save_checkpoint({"step": 3})
+                opened.write_bytes("albedo.exr", b"red")
+                opened.write_metrics(good_metrics())
+        except InputError as error:
+            assert str(folder) in str(error)
+        assert theirs.read_text() == "precious"
+        assert not (tmp_path / "nowhere").exists()
+
+
+def test_folders_where_files_are_expected_are_plain_errors_or_in_nobodys_way(tmp_path: Path) -> None:
+    for name in (".lock", "config.json", "metrics.json", "albedo.exr"):
+        if name == METRICS:
+            RunFolder.open(tmp_path / name, CONFIG, HASH).__exit__(None, None, None)
+        (tmp_path / name / name).mkdir(parents=True)
+        with (
+            pytest.raises((InputError, Fault), match=rf"{name}: .*Is a directory"),
+            RunFolder.open(tmp_path / name, CONFIG, HASH) as folder,
+        ):
+            folder.finished()
+            folder.write_bytes("albedo.exr", b"red")
+    for name in ("checkpoint.pt", ".tmp-albedo.exr"):
+        (tmp_path / name / name).mkdir(parents=True)
+        with RunFolder.open(tmp_path / name, CONFIG, HASH) as folder:
+            assert folder.load_checkpoint() is None
+            folder.save_checkpoint({"step": 3})
+            folder.write_bytes("albedo.exr", b"red")
+            folder.write_metrics(good_metrics())
+            assert folder.finished() is not None
+
+
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+from ia_bench.runs.folder import RunFolder
+import numpy as np, torch
+from ia_bench.scenes.exr import write_exr
+from ia_bench.common.errors import Fault
+with RunFolder.open(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
+    folder.save_checkpoint({"step": 3, "weights": torch.zeros(10)})
+    folder.write_bytes("albedo.exr", b"old")
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
+    folder.keep("targets", {"weights": torch.zeros(100000)})
+    folder.save_checkpoint({"step": 4, "weights": torch.zeros(100000)})
+    assert folder.load_checkpoint()["step"] == 3
+    for write in (
+        lambda: folder.write_bytes("albedo.exr", bytes(30000)),
+        lambda: folder.write_json("metrics.json", list(range(30000))),
+        lambda: write_map(folder),
+    ):
+        try:
+            write()
+        except Fault as error:
+            print(error)
+"""
+FULL_DISK = FULL_DISK.replace("with RunFolder", """def write_map(folder):
+    with folder.path_for("albedo.exr") as path:
+        write_exr(path, np.random.rand(100, 100, 3).astype(np.float32), half=False)
+with RunFolder""", 1)
+
+
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", FULL_DISK, str(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert "cannot be written (File too large); an interruption would cost more than usual" in lines[0]
+    assert [line.split(": ")[0].rpartition("/")[2] for line in lines[1:]] == ["albedo.exr", "metrics.json", "albedo.exr"]
+    assert all("cannot be written" in line for line in lines)
+    assert (tmp_path / "albedo.exr").read_bytes() == b"old"
+    assert not (tmp_path / "metrics.json").exists()
+    assert not list(tmp_path.glob(".*.exr"))
+
+
 def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> None:
     """A run that goes on below the folder is writing its own; a folder that is refused is not touched at all."""
     mine, below = tmp_path / ".tmp-mine", folder.path / "nested" / ".tmp-checkpoint.pt"
@@ -227,11 +381,36 @@ def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> No
     assert below.exists()
 
 
-@pytest.mark.parametrize("content", ["{", "[]", "{}", '{"config_hash": 1}'])
-def test_a_config_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str) -> None:
-    (tmp_path / "config.json").write_text(content)
-    with pytest.raises(InputError, match=r"config\.json: (not valid JSON|expected a )"):
-        RunFolder.open(tmp_path, CONFIG, HASH)
+NO_RECORD = ["{", "[]", "{}", '{"config_hash": 1}', "\0\xff", "[" * 100_000, '{"seed": ' + "9" * 5000 + "}", "\ufeff{}"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "latin-1"])
+@pytest.mark.parametrize("content", NO_RECORD, ids=range(len(NO_RECORD)))
+def test_a_record_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str, encoding: str) -> None:
+    for name in ("config.json", "metrics.json"):
+        with RunFolder.open(tmp_path / name, CONFIG, HASH) as folder:
+            (tmp_path / name / name).write_bytes(content.encode(encoding, "replace"))
+            with pytest.raises(InputError, match=rf"{name}: (not valid JSON|expected a |status: )"):
+                folder._claim(CONFIG) if name == "config.json" else folder.finished()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"metrics": []}, "metrics: expected dict, found"),
+        ({"metrics": {"albedo": 3}}, r"metrics\.albedo: expected dict, found 3"),
+        ({"metrics": {"albedo": {"psnr": {"deep": "text"}}}}, r"metrics\.albedo\.psnr\.deep: expected a number, found 'text'"),
+        ({"reasons": ["none"]}, "reasons: expected dict"),
+        ({"time_s": 3}, "time_s: expected dict, found 3"),
+        ({"sees_truth": 1}, "sees_truth: expected bool, found 1"),
+        ({"files": {"albedo.exr": None}}, r"files\.albedo\.exr: expected str, found None"),
+        ({"per_image": {"psnr": [1e999]}}, "is inf"),
+    ],
+)
+def test_metrics_of_others_are_named_by_file_and_key(tmp_path: Path, change: dict, message: str) -> None:
+    (tmp_path / METRICS).write_text(json.dumps(good_metrics() | change))
+    with pytest.raises(InputError, match=rf"metrics\.json: .*{message}"):
+        read_metrics(tmp_path)
 
 
 WRITER = """

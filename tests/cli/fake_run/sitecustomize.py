@@ -39,10 +39,11 @@ def run(config, folder, progress):
         task.advance(1, loss=1 / state["step"])
     folder.write_curve([{"stage": 1, "step": 40, "seconds": 0.5, "albedo_psnr": 20.0}])
     metrics = {
-        "schema": 1,
+        "schema": 2,
         **labels(config),
         "config_hash": folder.config_hash,
         "status": "ok",
+        "sees_truth": False,
         "metrics": {"albedo": {"psnr": 20.0 + config.seed, "value": state["value"]}},
         "per_image": {},
         "time_s": {"total": 1.0},
@@ -52,8 +53,7 @@ def run(config, folder, progress):
         "plan": {"needed": [], "left_out": []},
         "environment": {},
     }
-    folder.write_metrics(metrics)
-    return metrics
+    return folder.write_metrics(metrics)
 
 
 def install() -> None:

@@ -6,7 +6,6 @@ light, so call number n + 1 belongs to step n.
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from collections.abc import Callable, Container
@@ -27,6 +26,7 @@ from ia_bench.methods.two_stage.guard import PATIENCE
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import PixelRadiance, Renderer
+from ia_bench.runs.checkpoint import unpack
 
 SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=64, checkpoint_seconds=0.0)
 ENTRY = 5  # of the batch, the one that is spoiled
@@ -224,6 +224,6 @@ def test_the_command_says_it_in_one_line_and_records_it(
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["status"] == "failed"
     assert metrics["error"].startswith("FloatingPointError: step 10: the rendered radiance")
-    saved = torch.load(io.BytesIO((out / "checkpoint.pt").read_bytes()), weights_only=True)["state"]["fit"]
+    saved = unpack(out / "checkpoint.pt", metrics["config_hash"])["state"]["fit"]
     assert saved["skipped"] == {"in_all": 9, "in_a_row": 9}
     assert all(bool(torch.isfinite(parameter).all()) for parameter in saved["parameters"].values())

@@ -1,0 +1,74 @@
+"""The file format of checkpoints: a line that says what follows, its checksum, and a state as torch writes it.
+
+Nothing is read from a file whose checksum is another one, or that other code wrote: flipped bits would be resumed to other
+numbers, and a state means what the code that wrote it meant.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ia_bench.common.paths import PACKAGE
+
+MAGIC = b"ia_bench checkpoint\n"
+DIGEST = 64  # characters of a SHA-256 in hex
+
+
+class BadCheckpoint(ValueError):
+    """A file that is no checkpoint of this run; the message says why."""
+
+
+def pack(state: dict[str, Any], config_hash: str) -> tuple[bytes, str]:
+    """The content of a checkpoint file, and its checksum. ``state``: tensors, numbers, texts, lists and dicts."""
+    import torch  # readers of results do without it
+
+    buffer = io.BytesIO()
+    torch.save({"code": _code(), "config_hash": config_hash, "state": state}, buffer)
+    digest = hashlib.sha256(buffer.getbuffer()).hexdigest()
+    return MAGIC + digest.encode() + buffer.getbuffer(), digest
+
+
+def unpack(path: Path, config_hash: str, expected: str | None = None) -> dict[str, Any]:
+    """The state in a checkpoint file; ``expected`` is its checksum where another file names it.
+
+    Raises BadCheckpoint for one that is damaged, of another configuration or of other code.
+    """
+    import torch
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise BadCheckpoint(f"it cannot be read: {error.strerror}") from None
+    start = len(MAGIC) + DIGEST
+    if not content.startswith(MAGIC):
+        raise BadCheckpoint("it is no checkpoint")
+    digest = content[len(MAGIC) : start].decode("ascii", "replace")
+    if hashlib.sha256(memoryview(content)[start:]).hexdigest() != digest:
+        raise BadCheckpoint("it is damaged")
+    if expected not in (None, digest):
+        raise BadCheckpoint("it belongs to another checkpoint")
+    try:
+        saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
+    except Exception as error:  # torch.load raises whatever a file leads it to
+        raise BadCheckpoint(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+    if saved["code"] != _code():
+        raise BadCheckpoint("another version of the code wrote it")
+    if saved["config_hash"] != config_hash:
+        raise BadCheckpoint("it belongs to another configuration")
+    state: dict[str, Any] = saved["state"]
+    return state
+
+
+@cache
+def _code() -> str:
+    """Which code writes: a hash of the package's sources, and torch's version."""
+    import torch
+
+    digest = hashlib.sha256(torch.__version__.encode())
+    for path in sorted(PACKAGE.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
