@@ -12,8 +12,8 @@ The object, textures and light of a shipped scene; light and BRDF sampling joine
    of texels, so that where in a pixel a sample falls (ours do not move) counts as no noise, and that Mitsuba spreads a
    sample of the light over four texels (ours are constant) as no gain. Efficiency is
    1 / (relative variance x seconds), and the ratio of efficiencies is how many times sooner the same precision is reached.
-   ``bias`` is the squared relative distance of the mean gradient from ours with traced shadows, without the noise of both:
-   of baked shadows their coarseness, of Mitsuba the other BRDF and light.
+   ``bias`` is the squared relative distance of the mean gradient from ours, without the noise of both: that of
+   the other BRDF and light.
 3. *Phases* of our step: seconds, the bytes it cannot avoid to move, and how far it is from its limit.
 
 Cases are taken in turns and CPU seconds of one thread compared, since other programs disturb the wall clock more. The
@@ -37,16 +37,15 @@ from ia_bench.checks.mitsuba_scene import MitsubaScene, import_mitsuba
 from ia_bench.checks.precision import Moments, efficiency, time_in_turns
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import environment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.renderer import Light, make_renderer
 
 PIXELS, SAMPLES, VIEWS, SIZE = 4096, 32, 20, 128
 LIGHT_UNIFORM = 0.2  # fit.light_uniform
 WARM_UP = 3
 BLOCK = 8  # texels along a side; at 512 texels a pixel of the default scene spans about 3
 MITSUBA = {"direct": (1, 8), "prb": (1,)}  # integrators, and how many times the samples of a step
-CASES = ("traced", "baked")
 BOUNCES = 3  # of the step with indirect light (and a layered coat), which Mitsuba has no counterpart for here
 
 
@@ -54,18 +53,17 @@ class OurStep:
     """The gradient of our image of some pixels, as the two-stage trainer computes it."""
 
     def __init__(
-        self, stage: Stage, gbuffer: GBuffer, shadows: str, shading: str, *, bounces: int = 0, coat: str = "added"
+        self, stage: Stage, gbuffer: GBuffer, shading: str, *, bounces: int = 0, coat: str = "added"
     ) -> None:
         self.gbuffer = gbuffer
-        how = stage.scene.mesh, stage.surface, stage.rays
-        self.renderer = make_renderer(*how, shadows=shadows, bounces=bounces, coat=coat, shading=shading)
+        self.renderer = stage.geometry.renderer(bounces=bounces, coat=coat, shading=shading)
         tensors = stage.material.albedo, stage.material.roughness, stage.light
         self.albedo, self.roughness, self.light = (tensor.clone().requires_grad_() for tensor in tensors)
         self.generator = torch.Generator().manual_seed(0)
 
     def gradient(self, pixels: Tensor, loss: Callable[[Tensor], Tensor]) -> dict[str, Tensor]:
         """Gradients of ``loss`` of the radiance (P, 3) of G-buffer entries (P,)."""
-        light = Light.of(self.light, uniform_fraction=LIGHT_UNIFORM)
+        light = SampledLight.of(self.light, uniform_fraction=LIGHT_UNIFORM)
         material = Material(self.albedo, self.roughness)
         rendered = self.renderer.render_pixels(self.gbuffer, pixels, material, light, SAMPLES, self.generator)
         loss(rendered.radiance).backward()
@@ -83,9 +81,8 @@ def per_sample(stage: Stage, rounds: int, threads: int, mitsuba: bool) -> dict[s
     """Milliseconds per million samples of every case: median and best, wall and CPU."""
     cameras = stage.cameras(VIEWS, SIZE)
     gbuffer = stage.gbuffer(cameras)
-    steps = {f"ours, {shadows}": OurStep(stage, gbuffer, shadows, "compiled") for shadows in CASES}
-    steps["ours, traced, eager"] = OurStep(stage, gbuffer, "traced", "eager")
-    steps[f"ours, traced, {BOUNCES} bounces"] = OurStep(stage, gbuffer, "traced", "compiled", bounces=BOUNCES, coat="layered")
+    steps = {"ours": OurStep(stage, gbuffer, "compiled"), "ours, eager": OurStep(stage, gbuffer, "eager")}
+    steps[f"ours, {BOUNCES} bounces"] = OurStep(stage, gbuffer, "compiled", bounces=BOUNCES, coat="layered")
     cases: dict[str, Callable[[int], None]] = {name: step.random_step for name, step in steps.items()}
     samples = dict.fromkeys(cases, float(PIXELS * SAMPLES))
     covered = float(gbuffer.coverage()[0].sum())
@@ -120,10 +117,8 @@ def at_equal_variance(stage: Stage, rounds: int, threads: int, mitsuba: bool) ->
     cameras = stage.cameras(1, SIZE)
     gbuffer = stage.gbuffer(cameras)
     pixels = torch.arange(len(gbuffer.pixel))
-    cases: dict[str, Callable[[int], object]] = {}
-    for shadows in CASES:
-        ours = OurStep(stage, gbuffer, shadows, "compiled")
-        cases[f"ours, {shadows}"] = lambda _, ours=ours: ours.gradient(pixels, Tensor.sum)
+    ours = OurStep(stage, gbuffer, "compiled")
+    cases: dict[str, Callable[[int], object]] = {"ours": lambda _: ours.gradient(pixels, Tensor.sum)}
     read: dict[str, Callable[[object], dict[str, np.ndarray]]] = {
         name: lambda gradients: {key: value.numpy() for key, value in gradients.items()} for name in cases
     }
@@ -163,7 +158,7 @@ def over_blocks(texture: np.ndarray) -> np.ndarray:
 
 
 def print_report(speed: dict[str, dict[str, float]], noise: dict[str, dict[str, float]], phases: list[Phase]) -> None:
-    """Three tables in Markdown; every ratio is over ours with traced shadows."""
+    """Three tables in Markdown; every ratio is over ours."""
     first = next(iter(speed))
     print("| gradient step | samples | CPU ms per million samples (best) | wall ms | CPU, times ours |")
     print("| :--- | ---: | ---: | ---: | ---: |")
@@ -173,15 +168,15 @@ def print_report(speed: dict[str, dict[str, float]], noise: dict[str, dict[str, 
         print(f"| {name} | {row['samples']:.0f} | {cpu} | {row['wall_median_ms']:.0f} | {ratio:.2f} |")
     keys = ("albedo", "roughness", "light")
     print(f"\n| gradient of one view, {SAMPLES} samples a pixel | CPU ms |", end="")
-    print("".join(f" {key}: variance, bias | times sooner than it, ours traced / baked |" for key in keys))
+    print("".join(f" {key}: variance, bias | times sooner than it, ours |" for key in keys))
     print("| :--- | ---: |" + " ---: | ---: |" * len(keys))
     for name, row in noise.items():
         cells = [f"{1e3 * row['cpu_s']:.0f}"]
         for key in keys:
-            gains = [noise[f"ours, {shadows}"][f"{key}_efficiency"] / row[f"{key}_efficiency"] for shadows in CASES]
-            cells += [f"{row[f'{key}_variance']:.3g}, {row[f'{key}_bias']:.2g}", " / ".join(f"{g:.2f}" for g in gains)]
+            gain = noise["ours"][f"{key}_efficiency"] / row[f"{key}_efficiency"]
+            cells += [f"{row[f'{key}_variance']:.3g}, {row[f'{key}_bias']:.2g}", f"{gain:.2f}"]
         print(f"| {name} | " + " | ".join(cells) + " |")
-    print("\n| phase (ours, traced) | CPU ms | share | MB | limit | limit ms | times its limit |")
+    print("\n| phase (ours) | CPU ms | share | MB | limit | limit ms | times its limit |")
     print("| :--- | ---: | ---: | ---: | :--- | ---: | ---: |")
     total = sum(phase.seconds for phase in phases)
     for phase in phases:
@@ -212,7 +207,7 @@ def main() -> None:
             mitsuba = False
     speed = per_sample(stage, arguments.rounds, arguments.threads, mitsuba)
     noise = at_equal_variance(stage, arguments.rounds, arguments.threads, mitsuba)
-    step = OurStep(stage, stage.gbuffer(stage.cameras(VIEWS, SIZE)), "traced", "compiled")
+    step = OurStep(stage, stage.gbuffer(stage.cameras(VIEWS, SIZE)), "compiled")
     phases = measure_phases(stage, step.gbuffer, PIXELS, SAMPLES, arguments.rounds, mitsuba)
     print_report(speed, noise, phases)
     if arguments.out:

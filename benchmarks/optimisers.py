@@ -31,6 +31,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from benchmarks.stiffness.gauss_newton import Jacobian
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Fit, Monitor, Problem
@@ -43,7 +44,7 @@ from ia_bench.priors.none import NoPrior
 from ia_bench.readers.native import load_scene
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Light, Renderer
+from ia_bench.render.renderer import Renderer
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.visibility import make_visibility
 from ia_bench.runs.composition import compose
@@ -140,14 +141,16 @@ class Objective:
         self.pixel_count = len(problem.gbuffer.pixel)
         self.held = torch.randperm(self.pixel_count, generator=torch.Generator().manual_seed(7))[:HELD]
 
-    def residuals(self, unknowns: Unknowns, pixels: Tensor, seed: int, sampled: Light | None = None) -> tuple[Tensor, Tensor]:
+    def residuals(
+        self, unknowns: Unknowns, pixels: Tensor, seed: int, sampled: SampledLight | None = None
+    ) -> tuple[Tensor, Tensor]:
         """Signed residuals (M,) and their weights (M,); ``seed`` fixes the samples, ``sampled`` the light they follow."""
         problem, weights, near = self._problem, self._settings.weights, self._neighbours
         radiance = unknowns.radiance()
         light = (
-            Light.of(radiance, uniform_fraction=self._settings.light_uniform)
+            SampledLight.of(radiance, uniform_fraction=self._settings.light_uniform)
             if sampled is None
-            else Light(radiance, sampled.sampler)
+            else SampledLight(radiance, sampled.sampler)
         )
         rendered = problem.renderer.render_pixels(
             problem.gbuffer, pixels, unknowns.material(), light, problem.plan.samples, torch.Generator().manual_seed(seed)
@@ -293,7 +296,7 @@ def run_lbfgs(
         origin = {name: leaf.detach().clone() for name, leaf in moving.items()}
         units = {name: torch.zeros_like(leaf, requires_grad=True) for name, leaf in moving.items()}
         size = settings.rates.final ** (step / max(steps - 1, 1))
-        sampled = Light.of(unknowns.radiance().detach(), uniform_fraction=settings.light_uniform)
+        sampled = SampledLight.of(unknowns.radiance().detach(), uniform_fraction=settings.light_uniform)
         solver = torch.optim.LBFGS(list(units.values()), lr=size, max_iter=INNER, line_search_fn="strong_wolfe")
 
         def place(moving: Parameters = moving, origin: Parameters = origin, units: Parameters = units) -> None:
@@ -302,7 +305,9 @@ def run_lbfgs(
                     leaf.copy_(origin[name] + case.rate(name) * units[name])
             unknowns.project()
 
-        def closure(chosen: Tensor = chosen, step: int = step, sampled: Light = sampled, units: Parameters = units) -> Tensor:
+        def closure(
+            chosen: Tensor = chosen, step: int = step, sampled: SampledLight = sampled, units: Parameters = units
+        ) -> Tensor:
             place()
             residual, weight = objective.residuals(unknowns, chosen, step, sampled)
             loss = (residual.abs() * weight).sum()
@@ -368,7 +373,7 @@ def load(folder: Path, settings: FitSettings) -> tuple[Problem, Scorer, Fit]:
     blind = scene.for_training()
     surface, rays = SurfaceInterpolator(scene.mesh, cpu), make_rays(scene.mesh, cpu)
     plan = make_plan(blind, surface, rays, RenderSettings(), NoPrior(), cpu)
-    renderer = Renderer(surface, make_visibility(plan.shadows, scene.mesh, surface, rays))
+    renderer = Renderer(surface, make_visibility(plan.shadows, surface, rays))
     problem = Problem(blind, trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, cpu), renderer, plan)
     protocol = Protocol.from_config(compose(["scene=tiny"]).protocol)
     silent = Monitor(lambda *_: None, print, lambda *_: None, lambda _: None, lambda: None)  # type: ignore[arg-type,return-value]

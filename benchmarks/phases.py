@@ -11,9 +11,10 @@ import torch
 from stage import Stage
 from torch import Tensor
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
-from ia_bench.render.renderer import Light, Renderer
+from ia_bench.render.renderer import Renderer
 from ia_bench.render.visibility import TracedShadows
 
 PHASES = ("sampling", "rays", "shading", "backward", "update")
@@ -79,8 +80,8 @@ def measure_phases(stage: Stage, gbuffer: GBuffer, pixels: int, samples: int, ro
     (texels as int64). The limit of rays is Embree's packet rate on the same mesh and the same rays, through Mitsuba.
     """
     watch = Stopwatch()
-    shadows = TimedShadows(TracedShadows(stage.rays, stage.surface.offset), stage.surface.offset, watch)
-    renderer = Renderer(stage.surface, shadows, shading="compiled")
+    shadows = TimedShadows(TracedShadows(stage.geometry.rays, stage.geometry.surface.offset), stage.geometry.surface.offset, watch)
+    renderer = Renderer(stage.geometry.surface, shadows, shading="compiled")
     log_light = torch.log(stage.light.clamp_min(1e-6)).requires_grad_()
     albedo, roughness = stage.material.albedo.clone().requires_grad_(), stage.material.roughness.clone().requires_grad_()
     optimizer = torch.optim.Adam([albedo, roughness, log_light], lr=1e-3, betas=(0.9, 0.99), fused=True)
@@ -91,7 +92,7 @@ def measure_phases(stage: Stage, gbuffer: GBuffer, pixels: int, samples: int, ro
         if number == WARM_UP:
             watch.laps.clear()
         watch.start()
-        light = Light.of(torch.exp(log_light), uniform_fraction=0.2)
+        light = SampledLight.of(torch.exp(log_light), uniform_fraction=0.2)
         rendered = renderer.render_pixels(gbuffer, chosen, Material(albedo, roughness), light, samples, generator)
         loss = (rendered.radiance - 0.3).abs().mean()
         watch.lap("shading")

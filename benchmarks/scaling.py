@@ -30,10 +30,7 @@ from ia_bench.methods.plan import make_plan
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
-from ia_bench.render.gbuffer import trace_gbuffer
-from ia_bench.render.renderer import Renderer
 from ia_bench.render.settings import RenderSettings
-from ia_bench.render.visibility import make_visibility
 from ia_bench.scenes.scene import Scene
 
 SIZES, VIEWS = (128, 256, 512), (25, 50, 100)
@@ -71,23 +68,22 @@ def measure(case: dict[str, int], name: str, threads: int) -> dict[str, float]:
     scene = enlarged(stage.scene, case["views"], case["size"])
     sizes = {"subsamples": POINTS, "texture": case["texture"], "light_height": case["light_rows"]}
     settings = RenderSettings(case["samples"], **sizes, shadows="traced", bounces=0, shading="compiled")
-    plan = make_plan(scene, stage.surface, stage.rays, settings, NoPrior(), CPU)
+    plan = make_plan(scene, stage.geometry.surface, stage.geometry.rays, settings, NoPrior(), CPU)
     started = time.process_time()
-    gbuffer = trace_gbuffer([view.camera for view in scene.train], stage.rays, POINTS, CPU)
+    gbuffer = stage.geometry.gbuffer([view.camera for view in scene.train], POINTS)
     baked = time.process_time() - started
-    renderer = Renderer(stage.surface, make_visibility("traced", scene.mesh, stage.surface, stage.rays), shading="compiled")
+    renderer = stage.geometry.renderer(coat="added", shading="compiled")
     clock = StepClock()
     monitor = Monitor(
         task=lambda *_: clock, note=print, score=lambda *_: None, save=lambda _: None, load=lambda: None
     )
     fit = FitSettings(stage1_steps=STEPS, stage2_steps=0, pixels=case["pixels"])
     TwoStage().fit(Problem(scene, gbuffer, renderer, plan), NoPrior(), fit, seed=0, monitor=monitor)
-    compact = sum(t.numel() * t.element_size() for t in (gbuffer.face, gbuffer.barycentric, gbuffer.pixel))
     return {
         "bake_s": baked,
         "step_ms": 1e3 * statistics.median(np.diff(clock.times)[COMPILING:]),
         "foreground": float(len(gbuffer.pixel)),
-        "gbuffer_mb": compact / 1e6,
+        "gbuffer_mb": gbuffer.size_bytes / 1e6,
         "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,
     }
 

@@ -14,8 +14,8 @@ from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import load_scene
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import RayCaster, make_rays
+from ia_bench.render.gbuffer import GBuffer
+from ia_bench.render.stage import Stage as GeometryStage
 from ia_bench.scenes.scene import Camera, Scene
 
 if TYPE_CHECKING:
@@ -27,13 +27,12 @@ POINTS = 2  # G-buffer points along a side of a pixel, as the plan mostly choose
 
 @dataclass(frozen=True)
 class Stage:
-    """A scene with ground truth: its ``material``, its ``light`` (H, 2H, 3), its geometry ready to be asked."""
+    """A scene with ground truth: its ``material``, its ``light`` (H, 2H, 3), its ``geometry`` ready to be asked."""
 
     scene: Scene
     material: Material
     light: Tensor
-    surface: SurfaceInterpolator
-    rays: RayCaster
+    geometry: GeometryStage
 
     @classmethod
     def of(cls, name: str, *, light_rows: int, threads: int) -> Stage:
@@ -42,8 +41,7 @@ class Stage:
         scene = load_scene(scenes_folder() / name, truth=True)
         roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
         light = torch.from_numpy(resize_light(scene.truth.lights["train"], light_rows))
-        surface, rays = SurfaceInterpolator(scene.mesh, CPU), make_rays(scene.mesh, CPU)
-        return cls(scene, Material(torch.from_numpy(scene.truth.albedo).float(), roughness), light, surface, rays)
+        return cls(scene, Material(torch.from_numpy(scene.truth.albedo).float(), roughness), light, GeometryStage(scene.mesh, CPU))
 
     def cameras(self, views: int, size: int) -> list[Camera]:
         """``views`` training cameras, evenly strided, with images of ``size`` x ``size`` pixels."""
@@ -52,7 +50,7 @@ class Stage:
 
     def gbuffer(self, cameras: list[Camera]) -> GBuffer:
         """What the cameras see, POINTS x POINTS points a pixel."""
-        return trace_gbuffer(cameras, self.rays, POINTS, CPU)
+        return self.geometry.gbuffer(cameras, POINTS)
 
     def mitsuba(self, cameras: list[Camera], threads: int, integrator: str = "direct") -> MitsubaScene:
         """The same for Mitsuba. Raises InputError where it is missing."""

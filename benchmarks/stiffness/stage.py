@@ -12,7 +12,7 @@ from torch import Tensor
 
 from benchmarks.stiffness.gauss_newton import Jacobian
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import make_plan
@@ -20,9 +20,9 @@ from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
 from ia_bench.readers.native import load_scene
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Light, Renderer, make_renderer
+from ia_bench.render import stage as render
+from ia_bench.render.gbuffer import GBuffer
+from ia_bench.render.renderer import Renderer
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Scene
 
@@ -54,13 +54,11 @@ class Stage:
         truth, cpu = scene.truth, torch.device("cpu")
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
             raise InputError(f"{folder}: stiffness is measured at the truth, and this scene ships no true textures and light")
-        surface, rays = SurfaceInterpolator(scene.mesh, cpu), make_rays(scene.mesh, cpu)
+        stage = render.Stage(scene.mesh, cpu)
         settings = RenderSettings(bounces=bounces)
-        plan = make_plan(scene.for_training(), surface, rays, settings, NoPrior(), cpu)
-        renderer = make_renderer(
-            scene.mesh, surface, rays, shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat
-        )
-        gbuffer = trace_gbuffer([view.camera for view in scene.train], rays, plan.subsamples, cpu)
+        plan = make_plan(scene.for_training(), stage.surface, stage.rays, settings, NoPrior(), cpu)
+        renderer = stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat)
+        gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
         albedo = _resized(torch.from_numpy(truth.albedo).float(), plan.texture)
         roughness = _resized(torch.from_numpy(truth.roughness).float()[..., None], plan.texture).clamp(MIN_ROUGHNESS, 1)
         radiance = torch.from_numpy(resize_light(truth.lights["train"], plan.light_height))
@@ -96,12 +94,12 @@ class Stage:
         albedo = self.material.albedo + _blocks(change["albedo"], texture_side)
         roughness = self.material.roughness + _blocks(change["roughness"], texture_side)
         radiance = torch.exp(self.log_light + _blocks(change["log_light"], light_side))
-        true = Light.of(torch.exp(self.log_light), uniform_fraction=FitSettings().light_uniform)
+        true = SampledLight.of(torch.exp(self.log_light), uniform_fraction=FitSettings().light_uniform)
         rendered = self.renderer.render_pixels(
             self.gbuffer,
             pixels,
             Material(albedo, roughness),
-            Light(radiance, true.sampler),
+            SampledLight(radiance, true.sampler),
             self.samples,
             torch.Generator().manual_seed(seed),
         )

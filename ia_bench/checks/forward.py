@@ -22,7 +22,7 @@ import torch
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import load_scene
@@ -30,7 +30,7 @@ from ia_bench.render.atlas import cache_folder
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.render.renderer import Light, Renderer
+from ia_bench.render.renderer import Renderer
 from ia_bench.render.visibility import TracedShadows
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.exr import read_exr
@@ -111,7 +111,7 @@ class _Stage:
         radiance = self._light if light_rows is None else resize_light(self._light, light_rows)
         renderer = Renderer(self._surface, self._shadows, interreflection=self._bounced if bounces else None, coat=coat)
         generator = torch.Generator().manual_seed(0)
-        light = Light.of(torch.from_numpy(radiance))
+        light = SampledLight.of(torch.from_numpy(radiance))
         images = renderer.render_images(gbuffer, self._material, light, self._samples, generator)
         return {name: image.numpy() for name, image in images.items()}
 

@@ -15,15 +15,15 @@ from ia_bench.checks.mitsuba_scene import MitsubaScene
 from ia_bench.checks.precision import converged, log_slope, relative_rmse, time_in_turns
 from ia_bench.checks.techniques import TECHNIQUES, technique_directions, unit_points
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
 from ia_bench.readers.native import load_scene
 from ia_bench.render.estimator import shade_directions
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Light, Renderer
-from ia_bench.render.visibility import Visibility, make_visibility
+from ia_bench.render.renderer import Renderer
+from ia_bench.render.visibility import TracedShadows
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 
 SAMPLES = (8, 16, 32, 64, 128, 256, 512)
@@ -37,18 +37,16 @@ PRODUCT, MITSUBA = "renderer (compiled)", "Mitsuba 3"
 
 @dataclass(frozen=True)
 class Way:
-    """One way of estimating: a key of TECHNIQUES, a rule of placing points, a kind of shadows."""
+    """One way of estimating: a key of TECHNIQUES, and a rule of placing points."""
 
     technique: str
     rule: str = "lattice"
-    shadows: str = "traced"
 
 
 WAYS: dict[str, Way] = {
     **{technique: Way(technique) for technique in TECHNIQUES},
     "MIS, independent": Way("MIS", rule="independent"),
     "MIS, stratified": Way("MIS", rule="stratified"),
-    "MIS, baked": Way("MIS", shadows="baked"),
 }
 """What the product has not is here; "MIS" is what it does, without its compiler, to be compared with the others."""
 
@@ -67,16 +65,12 @@ class ForwardStage:
         roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
         self.material = Material(torch.from_numpy(scene.truth.albedo).float(), roughness)
         light = scene.truth.lights["train"]
-        self.light = Light.of(torch.from_numpy(resize_light(light, min(MAX_LIGHT_ROWS, len(light)))))
+        self.light = SampledLight.of(torch.from_numpy(resize_light(light, min(MAX_LIGHT_ROWS, len(light)))))
         device = torch.device("cpu")
         self.surface, self.rays = SurfaceInterpolator(scene.mesh, device), make_rays(scene.mesh, device)
+        self.visibility = TracedShadows(self.rays, self.surface.offset)
         self.gbuffer: GBuffer = trace_gbuffer([self.camera], self.rays, SIDE, device)
         self.inside = (self.gbuffer.coverage()[0] == 1).numpy()  # edges depend on the pixel filter
-
-    @functools.cache  # noqa: B019 (a stage lives as long as the program; baking takes seconds)
-    def visibility(self, kind: str) -> Visibility:
-        """Shadows of a kind, made when they are first asked for."""
-        return make_visibility(kind, self.mesh, self.surface, self.rays)
 
     def scored(self, image: np.ndarray) -> np.ndarray:
         """The pixels of an image (H, W, 3) that errors are taken over, (P, 3)."""
@@ -93,14 +87,11 @@ class ForwardStage:
         """The image (H, W, 3) of a way with ``samples`` directions a pixel, a multiple of its points times its samplers."""
         generator = torch.Generator().manual_seed(seed)
         image = torch.zeros(self.gbuffer.shape[1] * self.gbuffer.shape[2], 3)
-        visibility = self.visibility(way.shadows)
         for chunk in torch.arange(len(self.gbuffer.pixel)).split(max(1, CHUNK_SAMPLES // samples)):
-            image[self.gbuffer.pixel[chunk]] = self._pixels(way, chunk, samples, visibility, generator)
+            image[self.gbuffer.pixel[chunk]] = self._pixels(way, chunk, samples, generator)
         return image.reshape(*self.gbuffer.shape[1:], 3).numpy()
 
-    def _pixels(
-        self, way: Way, chunk: Tensor, samples: int, visibility: Visibility, generator: torch.Generator
-    ) -> Tensor:
+    def _pixels(self, way: Way, chunk: Tensor, samples: int, generator: torch.Generator) -> Tensor:
         face, points, samplers = self.gbuffer.face[chunk], self.gbuffer.subsamples, len(TECHNIQUES[way.technique])
         hit = (face >= 0).reshape(-1)
         camera = self.gbuffer.origin[0].expand(len(hit), 3)
@@ -114,7 +105,7 @@ class ForwardStage:
             way.technique, surface.normal, surface.view, roughness, unit, self.light.sampler
         )
         index = torch.nonzero(((weight[..., 0] > 0) & hit[:, None]).reshape(-1))[:, 0]
-        blocked = visibility.blocked(surface, index // direction.shape[1], direction.reshape(-1, 3)[index])
+        blocked = self.visibility.blocked(surface, index // direction.shape[1], direction.reshape(-1, 3)[index])
         visible = torch.zeros(weight.numel())
         visible[index] = (~blocked).float()
         diffuse, specular, _ = shade_directions(
@@ -134,7 +125,7 @@ class ForwardStage:
 def measure(scene: str, *, threads: int, quick: bool) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Rows of forward.csv, and the summary: floors, slopes, whether Mitsuba took part."""
     stage = ForwardStage(scene)
-    renderer = Renderer(stage.surface, stage.visibility("traced"), shading="eager" if quick else "compiled")
+    renderer = Renderer(stage.surface, stage.visibility, shading="eager" if quick else "compiled")
     counts = SAMPLES[:2] if quick else SAMPLES
     parts = 4 if quick else REFERENCE_PARTS
     reference_samples = 64 if quick else REFERENCE_SAMPLES

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -190,6 +191,19 @@ class LatLongSampler(NamedTuple):
         """Density per steradian with which ``texel`` (...,) is drawn for the normals of ``cell``, which broadcasts."""
         bound = self.grid.bound.reshape(-1)[cell * self.grid.bound.shape[1] + self.grid.block[texel]]
         return bound * (self.brightness[texel] * self.share[cell] + self.evenly[cell])
+
+
+@dataclass(frozen=True)
+class SampledLight:
+    """A lat-long map for the renderer: ``radiance`` (H, W, 3), differentiable, and tables to sample it, which have no gradient."""
+
+    radiance: Tensor
+    sampler: LatLongSampler
+
+    @classmethod
+    def of(cls, radiance: Tensor, *, uniform_fraction: float = 0.0) -> SampledLight:
+        """A light with its sampling tables made from the current radiance."""
+        return cls(radiance, LatLongSampler.build(radiance, uniform_fraction=uniform_fraction))
 
 
 def texel_to_direction(texel: Tensor, u: Tensor, v: Tensor, height: int, width: int) -> Tensor:

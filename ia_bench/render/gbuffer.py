@@ -12,6 +12,7 @@ from ia_bench.material.brdf import MIN_COSINE, dot, normalize
 from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Camera, Mesh
 
+RAYS_AT_ONCE = 2**20  # primary rays traced together: about 200 MB while they are made
 
 @dataclass(frozen=True)
 class SurfacePoints:
@@ -49,6 +50,11 @@ class GBuffer:
         """Points per pixel (S)."""
         return self.face.shape[1]
 
+    @property
+    def size_bytes(self) -> int:
+        """Memory that it takes, about."""
+        return sum(part.numel() * part.element_size() for part in (self.face, self.barycentric, self.pixel))
+
     def coverage(self) -> Tensor:
         """Fraction of each pixel's points that hit, as images (V, H, W)."""
         image = torch.zeros(self.shape, device=self.face.device)
@@ -56,23 +62,25 @@ class GBuffer:
         return image
 
 
-def primary_rays(camera: Camera, side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rays through the centres of a ``side`` x ``side`` grid in each pixel: origins and unit directions, (H, W, S, 3)."""
+def primary_rays(camera: Camera, side: int, rows: range | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Rays through the centres of a ``side`` x ``side`` grid in each pixel: origins and unit directions, (H, W, S, 3).
+
+    ``rows``: H of the image's rows, None for all.
+    """
     offsets = (np.arange(side) + 0.5) / side
-    rows, columns, down, across = np.meshgrid(
-        np.arange(camera.height), np.arange(camera.width), offsets, offsets, indexing="ij"
-    )
+    chosen = np.arange(camera.height) if rows is None else np.asarray(rows)
+    row, columns, down, across = np.meshgrid(chosen, np.arange(camera.width), offsets, offsets, indexing="ij")
     local = np.stack(
         [
             (columns + across - camera.centre[0]) / camera.focal[0],
-            -(rows + down - camera.centre[1]) / camera.focal[1],
-            -np.ones_like(rows, dtype=np.float64),
+            -(row + down - camera.centre[1]) / camera.focal[1],
+            -np.ones_like(row, dtype=np.float64),
         ],
         -1,
     )
     directions = local @ camera.to_world[:3, :3].T
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    directions = directions.reshape(camera.height, camera.width, side * side, 3).astype(np.float32)
+    directions = directions.reshape(len(chosen), camera.width, side * side, 3).astype(np.float32)
     origins = np.broadcast_to(camera.to_world[:3, 3].astype(np.float32), directions.shape)
     return np.ascontiguousarray(origins), directions
 
@@ -84,13 +92,16 @@ def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: tor
     for view, camera in enumerate(cameras):
         if (camera.height, camera.width) != (height, width):
             raise ValueError(f"view {view} is {camera.height} x {camera.width}, the first is {height} x {width}")
-        origins, directions = (torch.from_numpy(a).reshape(-1, 3).to(device) for a in primary_rays(camera, side))
-        face, barycentric, _ = rays.intersect(origins, directions)
-        face = face.reshape(height * width, side * side)
-        seen = (face >= 0).any(1)
-        faces.append(face[seen].int())
-        barycentrics.append(barycentric.reshape(height * width, side * side, 2)[seen])
-        pixels.append(torch.nonzero(seen)[:, 0] + view * height * width)
+        block = max(1, RAYS_AT_ONCE // (width * side * side))
+        for top in range(0, height, block):
+            chosen = range(top, min(top + block, height))
+            origins, directions = (torch.from_numpy(a).reshape(-1, 3).to(device) for a in primary_rays(camera, side, chosen))
+            face, barycentric, _ = rays.intersect(origins, directions)
+            face = face.reshape(-1, side * side)
+            seen = (face >= 0).any(1)
+            faces.append(face[seen].int())
+            barycentrics.append(barycentric.reshape(-1, side * side, 2)[seen])
+            pixels.append(torch.nonzero(seen)[:, 0] + (view * height + top) * width)
     centres = np.stack([camera.to_world[:3, 3] for camera in cameras]).astype(np.float32)
     return GBuffer(
         face=torch.cat(faces),

@@ -12,33 +12,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.light.latlong import LatLongSampler
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import dot
 from ia_bench.material.coat import passed_by_coat
 from ia_bench.material.textures import Material, fetch
-from ia_bench.render.atlas import cache_folder
 from ia_bench.render.estimator import lattice, sample_directions, shade_directions
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
-from ia_bench.render.indirect import IndirectLight, Interreflection, bake_interreflection
-from ia_bench.render.rays import RayCaster
-from ia_bench.render.visibility import Visibility, make_visibility
-from ia_bench.scenes.scene import Mesh
+from ia_bench.render.indirect import IndirectLight, Interreflection
+from ia_bench.render.visibility import Visibility
 
+POINTS_AT_ONCE = 2**20  # of a textured picture
 CHUNK = 4096  # pixels at a time where no gradient is needed ...
 PASS_SAMPLES = 32  # ... with this many samples, repeated as often as needed: one shape, so that it compiles once
-
-
-@dataclass(frozen=True)
-class Light:
-    """A lat-long map: ``radiance`` (H, W, 3), differentiable, and the tables that sample it (no gradient)."""
-
-    radiance: Tensor
-    sampler: LatLongSampler
-
-    @classmethod
-    def of(cls, radiance: Tensor, *, uniform_fraction: float = 0.0) -> Light:
-        """A light with its sampling tables made from the current radiance."""
-        return cls(radiance, LatLongSampler.build(radiance, uniform_fraction=uniform_fraction))
 
 
 @dataclass(frozen=True)
@@ -104,7 +89,7 @@ class Renderer:
                 self._fall_back(error)
 
     def render_pixels(
-        self, gbuffer: GBuffer, pixels: Tensor, material: Material, light: Light, samples: int, generator: torch.Generator
+        self, gbuffer: GBuffer, pixels: Tensor, material: Material, light: SampledLight, samples: int, generator: torch.Generator
     ) -> PixelRadiance:
         """Estimate the premultiplied radiance of (P,) entries of the G-buffer with ``samples`` directions a pixel.
 
@@ -114,7 +99,7 @@ class Renderer:
         shift = lattice_shift(pixels, generator)
         return self._render(gbuffer, pixels, material, light, self._bounce(material, light), samples, shift)
 
-    def _bounce(self, material: Material, light: Light) -> IndirectLight | None:
+    def _bounce(self, material: Material, light: SampledLight) -> IndirectLight | None:
         return None if self.interreflection is None else self.interreflection.solve(material.albedo, light.radiance)
 
     def _render(
@@ -122,7 +107,7 @@ class Renderer:
         gbuffer: GBuffer,
         pixels: Tensor,
         material: Material,
-        light: Light,
+        light: SampledLight,
         indirect: IndirectLight | None,
         samples: int,
         shift: Tensor,
@@ -204,7 +189,7 @@ class Renderer:
 
     @torch.no_grad()
     def render_images(
-        self, gbuffer: GBuffer, material: Material, light: Light, samples: int, generator: torch.Generator
+        self, gbuffer: GBuffer, material: Material, light: SampledLight, samples: int, generator: torch.Generator
     ) -> dict[str, Tensor]:
         """Whole images of all views, premultiplied, each (V, H, W, 3): "radiance" and the parts of :class:`PixelRadiance`.
 
@@ -232,31 +217,14 @@ def lattice_shift(pixels: Tensor, generator: torch.Generator) -> Tensor:
     return torch.rand(2, len(pixels), 3, generator=generator, dtype=torch.float64, device=pixels.device)
 
 
-def make_renderer(
-    mesh: Mesh,
-    surface: SurfaceInterpolator,
-    rays: RayCaster,
-    *,
-    shadows: str,
-    bounces: int,
-    coat: str,
-    shading: str = "eager",
-    notice: Callable[[str], None] = warnings.warn,
-) -> Renderer:
-    """The renderer that a plan describes; what it bakes is kept in the cache. Raises InputError as the parts do."""
-    visibility = make_visibility(shadows, mesh, surface, rays)
-    bounced = bake_interreflection(mesh, surface, rays, bounces, cache_folder()) if bounces else None
-    return Renderer(surface, visibility, interreflection=bounced, coat=coat, shading=shading, notice=notice)
-
-
 def texture_images(surface: SurfaceInterpolator, gbuffer: GBuffer, texture: Tensor) -> Tensor:
     """Premultiplied box-filtered pictures (V, H, W, C) of a texture (T, T, C) mapped onto the surface."""
     points = gbuffer.subsamples
-    hit = gbuffer.face >= 0
-    uv = surface.uv(gbuffer.face.clamp_min(0).long(), gbuffer.barycentric)
-    values = (fetch(texture, uv) * hit[..., None]).sum(1) / points
     image = torch.zeros(*gbuffer.shape, texture.shape[-1], device=texture.device).reshape(-1, texture.shape[-1])
-    image[gbuffer.pixel] = values
+    parts = (part.split(POINTS_AT_ONCE // points) for part in (gbuffer.pixel, gbuffer.face, gbuffer.barycentric))
+    for pixel, face, barycentric in zip(*parts, strict=True):
+        uv = surface.uv(face.clamp_min(0).long(), barycentric)
+        image[pixel] = (fetch(texture, uv) * (face >= 0)[..., None]).sum(1) / points
     return image.reshape(*gbuffer.shape, -1)
 
 

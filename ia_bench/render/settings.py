@@ -14,7 +14,7 @@ class RenderSettings:
     ``counters.samples_per_pixel`` of metrics.json says how many were taken. ``subsamples``: G-buffer points along one
     side of a pixel (2 means 2 x 2) or "auto". ``texture``: side of the material textures in texels or "auto".
     ``light_height``: rows of the lat-long light (it has twice as many columns) or "auto".
-    ``shadows``: "traced" (exact), "baked" (visibility baked once per mesh), "none" or "auto".
+    ``shadows``: "traced" (exact), "none" or "auto".
     ``bounces``: how often light may be reflected between the parts of the object before it is seen: 0 is direct light only,
     "auto" as often as a probe finds to matter. ``coat``: "layered", the specular lobe takes its share of the light before
     the diffuse one, as in a Principled BSDF; "added", both get all of it, as in the paper's equation 2.

@@ -18,11 +18,11 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import load_scene
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import EmbreeRays
-from ia_bench.render.renderer import Light, make_renderer, texture_images
+from ia_bench.render.renderer import texture_images
+from ia_bench.render.stage import Stage
 from ia_bench.report.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
@@ -60,16 +60,16 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     novel = [view for view in scene.novel if view.light != "train" and view.light in lights]
     if not shown or not novel or "train" not in lights:
         raise InputError(f"{scene_folder}: expected a test view with true albedo and roughness, its light, and a novel light")
-    stage = _Stage(scene, shown[len(shown) // 2], novel[len(novel) // 2])
-    columns = {PHOTOGRAPH: stage.photograph(), TRUTH: stage.truth()}
-    columns |= {name: stage.recovered(run) for name, (run, _) in read.items()}
+    shown_by = _Columns(scene, shown[len(shown) // 2], novel[len(novel) // 2])
+    columns = {PHOTOGRAPH: shown_by.photograph(), TRUTH: shown_by.truth()}
+    columns |= {name: shown_by.recovered(run) for name, (run, _) in read.items()}
     scores = [[_score(run, component, metric) for _, component, metric in LINES] for run, _ in read.values()]
     out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial:
-        _compose(columns, [[], [], *scores], stage.relit.light).save(partial, format="PNG")
+        _compose(columns, [[], [], *scores], shown_by.relit.light).save(partial, format="PNG")
 
 
-class _Stage:
+class _Columns:
     """The two views of a scene that the sheet shows, traced once."""
 
     def __init__(self, scene: Scene, view: View, relit: View) -> None:
@@ -78,10 +78,9 @@ class _Stage:
         self._side = max(extent(view.mask), extent(relit.mask))
         self._true_light = scene.truth.lights["train"]
         self._light_gain = light_exposure(self._true_light)
-        self._scene = scene
-        self._rays, self._surface = EmbreeRays(scene.mesh), SurfaceInterpolator(scene.mesh, torch.device("cpu"))
-        self._gbuffer, self._relit_gbuffer = self._trace(view), self._trace(relit)
-        self._light = Light.of(torch.from_numpy(scene.truth.lights[relit.light]))
+        self._stage = Stage(scene.mesh, torch.device("cpu"))
+        self._gbuffer, self._relit_gbuffer = (self._stage.gbuffer([one.camera], SIDE) for one in (view, relit))
+        self._light = SampledLight.of(torch.from_numpy(scene.truth.lights[relit.light]))
         self._gain = exposure(relit.image[None], relit.mask[None])
 
     def photograph(self) -> list[np.ndarray]:
@@ -100,14 +99,11 @@ class _Stage:
     def recovered(self, run: Recovered) -> list[np.ndarray]:
         """The same of a run: its albedo aligned as in its scores, before it is relit too, and its light the other way."""
         material = Material(run.scale * run.material.albedo, run.material.roughness, run.material.metallic)
-        renderer = make_renderer(
-            self._scene.mesh, self._surface, self._rays, shadows="traced", bounces=run.bounces, coat=run.coat
-        )
+        renderer = self._stage.renderer(bounces=run.bounces, coat=run.coat)
         generator = torch.Generator().manual_seed(0)
         relit = renderer.render_images(self._relit_gbuffer, material, self._light, SAMPLES, generator)["radiance"]
-        albedo, roughness = (
-            texture_images(self._surface, self._gbuffer, texture)[0].numpy() for texture in (material.albedo, material.roughness)
-        )
+        surface, textures = self._stage.surface, (material.albedo, material.roughness)
+        albedo, roughness = (texture_images(surface, self._gbuffer, texture)[0].numpy() for texture in textures)
         coverage, relit_coverage = (part.coverage()[0].numpy() for part in (self._gbuffer, self._relit_gbuffer))
         light = (run.light / run.scale).numpy()
         return self._pictures(albedo, roughness, coverage, relit[0].numpy(), relit_coverage, light)
@@ -131,9 +127,6 @@ class _Stage:
 
     def _cut(self, picture: np.ndarray, coverage: np.ndarray, mask: np.ndarray) -> np.ndarray:
         return cut_out(on_grey(picture, coverage), mask, self._side)
-
-    def _trace(self, view: View) -> GBuffer:
-        return trace_gbuffer([view.camera], self._rays, SIDE, torch.device("cpu"))
 
 
 def _score(run: Recovered, component: str, metric: str) -> str:

@@ -17,10 +17,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.light.latlong import SampledLight
 from ia_bench.readers.native import load_scene
-from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import EmbreeRays
-from ia_bench.render.renderer import Light, make_renderer, texture_images
+from ia_bench.render.renderer import texture_images
+from ia_bench.render.stage import Stage
 from ia_bench.report.panels import exposure, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.scenes.color import linear_to_srgb
@@ -60,17 +60,15 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
 
 def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[list[np.ndarray]]:
     """Pictures (H, W, 3) in [0, 1], one list per view in the order of COLUMNS."""
-    surface, rays = SurfaceInterpolator(scene.mesh, torch.device("cpu")), EmbreeRays(scene.mesh)
-    gbuffer = trace_gbuffer([view.camera for view in views], rays, SIDE, torch.device("cpu"))
-    renderer = make_renderer(
-        scene.mesh, surface, rays, shadows="traced", bounces=recovered.bounces, coat=recovered.coat
-    )
+    stage = Stage(scene.mesh, torch.device("cpu"))
+    gbuffer = stage.gbuffer([view.camera for view in views], SIDE)
+    renderer = stage.renderer(bounces=recovered.bounces, coat=recovered.coat)
     generator = torch.Generator().manual_seed(0)
-    images = renderer.render_images(gbuffer, recovered.material, Light.of(recovered.light), SAMPLES, generator)
+    images = renderer.render_images(gbuffer, recovered.material, SampledLight.of(recovered.light), SAMPLES, generator)
     rendered = images["radiance"].numpy()
     coverage = gbuffer.coverage().numpy()
-    albedo = texture_images(surface, gbuffer, recovered.scale * recovered.material.albedo).numpy()
-    roughness = texture_images(surface, gbuffer, recovered.material.roughness).numpy()
+    albedo = texture_images(stage.surface, gbuffer, recovered.scale * recovered.material.albedo).numpy()
+    roughness = texture_images(stage.surface, gbuffer, recovered.material.roughness).numpy()
     gain = exposure(np.stack([view.image for view in views]), np.stack([view.mask for view in views]))
     rows = []
     for i, view in enumerate(views):

@@ -38,7 +38,7 @@ NATIVE_READER = "ia_bench.readers.native:load_scene"
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "geometry.uv": ("mesh", "xatlas"),
-    "render.shadows": ("auto", "traced", "baked", "none"),
+    "render.shadows": ("auto", "traced", "none"),
     "render.coat": ("layered", "added"),
     "render.shading": ("auto", "compiled", "eager"),
     **{f"fit.{key}": choices for key, choices in FIT_CHOICES.items()},

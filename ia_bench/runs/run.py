@@ -20,9 +20,10 @@ from ia_bench.methods.asking.views import evenly_spread
 from ia_bench.methods.contract import Fit, Monitor, Problem
 from ia_bench.methods.plan import make_plan
 from ia_bench.priors.contract import Counted, Patchwise, TruthSeer
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.render.renderer import choose_shading, make_renderer, texture_images
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator
+from ia_bench.render.rays import RayCaster
+from ia_bench.render.renderer import choose_shading, texture_images
+from ia_bench.render.stage import Stage
 from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig, resolve_scene_folder, scene_reader
 from ia_bench.runs.folder import RunFolder
@@ -53,8 +54,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
 
     # ---- plan and bake ---------------------------------------------------------------------------------------
     with _clock(seconds, "bake"):
-        surface = SurfaceInterpolator(scene.mesh, device)
-        rays = make_rays(scene.mesh, device)
+        stage = Stage(scene.mesh, device, notice=progress.note)
+        surface, rays = stage.surface, stage.rays
         plan = make_plan(
             blind, surface, rays, config.render, prior, device, prior_views=config.prior.supervision.views
         )
@@ -63,17 +64,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         if isinstance(prior, Patchwise) and prior.patches == "auto":
             prior.use_patches(plan.patches)
         shading = choose_shading(config.render.shading, progress.note)
-        renderer = make_renderer(
-            scene.mesh,
-            surface,
-            rays,
-            shadows=plan.shadows,
-            bounces=plan.bounces,
-            coat=config.render.coat,
-            shading=shading,
-            notice=progress.note,
-        )
-        gbuffer = trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, device)
+        renderer = stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=config.render.coat, shading=shading)
+        gbuffer = stage.gbuffer([view.camera for view in blind.train], plan.subsamples)
     if prior.sees_truth:
         if not isinstance(prior, TruthSeer):
             raise InputError(f"prior={config.prior.name}: expected a method reveal(views) with sees_truth, found none")

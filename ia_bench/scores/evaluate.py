@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from ia_bench.scenes.images import Images
 from ia_bench.scores.alignment import ALIGNMENTS, Alignment
 from ia_bench.scores.components import ROUGHNESS_MEASURE, Measure, image_measure
-from ia_bench.scores.predictions import Images, Pair, Predictions, pairs, stacked
+from ia_bench.scores.predictions import Pair, Predictions, pairs, stacked
 from ia_bench.scores.protocol import Encoding, Protocol
 from ia_bench.scores.result import Scores
 

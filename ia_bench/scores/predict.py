@@ -9,13 +9,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer, trace_gbuffer
 from ia_bench.render.rays import RayCaster
-from ia_bench.render.renderer import Light, Renderer, texture_images
+from ia_bench.render.renderer import Renderer, texture_images
+from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Scene, View
 from ia_bench.scores.evaluate import albedo_scale, score, score_quick
-from ia_bench.scores.predictions import Images, Predictions
+from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.result import Scores
 
@@ -115,7 +117,7 @@ class Scorer:
     def _render(self, shot: Shot, material: Material, light: Tensor, samples: int) -> tuple[Images, Images]:
         device = material.albedo.device
         generator = torch.Generator(device=device).manual_seed(self._seed)
-        rendered = self._renderer.render_images(shot.gbuffer, material, Light.of(light.to(device)), samples, generator)
+        rendered = self._renderer.render_images(shot.gbuffer, material, SampledLight.of(light.to(device)), samples, generator)
         truth = shot.truth("image")
         assert truth is not None
         return Images(_arrays(rendered["radiance"]), _arrays(shot.gbuffer.coverage())), truth

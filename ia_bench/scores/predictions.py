@@ -7,36 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROUNDING = 1e-3  # a coverage summed in float32 or stored in half precision may exceed 1 by this much
-
-
-@dataclass(frozen=True)
-class Images:
-    """Linear images premultiplied by coverage, one per view: ``images`` (H, W[, 3]), ``coverage`` (H, W) in [0, 1].
-
-    Raises ValueError where counts or shapes disagree, or a coverage leaves [0, 1].
-    """
-
-    images: tuple[np.ndarray, ...]
-    coverage: tuple[np.ndarray, ...]
-
-    def __post_init__(self) -> None:
-        """Check counts, shapes and the range of coverage."""
-        if len(self.images) != len(self.coverage):
-            raise ValueError(f"expected a coverage per image, found {len(self.coverage)} for {len(self.images)} images")
-        for index, (image, coverage) in enumerate(zip(self.images, self.coverage, strict=True)):
-            if coverage.ndim != 2 or image.shape not in (coverage.shape, (*coverage.shape, 3)):
-                raise ValueError(
-                    f"view {index}: expected an image (H, W, 3) or (H, W) with coverage (H, W), "
-                    f"found {image.shape} with {coverage.shape}"
-                )
-            if not ((coverage >= 0) & (coverage <= 1 + ROUNDING)).all():
-                found = f"{coverage.min()} to {coverage.max()}"
-                raise ValueError(f"view {index}: expected coverage in [0, 1], found {found}")
-
-    def __len__(self) -> int:
-        """Return the number of views."""
-        return len(self.images)
+from ia_bench.scenes.images import Images
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def pair() -> tuple[ForwardStage, MitsubaScene]:
 def test_images_agree_but_for_the_brdf(pair: tuple[ForwardStage, MitsubaScene]):
     """Correlation over pixels; a texture that is upside down gives 0.7, noise and the other BRDF leave 0.98."""
     stage, scene = pair
-    ours = stage.scored(stage.render(Renderer(stage.surface, stage.visibility("traced")), 128, 0))
+    ours = stage.scored(stage.render(Renderer(stage.surface, stage.visibility), 128, 0))
     theirs = stage.scored(scene.image(0, 64, 0))
     assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.95
     assert theirs.mean() == pytest.approx(ours.mean(), rel=0.1)
@@ -56,7 +56,7 @@ def test_gradients_lie_where_ours_do(pair: tuple[ForwardStage, MitsubaScene]):
     }
     material, light = type(stage.material)(leaves["albedo"], stage.material.roughness), type(stage.light).of(leaves["light"])
     every = torch.arange(len(stage.gbuffer.pixel))
-    renderer = Renderer(stage.surface, stage.visibility("traced"))
+    renderer = Renderer(stage.surface, stage.visibility)
     rendered = renderer.render_pixels(stage.gbuffer, every, material, light, 256, torch.Generator().manual_seed(0))
     rendered.radiance.sum().backward()
     for name, leaf in leaves.items():

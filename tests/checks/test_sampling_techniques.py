@@ -10,7 +10,8 @@ import torch
 
 from ia_bench.checks.forward_precision import WAYS, ForwardStage
 from ia_bench.checks.techniques import POINT_RULES, unit_points
-from ia_bench.render.renderer import Light, Renderer
+from ia_bench.light.latlong import SampledLight
+from ia_bench.render.renderer import Renderer
 
 PARTS, SAMPLES, TRUE_SAMPLES = 16, 64, 256
 BIAS = 0.1  # relative, that every test must be able to see
@@ -24,7 +25,7 @@ def stage() -> ForwardStage:
     stage.material.roughness.clamp_(min=0.4)
     rows = torch.linspace(0.2, 2, 16)[:, None, None]
     columns = 1 + 0.5 * torch.sin(torch.arange(32) * (2 * math.pi / 32))[None, :, None]
-    stage.light = Light.of(rows * columns * torch.tensor([1.0, 0.8, 0.6]))
+    stage.light = SampledLight.of(rows * columns * torch.tensor([1.0, 0.8, 0.6]))
     return stage
 
 
@@ -37,7 +38,7 @@ def means(images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def truth(stage: ForwardStage) -> tuple[np.ndarray, np.ndarray]:
-    renderer = Renderer(stage.surface, stage.visibility("traced"))
+    renderer = Renderer(stage.surface, stage.visibility)
     every, images = torch.arange(len(stage.gbuffer.pixel)), torch.zeros(PARTS, *stage.gbuffer.shape[1:], 3)
     for part, image in enumerate(images):
         generator = torch.Generator().manual_seed(part)

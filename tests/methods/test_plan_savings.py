@@ -15,14 +15,14 @@ import pytest
 import torch
 from shapes import bowl, camera_at, plate, sphere
 
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Plan, make_plan
 from ia_bench.priors.none import NoPrior
-from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.gbuffer import SurfaceInterpolator
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Light, make_renderer
 from ia_bench.render.settings import RenderSettings
+from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View
 
@@ -61,14 +61,13 @@ def render(
     bounces: int = 0,
     seed: int = 0,
 ) -> Rendered:
-    surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
-    renderer = make_renderer(mesh, surface, rays, shadows=shadows, bounces=bounces, coat="layered")
-    gbuffer = trace_gbuffer(cameras, rays, side, CPU)
-    light, generator = Light.of(radiance), torch.Generator().manual_seed(seed)
+    stage = Stage(mesh, CPU)
+    renderer, gbuffer = stage.renderer(shadows=shadows, bounces=bounces), stage.gbuffer(cameras, side)
+    light, generator = SampledLight.of(radiance), torch.Generator().manual_seed(seed)
     started = time.perf_counter()
     images = renderer.render_images(gbuffer, material, light, SAMPLES, generator)
     seconds = time.perf_counter() - started
-    return Rendered(linear_to_srgb(images["radiance"].numpy().clip(0, 1)), rays.rays, surface.points, seconds)
+    return Rendered(linear_to_srgb(images["radiance"].numpy().clip(0, 1)), stage.rays.rays, stage.surface.points, seconds)
 
 
 def decibels(a: Rendered, b: Rendered) -> float:

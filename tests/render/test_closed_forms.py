@@ -15,8 +15,9 @@ from means import assert_same_mean
 from shapes import camera_at, plate, sphere, together
 from stage import Stage
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.renderer import Light, PixelRadiance
+from ia_bench.render.renderer import PixelRadiance
 from ia_bench.scenes.scene import Camera
 
 pytestmark = pytest.mark.verify
@@ -44,7 +45,7 @@ def unit_ball(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 def repeats(stage: Stage, pixels: torch.Tensor, material: Material, radiance: torch.Tensor, samples: int) -> PixelRadiance:
     """REPEATS independent estimates of some pixels: fields (REPEATS, P, 3) in float64."""
     drawn = stage.renderer().render_pixels(
-        stage.gbuffer, pixels.repeat(REPEATS), material, Light.of(radiance), samples, torch.Generator().manual_seed(1)
+        stage.gbuffer, pixels.repeat(REPEATS), material, SampledLight.of(radiance), samples, torch.Generator().manual_seed(1)
     )
     parts = (drawn.diffuse, drawn.specular, drawn.albedo)
     return PixelRadiance(*(part.double().reshape(REPEATS, len(pixels), 3) for part in parts))

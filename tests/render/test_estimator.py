@@ -11,10 +11,9 @@ from scipy.stats import norm
 from shapes import camera_at, disk, plate, sphere, together
 from stage import Stage
 
-from ia_bench.light.latlong import normal_bin, resize_light
+from ia_bench.light.latlong import SampledLight, normal_bin, resize_light
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render.estimator import lattice, sample_directions, shade_directions
-from ia_bench.render.renderer import Light
 
 pytestmark = pytest.mark.verify
 
@@ -26,8 +25,8 @@ def constant(roughness: float = 1.0) -> Material:
     return Material(ALBEDO.expand(4, 4, 3).contiguous(), torch.full((4, 4, 1), roughness))
 
 
-def constant_light(height: int = 8) -> Light:
-    return Light.of(RADIANCE.expand(height, 2 * height, 3).contiguous())
+def constant_light(height: int = 8) -> SampledLight:
+    return SampledLight.of(RADIANCE.expand(height, 2 * height, 3).contiguous())
 
 
 # ---------------------------------------------------------------- samples
@@ -53,7 +52,7 @@ def test_weights_are_the_balance_heuristic() -> None:
     generator = torch.Generator().manual_seed(1)
     normal = torch.nn.functional.normalize(torch.randn(50, 3, generator=generator), dim=-1)
     view = torch.nn.functional.normalize(normal + 0.5 * torch.randn(50, 3, generator=generator), dim=-1)
-    light = Light.of(torch.rand(8, 16, 3, generator=generator))
+    light = SampledLight.of(torch.rand(8, 16, 3, generator=generator))
     draws = torch.rand(2, 50, 12, 3, dtype=torch.float64, generator=generator)
     direction, texel, weight = sample_directions(
         normal, view, torch.full((50, 1), 0.4), *draws, light.sampler
@@ -109,7 +108,7 @@ def test_shadow_of_a_disk() -> None:
 @pytest.mark.parametrize("uniform_fraction", [0.0, 0.5])
 def test_a_black_light_gives_black(uniform_fraction: float) -> None:
     stage = Stage.of(sphere(1), [camera_at((2.0, -3.0, 1.0), pixels=8)])
-    light = Light.of(torch.zeros(4, 8, 3), uniform_fraction=uniform_fraction)
+    light = SampledLight.of(torch.zeros(4, 8, 3), uniform_fraction=uniform_fraction)
     images = stage.renderer().render_images(stage.gbuffer, constant(), light, 8, torch.Generator().manual_seed(4))
     assert float(images["radiance"].abs().max()) == 0
     assert float(images["albedo"].max()) > 0
@@ -160,7 +159,7 @@ def test_estimator_agrees_with_brute_force(
 ) -> None:
     """z-test per pixel, channel and part of MIS against uniform directions over the sphere, shadows included."""
     radiance = resize_light(soft_light.numpy(), 16)
-    light = Light.of(torch.from_numpy(radiance))
+    light = SampledLight.of(torch.from_numpy(radiance))
     pixels = torch.randperm(len(tiny_stage.gbuffer.pixel), generator=torch.Generator().manual_seed(6))[:PIXELS]
     flat = tiny_stage.points(pixels)
     pixels = pixels[(flat.normal * flat.view).sum(-1) > 0.05]  # brute force has no answer at grazing either
@@ -197,7 +196,7 @@ def test_light_sampling_share_does_not_move_the_mean(
     renderer = tiny_stage.renderer()
     means, errors = [], []
     for seed, share in enumerate((0.0, 0.5)):
-        light = Light.of(tiny_sun, uniform_fraction=share)
+        light = SampledLight.of(tiny_sun, uniform_fraction=share)
         value = renderer.render_pixels(
             tiny_stage.gbuffer, pixels, tiny_material, light, 16, torch.Generator().manual_seed(seed)
         ).radiance.double()
@@ -209,7 +208,7 @@ def test_light_sampling_share_does_not_move_the_mean(
 
 
 # ---------------------------------------------------------------- convergence
-def spread(stage: Stage, material: Material, light: Light, samples: int) -> float:
+def spread(stage: Stage, material: Material, light: SampledLight, samples: int) -> float:
     """Root mean square of half the difference of two estimates, over the pixels, tone-mapped so that no pixel rules."""
     pixels = torch.arange(len(stage.gbuffer.pixel))
     pair = [
@@ -224,7 +223,7 @@ def spread(stage: Stage, material: Material, light: Light, samples: int) -> floa
 def test_error_falls_with_samples(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
     """Slope of log error over log samples: -1/2 for independent samples, steeper for the lattice, never flatter."""
     samples = np.array([4, 16, 64, 256])
-    light = Light.of(soft_light)
+    light = SampledLight.of(soft_light)
     errors = [spread(tiny_stage, tiny_material, light, int(n)) for n in samples]
     slope = np.polyfit(np.log(samples), np.log(errors), 1)[0]
     assert -1.0 < slope < -0.45, f"slope {slope:.2f} of {errors}"
@@ -234,7 +233,7 @@ def test_passes_of_a_picture_share_one_lattice(
     tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor
 ) -> None:
     """Passes of 32 samples: independent ones would halve the error with four times as many, parts of a lattice do better."""
-    light = Light.of(soft_light)
+    light = SampledLight.of(soft_light)
 
     def error(samples: int, seed: int) -> float:
         pair = [
@@ -258,7 +257,7 @@ def test_gradients_against_finite_differences_with_the_samples_held() -> None:
     uv = torch.rand(count, 2, generator=generator)
     albedo, roughness = torch.rand(3, 3, 3, generator=generator), 0.2 + 0.7 * torch.rand(3, 3, 1, generator=generator)
     log_light = torch.randn(height * width, 3, generator=generator)
-    light = Light.of(log_light.exp().reshape(height, width, 3))
+    light = SampledLight.of(log_light.exp().reshape(height, width, 3))
     draws = torch.rand(2, count, 8, 3, dtype=torch.float64, generator=generator)
     direction, texel, weight = sample_directions(
         normal, view, fetch(roughness, uv), *draws, light.sampler
@@ -279,13 +278,13 @@ def test_renderer_is_linear_in_albedo_and_light(
     pixels = torch.arange(0, len(tiny_stage.gbuffer.pixel), 7)
     rng = torch.Generator().manual_seed(14)
     proxy = torch.rand(len(pixels), 3, generator=rng)
-    sampler = Light.of(soft_light).sampler
+    sampler = SampledLight.of(soft_light).sampler
     renderer = tiny_stage.renderer()
 
     def loss(albedo: torch.Tensor, radiance: torch.Tensor) -> torch.Tensor:
         material = Material(albedo, tiny_material.roughness)
         draws = torch.Generator().manual_seed(15)
-        part = renderer.render_pixels(tiny_stage.gbuffer, pixels, material, Light(radiance, sampler), 16, draws)
+        part = renderer.render_pixels(tiny_stage.gbuffer, pixels, material, SampledLight(radiance, sampler), 16, draws)
         return (part.radiance * proxy).double().sum()
 
     albedo, radiance = tiny_material.albedo.clone().requires_grad_(), soft_light.clone().requires_grad_()
@@ -334,7 +333,7 @@ def test_detached_sampling_has_an_unbiased_gradient_of_roughness() -> None:
     texture = torch.full((1, groups, 1), roughness, requires_grad=True)
     count = groups * draws_each
     uv = torch.stack([(torch.arange(count) % groups + 0.5) / groups, torch.full((count,), 0.5)], -1)
-    sampler = Light.of(radiance).sampler
+    sampler = SampledLight.of(radiance).sampler
     uniform = torch.rand(2, count, 4, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(17))
     points = normal.expand(count, 3), view.expand(count, 3)
     with torch.no_grad():
@@ -358,7 +357,7 @@ def test_directions_carry_no_gradient(tiny_stage: Stage, tiny_material: Material
     material = Material(tiny_material.albedo, roughness)
     pixels = torch.arange(50)
     part = tiny_stage.renderer().render_pixels(
-        tiny_stage.gbuffer, pixels, material, Light.of(soft_light), 8, torch.Generator().manual_seed(18)
+        tiny_stage.gbuffer, pixels, material, SampledLight.of(soft_light), 8, torch.Generator().manual_seed(18)
     )
     assert not part.diffuse.requires_grad
     (gradient,) = torch.autograd.grad(part.specular.sum(), roughness)

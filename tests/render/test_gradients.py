@@ -16,9 +16,8 @@ from means import assert_same_mean
 from stage import Stage
 from torch import Tensor
 
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material
-from ia_bench.render.renderer import Light
 
 pytestmark = [
     pytest.mark.verify,
@@ -52,7 +51,7 @@ def estimate(tiny_stage: Stage) -> Estimate:
     chosen = chosen[(points.normal * points.view).sum(-1) > 0.1]
 
     def run(leaves: Leaves, seed: int, *, samples: int = SAMPLES, repeats: int = REPEATS) -> Tensor:
-        light = Light.of(leaves["log_light"].exp(), uniform_fraction=0.1)
+        light = SampledLight.of(leaves["log_light"].exp(), uniform_fraction=0.1)
         material = Material(leaves["albedo"], leaves["roughness"])
         drawn = tiny_stage.renderer().render_pixels(
             tiny_stage.gbuffer, chosen.repeat(repeats), material, light, samples, torch.Generator().manual_seed(seed)

@@ -18,12 +18,13 @@ from shapes import bowl, camera_at, mesh_of, plate, sphere, together
 from stage import Stage
 
 from ia_bench.common.errors import InputError
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import normalize
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render import atlas, indirect
 from ia_bench.render.atlas import Atlas
 from ia_bench.render.indirect import Interreflection, Operator, bake_interreflection
-from ia_bench.render.renderer import Light, PixelRadiance, Renderer
+from ia_bench.render.renderer import PixelRadiance, Renderer
 from ia_bench.render.visibility import NoShadows, TracedShadows
 
 pytestmark = pytest.mark.verify
@@ -50,7 +51,7 @@ def render(stage: Stage, material: Material, bounces: int, cache: Path, *, sampl
     renderer = Renderer(stage.surface, TracedShadows(stage.rays, stage.surface.offset), interreflection=bounced)
     generator = torch.Generator().manual_seed(0)
     pixels = torch.arange(len(stage.gbuffer.pixel))
-    return renderer.render_pixels(stage.gbuffer, pixels, material, Light.of(WHITE), samples, generator)
+    return renderer.render_pixels(stage.gbuffer, pixels, material, SampledLight.of(WHITE), samples, generator)
 
 
 @pytest.mark.parametrize("bounces", [1, 2, 5])
@@ -70,7 +71,7 @@ def test_a_white_bowl_in_a_white_furnace_disappears(bowl_stage: Stage, cache: Pa
     assert float(rendered.diffuse.mean()) == pytest.approx(1.0, rel=5e-3)
     generator, pixels = torch.Generator().manual_seed(0), torch.arange(len(bowl_stage.gbuffer.pixel))
     renderer = Renderer(bowl_stage.surface, NoShadows())
-    free = renderer.render_pixels(bowl_stage.gbuffer, pixels, material, Light.of(WHITE), 256, generator).specular
+    free = renderer.render_pixels(bowl_stage.gbuffer, pixels, material, SampledLight.of(WHITE), 256, generator).specular
     assert rendered.mirrored is not None
     assert float((rendered.specular + rendered.mirrored).mean()) == pytest.approx(float(free.mean()), rel=0.01)
     assert float(rendered.specular.mean()) < 0.8 * float(free.mean())  # so there is something to get wrong
@@ -218,5 +219,5 @@ def test_a_layered_coat_conserves_energy() -> None:
     for roughness in (0.1, 0.5, 1.0):
         renderer = Renderer(stage.surface, NoShadows(), coat="layered")
         generator = torch.Generator().manual_seed(0)
-        rendered = renderer.render_pixels(stage.gbuffer, pixels, flat(1.0, roughness), Light.of(WHITE), 1024, generator)
+        rendered = renderer.render_pixels(stage.gbuffer, pixels, flat(1.0, roughness), SampledLight.of(WHITE), 1024, generator)
         assert float((rendered.radiance / rendered.albedo).mean()) == pytest.approx(1.0, abs=0.01)

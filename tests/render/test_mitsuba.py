@@ -17,9 +17,10 @@ from means import assert_same_mean
 from mitsuba_twin import MitsubaTwin, Twin, load_mitsuba, twin_scene
 from shapes import bowl, camera_at
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.indirect import bake_interreflection
-from ia_bench.render.renderer import Light, Renderer
+from ia_bench.render.renderer import Renderer
 from ia_bench.render.visibility import TracedShadows
 
 pytestmark = [pytest.mark.verify, pytest.mark.slow]
@@ -58,7 +59,7 @@ def ours(twin: Twin, bsdf: str, pixels: torch.Tensor, leaves: dict[str, torch.Te
         twin.stage.gbuffer,
         pixels.repeat(PASSES),
         Material(leaves["albedo"], leaves["roughness"]),
-        Light.of(leaves["light"]),
+        SampledLight.of(leaves["light"]),
         SAMPLES // PASSES,
         torch.Generator().manual_seed(seed),
     )
@@ -125,7 +126,7 @@ def bounced(
     stage = twin.stage
     operators = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache) if bounces else None
     renderer = Renderer(stage.surface, TracedShadows(stage.rays, stage.surface.offset), interreflection=operators)
-    material, light = Material(leaves["albedo"], leaves["roughness"]), Light.of(leaves["light"])
+    material, light = Material(leaves["albedo"], leaves["roughness"]), SampledLight.of(leaves["light"])
     draws = torch.Generator().manual_seed(0)
     rendered = renderer.render_pixels(stage.gbuffer, pixels.repeat(PASSES), material, light, SAMPLES, draws)
     return rendered.diffuse.reshape(PASSES, -1, 3).mean(0)

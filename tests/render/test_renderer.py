@@ -14,9 +14,10 @@ from stage import Stage
 from torch._inductor.exc import InvalidCxxCompiler
 
 from ia_bench.common.errors import InputError
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import sample_directions
-from ia_bench.render.renderer import Light, PixelRadiance, Renderer, choose_shading, texture_images
+from ia_bench.render.renderer import PixelRadiance, Renderer, choose_shading, texture_images
 from ia_bench.render.visibility import NoShadows
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_exr
@@ -36,7 +37,7 @@ def test_ground_truth_through_the_renderer_is_cycles_direct_light(
     albedo, roughness = (torch.from_numpy(t).float() for t in (tiny.truth.albedo, tiny.truth.roughness))
     material = Material(albedo, roughness[..., None].clamp(0.03, 1))
     ours = stage.renderer().render_images(
-        stage.gbuffer, material, Light.of(tiny_sun), 256, torch.Generator().manual_seed(0)
+        stage.gbuffer, material, SampledLight.of(tiny_sun), 256, torch.Generator().manual_seed(0)
     )
     theirs = np.stack([read_exr(tiny_folder / "direct" / "test" / f"{i:04d}.exr", 4) for i in range(4)])
     mask = theirs[..., 3] > 0.5
@@ -74,7 +75,7 @@ def test_the_same_generator_gives_the_same_picture(
     tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor
 ) -> None:
     def once(seed: int) -> torch.Tensor:
-        light, rng = Light.of(soft_light), torch.Generator().manual_seed(seed)
+        light, rng = SampledLight.of(soft_light), torch.Generator().manual_seed(seed)
         return tiny_stage.renderer().render_images(tiny_stage.gbuffer, tiny_material, light, 32, rng)["radiance"]
 
     assert torch.equal(once(1), once(1))
@@ -85,7 +86,7 @@ def test_a_picture_does_not_depend_on_its_chunks(
     tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Chunks that do not divide the pixels are padded; every pixel is there once. Means agree, draws differ."""
-    light = Light.of(soft_light)
+    light = SampledLight.of(soft_light)
     pictures = []
     for chunk in (4096, 100):
         monkeypatch.setattr("ia_bench.render.renderer.CHUNK", chunk)
@@ -109,7 +110,7 @@ def test_samples_of_a_picture_are_those_asked_for(
         lambda *a: drawn.append(2 * a[3].shape[1]) or sample_directions(*a),  # type: ignore[func-returns-value]
     )
     rng = torch.Generator().manual_seed(1)
-    stage.renderer().render_images(stage.gbuffer, tiny_material, Light.of(soft_light), samples, rng)
+    stage.renderer().render_images(stage.gbuffer, tiny_material, SampledLight.of(soft_light), samples, rng)
     assert drawn == passes
 
 
@@ -119,7 +120,7 @@ def test_padding_costs_no_rays_and_is_not_counted(tiny_material: Material, soft_
     seen = len(stage.gbuffer.pixel)
     before = stage.rays.rays
     rng = torch.Generator().manual_seed(1)
-    stage.renderer().render_images(stage.gbuffer, tiny_material, Light.of(soft_light), 2, rng)
+    stage.renderer().render_images(stage.gbuffer, tiny_material, SampledLight.of(soft_light), 2, rng)
     assert stage.surface.points == seen < 1000
     assert 0.5 * seen < stage.rays.rays - before <= 2 * seen
 
@@ -130,7 +131,7 @@ def test_points_that_miss_count_as_nothing() -> None:
     stage = Stage.of(plate(5 * np.tan(np.radians(20)) * 7 / 12), [camera], side=2)
     material = Material(torch.full((2, 2, 3), 0.5), torch.ones(2, 2, 1))
     images = stage.renderer().render_images(
-        stage.gbuffer, material, Light.of(torch.ones(8, 16, 3)), 512, torch.Generator().manual_seed(3)
+        stage.gbuffer, material, SampledLight.of(torch.ones(8, 16, 3)), 512, torch.Generator().manual_seed(3)
     )
     assert float(images["diffuse"][0, 4:8, 4:8].mean()) == pytest.approx(0.5, rel=0.02)
     assert float(images["diffuse"][0, 2, 3:9].mean()) == pytest.approx(0.25, rel=0.05)
@@ -151,7 +152,7 @@ def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[tor
 
     def render(renderer: Renderer) -> PixelRadiance:
         pixels = torch.arange(len(stage.gbuffer.pixel))
-        material, light = Material(leaves[0], leaves[1]), Light.of(leaves[2])
+        material, light = Material(leaves[0], leaves[1]), SampledLight.of(leaves[2])
         return renderer.render_pixels(stage.gbuffer, pixels, material, light, 16, torch.Generator().manual_seed(5))
 
     return stage, render, leaves
@@ -218,7 +219,7 @@ def test_an_error_that_is_not_the_compilers_is_raised() -> None:
     material = Material(torch.zeros(4, 4, 3), torch.full((4, 4), 0.5))  # roughness without its last axis
     with pytest.raises(ValueError, match="unpack"):
         renderer.render_pixels(
-            stage.gbuffer, torch.arange(3), material, Light.of(torch.ones(2, 4, 3)), 4, torch.Generator().manual_seed(0)
+            stage.gbuffer, torch.arange(3), material, SampledLight.of(torch.ones(2, 4, 3)), 4, torch.Generator().manual_seed(0)
         )
 
 

@@ -11,10 +11,9 @@ import torch
 from means import assert_same_mean
 from stage import Stage
 
-from ia_bench.light.latlong import direction_to_texel, normal_bin, resize_light, texel_to_direction
+from ia_bench.light.latlong import SampledLight, direction_to_texel, normal_bin, resize_light, texel_to_direction
 from ia_bench.material.brdf import dot, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
 from ia_bench.material.textures import Material, fetch
-from ia_bench.render.renderer import Light
 
 pytestmark = pytest.mark.verify
 
@@ -33,7 +32,7 @@ def with_roughness(material: Material, roughness: float | None) -> Material:
     return material if roughness is None else Material(material.albedo, torch.full((1, 1, 1), roughness))
 
 
-def joined(stage: Stage, pixels: torch.Tensor, material: Material, light: Light, samples: int, repeats: int) -> np.ndarray:
+def joined(stage: Stage, pixels: torch.Tensor, material: Material, light: SampledLight, samples: int, repeats: int) -> np.ndarray:
     """Diffuse and specular radiance by the renderer, (repeats, P, 2, 3)."""
     drawn = stage.renderer().render_pixels(
         stage.gbuffer, pixels.repeat(repeats), material, light, samples, torch.Generator().manual_seed(2)
@@ -42,7 +41,7 @@ def joined(stage: Stage, pixels: torch.Tensor, material: Material, light: Light,
 
 
 def alone(
-    technique: str, stage: Stage, pixels: torch.Tensor, material: Material, light: Light, samples: int
+    technique: str, stage: Stage, pixels: torch.Tensor, material: Material, light: SampledLight, samples: int
 ) -> np.ndarray:
     """The same from one technique's independent samples: radiance V f cos / its density, (REPEATS, P, 2, 3)."""
     points = stage.points(pixels.repeat(REPEATS))
@@ -91,7 +90,7 @@ def test_both_agree_with_one_alone(
 
     Left out are pixels below 2 % of the mean: what a narrow lobe mirrors there is blocked, and the rest is rare events.
     """
-    light = Light.of(torch.from_numpy(resize_light(soft_light.numpy(), 16)))
+    light = SampledLight.of(torch.from_numpy(resize_light(soft_light.numpy(), 16)))
     material = with_roughness(tiny_material, roughness)
     both = joined(tiny_stage, pixels, material, light, 128, REPEATS)[:, :, parts].mean(-1)  # channels share their samples
     one = alone(technique, tiny_stage, pixels, material, light, 256)[:, :, parts].mean(-1)
@@ -114,7 +113,7 @@ def test_error_falls_as_the_root_of_the_samples(
     The error is that against the mean of as many other estimates, so that an estimator that is biased by what it sees few
     of would flatten out. Over ten seeds the slope is -0.493 +- 0.006 (soft) and -0.490 +- 0.005 (sun; a standard deviation each).
     """
-    light = Light.of(soft_light if light_name == "soft" else tiny_sun)
+    light = SampledLight.of(soft_light if light_name == "soft" else tiny_sun)
     groups = 1024
     drawn = joined(tiny_stage, pixels, tiny_material, light, 8, 2 * groups).sum(2)
     truth = drawn[groups:].mean(0)

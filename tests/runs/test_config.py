@@ -177,7 +177,7 @@ def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None
         "protocol.lpips.net=squeeze",
         "protocol.ssim.sigma=2",
         "protocol.samples_per_pixel=65",
-        "render.shadows=baked",
+        "render.shadows=none",
         "fit.rates.light=0.3",
     ],
 )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ia_bench.scores.predictions import Images, Predictions
+from ia_bench.scenes.images import Images
+from ia_bench.scores.predictions import Predictions
 
 HEIGHT, WIDTH = 37, 43  # larger than the SSIM window and than the smallest LPIPS image, and not square
 

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
+from ia_bench.scenes.images import Images
 from ia_bench.scores import components
 from ia_bench.scores.evaluate import albedo_scale, score, score_quick
 from ia_bench.scores.metrics import squared_error
-from ia_bench.scores.predictions import Images, Predictions
+from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import Protocol
 
 PAPER = Protocol()

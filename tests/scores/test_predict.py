@@ -10,9 +10,7 @@ import torch
 from ia_bench.common.paths import scenes_folder
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import load_scene
-from ia_bench.render.gbuffer import SurfaceInterpolator
-from ia_bench.render.rays import EmbreeRays
-from ia_bench.render.renderer import make_renderer
+from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores import components
 from ia_bench.scores.predict import Scorer
@@ -36,12 +34,10 @@ def scene() -> Scene:
 def scores(scene: Scene, albedo: float) -> Scores:
     """Of a grey object of one albedo under the true light."""
     assert scene.truth is not None
-    rays = EmbreeRays(scene.mesh)
-    surface = SurfaceInterpolator(scene.mesh, torch.device("cpu"))
-    renderer = make_renderer(scene.mesh, surface, rays, shadows="traced", bounces=0, coat="layered")
+    stage = Stage(scene.mesh, torch.device("cpu"))
     material = Material(torch.full((8, 8, 3), albedo), torch.full((8, 8, 1), 0.5))
     light = torch.from_numpy(scene.truth.lights["train"])
-    return Scorer(scene, renderer, rays, QUICK, seed=0).full(material, light)
+    return Scorer(scene, stage.renderer(), stage.rays, QUICK, seed=0).full(material, light)
 
 
 def test_a_novel_light_without_a_map_is_left_out_and_named(scene: Scene) -> None:

@@ -13,13 +13,14 @@ import trimesh
 from stability.case import Case, Measured, all_finite, deviation
 from torch import Tensor
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS, dot
 from ia_bench.material.coat import passed_by_coat
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import bake_interreflection
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Light, PixelRadiance, Renderer
+from ia_bench.render.renderer import PixelRadiance, Renderer
 from ia_bench.render.visibility import make_visibility
 from ia_bench.scenes.scene import Camera, Mesh
 
@@ -110,13 +111,13 @@ def _scene(setup: Setup, toward: float = -1.0) -> tuple[Renderer, GBuffer]:
     centre = 0.5 * setup.pixels
     camera = Camera(to_world, (focal, focal), (centre, centre), setup.pixels, setup.pixels)
     rays, surface = make_rays(mesh, CPU), SurfaceInterpolator(mesh, CPU)
-    return Renderer(surface, make_visibility(setup.shadows, mesh, surface, rays)), trace_gbuffer([camera], rays, 2, CPU)
+    return Renderer(surface, make_visibility(setup.shadows, surface, rays)), trace_gbuffer([camera], rays, 2, CPU)
 
 
 def _render(setup: Setup, material: Material | None = None, radiance: Tensor | None = None) -> PixelRadiance:
     renderer, gbuffer = _scene(setup)
     material = material or _material(setup)
-    light = Light.of(_light(setup) if radiance is None else radiance, uniform_fraction=0.2)
+    light = SampledLight.of(_light(setup) if radiance is None else radiance, uniform_fraction=0.2)
     pixels = torch.arange(len(gbuffer.pixel))
     generator = torch.Generator().manual_seed(setup.seed)
     return renderer.render_pixels(gbuffer, pixels, material, light, setup.samples, generator)
@@ -205,12 +206,12 @@ def _box(radiance: Tensor, albedo: Tensor, bounces: int) -> Tensor:
     rays, surface = make_rays(mesh, CPU), SurfaceInterpolator(mesh, CPU)
     with tempfile.TemporaryDirectory() as cache:
         operators = bake_interreflection(mesh, surface, rays, bounces, Path(cache))
-    renderer = Renderer(surface, make_visibility("traced", mesh, surface, rays), interreflection=operators)
+    renderer = Renderer(surface, make_visibility("traced", surface, rays), interreflection=operators)
     gbuffer = trace_gbuffer([camera], rays, 1, CPU)
     material = Material(albedo, torch.full((1, 1, 1), 0.5))
     generator = torch.Generator().manual_seed(0)
     pixels = torch.arange(len(gbuffer.pixel))
-    return renderer.render_pixels(gbuffer, pixels, material, Light.of(radiance), 512, generator).diffuse
+    return renderer.render_pixels(gbuffer, pixels, material, SampledLight.of(radiance), 512, generator).diffuse
 
 
 def _white_box() -> Measured:
@@ -252,7 +253,7 @@ def _nothing_seen() -> Measured:
     setup = Setup()
     renderer, gbuffer = _scene(setup, toward=1.0)
     generator = torch.Generator().manual_seed(0)
-    images = renderer.render_images(gbuffer, _material(setup), Light.of(_light(setup)), 8, generator)
+    images = renderer.render_images(gbuffer, _material(setup), SampledLight.of(_light(setup)), 8, generator)
     return Measured(float(images["radiance"].abs().max()), finite=all_finite(images["radiance"]))
 
 

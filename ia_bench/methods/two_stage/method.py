@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch, fill_unobserved, splat
 from ia_bench.methods.asking.sampling import Images, PriorSampler
@@ -25,7 +26,7 @@ from ia_bench.methods.two_stage.settings import FitSettings, check_fit, check_su
 from ia_bench.methods.two_stage.supervision import Supervision
 from ia_bench.methods.two_stage.targets import Targets, distilled_targets, make_targets
 from ia_bench.priors.contract import Prior
-from ia_bench.render.renderer import Light, PixelRadiance, samples_taken, texture_images
+from ia_bench.render.renderer import PixelRadiance, samples_taken, texture_images
 
 GUIDE_SAMPLES = 32  # per pixel, for the renders that guide stage 2 or are distilled
 FIRST_SCORE = 25  # steps; later scores follow at doubling steps
@@ -172,7 +173,7 @@ class _Run:
         )
         self.supervision.update(self.parameters["albedo"], self.step)
         material = self._material()
-        light = Light.of(torch.exp(self.parameters["log_light"]), uniform_fraction=settings.light_uniform)
+        light = SampledLight.of(torch.exp(self.parameters["log_light"]), uniform_fraction=settings.light_uniform)
         target = self.images[pixels]
         if settings.image_loss == "l1":
             rendered = self._render(pixels, material, light, self.problem.plan.samples)
@@ -212,7 +213,7 @@ class _Run:
         textures = (self.parameters.get(name) for name in ("albedo", "roughness", "metallic"))
         return Material(*(t.detach() if detached and t is not None else t for t in textures))  # type: ignore[arg-type]
 
-    def _render(self, pixels: Tensor, material: Material, light: Light, samples: int) -> PixelRadiance:
+    def _render(self, pixels: Tensor, material: Material, light: SampledLight, samples: int) -> PixelRadiance:
         return self.problem.renderer.render_pixels(self.problem.gbuffer, pixels, material, light, samples, self.generator)
 
     def _smoothness(self, pixels: Tensor, frozen: list[str]) -> Tensor:
@@ -254,7 +255,7 @@ class _Run:
         pixels = torch.randint(len(gbuffer.pixel), (count,), generator=self.generator, device=gbuffer.pixel.device)
         with torch.no_grad():
             material = self._material()
-            ones = Light.of(torch.ones_like(self.parameters["log_light"]))
+            ones = SampledLight.of(torch.ones_like(self.parameters["log_light"]))
             rendered = self._render(pixels, material, ones, self.problem.plan.samples)
             self.guard.check_loss(rendered.radiance.sum(), pixels, {"the first render's radiance": rendered.radiance})
             mean = self.images.mean(0).clamp_min(1e-8)
@@ -263,7 +264,7 @@ class _Run:
     def _renders(self, views: tuple[int, ...], components: frozenset[str]) -> Images:
         """Current renders (V, H, W, 3) of ``components``, of some views; on the CPU, where a prior is asked."""
         material = self._material(detached=True)
-        light = Light.of(torch.exp(self.parameters["log_light"].detach()))
+        light = SampledLight.of(torch.exp(self.parameters["log_light"].detach()))
         renderer, (part, _) = self.problem.renderer, restrict(self.problem.gbuffer, views)
         if components == {"albedo"}:  # no light, no samples
             return {"albedo": texture_images(renderer.surface, part, material.albedo).cpu()}

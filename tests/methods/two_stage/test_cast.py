@@ -11,13 +11,13 @@ from small_fit import Record, fit
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.cast import MAX_WHITE, CastStep
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
-from ia_bench.render.renderer import Light, texture_images
+from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene
 
 OBSERVED = torch.ones(16, 16, dtype=torch.bool)
@@ -125,7 +125,7 @@ def test_a_fit_gets_the_level_of_the_albedo_right(problem: Problem, scene: Scene
     """Images of our own renderer, so that nothing but the start is wrong: no alignment, no prior, a coloured light."""
     assert scene.truth is not None
     truth = Material(torch.from_numpy(scene.truth.albedo).float(), torch.from_numpy(scene.truth.roughness).float()[..., None])
-    light = Light.of(torch.from_numpy(resize_light(scene.truth.lights["sunset"], 16)))
+    light = SampledLight.of(torch.from_numpy(resize_light(scene.truth.lights["sunset"], 16)))
     images = problem.renderer.render_images(problem.gbuffer, truth, light, 256, torch.Generator().manual_seed(1))
     coverage = problem.gbuffer.coverage().numpy()
     views = tuple(

@@ -14,12 +14,13 @@ from means import assert_same_mean
 from small_fit import Record, fit
 from torch import Tensor
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.renderer import Light, PixelRadiance, Renderer
+from ia_bench.render.renderer import PixelRadiance, Renderer
 
 pytestmark = pytest.mark.verify
 
@@ -34,7 +35,7 @@ class NoisyRenderer(Renderer):
         gbuffer: GBuffer,
         pixels: Tensor,
         material: Material,
-        light: Light,
+        light: SampledLight,
         samples: int,
         generator: torch.Generator,
         **_: object,

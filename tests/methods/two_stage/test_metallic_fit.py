@@ -8,12 +8,11 @@ import pytest
 import torch
 from small_fit import Record, fit, make_problem, same
 
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.none import NoPrior
-from ia_bench.render.renderer import Light
 from ia_bench.scenes.scene import Scene
 
 SETTINGS = FitSettings(stage1_steps=150, stage2_steps=50, pixels=1024, roughness_start=0.1, checkpoint_seconds=1e9)
@@ -29,7 +28,7 @@ def half_metal(tiny: Scene) -> tuple[Problem, Material]:
     metallic[:, : albedo.shape[1] // 2] = 1
     albedo = torch.where(metallic > 0, torch.tensor([0.9, 0.6, 0.25]), albedo)
     material = Material(albedo, torch.full((4, 4, 1), 0.3), metallic)
-    light = Light.of(torch.from_numpy(resize_light(tiny.truth.lights["studio"], 16)))
+    light = SampledLight.of(torch.from_numpy(resize_light(tiny.truth.lights["studio"], 16)))
     images = problem.renderer.render_images(problem.gbuffer, material, light, 256, torch.Generator().manual_seed(1))
     views = tuple(
         replace(view, image=image, mask=mask)

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.methods.contract import Fit, Problem
 from ia_bench.methods.plan import make_plan
 from ia_bench.methods.two_stage.method import FIRST_SCORE
@@ -28,7 +28,7 @@ from ia_bench.methods.two_stage.settings import FitSettings, LossWeights, Superv
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render import renderer as renderer_module
-from ia_bench.render.renderer import Light, texture_images
+from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
@@ -266,7 +266,7 @@ def test_the_start_explains_the_mean_image(problem: Problem, record: Record) -> 
     found = fit(problem, NoPrior(), replace(SETTINGS, stage1_steps=0, stage2_steps=0), record)
     assert torch.equal(found.light, found.light[:1, :1].expand(16, 32, 3))
     generator = torch.Generator().manual_seed(0)
-    images = problem.renderer.render_images(problem.gbuffer, found.material, Light.of(found.light), 32, generator)
+    images = problem.renderer.render_images(problem.gbuffer, found.material, SampledLight.of(found.light), 32, generator)
     mean = np.stack([view.image for view in problem.scene.train]).mean((0, 1, 2))
     np.testing.assert_allclose(images["radiance"].numpy().mean((0, 1, 2)), mean, rtol=0.03)
     albedo, light = found.material.albedo[0, 0].numpy(), found.light[0, 0].numpy()

@@ -1,0 +1,173 @@
+"""What a method recovered, as everything after it sees it: pictures of maps, renders, and assets where there are some."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.light.environment import Environment, LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
+from ia_bench.render.gbuffer import GBuffer
+from ia_bench.render.renderer import texture_images
+from ia_bench.render.stage import Stage
+from ia_bench.scenes.images import Images
+from ia_bench.scenes.scene import Camera, Mesh
+
+REFERENCE = "ia_bench reference"
+BOUNCES = 4  # reflections between the parts of the object that the reference renderer follows; what is left is below 1 %
+LIGHT_ROWS = 128  # of the map by which it takes an environment that is no map
+
+
+@dataclass(frozen=True)
+class Assets:
+    """Textures and light that any renderer can take: numpy arrays, linear.
+
+    Attributes:
+        mesh: The triangles, with the texture coordinates that the textures belong to.
+        albedo: (T, T, 3) in [0, 1].
+        roughness: (T, T), perceptual.
+        metallic: (T, T), None for a dielectric.
+        light: (H, W, 3) lat-long radiance, None where no light was recovered.
+    """
+
+    mesh: Mesh
+    albedo: np.ndarray
+    roughness: np.ndarray
+    metallic: np.ndarray | None = None
+    light: np.ndarray | None = None
+
+
+@runtime_checkable
+class Reconstruction(Protocol):
+    """What a method recovered of an object: all that a score, a picture or an export of it is made from.
+
+    Attributes:
+        renderer: The name of what draws it, for example "split sum"; :data:`REFERENCE` is the one that every method is compared by.
+        environment: The light that was recovered, None where there is none.
+    """
+
+    renderer: str
+    environment: Environment | None
+
+    def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
+        """Linear pictures of "albedo" (H, W, 3), "roughness" (H, W) and "metallic" (H, W); what was not recovered is left out.
+
+        ``points``: along a side of a pixel, whose mean is the pixel.
+        """
+        ...
+
+    def render(
+        self,
+        cameras: Sequence[Camera],
+        *,
+        light: Environment | None,
+        albedo_scale: Tensor | None,
+        points: int,
+        samples: int,
+        seed: int,
+    ) -> Images | None:
+        """Linear radiance of every view; None where the method cannot render that.
+
+        Args:
+            cameras: The views; they may differ in size.
+            light: The light to render under, None for the recovered one.
+            albedo_scale: (3,) factors of the linear albedo, None for the albedo as it was recovered.
+            points: Along a side of a pixel.
+            samples: Directions a pixel, for a renderer that draws any.
+            seed: Of everything random in it.
+        """
+        ...
+
+    def assets(self) -> Assets | None:
+        """Textures and light as files hold them; None for what is no texture."""
+        ...
+
+
+class TexturedReconstruction:
+    """Textures over a mesh and a lat-long light, drawn by the reference renderer whatever renderer they were fitted with.
+
+    The reference renderer traces every shadow, follows :data:`BOUNCES` reflections and lays the coat over the diffuse lobe.
+    With ``coat`` "added", the paper's sum of both lobes, it is another renderer and goes by another name.
+    """
+
+    def __init__(self, stage: Stage, material: Material, light: Tensor | None, *, coat: str = "layered") -> None:
+        """``light`` (H, W, 3) radiance, None where none was recovered; all tensors on the stage's device."""
+        self.material = material
+        self.environment = None if light is None else LatLongEnvironment(light)
+        self.renderer = REFERENCE if coat == "layered" else f"{REFERENCE}, coat {coat}"
+        self._stage, self._coat = stage, coat
+
+    @classmethod
+    def of(cls, assets: Assets, stage: Stage) -> TexturedReconstruction:
+        """What assets hold, on a stage of their mesh."""
+
+        def texture(image: np.ndarray) -> Tensor:
+            return torch.from_numpy(np.atleast_3d(image)).float().to(stage.device)
+
+        metallic = None if assets.metallic is None else texture(assets.metallic)
+        light = None if assets.light is None else texture(assets.light)
+        return cls(stage, Material(texture(assets.albedo), texture(assets.roughness), metallic), light)
+
+    def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
+        """See :meth:`Reconstruction.maps`."""
+        found = {name: texture for name in names if (texture := getattr(self.material, name)) is not None}
+        pictures: dict[str, list[np.ndarray]] = {name: [] for name in found}
+        coverage: list[np.ndarray] = []
+        for gbuffer in self._stage.gbuffers(cameras, points):
+            coverage += _arrays(gbuffer.coverage())
+            for name, texture in found.items():
+                images = texture_images(self._stage.surface, gbuffer, texture)
+                pictures[name] += _arrays(images if images.shape[-1] == 3 else images[..., 0])
+        return {name: Images(tuple(images), tuple(coverage)) for name, images in pictures.items()}
+
+    def render(
+        self,
+        cameras: Sequence[Camera],
+        *,
+        light: Environment | None,
+        albedo_scale: Tensor | None,
+        points: int,
+        samples: int,
+        seed: int,
+    ) -> Images | None:
+        """See :meth:`Reconstruction.render`."""
+        chosen = self.environment if light is None else light
+        if chosen is None:
+            return None
+        material, device = self.material, self._stage.device
+        if albedo_scale is not None:
+            material = replace(material, albedo=material.albedo * albedo_scale.to(material.albedo))
+        texels = chosen.texels if isinstance(chosen, LatLongEnvironment) else chosen.latlong(LIGHT_ROWS)
+        sampled = SampledLight.of(texels.to(device))
+        renderer = self._stage.renderer(shadows="traced", bounces=BOUNCES, coat=self._coat)
+        generator = torch.Generator(device=device).manual_seed(seed)
+
+        def radiance(gbuffer: GBuffer) -> Tensor:
+            return renderer.render_images(gbuffer, material, sampled, samples, generator)["radiance"]
+
+        images, coverage = [], []
+        for gbuffer in self._stage.gbuffers(cameras, points):
+            images += _arrays(radiance(gbuffer))
+            coverage += _arrays(gbuffer.coverage())
+        return Images(tuple(images), tuple(coverage))
+
+    def assets(self) -> Assets:
+        """See :meth:`Reconstruction.assets`."""
+        metallic = self.material.metallic
+        return Assets(
+            mesh=self._stage.mesh,
+            albedo=self.material.albedo.cpu().numpy(),
+            roughness=self.material.roughness[..., 0].cpu().numpy(),
+            metallic=None if metallic is None else metallic[..., 0].cpu().numpy(),
+            light=None if self.environment is None else self.environment.texels.cpu().numpy(),
+        )
+
+
+def _arrays(images: Tensor) -> list[np.ndarray]:
+    return list(images.cpu().numpy())

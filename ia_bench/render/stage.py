@@ -1,0 +1,89 @@
+"""One mesh, and what it takes to render it: made when it is first asked for, and then kept."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+
+import torch
+
+from ia_bench.render.atlas import cache_folder
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.indirect import bake_interreflection
+from ia_bench.render.rays import RayCaster, make_rays
+from ia_bench.render.renderer import Renderer
+from ia_bench.render.visibility import make_visibility
+from ia_bench.scenes.scene import Camera, Mesh
+
+KEPT_BYTES = 512 * 2**20  # of G-buffers; what is more is traced again whenever it is asked for
+BATCH_POINTS = 8 * 2**20  # G-buffer points that are looked at together where memory must stay bounded: 128 MB of them
+
+
+class Stage:
+    """A mesh on a device, with its surface, rays, G-buffers and renderers. Nothing is built before it is asked for.
+
+    Attributes:
+        mesh: The triangles that everything below belongs to.
+        device: Where tensors live and rays are traced.
+    """
+
+    def __init__(self, mesh: Mesh, device: torch.device, *, notice: Callable[[str], None] = warnings.warn) -> None:
+        """``notice`` is told, in one line, when a compiler fails and shading falls back to eager."""
+        self.mesh, self.device = mesh, device
+        self._notice = notice
+        self._gbuffers: dict[bytes, GBuffer] = {}
+        self._renderers: dict[tuple[str, int, str, str], Renderer] = {}
+
+    @cached_property
+    def surface(self) -> SurfaceInterpolator:
+        """What turns a triangle and barycentrics into a point with normal and texture coordinates."""
+        return SurfaceInterpolator(self.mesh, self.device)
+
+    @cached_property
+    def rays(self) -> RayCaster:
+        """The exact ray tracer of the device."""
+        return make_rays(self.mesh, self.device)
+
+    def gbuffer(self, cameras: Sequence[Camera], side: int) -> GBuffer:
+        """What ``cameras``, all of one size, see with ``side`` x ``side`` points a pixel; kept while there is room."""
+        key = b"".join([side.to_bytes(4, "little"), *map(_key, cameras)])
+        if key in self._gbuffers:
+            return self._gbuffers[key]
+        gbuffer = trace_gbuffer(list(cameras), self.rays, side, self.device)
+        if sum(kept.size_bytes for kept in self._gbuffers.values()) + gbuffer.size_bytes <= KEPT_BYTES:
+            self._gbuffers[key] = gbuffer
+        return gbuffer
+
+    def gbuffers(self, cameras: Sequence[Camera], side: int) -> Iterator[GBuffer]:
+        """The same in batches of neighbouring cameras of one size, for any number of views of any size."""
+        first = 0
+        while first < len(cameras):
+            size = cameras[first].height, cameras[first].width
+            most = first + max(1, BATCH_POINTS // (size[0] * size[1] * side**2))
+            last = first + 1
+            while last < min(most, len(cameras)) and (cameras[last].height, cameras[last].width) == size:
+                last += 1
+            yield self.gbuffer(cameras[first:last], side)
+            first = last
+
+    def renderer(
+        self, *, shadows: str = "traced", bounces: int = 0, coat: str = "layered", shading: str = "eager"
+    ) -> Renderer:
+        """The renderer of these settings (see :class:`ia_bench.render.settings.RenderSettings`); bakes are kept in the cache.
+
+        Raises:
+            InputError: ``shadows`` is no such kind, or the mesh has no texture coordinates that indirect light could use.
+        """
+        key = (shadows, bounces, coat, shading)
+        if key not in self._renderers:
+            visibility = make_visibility(shadows, self.surface, self.rays)
+            indirect = bake_interreflection(self.mesh, self.surface, self.rays, bounces, cache_folder()) if bounces else None
+            self._renderers[key] = Renderer(
+                self.surface, visibility, interreflection=indirect, coat=coat, shading=shading, notice=self._notice
+            )
+        return self._renderers[key]
+
+
+def _key(camera: Camera) -> bytes:
+    return camera.to_world.tobytes() + repr((camera.focal, camera.centre, camera.width, camera.height)).encode()

@@ -1,0 +1,43 @@
+"""Pictures of several views: what a reconstruction answers with, and what truth is compared as."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+ROUNDING = 1e-3  # a coverage summed in float32 or stored in half precision may exceed 1 by this much
+
+
+@dataclass(frozen=True)
+class Images:
+    """One linear image per view, premultiplied by its coverage. Views may differ in size.
+
+    Attributes:
+        images: (H, W, 3), or (H, W) where there is one channel.
+        coverage: (H, W) in [0, 1], the share of each pixel that shows the object.
+
+    Raises:
+        ValueError: Counts or shapes disagree, or a coverage leaves [0, 1].
+    """
+
+    images: tuple[np.ndarray, ...]
+    coverage: tuple[np.ndarray, ...]
+
+    def __post_init__(self) -> None:
+        """Check counts, shapes and the range of coverage."""
+        if len(self.images) != len(self.coverage):
+            raise ValueError(f"expected a coverage per image, found {len(self.coverage)} for {len(self.images)} images")
+        for index, (image, coverage) in enumerate(zip(self.images, self.coverage, strict=True)):
+            if coverage.ndim != 2 or image.shape not in (coverage.shape, (*coverage.shape, 3)):
+                raise ValueError(
+                    f"view {index}: expected an image (H, W, 3) or (H, W) with coverage (H, W), "
+                    f"found {image.shape} with {coverage.shape}"
+                )
+            if not ((coverage >= 0) & (coverage <= 1 + ROUNDING)).all():
+                found = f"{coverage.min()} to {coverage.max()}"
+                raise ValueError(f"view {index}: expected coverage in [0, 1], found {found}")
+
+    def __len__(self) -> int:
+        """Return the number of views."""
+        return len(self.images)

@@ -1,0 +1,47 @@
+"""An environment against its own texels, and its maps at other heights against what they must keep: power and place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from ia_bench.light.environment import Environment, LatLongEnvironment
+from ia_bench.light.latlong import resize_light, row_solid_angles, texel_centres
+
+
+def random_map(height: int = 6, width: int = 12) -> torch.Tensor:
+    return torch.from_numpy(np.random.default_rng(0).pareto(1.0, (height, width, 3))).float()
+
+
+def power(texels: torch.Tensor) -> torch.Tensor:
+    rows = row_solid_angles(*texels.shape[:2])
+    return (texels.double() * rows[:, None, None]).sum((0, 1))
+
+
+def test_radiance_is_that_of_the_texel() -> None:
+    texels = random_map()
+    light = LatLongEnvironment(texels)
+    assert isinstance(light, Environment)
+    assert torch.equal(light.radiance(texel_centres(6, 12).reshape(-1, 3)), texels.reshape(-1, 3))
+
+
+def test_a_map_of_its_own_height_is_itself() -> None:
+    texels = random_map()
+    assert LatLongEnvironment(texels).latlong(6) is texels
+
+
+@pytest.mark.parametrize("height", [1, 2, 5, 7, 33])
+@pytest.mark.parametrize("shape", [(6, 12), (5, 7)])
+def test_any_height_keeps_power(height: int, shape: tuple[int, int]) -> None:
+    texels = random_map(*shape)
+    resized = LatLongEnvironment(texels).latlong(height)
+    assert resized.shape == (height, 2 * height, 3)
+    torch.testing.assert_close(power(resized), power(texels), rtol=1e-6, atol=0)
+
+
+def test_whole_factors_average_and_repeat() -> None:
+    texels = random_map(8, 16)
+    light = LatLongEnvironment(texels)
+    torch.testing.assert_close(light.latlong(4), torch.from_numpy(resize_light(texels.numpy(), 4)))
+    torch.testing.assert_close(light.latlong(24), texels.repeat_interleave(3, 0).repeat_interleave(3, 1))

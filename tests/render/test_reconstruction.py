@@ -1,0 +1,127 @@
+"""The usual reconstruction, textures and a lat-long light, against the renderer that it stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from shapes import camera_at, sphere
+
+from ia_bench.light.environment import Environment, LatLongEnvironment
+from ia_bench.light.latlong import SampledLight, texel_centres
+from ia_bench.material.textures import Material
+from ia_bench.render.reconstruction import BOUNCES, REFERENCE, Reconstruction, TexturedReconstruction
+from ia_bench.render.renderer import texture_images
+from ia_bench.render.stage import Stage
+
+CPU = torch.device("cpu")
+CAMERAS = [camera_at((2.0, 1.0, 1.5), pixels=9), camera_at((-2.0, 1.0, 0.5), pixels=9)]
+USUAL = {"albedo_scale": None, "points": 2, "samples": 16, "seed": 3}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Where the ball's indirect light is baked, once for all tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IA_BENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture
+def stage() -> Stage:
+    ball = sphere(2)
+    return Stage(replace(ball, uv=(0.5 + 0.5 * ball.vertices[:, :2]).astype(np.float32)), CPU)
+
+
+@pytest.fixture
+def material() -> Material:
+    draws = torch.Generator().manual_seed(0)
+    return Material(torch.rand(8, 8, 3, generator=draws), torch.rand(8, 8, 1, generator=draws).clamp_min(0.3))
+
+
+@pytest.fixture
+def light() -> torch.Tensor:
+    return torch.rand(8, 16, 3, generator=torch.Generator().manual_seed(1))
+
+
+class Sky:
+    """Brighter toward +z."""
+
+    def radiance(self, directions: torch.Tensor) -> torch.Tensor:
+        return (1 + directions[:, 2:]).expand(-1, 3)
+
+    def latlong(self, height: int) -> torch.Tensor:
+        return self.radiance(texel_centres(height, 2 * height).reshape(-1, 3)).reshape(height, 2 * height, 3)
+
+
+def test_maps_are_the_textures_as_the_cameras_see_them(stage: Stage, material: Material) -> None:
+    found = TexturedReconstruction(stage, material, None)
+    assert isinstance(found, Reconstruction)
+    maps = found.maps(CAMERAS, ("albedo", "roughness", "metallic"), points=3)
+    assert sorted(maps) == ["albedo", "roughness"]  # a dielectric has no metallic map
+    gbuffer = stage.gbuffer(CAMERAS, 3)
+    expected = texture_images(stage.surface, gbuffer, material.albedo).numpy()
+    np.testing.assert_array_equal(np.stack(maps["albedo"].images), expected)
+    np.testing.assert_array_equal(np.stack(maps["albedo"].coverage), gbuffer.coverage().numpy())
+    assert maps["roughness"].images[0].shape == (9, 9)
+
+
+def test_it_renders_as_the_reference_renderer_does(stage: Stage, material: Material, light: torch.Tensor) -> None:
+    found = TexturedReconstruction(stage, material, light)
+    assert found.renderer == REFERENCE
+    renderer = stage.renderer(shadows="traced", bounces=BOUNCES, coat="layered")
+    generator = torch.Generator().manual_seed(3)
+    expected = renderer.render_images(stage.gbuffer(CAMERAS, 2), material, SampledLight.of(light), 16, generator)["radiance"]
+    rendered = found.render(CAMERAS, light=None, **USUAL)
+    assert rendered is not None
+    np.testing.assert_array_equal(np.stack(rendered.images), expected.numpy())
+    given = found.render(CAMERAS, light=LatLongEnvironment(light), **USUAL)
+    np.testing.assert_array_equal(given.images, rendered.images)
+
+
+def test_another_coat_is_another_renderer(stage: Stage, material: Material, light: torch.Tensor) -> None:
+    added = TexturedReconstruction(stage, material, light, coat="added")
+    assert added.renderer != REFERENCE
+    layered = TexturedReconstruction(stage, material, light)
+    brighter = (one.render(CAMERAS, light=None, **USUAL).images[0].mean() for one in (added, layered))
+    assert next(brighter) > next(brighter)
+
+
+def test_albedo_is_scaled_before_it_is_lit(stage: Stage, material: Material, light: torch.Tensor) -> None:
+    scale = torch.tensor([0.5, 0.7, 0.9])
+    scaled = TexturedReconstruction(stage, replace(material, albedo=material.albedo * scale), light)
+    found = TexturedReconstruction(stage, material, light).render(CAMERAS, light=None, **{**USUAL, "albedo_scale": scale})
+    np.testing.assert_array_equal(found.images, scaled.render(CAMERAS, light=None, **USUAL).images)
+
+
+def test_without_a_light_of_its_own_it_renders_under_others_only(stage: Stage, material: Material) -> None:
+    found = TexturedReconstruction(stage, material, None)
+    assert found.environment is None
+    assert found.render(CAMERAS, light=None, **USUAL) is None
+    sky = Sky()
+    assert isinstance(sky, Environment)
+    rendered = found.render(CAMERAS, light=sky, **USUAL)
+    by_map = found.render(CAMERAS, light=LatLongEnvironment(sky.latlong(128)), **USUAL)
+    np.testing.assert_array_equal(rendered.images, by_map.images)
+
+
+def test_views_of_different_sizes(stage: Stage, material: Material, light: torch.Tensor) -> None:
+    cameras = [CAMERAS[0], camera_at((0.0, 2.0, 1.5), pixels=7)]
+    found = TexturedReconstruction(stage, material, light)
+    assert [image.shape for image in found.render(cameras, light=None, **USUAL).images] == [(9, 9, 3), (7, 7, 3)]
+    assert [image.shape for image in found.maps(cameras, ["roughness"], points=1)["roughness"].images] == [(9, 9), (7, 7)]
+
+
+def test_assets_hold_everything(stage: Stage, material: Material, light: torch.Tensor) -> None:
+    metal = replace(material, metallic=torch.full((4, 4, 1), 0.25))
+    found = TexturedReconstruction(stage, metal, light)
+    again = TexturedReconstruction.of(found.assets(), stage)
+    rendered = (one.render(CAMERAS, light=None, **USUAL).images for one in (again, found))
+    np.testing.assert_array_equal(next(rendered), next(rendered))
+    for name in ("albedo", "roughness", "metallic"):
+        assert torch.equal(getattr(again.material, name), getattr(metal, name))
+    bare = TexturedReconstruction(stage, material, None).assets()
+    assert (bare.metallic, bare.light) == (None, None)
