@@ -284,7 +284,7 @@ def test_patches_only_where_a_prior_would_reduce_the_object_too_far(
 
 
 # ---------------------------------------------------------------- the whole
-USERS = {"shadows": "none", "bounces": 1, "subsamples": 3, "texture": 96, "light_height": 48}
+USERS = {"shadows": "traced", "bounces": 1, "subsamples": 3, "texture": 96, "light_height": 48}
 
 
 @pytest.mark.parametrize("name", USERS)
