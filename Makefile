@@ -22,11 +22,11 @@ setup: $(READY) ## make .venv with the locked versions
 
 # torch goes in first and alone, so that its CPU build is taken where there is one. The rest is complete as it stands and
 # goes in without resolving: pyrender pins an older PyOpenGL than the locked one, with which it is known to work.
-$(READY): requirements.lock
+$(READY): requirements.lock baselines/pyproject.toml
 	$(PYTHON) -m venv --clear .venv
 	.venv/bin/pip install --quiet --disable-pip-version-check $$(grep '^torch==' requirements.lock)
 	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
-	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable . --editable baselines
 	touch $@
 
 table: setup ## the paper's table: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
@@ -48,7 +48,7 @@ stiffness: setup ## how stiff the shipped scenes are, and what their images conf
 	$(PY) -m benchmarks.stiffness $(or $(SCENES),$(SHIPPED) tiny) --out results/stiffness $(ARGS)
 
 work-precision: setup ## error against run time: forward and inverse (ARGS="--scene tiny --out FOLDER")
-	$(PY) -m ia_bench.checks.work_precision $(ARGS)
+	$(PY) -m benchmarks.work_precision $(ARGS)
 
 lint: setup ## ruff, mypy, import contracts
 	.venv/bin/ruff check .
@@ -72,4 +72,4 @@ $(BLENDER_READY): datasets/recipes/requirements.txt
 
 clean: ## remove caches and builds (not results, not environments)
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find ia_bench tests datasets -name __pycache__ -type d -prune -exec rm -rf {} +
+	find ia_bench baselines benchmarks tests datasets -name __pycache__ -type d -prune -exec rm -rf {} +

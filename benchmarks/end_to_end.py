@@ -21,9 +21,8 @@ from pathlib import Path
 import torch
 from stage import run_as_a_run
 
-from ia_bench.checks.mitsuba_fit import MitsubaFit
-from ia_bench.checks.precision import first_time, without_compilation
-from ia_bench.checks.problem import make_problem
+from benchmarks.work_precision.precision import first_time, without_compilation
+from benchmarks.work_precision.problem import make_problem
 from ia_bench.common.machine import environment
 from ia_bench.common.paths import scenes_folder
 from ia_bench.methods.contract import Fit, Monitor, Problem
@@ -34,6 +33,7 @@ from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.readers.native import load_scene
 from ia_bench.scores.predict import Scorer
+from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
 
 METRICS = ("aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse")
 FIRST_SCORE = 25

@@ -33,13 +33,13 @@ from phases import Phase, measure_phases
 from stage import Stage
 from torch import Tensor
 
-from ia_bench.checks.mitsuba_scene import MitsubaScene, import_mitsuba
-from ia_bench.checks.precision import Moments, efficiency, time_in_turns
+from benchmarks.work_precision.precision import Moments, efficiency, time_in_turns
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import environment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
+from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene, import_mitsuba
 
 PIXELS, SAMPLES, VIEWS, SIZE = 4096, 32, 20, 128
 LIGHT_UNIFORM = 0.2  # fit.light_uniform

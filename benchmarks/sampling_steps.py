@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from torch import Tensor
 
-from ia_bench.checks.single_view import SAMPLES, load_examples
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.diffusion.prior import DiffusionPrior
+from ia_bench.report.single_view import SAMPLES, load_examples
 from ia_bench.training.validation import aligned_psnr
 
 

@@ -19,7 +19,7 @@ from ia_bench.render.stage import Stage as GeometryStage
 from ia_bench.scenes.scene import Camera, Scene
 
 if TYPE_CHECKING:
-    from ia_bench.checks.mitsuba_scene import MitsubaScene
+    from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 
 CPU = torch.device("cpu")
 POINTS = 2  # G-buffer points along a side of a pixel, as the plan mostly chooses
@@ -54,7 +54,7 @@ class Stage:
 
     def mitsuba(self, cameras: list[Camera], threads: int, integrator: str = "direct") -> MitsubaScene:
         """The same for Mitsuba. Raises InputError where it is missing."""
-        from ia_bench.checks.mitsuba_scene import MitsubaScene
+        from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 
         return MitsubaScene(
             self.scene.mesh, cameras, self.material, self.light, integrator=integrator, threads=threads

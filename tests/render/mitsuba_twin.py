@@ -21,10 +21,10 @@ import trimesh
 from shapes import camera_at
 from stage import Stage
 
-from ia_bench.checks.mitsuba_scene import import_mitsuba
 from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.scenes.scene import Camera, Mesh
+from ia_bench_baselines.mitsuba_adam.scene import import_mitsuba
 
 FINE = 16  # Mitsuba interpolates between texels: each of ours is this many of its own along a side, so that it hardly does
 

@@ -21,10 +21,8 @@ from typing import Any
 
 import torch
 
-from ia_bench.checks.mitsuba_fit import MitsubaFit
-from ia_bench.checks.mitsuba_scene import import_mitsuba
-from ia_bench.checks.precision import without_compilation
-from ia_bench.checks.problem import make_problem
+from benchmarks.work_precision.precision import without_compilation
+from benchmarks.work_precision.problem import make_problem
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folder
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -35,6 +33,8 @@ from ia_bench.readers.native import load_scene
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import CURVE
+from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
+from ia_bench_baselines.mitsuba_adam.scene import import_mitsuba
 
 SCENE = "tiny"
 PRIORS = ("oracle", "none")

@@ -11,9 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.checks.mitsuba_scene import MitsubaScene
-from ia_bench.checks.precision import converged, log_slope, relative_rmse, time_in_turns
-from ia_bench.checks.techniques import TECHNIQUES, technique_directions, unit_points
+from benchmarks.work_precision.precision import converged, log_slope, relative_rmse, time_in_turns
+from benchmarks.work_precision.techniques import TECHNIQUES, technique_directions, unit_points
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
@@ -25,6 +24,7 @@ from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Renderer
 from ia_bench.render.visibility import TracedShadows
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
+from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 
 SAMPLES = (8, 16, 32, 64, 128, 256, 512)
 REPEATS = 4

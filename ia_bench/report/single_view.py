@@ -1,19 +1,7 @@
-"""What a prior knows from one image: its samples against the truth, the image taken as albedo, and a constant.
-
-    python -m ia_bench.checks.single_view hat ship console figurine --prior diffusion --seeds 0 1 2
-
-One Markdown row per scene (its test views) or folder of held-out training images. PSNR in dB of linear values inside the
-mask, per image, then averaged. Albedo is scaled by one factor per image that makes its mean the truth's ("..., channels":
-one per channel, which forgives a colour cast). Specular shading is not scaled, but shown at the exposure at which the
-image nearly fills a display, and clipped there; the constant is the best colour for each image, so it has seen the truth.
-± is half the range that holds the mean over seeds with 95 % confidence (Student's t).
-"""
+"""What a prior knows from one image: its samples against the truth, the image taken as albedo, and a constant."""
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,19 +9,18 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.checks.problem import make_problem
-from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, complain
 from ia_bench.common.seeds import derive_seed
 from ia_bench.methods.asking.geometry import view_geometry
-from ia_bench.priors.contract import GeometryReader
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.plan import make_plan
 from ia_bench.priors.diffusion.encoding import exposure
 from ia_bench.priors.none import NoPrior
 from ia_bench.readers.native import load_scene
-from ia_bench.report.statistics import over_seeds
+from ia_bench.render.settings import RenderSettings
+from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
-from ia_bench.runs.decomposition import make_prior
+from ia_bench.scenes.scene import Scene
 from ia_bench.training.dataset import TrainingImages
 from ia_bench.training.validation import aligned_psnr, psnr
 
@@ -80,8 +67,7 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
     )
     seen = None
     if geometry:
-        problem, _ = make_problem(replace(scene, train=views), NoPrior())
-        seen = view_geometry(problem, tuple(range(len(views))))
+        seen = _geometry(replace(scene, train=views).for_training())
     return Examples(name, images, masks, albedo, specular, seen)
 
 
@@ -110,42 +96,10 @@ def score(prior: Any, examples: Examples, *, samples: int, seed: int) -> dict[st
     return {name: float(values.mean()) for name, values in figures.items()}
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table and return the exit status."""
-    about, _, more = (__doc__ or "").partition("\n")
-    style = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(
-        prog="python -m ia_bench.checks.single_view", description=about, epilog=more, formatter_class=style, allow_abbrev=False
-    )
-    parser.add_argument("examples", nargs="+", help="shipped scenes, scene folders, or folders of held-out shards")
-    parser.add_argument("--prior", default="diffusion", help="a prior's name or module:Class (default: diffusion)")
-    parser.add_argument("--option", action="append", default=[], metavar="KEY=VALUE", help="an option of the prior")
-    parser.add_argument("--samples", type=at_least(1), default=SAMPLES, help=f"samples whose mean is scored (default: {SAMPLES})")
-    parser.add_argument("--seeds", type=at_least(0), nargs="+", default=[0], help="seeds (default: 0)")
-    parser.add_argument("--limit", type=at_least(1), help="at most this many images of each")
-    wanted = parser.parse_args(arguments)
-    try:
-        prior = make_prior(wanted.prior, wanted.option)
-        geometry = isinstance(prior, GeometryReader) and prior.reads_geometry
-        loaded = [load_examples(name, wanted.limit, geometry=geometry) for name in wanted.examples]
-        header: list[str] | None = None
-        for examples in loaded:
-            runs = [score(prior, examples, samples=wanted.samples, seed=seed) for seed in wanted.seeds]
-            if header is None:
-                header = list(runs[0])
-                print("| " + " | ".join(["images", *header]) + " |\n|" + " :--- |" * (len(header) + 1))
-            cells = [_cell([run[name] for run in runs]) for name in header]
-            print("| " + " | ".join([f"{examples.name} ({len(examples.images)})", *cells]) + " |", flush=True)
-    except InputError as error:
-        return complain(str(error))
-    return OK
-
-
-def _cell(values: list[float]) -> str:
-    estimate = over_seeds(values)
-    assert estimate is not None
-    return f"{estimate.mean:.2f}" + ("" if estimate.half_width is None else f" ± {estimate.half_width:.2f}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def _geometry(scene: Scene) -> tuple[Tensor, Tensor]:
+    """Normals and visibility of the training views, as a run gives them to a prior."""
+    stage = Stage(scene.mesh, torch.device("cpu"))
+    plan = make_plan(scene, stage.surface, stage.rays, RenderSettings(bounces=0), NoPrior(), stage.device)
+    gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
+    problem = Problem(scene, gbuffer, stage.renderer(shadows=plan.shadows), plan)
+    return view_geometry(problem, tuple(range(len(scene.train))))

@@ -6,8 +6,9 @@ import torch
 from priors.tiny_network import tiny_weights
 from training.test_dataset import shard
 
-from ia_bench.checks.single_view import load_examples, main, score
+from ia_bench.cli.single_view import main
 from ia_bench.priors.diffusion.prior import DiffusionPrior
+from ia_bench.report.single_view import load_examples, score
 from ia_bench.scores.alignment import ALIGNMENTS
 from ia_bench.training.shards import ShardInfo, shard_path, write_shard
 

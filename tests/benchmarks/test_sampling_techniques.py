@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from ia_bench.checks.forward_precision import WAYS, ForwardStage
-from ia_bench.checks.techniques import POINT_RULES, unit_points
+from benchmarks.work_precision.forward import WAYS, ForwardStage
+from benchmarks.work_precision.techniques import POINT_RULES, unit_points
 from ia_bench.light.latlong import SampledLight
 from ia_bench.render.renderer import Renderer
 

@@ -7,9 +7,11 @@ import math
 
 import numpy as np
 import pytest
+import torch
 
-from ia_bench.checks.inverse_precision import BUDGETS, SPLITS, Setting, against_default
-from ia_bench.checks.precision import (
+from benchmarks.work_precision.__main__ import main
+from benchmarks.work_precision.inverse import BUDGETS, SPLITS, Setting, against_default
+from benchmarks.work_precision.precision import (
     Moments,
     converged,
     efficiency,
@@ -20,7 +22,14 @@ from ia_bench.checks.precision import (
     without_compilation,
     write_rows,
 )
-from ia_bench.checks.work_precision import main
+
+
+@pytest.fixture(autouse=True)
+def other_tests_as_before():
+    """The command asks for deterministic algorithms, as a run does."""
+    before = torch.are_deterministic_algorithms_enabled()
+    yield
+    torch.use_deterministic_algorithms(before)
 
 
 def test_relative_rmse_is_the_root_mean_square_over_the_mean():

@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.checks.mitsuba_scene import MitsubaScene
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Fit, Problem
 from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 
 START_RAYS = 16  # camera rays a pixel of the renders that set the initial light
 

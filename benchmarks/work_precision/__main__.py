@@ -1,6 +1,6 @@
 """Error against run time, in the manner of SciML's work-precision diagrams.
 
-    python -m ia_bench.checks.work_precision [--scene tiny|hat] [--only forward|inverse] [--out FOLDER]
+    python -m benchmarks.work_precision [--scene tiny|hat] [--only forward|inverse] [--out FOLDER]
 
 *Forward*: one view with the true material and light, by every way of drawing directions, of placing points and of asking
 for shadows, at rising numbers of samples: relative RMSE over seconds. *Inverse*: whole fits of the scene ``tiny`` at several
@@ -19,7 +19,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ia_bench.checks.precision import write_rows
+from benchmarks.work_precision.precision import write_rows
 from ia_bench.common.arguments import at_least
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
@@ -31,7 +31,7 @@ PARTS = ("forward", "inverse")
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, write tables and figures, print a summary. 0; 1 where a case failed; 2 for a mistake."""
-    parser = argparse.ArgumentParser(prog="python -m ia_bench.checks.work_precision", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.work_precision", description=__doc__.splitlines()[0])
     parser.add_argument("--scene", default="hat", help="shipped scene of the forward part (default: %(default)s)")
     parser.add_argument("--only", choices=PARTS, help="one part alone")
     parser.add_argument("--threads", type=at_least(1), default=1, help="of ours and of Mitsuba (default: %(default)s)")
@@ -56,19 +56,19 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _measure_part(part: str, wanted: argparse.Namespace) -> list[str]:
     """Measure one part, write its files, and return its failures, a line each."""
-    from ia_bench.checks import precision_figures
+    from benchmarks.work_precision import figures
 
     rows: list[dict[str, Any]]
     if part == "forward":
-        from ia_bench.checks import forward_precision
+        from benchmarks.work_precision import forward
 
-        rows, summary = forward_precision.measure(wanted.scene, threads=wanted.threads, quick=wanted.quick)
-        figure = precision_figures.forward_figure(rows, summary)
+        rows, summary = forward.measure(wanted.scene, threads=wanted.threads, quick=wanted.quick)
+        figure = figures.forward_figure(rows, summary)
     else:
-        from ia_bench.checks import inverse_precision
+        from benchmarks.work_precision import inverse
 
-        rows, summary = inverse_precision.measure(threads=wanted.threads, quick=wanted.quick)
-        figure = precision_figures.inverse_figure(rows)
+        rows, summary = inverse.measure(threads=wanted.threads, quick=wanted.quick)
+        figure = figures.inverse_figure(rows)
     write_rows(wanted.out / f"{part}.csv", rows)
     with whole_file(wanted.out / f"{part}.png") as partial:
         figure.savefig(partial, dpi=90)

@@ -1,6 +1,6 @@
 """The forward check: ground truth through our renderer against Cycles, and where the gap comes from.
 
-    python -m ia_bench.checks.forward hat ship console figurine
+    python -m benchmarks.forward_check hat ship console figurine
 
 For each scene, PSNR (sRGB, inside the mask, mean over images) of our render with the true textures and the true light:
 against the full Cycles renders, with indirect light, under a coat that takes its share of the diffuse light, and without the

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.checks.forward import check_scene, main
+from benchmarks.forward_check import check_scene, main
 
 SCENES = Path(__file__).parents[2] / "datasets" / "scenes"
 

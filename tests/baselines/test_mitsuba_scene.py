@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from ia_bench.checks.forward_precision import ForwardStage
-from ia_bench.checks.mitsuba_fit import MitsubaFit
-from ia_bench.checks.mitsuba_scene import MitsubaScene, import_mitsuba
-from ia_bench.checks.problem import make_problem
+from benchmarks.work_precision.forward import ForwardStage
+from benchmarks.work_precision.problem import make_problem
 from ia_bench.common.errors import InputError
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.scenes.scene import Scene
+from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
+from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene, import_mitsuba
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,1 @@
+"""A plain loop of Mitsuba 3 and Adam."""
