@@ -1,0 +1,110 @@
+"""The documents: links and anchors resolve, what they name exists, and their lines can be reviewed.
+
+Every Markdown file of the project is a case. A document that names a file, a module, a make target or a heading of another
+document fails here when that is renamed. Reports below docs/results are written by the program; only their links are checked.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("docs", "datasets", "examples", "baselines", "ia_bench", "benchmarks")
+DOCUMENTS = [ROOT / "README.md", *sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))]
+WRITTEN = [path for path in DOCUMENTS if not path.is_relative_to(ROOT / "docs" / "results")]
+LONGEST = 160  # characters of a line; the aim is about 100
+
+LINK = re.compile(r"(?<!`)\]\(([^()\s]+)\)")
+CODE = re.compile(r"`([^`\n]+)`")
+FILE = re.compile(r"(?<![\w./*<-])[\w.-]+(?:/[\w.-]+)+\.(?:py|yaml|toml)\b")
+
+
+def name(path: Path) -> str:
+    return str(path.relative_to(ROOT) if path.is_relative_to(ROOT) else path)
+
+
+@cache
+def anchors(path: Path) -> frozenset[str]:
+    """The anchors that GitHub gives to the headings of a document."""
+    found: list[str] = []
+    for heading in re.findall(r"^#+ +(.+?) *$", without_blocks(path.read_text(encoding="utf-8")), re.MULTILINE):
+        plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading).lower()
+        slug = re.sub(r"[^\w\- ]", "", plain).replace(" ", "-")
+        found.append(slug if slug not in found else f"{slug}-{found.count(slug)}")
+    return frozenset(found)
+
+
+def without_blocks(text: str) -> str:
+    """A document without its fenced blocks of code."""
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def code_of(text: str) -> list[str]:
+    """Every span and every line of code in a document."""
+    fenced = [line for block in re.findall(r"^```.*?^```$", text, re.MULTILINE | re.DOTALL) for line in block.splitlines()]
+    prose = without_blocks(text)
+    return [*CODE.findall(prose), *fenced, *re.findall(r"^    (.+)$", prose, re.MULTILINE)]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name)
+def test_links_and_anchors_resolve(document: Path) -> None:
+    broken = []
+    for target in LINK.findall(without_blocks(document.read_text(encoding="utf-8"))):
+        if target.startswith(("http://", "https://", "mailto:")):
+            continue
+        place, _, anchor = unquote(target).partition("#")
+        linked = (document.parent / place).resolve() if place else document
+        if not linked.exists():
+            broken.append(f"{target}: no such file")
+        elif anchor and anchor not in anchors(linked):
+            broken.append(f"{target}: {name(linked)} has no such heading")
+    assert not broken, "\n".join(broken)
+
+
+@pytest.mark.parametrize("document", WRITTEN, ids=name)
+def test_files_that_are_named_exist(document: Path) -> None:
+    """As seen from the project's root, from the package, from the tests, or from the document itself."""
+    places = [ROOT, ROOT / "ia_bench", ROOT / "tests", document.parent]
+    named = {file for code in code_of(document.read_text(encoding="utf-8")) for file in FILE.findall(code)}
+    kept = {file for file in named if "results/" not in file and "NAME" not in file}  # made by a run, or to be filled in
+    missing = sorted(file for file in kept if not any((place / file).exists() for place in places))
+    assert not missing, "\n".join(missing)
+
+
+@pytest.mark.parametrize("document", WRITTEN, ids=name)
+def test_commands_that_are_named_exist(document: Path) -> None:
+    """``python -m MODULE`` of this project can be found and run, ``make TARGET`` is a target."""
+    code = code_of(document.read_text(encoding="utf-8"))
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    wrong = []
+    for line in code:
+        for module in re.findall(r"python -m ((?:ia_bench|benchmarks)[\w.]*)", line):
+            package = ROOT / module.replace(".", "/")
+            if not (package.with_suffix(".py").is_file() or (package / "__main__.py").is_file()):
+                wrong.append(f"python -m {module}")
+        wrong += [f"make {target}" for target in re.findall(r"^make ([a-z-]+)", line) if target not in targets]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("document", WRITTEN, ids=name)
+def test_lines_can_be_reviewed(document: Path) -> None:
+    """No line outside of tables and links is longer than :data:`LONGEST`."""
+    long = []
+    for number, line in enumerate(document.read_text(encoding="utf-8").splitlines(), 1):
+        shown = re.sub(r"!?\[[^]]*\]\([^)]*\)", "", line)
+        if not line.lstrip().startswith("|") and len(shown) > LONGEST:
+            long.append(f"line {number}: {len(shown)} characters")
+    assert not long, "\n".join(long)
+
+
+def test_the_check_itself_sees_a_broken_link(tmp_path: Path) -> None:
+    (tmp_path / "there.md").write_text("# One heading, `with code`\n")
+    (tmp_path / "here.md").write_text("[a](there.md#one-heading-with-code) [b](there.md#another) [c](gone.md)\n")
+    assert anchors(tmp_path / "there.md") == {"one-heading-with-code"}
+    with pytest.raises(AssertionError, match=r"another"):
+        test_links_and_anchors_resolve(tmp_path / "here.md")
