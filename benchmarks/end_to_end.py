@@ -31,7 +31,7 @@ from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.scores.predict import Scorer
 from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
 
@@ -131,7 +131,7 @@ def main() -> None:
     arguments = parser.parse_args()
     run_as_a_run(arguments.threads)
     prior: Prior = OraclePrior(components=["albedo"]) if arguments.prior == "oracle" else NoPrior()
-    scene = load_scene(scenes_folder() / arguments.scene, truth=True)
+    scene = NativeReader(scenes_folder() / arguments.scene).read(truth=True)
     problem, scorer = make_problem(scene, prior, shading="compiled")
     curves = {
         "ours": {steps: our_fit(problem, prior, scorer, steps) for steps in arguments.steps},

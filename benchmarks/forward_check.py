@@ -25,7 +25,7 @@ from ia_bench.common.exit_codes import OK, complain
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.render.atlas import cache_folder
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import bake_interreflection
@@ -53,7 +53,7 @@ class ForwardCheck:
 
 def check_scene(folder: Path, *, samples: int = SAMPLES) -> ForwardCheck:
     """Run the check on a scene folder that ships truth and direct-only renders (direct/test/*.exr)."""
-    scene = load_scene(folder, truth=True)
+    scene = NativeReader(folder).read(truth=True)
     direct = {path.stem: read_exr(path, 4)[..., :3] for path in sorted((folder / "direct" / "test").glob("*.exr"))}
     views = [view for view in scene.test if view.name in direct]
     reference = [direct[view.name] for view in views]
@@ -92,7 +92,7 @@ class _Stage:
         assert scene.truth is not None
         albedo, roughness = scene.truth.albedo, scene.truth.roughness
         if albedo is None or roughness is None:
-            raise InputError(f"{scene.folder}: the forward check needs the true textures")
+            raise InputError(f"{scene.source}: the forward check needs the true textures")
         device = torch.device("cpu")
         self._rays: RayCaster = make_rays(scene.mesh, device)
         self._surface = SurfaceInterpolator(scene.mesh, device)
@@ -118,7 +118,7 @@ class _Stage:
 
 def _specular(scene: Scene, view: View) -> np.ndarray:
     if view.specular is None:
-        raise InputError(f"{scene.folder}: test view {view.name} has no true specular shading")
+        raise InputError(f"{scene.source}: test view {view.name} has no true specular shading")
     return view.specular
 
 

@@ -41,7 +41,7 @@ from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.neighbours import find_neighbours
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Renderer
@@ -369,8 +369,8 @@ class Scored:
 
 def load(folder: Path, settings: FitSettings) -> tuple[Problem, Scorer, Fit]:
     """The problem that a run would have, how it would be scored, and where its trainer would start."""
-    scene, cpu = load_scene(folder, truth=True), torch.device("cpu")
-    blind = scene.for_training()
+    scene, cpu = NativeReader(folder).read(truth=True), torch.device("cpu")
+    blind = scene.blind()
     surface, rays = SurfaceInterpolator(scene.mesh, cpu), make_rays(scene.mesh, cpu)
     plan = make_plan(blind, surface, rays, RenderSettings(), NoPrior(), cpu)
     renderer = Renderer(surface, make_visibility(plan.shadows, surface, rays))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.render.renderer import texture_images
@@ -34,7 +34,7 @@ def recovered_albedos(runs: Sequence[Run]) -> Iterator[tuple[Run, TestViews, np.
     for name in sorted({run.scene for run in runs}):
         folder = resolve_scene_folder(SceneConfig(name=name))
         assert folder is not None
-        scene = load_scene(folder, truth=True)
+        scene = NativeReader(folder).read(truth=True)
         views = tuple(view for view in scene.test if view.albedo is not None)
         surface = SurfaceInterpolator(scene.mesh, torch.device("cpu"))
         gbuffer = trace_gbuffer([view.camera for view in views], EmbreeRays(scene.mesh), 2, torch.device("cpu"))

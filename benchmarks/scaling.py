@@ -59,7 +59,7 @@ def enlarged(scene: Scene, views: int, size: int) -> Scene:
         factor = size // view.camera.width
         image, mask = (a.repeat(factor, 0).repeat(factor, 1) for a in (view.image, view.mask))
         train.append(replace(view, camera=resized(view.camera, size), image=image, mask=mask))
-    return replace(scene, train=tuple(train), test=(), novel=()).for_training()
+    return replace(scene, train=tuple(train), test=(), novel=()).blind()
 
 
 def measure(case: dict[str, int], name: str, threads: int) -> dict[str, float]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.scene import Scene
 
 torch.set_num_threads(1)  # the arrays here are small: more threads only wait for each other
@@ -25,7 +25,7 @@ def tiny_folder() -> Path:
 @pytest.fixture(scope="session")
 def tiny() -> Scene:
     """The shipped 32 x 32 scene with its ground truth."""
-    return load_scene(TINY, truth=True)
+    return NativeReader(TINY).read(truth=True)
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from ia_bench.methods.plan import make_plan
 from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.render import stage as render
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import Renderer
@@ -50,13 +50,13 @@ class Stage:
 
         ``samples``: per pixel, the fit's by default; ``bounces`` as render.bounces. Raises InputError where the truth is missing.
         """
-        scene = load_scene(folder, truth=True)
+        scene = NativeReader(folder).read(truth=True)
         truth, cpu = scene.truth, torch.device("cpu")
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
             raise InputError(f"{folder}: stiffness is measured at the truth, and this scene ships no true textures and light")
         stage = render.Stage(scene.mesh, cpu)
         settings = RenderSettings(bounces=bounces)
-        plan = make_plan(scene.for_training(), stage.surface, stage.rays, settings, NoPrior(), cpu)
+        plan = make_plan(scene.blind(), stage.surface, stage.rays, settings, NoPrior(), cpu)
         renderer = stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat)
         gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
         albedo = _resized(torch.from_numpy(truth.albedo).float(), plan.texture)

@@ -17,7 +17,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.render.estimator import shade_directions
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
@@ -58,7 +58,7 @@ class ForwardStage:
         """Raises InputError for an unknown scene and where one has no ground truth."""
         folder = resolve_scene_folder(SceneConfig(name))
         assert folder is not None
-        scene = load_scene(folder, truth=True)
+        scene = NativeReader(folder).read(truth=True)
         if scene.truth is None or scene.truth.albedo is None or scene.truth.roughness is None:
             raise InputError(f"{name}: work-precision needs the true textures")
         self.mesh, self.camera = scene.mesh, scene.test[0].camera

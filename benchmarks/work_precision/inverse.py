@@ -29,7 +29,7 @@ from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import CURVE
@@ -123,7 +123,7 @@ def measure_one(setting: Setting, budget: int, folder: Path, threads: int) -> di
 def measure_mitsuba(kind: str, budget: int, threads: int) -> dict[str, Any]:
     """The plain loop with as many samples on the object as ``budget`` steps of the default split draw."""
     prior: Prior = OraclePrior(components=["albedo"]) if kind == "oracle" else NoPrior()
-    problem, scorer = make_problem(load_scene(scenes_folder() / SCENE, truth=True), prior)
+    problem, scorer = make_problem(NativeReader(scenes_folder() / SCENE).read(truth=True), prior)
     views = problem.scene.train
     pixels = round(len(problem.gbuffer.pixel) / len(views))
     steps = round(budget * DEFAULT[0] * DEFAULT[1] / (pixels * MITSUBA_SAMPLES))

@@ -23,7 +23,7 @@ def make_problem(scene: Scene, prior: Prior, *, shading: str = "eager") -> tuple
     holds no truth; the scorer does, and renders with its own (eager) renderer.
     """
     device = torch.device("cpu")
-    blind = scene.for_training()
+    blind = scene.blind()
     stage = Stage(scene.mesh, device)
     plan = make_plan(blind, stage.surface, stage.rays, RenderSettings(bounces=0, coat="added"), prior, device)
     gbuffer = stage.gbuffer([view.camera for view in blind.train], plan.subsamples)

@@ -66,9 +66,9 @@ def example_stack(views: int = 3) -> tuple[Stack, str]:
         folder = None
     if folder is None or not folder.is_dir():
         return painted_ball(32, 32, views), f"{views} computed views of a painted ball, 32 x 32"
-    from ia_bench.readers.native import load_scene
+    from ia_bench.readers.native import NativeReader
 
-    chosen = load_scene(folder, truth=True).train[:views]
+    chosen = NativeReader(folder).read(truth=True).train[:views]
     height, width = chosen[0].mask.shape
     return Stack(chosen), f"{views} views of scene tiny, {height} x {width}"
 

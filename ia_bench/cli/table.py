@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, INTERRUPTED, MISTAKE, OK
 from ia_bench.common.progress import Progress
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import NATIVE_READER, resolve_scene_folder, slug
+from ia_bench.runs.config import resolve_scene_folder, slug
 from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import jobs_and_threads, run_cells
 from ia_bench.runs.table import Cell, Request, load_table, make_cells
@@ -98,7 +98,7 @@ def make_table(request: Request) -> int:
 
 
 def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -> list[Path]:
-    """One picture per scene of the first finished cell of each of ``rows``; what has none is left out, as are scene plugins.
+    """One picture per scene of the first finished cell of each of ``rows``; what has none is left out, as are scenes of no folder.
 
     A scene that cannot be pictured (no novel light, say) is named on stderr: the table is finished without it.
     """
@@ -106,14 +106,14 @@ def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -
 
     finished: dict[tuple[str, str], Cell] = {}
     for cell in cells:
-        if finished_metrics(cell.folder, cell.config_hash) is not None and cell.config.scene.reader == NATIVE_READER:
+        if finished_metrics(cell.folder, cell.config_hash) is not None:
             finished.setdefault((cell.config.scene.name, cell.row.name), cell)
     written = []
     for scene in dict.fromkeys(cell.config.scene.name for cell in cells):
         shown = {row: finished[scene, row] for row in rows if (scene, row) in finished}
-        if shown:
-            folder = resolve_scene_folder(next(iter(shown.values())).config.scene)
-            assert folder is not None
+        config = next(iter(shown.values())).config if shown else None
+        folder = resolve_scene_folder(config.scene, config.reader) if config is not None else None
+        if folder is not None:
             picture = results / "pictures" / f"{slug(scene)}.png"
             try:
                 write_comparison({row: cell.folder for row, cell in shown.items()}, folder, picture)

@@ -8,7 +8,8 @@ from ia_bench.common import registry
 from ia_bench.common.paths import conf_folder
 
 GROUPS = {
-    "scene": "what is reconstructed (or scene.path=FOLDER, any folder in the native format)",
+    "scene": "what is reconstructed (or scene.path=FOLDER, a scene of your own)",
+    "reader": "the format of the scene's files (or module:Class)",
     "prior": "what is known of albedo and specular shading beforehand (or module:Class)",
     "method": "who reconstructs (or module:Class)",
     "preset": "how much work",
@@ -38,7 +39,7 @@ Settings
   out=FOLDER              the run's folder; otherwise runs/<scene>/<row>-<hash> below the current folder
   device=auto             auto, cpu or cuda
   threads=N               CPU threads (all by default)
-  geometry.uv=mesh        xatlas unwraps a mesh that has no texture coordinates
+  reader.options.uv=mesh  xatlas unwraps a mesh that has no texture coordinates
   fit.*, render.*         the trainer's and the renderer's settings; --cfg job lists them, and what is auto there is
                           decided by the plan, from measurements of the scene
   protocol.*              e.g. protocol.lpips.net=squeeze

@@ -1,7 +1,7 @@
-"""Priors, methods and scenes by name: built in, from entry points of other distributions, or as ``"module:Class"``.
+"""Priors, methods and readers of scenes by name: built in, from entry points of other distributions, or as ``"module:Class"``.
 
 A built-in plugin is one YAML file of ``conf/<group>/`` with a ``target``. Another distribution adds one with an entry
-point in the group ``ia_bench.priors``, ``ia_bench.methods`` or ``ia_bench.scenes``:
+point in the group ``ia_bench.priors``, ``ia_bench.methods`` or ``ia_bench.readers``:
 
     [project.entry-points."ia_bench.priors"]
     my_prior = "my_package.prior:MyPrior"
@@ -23,14 +23,13 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
-import yaml
-
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.suggestions import unknown
 from ia_bench.common.typed import fits, named
 
-Kind = Literal["prior", "method", "scene"]
+Kind = Literal["prior", "method", "reader"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 BUILT_IN = "ia_bench"
 
@@ -77,9 +76,9 @@ def built_in(kind: Kind) -> Mapping[str, Plugin]:
     """Plugins that have a YAML file with a ``target`` in the configuration group of that kind, by name."""
     found = {}
     for path in sorted((conf_folder() / kind).glob("*.yaml")):
-        settings = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
-        if settings.get("target"):
-            found[path.stem] = Plugin(kind, path.stem, settings["target"], BUILT_IN)
+        target = read_yaml(path).get("target")
+        if target:
+            found[path.stem] = Plugin(kind, path.stem, str(target), BUILT_IN)
     return found
 
 
@@ -138,8 +137,8 @@ def load_installed(kind: Kind) -> tuple[dict[str, Any], list[BrokenPlugin]]:
     return working, broken
 
 
-def create(kind: Kind, name: str, target: str, options: Mapping[str, Any]) -> Any:  # noqa: ANN401 (as load)
-    """Import ``target`` and call it with ``options`` as keyword arguments.
+def create(kind: Kind, name: str, target: str, options: Mapping[str, Any], *given: Any) -> Any:  # noqa: ANN401 (as load)
+    """Import ``target`` and call it with what is ``given``, and ``options`` as keyword arguments.
 
     Raises InputError for a plugin that cannot be imported, for an option that its signature does not have or that lacks a
     value, naming the closest option, and for a value that its annotation does not take. An exception raised inside the call
@@ -148,8 +147,8 @@ def create(kind: Kind, name: str, target: str, options: Mapping[str, Any]) -> An
     known = {**built_in(kind), **installed(kind)}
     distribution = known[name].distribution if name in known and known[name].target == target else "the command line"
     factory = load(Plugin(kind, name, target, distribution))
-    _check_options(kind, name, factory, options)
-    return factory(**options)
+    _check_options(kind, name, factory, options, len(given))
+    return factory(*given, **options)
 
 
 def _try_load(plugin: Plugin) -> Any:  # noqa: ANN401 (as load)
@@ -166,8 +165,8 @@ def _try_load(plugin: Plugin) -> Any:  # noqa: ANN401 (as load)
     return found
 
 
-def _check_options(kind: Kind, name: str, factory: Any, options: Mapping[str, Any]) -> None:  # noqa: ANN401 (as load)
-    parameters = inspect.signature(factory).parameters.values()
+def _check_options(kind: Kind, name: str, factory: Any, options: Mapping[str, Any], given: int) -> None:  # noqa: ANN401 (as load)
+    parameters = list(inspect.signature(factory).parameters.values())[given:]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return
     known = {p.name: p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}

@@ -47,11 +47,11 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     if uv == "xatlas":
         return _unwrap(vertices, faces, normals), (*notes, f"{path.name}: UV made by xatlas")
     if texture_uv is None:
-        raise InputError(f"{path}: the mesh has no UV; add them, or run with geometry.uv=xatlas")
+        raise InputError(f"{path}: the mesh has no UV; add them, or run with reader.options.uv=xatlas")
     texture_uv = np.asarray(texture_uv, np.float64)[used]
     low, high = texture_uv.min(), texture_uv.max()
     if not np.isfinite([low, high]).all() or low < -1e-6 or high > 1 + 1e-6:
-        raise InputError(f"{path}: expected UV within [0, 1], found {low:.4g} ... {high:.4g}; run with geometry.uv=xatlas")
+        raise InputError(f"{path}: expected UV within [0, 1], found {low:.4g} ... {high:.4g}; run with reader.options.uv=xatlas")
     mesh = Mesh(
         vertices=vertices.astype(np.float32),
         faces=faces.astype(np.int32),

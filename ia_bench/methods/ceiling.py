@@ -31,10 +31,10 @@ class Ceiling:
     def fit(self, problem: Problem, prior: Prior, settings: FitSettings, *, seed: int, monitor: Monitor) -> Fit:
         """Nothing is optimised. Raises InputError when the scene does not ship its truth, or has metal, which it does not tell."""
         if problem.plan.metallic:
-            raise InputError(f"method=ceiling: {problem.scene.folder}: expected no metal, which truth does not tell, found some")
+            raise InputError(f"method=ceiling: {problem.scene.source}: expected no metal, which truth does not tell, found some")
         truth = self._truth
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
-            raise InputError(f"method=ceiling: {problem.scene.folder} ships no true textures and training light")
+            raise InputError(f"method=ceiling: {problem.scene.source} ships no true textures and training light")
         device = problem.gbuffer.face.device
         albedo = torch.from_numpy(truth.albedo).float().to(device)
         roughness = torch.from_numpy(truth.roughness).float().clamp(MIN_ROUGHNESS, 1)[..., None].to(device)

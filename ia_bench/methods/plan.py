@@ -96,7 +96,7 @@ def make_plan(
     gbuffer = trace_gbuffer([view.camera for view in views], rays, 2, device)
     if not bool((gbuffer.face[:, 0] >= 0).any()):
         raise InputError(
-            f"{scene.folder}: no training camera sees the mesh: expected transform_matrix to be camera-to-world in the "
+            f"{scene.source}: no training camera sees the mesh: expected transform_matrix to be camera-to-world in the "
             "OpenGL convention (the camera looks along its -z axis, +y is up), in the units of mesh.ply"
         )
     footprint = _footprints(surface, gbuffer)

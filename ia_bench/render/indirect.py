@@ -163,7 +163,7 @@ def bake_interreflection(mesh: Mesh, surface: SurfaceInterpolator, rays: RayCast
     if len(atlas.face) == 0:
         raise InputError(
             f"render.bounces={bounces}: expected texture coordinates that cover a part of the texture, found none of "
-            f"{ATLAS_SIZE} x {ATLAS_SIZE} texels on a triangle; geometry.uv=xatlas makes some"
+            f"{ATLAS_SIZE} x {ATLAS_SIZE} texels on a triangle; reader.options.uv=xatlas makes some"
         )
     arrays = kept_bake("interreflection", mesh, (ATLAS_SIZE, SKY_ROWS), cache, lambda: _trace(atlas, surface, rays))
     to_texel, from_texel, share = (torch.from_numpy(arrays[name]) for name in ("to_texel", "from_texel", "share"))

@@ -20,11 +20,12 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.readers.native import load_scene
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.report.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
+from ia_bench.runs.config import SceneConfig
+from ia_bench.runs.scene import open_scene
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene, View
 
@@ -45,16 +46,16 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     """Write the sheet of ``runs``, run folders by the names of their columns, to the PNG file ``out``.
 
     Raises InputError for a run without results, of another scene or named as the truth or the photograph, runs that
-    unwrapped the mesh differently, and for a scene without a test view with true albedo and roughness or without a novel light.
+    read it differently, and for a scene without a test view with true albedo and roughness or without a novel light.
     """
     for name in (PHOTOGRAPH, TRUTH):
         if name in runs:
             raise InputError(f"expected another name than {name}, which is a column's already, for {runs[name]}")
     read = {name: read_run(folder, scene_folder) for name, folder in runs.items()}
-    atlases = {uv for _, uv in read.values()}
-    if len(atlases) != 1:
-        raise InputError(f"expected at least one run, all with the same geometry.uv, found {sorted(atlases) or 'none'}")
-    scene = load_scene(scene_folder, truth=True, uv=atlases.pop())
+    readers = [reader for _, reader in read.values()]
+    if not readers or any(reader != readers[0] for reader in readers):
+        raise InputError(f"expected at least one run, all with the same reader, found {readers or 'none'}")
+    scene = open_scene(SceneConfig(path=str(scene_folder)), readers[0]).read(truth=True)
     shown = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     lights = {} if scene.truth is None else scene.truth.lights
     novel = [view for view in scene.novel if view.light != "train" and view.light in lights]

@@ -18,11 +18,12 @@ from PIL import Image, ImageDraw, ImageFont
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
-from ia_bench.readers.native import load_scene
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.report.panels import exposure, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
+from ia_bench.runs.config import SceneConfig
+from ia_bench.runs.scene import open_scene
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene, View
 
@@ -42,8 +43,8 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
     """
     if views < 1:
         raise InputError(f"expected at least one view, found {views}")
-    recovered, uv = read_run(run_folder, scene_folder)
-    scene = load_scene(scene_folder, truth=True, uv=uv)
+    recovered, reader = read_run(run_folder, scene_folder)
+    scene = open_scene(SceneConfig(path=str(scene_folder)), reader).read(truth=True)
     usable = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     if not usable or scene.truth is None or "train" not in scene.truth.lights:
         raise InputError(f"{scene_folder}: expected test views with true albedo and roughness, and the training light")

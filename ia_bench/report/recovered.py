@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from types import UnionType
@@ -11,14 +10,17 @@ from typing import Any
 import torch
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json, user_path
 from ia_bench.material.textures import Material
-from ia_bench.runs.config import RunConfig, SceneConfig, identity
+from ia_bench.runs.config import ReaderConfig, content_of
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.metrics import METRICS
 from ia_bench.scenes.exr import read_exr
 
 SHOWN = ("aligned_albedo.psnr", "view_synthesis.psnr", "relighting.psnr", "roughness.mse")
 """The scores in titles and below pictures, by component and name; each may be undefined (None)."""
+
+READER = {"name": str, "target": str, "options": dict}
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,8 @@ class Recovered:
     scores: dict[str, dict[str, float | None]]
 
 
-def read_run(folder: Path, scene_folder: Path) -> tuple[Recovered, str]:
-    """The run's maps, and how the scene's mesh was unwrapped for it.
+def read_run(folder: Path, scene_folder: Path) -> tuple[Recovered, ReaderConfig]:
+    """The run's maps, and the reader of its scene.
 
     Raises InputError for a run without results, of another scene than that in ``scene_folder``, or whose files lack a key.
     """
@@ -62,8 +64,8 @@ def read_run(folder: Path, scene_folder: Path) -> tuple[Recovered, str]:
     bounces = next((entry["value"] for entry in metrics.get("plan.needed", list) if entry["what"] == "render.bounces"), 0)
     coat = config.get("config.render", dict).get("coat", "added")  # older runs had direct light and the paper's sum
     scale = torch.tensor(scales)
-    uv: str = config.get("config.geometry.uv", str)
-    return Recovered(material, light, scale, title, bounces, coat, metrics.get("metrics", dict)), uv
+    reader = ReaderConfig(*(config.get(f"config.reader.{key}", kind) for key, kind in READER.items()))
+    return Recovered(material, light, scale, title, bounces, coat, metrics.get("metrics", dict)), reader
 
 
 class _Record:
@@ -71,10 +73,7 @@ class _Record:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            self._content = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: expected a run's results ({error})") from None
+        self._content = read_json(path)
 
     def get(self, key: str, kind: type | UnionType) -> Any:  # noqa: ANN401 (a value of that kind)
         """The value of ``key``. Raises InputError where there is none, or one of another kind."""
@@ -95,7 +94,7 @@ def _words(kind: type | UnionType) -> str:
 def _check_scene(config: _Record, folder: Path) -> None:
     """A run's maps fit no other mesh, though they could be put on it: compare what decides the run's identity."""
     found = config.get("config.scene.content", str)
-    expected = identity(RunConfig(scene=SceneConfig(path=str(folder))))["scene"]["content"]
+    expected = content_of(user_path("scene.path", str(folder), folder=True))
     if found != expected:
         raise InputError(
             f"{config.path}: config.scene.content: expected {expected[:8]}, the content of {folder}, found {found[:8]}: "

@@ -16,7 +16,7 @@ from ia_bench.methods.contract import Problem
 from ia_bench.methods.plan import make_plan
 from ia_bench.priors.diffusion.encoding import exposure
 from ia_bench.priors.none import NoPrior
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
@@ -57,7 +57,7 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
         return Examples(folder.name, radiance, masks, linear["albedo"], linear["specular"], seen)
     path = resolve_scene_folder(SceneConfig(name=name, path=name if folder.is_dir() else None))
     assert path is not None
-    scene = load_scene(path, truth=True)
+    scene = NativeReader(path).read(truth=True)
     views = scene.test[:limit]
     for view in views:
         if view.albedo is None or view.specular is None:
@@ -67,7 +67,7 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
     )
     seen = None
     if geometry:
-        seen = _geometry(replace(scene, train=views).for_training())
+        seen = _geometry(replace(scene, train=views).blind())
     return Examples(name, images, masks, albedo, specular, seen)
 
 

@@ -18,7 +18,7 @@ from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.suggestions import unknown
-from ia_bench.runs.config import MethodConfig, PriorConfig, RunConfig, SceneConfig, resolved
+from ia_bench.runs.config import MethodConfig, PriorConfig, ReaderConfig, RunConfig, resolved
 
 HYDRA_VERSION = "1.3"
 CONFIG_NAME = "config"
@@ -114,9 +114,7 @@ def _named_plugins(kind: registry.Kind, overrides: Sequence[str]) -> list[regist
 
 def _node(plugin: registry.Plugin) -> DictConfig:
     """What ``conf/<kind>/<name>.yaml`` would say of a plugin; its options are checked against its signature later."""
-    if plugin.kind == "scene":
-        return OmegaConf.structured(SceneConfig(name=plugin.name, reader=plugin.target))
-    config = PriorConfig if plugin.kind == "prior" else MethodConfig
+    config: type = {"prior": PriorConfig, "method": MethodConfig, "reader": ReaderConfig}[plugin.kind]
     node = _writable(OmegaConf.structured(config(name=plugin.name, target=plugin.target)))
     OmegaConf.set_struct(node.options, False)
     return node

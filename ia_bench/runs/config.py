@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from operator import attrgetter
@@ -17,6 +17,7 @@ from omegaconf import MISSING
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import shown, user_path
 from ia_bench.common.paths import PACKAGE, scenes_folder
 from ia_bench.common.suggestions import unknown
 from ia_bench.methods.two_stage.settings import (
@@ -34,10 +35,9 @@ IDENTITY_VERSION = 3
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 
 PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
-NATIVE_READER = "ia_bench.readers.native:load_scene"
+NATIVE_READER = "ia_bench.readers.native:NativeReader"
 
 CHOICES: dict[str, tuple[str, ...]] = {
-    "geometry.uv": ("mesh", "xatlas"),
     "render.shadows": ("auto", "traced", "none"),
     "render.coat": ("layered", "added"),
     "render.shading": ("auto", "compiled", "eager"),
@@ -52,15 +52,19 @@ NUMBER_OR_AUTO = ("render.subsamples", "render.texture", "render.light_height")
 
 @dataclass
 class SceneConfig:
-    """A scene: ``path`` is its folder (None: the shipped scene ``name``), ``reader`` the function that reads it.
-
-    ``reader`` is ``"module:function"`` with the signature of :func:`ia_bench.readers.native.load_scene`; a scene plugin
-    that keeps its data elsewhere is called with the folder None.
-    """
+    """A scene: ``path`` is the folder that the reader is given, None for the shipped scene ``name``."""
 
     name: str = MISSING
     path: str | None = None
-    reader: str = NATIVE_READER
+
+
+@dataclass
+class ReaderConfig:
+    """A reader of scenes: the class ``target`` (``"module:Class"``) called with the scene's folder and ``options``."""
+
+    name: str = "native"
+    target: str = NATIVE_READER
+    options: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -83,13 +87,6 @@ class MethodConfig:
 
 
 @dataclass
-class GeometryConfig:
-    """``uv``: "mesh" keeps the mesh's own texture coordinates, "xatlas" unwraps a mesh that has none."""
-
-    uv: str = "mesh"
-
-
-@dataclass
 class RunConfig:
     """One cell of a table. ``conf/config.yaml`` composes it; every field can be overridden on the command line.
 
@@ -98,13 +95,13 @@ class RunConfig:
     """
 
     scene: SceneConfig = field(default_factory=SceneConfig)
+    reader: ReaderConfig = field(default_factory=ReaderConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
     method: MethodConfig = field(default_factory=MethodConfig)
     preset: str = MISSING
     render: RenderSettings = field(default_factory=RenderSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     protocol: dict[str, Any] = field(default_factory=dict)
-    geometry: GeometryConfig = field(default_factory=GeometryConfig)
     seed: int = 0
     device: str = "auto"
     threads: int | None = None
@@ -147,14 +144,17 @@ def resolved(config: RunConfig) -> RunConfig:
         raise InputError(f"seed: expected 0 to 2^63 - 1, found {config.seed}")
     _check_options(config.prior.options)
     _check_finite("method.options", config.method.options)
+    _check_finite("reader.options", config.reader.options)
     try:
         Protocol.from_config(config.protocol)
     except ValueError as error:
         raise InputError(str(error)) from None
     scene = config.scene
     if scene.path is not None:
-        folder = Path(scene.path).expanduser().resolve()
+        folder = user_path("scene.path", scene.path, folder=True)
         scene = replace(scene, name=folder.name, path=str(folder))
+    elif config.reader.target != NATIVE_READER:  # which reads something else than the shipped scene of that name
+        scene = replace(scene, name=config.reader.name)
     threads = config.threads or len(os.sched_getaffinity(0))
     return replace(config, scene=scene, threads=threads, device=_device(config.device))
 
@@ -179,17 +179,14 @@ def _check_finite(key: str, value: Any) -> None:  # noqa: ANN401 (an option, wha
         raise InputError(f"{key}: expected a finite number, found {value}")
 
 
-def resolve_scene_folder(scene: SceneConfig) -> Path | None:
-    """Folder of the scene's files, None for a scene plugin that was given no ``scene.path``.
+def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None) -> Path | None:
+    """Folder of the scene's files, None for another ``reader`` than the native one that was given no ``scene.path``.
 
     Raises InputError naming the closest scene, or the two ways to say where scenes are.
     """
     if scene.path is not None:
-        folder = Path(scene.path)
-        if not folder.is_dir():
-            raise InputError(f"scene.path={folder}: no such folder")
-        return folder
-    if scene.reader != NATIVE_READER:
+        return user_path("scene.path", scene.path, folder=True)
+    if reader is not None and reader.target != NATIVE_READER:
         return None
     root = scenes_folder()
     if not (root / scene.name).is_dir():
@@ -197,19 +194,13 @@ def resolve_scene_folder(scene: SceneConfig) -> Path | None:
     return root / scene.name
 
 
-def scene_reader(scene: SceneConfig) -> Callable[..., Any]:
-    """The function that reads the scene, called as ``reader(folder, truth=..., uv=...)``."""
-    reader: Callable[..., Any] = registry.load(registry.Plugin("scene", scene.name, scene.reader, registry.BUILT_IN))
-    return reader
-
-
 def identity(config: RunConfig) -> dict[str, Any]:
     """Everything that decides the numbers of a resolved run, as JSON types.
 
     Left out: where results go, the row's label, the preset's name (its values are in), how often checkpoints are
     written, whether samples are kept, and where files lie. Instead of the path of the scene, or of a prior's weights, there
-    is a hash of the content; the weights of the package count for every prior that takes some. Priors and methods of other
-    distributions, or of the command line, count with their code (:func:`ia_bench.common.registry.foreign_code`).
+    is a hash of the content; the weights of the package count for every prior that takes some. Priors, methods and readers of
+    other distributions, or of the command line, count with their code (:func:`ia_bench.common.registry.foreign_code`).
     """
     content = asdict(config)
     for label in ("out", "row", "preset"):
@@ -220,16 +211,18 @@ def identity(config: RunConfig) -> dict[str, Any]:
     options = config.prior.options
     weights = (options.get("of_options") or {}).get("weights") if "of_options" in options else options.get("weights", "none")
     if weights is None:
-        content["prior"]["packaged_weights"] = _file_content(PACKAGED_WEIGHTS)
+        content["prior"]["packaged_weights"] = content_of(PACKAGED_WEIGHTS)
     foreign = {
         "prior": registry.foreign_code("prior", config.prior.name, config.prior.target),
         "prior.options.of": registry.foreign_code("prior", options["of"]) if isinstance(options.get("of"), str) else None,
         "method": registry.foreign_code("method", config.method.name, config.method.target),
+        "reader": registry.foreign_code("reader", config.reader.name, config.reader.target),
     }
     if any(foreign.values()):
         content["foreign_code"] = {key: code for key, code in foreign.items() if code is not None}
-    content["scene"]["path"] = None
-    content["scene"]["content"] = _scene_content(config.scene)
+    content["reader"]["options"] = {key: _without_paths(key, value) for key, value in config.reader.options.items()}
+    folder = resolve_scene_folder(config.scene, config.reader)
+    content["scene"] = {"name": config.scene.name, "content": None if folder is None else content_of(folder)}
     protocol = Protocol.from_config(config.protocol).describe()
     protocol["lpips"]["weights"] = _without_paths("weights", protocol["lpips"]["weights"])
     content["protocol"] = protocol
@@ -282,14 +275,17 @@ def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (a prior's opti
     if isinstance(value, dict):
         return {inner: _without_paths(inner, part) for inner, part in value.items()}
     if isinstance(value, str) and (key == "weights" or os.sep in value) and Path(value).expanduser().exists():
-        return f"content {_file_content(Path(value).expanduser().resolve())}"
+        return f"content {content_of(Path(value).expanduser().resolve())}"
     return value
 
 
-def _file_content(path: Path) -> str:
+def content_of(path: Path) -> str:
     """SHA-256 (hex) over the names and bytes of a file, or of all files of a folder but its documents (a card decides nothing)."""
-    files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file() and part.suffix != ".md")
-    return _hash_files(path, tuple((file, file.stat().st_size, file.stat().st_mtime_ns) for file in files))
+    try:
+        files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file() and part.suffix != ".md")
+        return _hash_files(path, tuple((file, file.stat().st_size, file.stat().st_mtime_ns) for file in files))
+    except OSError as error:
+        raise InputError(f"{shown(error.filename or path)}: expected a file that can be read, found: {error.strerror}") from None
 
 
 @cache
@@ -302,12 +298,3 @@ def _hash_files(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str:
             while block := opened.read(1 << 20):
                 digest.update(block)
     return digest.hexdigest()
-
-
-def _scene_content(scene: SceneConfig) -> str:
-    """Hash of the names and bytes of a scene's files; the distribution of a scene plugin."""
-    folder = resolve_scene_folder(scene)
-    if folder is None:
-        plugin = registry.installed("scene").get(scene.name)
-        return plugin.distribution if plugin else scene.reader
-    return _file_content(folder)

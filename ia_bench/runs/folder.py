@@ -198,7 +198,8 @@ class RunFolder:
         without an entry in ``reasons``.
         """
         if metrics.get("status") == "ok":
-            metrics = {**metrics, "files": {name: digest_of(self.path / name) for name in sorted(self._written - {CONFIG, METRICS})}}
+            files = sorted(self._written - {CONFIG, METRICS})
+            metrics = {**metrics, "files": {name: digest_of(self.path / name) for name in files}}
         check_metrics(metrics)
         if metrics["config_hash"] != self.config_hash:
             raise RecordError(f"config_hash: expected {self.config_hash}, found {metrics['config_hash']}")

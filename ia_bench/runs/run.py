@@ -25,9 +25,10 @@ from ia_bench.render.rays import RayCaster
 from ia_bench.render.renderer import choose_shading, texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.runs.assets import write_assets
-from ia_bench.runs.config import RunConfig, resolve_scene_folder, scene_reader
+from ia_bench.runs.config import RunConfig
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.metrics import SCHEMA
+from ia_bench.runs.scene import open_scene
 from ia_bench.scenes.scene import Scene, View
 from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol
@@ -43,10 +44,10 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     # ---- load ------------------------------------------------------------------------------------------------
     device = torch.device(config.device)
     protocol = Protocol.from_config(config.protocol)
-    scene = scene_reader(config.scene)(resolve_scene_folder(config.scene), truth=True, uv=config.geometry.uv)
+    scene = open_scene(config.scene, config.reader).read(truth=True)
     for note in scene.notes:
         progress.note(note)
-    blind = scene.for_training()
+    blind = scene.blind()
     prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
     method = create("method", config.method.name, config.method.target, config.method.options)
     if getattr(method, "sees_truth", False):

@@ -9,9 +9,9 @@ from typing import Any
 
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
@@ -96,8 +96,8 @@ def load_table(name: str) -> Table:
     if not path.is_file():
         raise InputError(unknown("table", name, sorted(p.stem for p in path.parent.glob("*.yaml"))))
     try:
-        table = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(Table), OmegaConf.load(path)))
-    except (OmegaConfBaseException, YAMLError) as error:
+        table = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(Table), read_yaml(path)))
+    except OmegaConfBaseException as error:
         raise InputError(f"{path}: {error}") from None
     assert isinstance(table, Table)
     names = [row.name for row in table.rows]

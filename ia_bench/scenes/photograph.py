@@ -65,9 +65,9 @@ def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray,
 
 
 def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    picture = _open(path)
+    picture = open_picture(path)
     if picture.mode in HIGH_BIT_MODES:
-        grey = _grey(path, picture)
+        grey = greyscale(path, picture)
         values = np.dstack([grey, grey, grey, np.ones_like(grey)])
     else:
         values = np.asarray(picture.convert("RGBA"), np.float32) / 255
@@ -75,17 +75,18 @@ def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_mask(path: Path) -> np.ndarray:
-    picture = _open(path)
+    picture = open_picture(path)
     if "transparency" in picture.info:
         picture = picture.convert("RGBA")
     if "A" in picture.getbands():
         alpha = np.asarray(picture.getchannel("A"), np.float32) / 255
         if alpha.min() < 1:
             return alpha  # a cut-out: its shape is in its alpha
-    return _grey(path, picture)
+    return greyscale(path, picture)
 
 
-def _grey(path: Path, picture: Image.Image) -> np.ndarray:
+def greyscale(path: Path, picture: Image.Image) -> np.ndarray:
+    """A picture of :func:`open_picture` in grey, (H, W) from 0 to 1, whatever its bits. Raises InputError, naming the file."""
     if picture.mode in HIGH_BIT_MODES:  # which convert("L") would cut at 255
         white, values = HIGH_BIT_MODES[picture.mode], np.asarray(picture)
         if values.min() < 0 or values.max() > white:
@@ -94,7 +95,8 @@ def _grey(path: Path, picture: Image.Image) -> np.ndarray:
     return np.asarray(picture.convert("L"), np.float32) / 255
 
 
-def _open(path: Path) -> Image.Image:
+def open_picture(path: Path) -> Image.Image:
+    """A picture that Pillow reads, whole and upright. Raises InputError, naming the file, for what is none."""
     if not path.is_file():
         raise InputError(f"{path}: no such image")
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -68,21 +67,38 @@ class Truth:
 
 @dataclass(frozen=True)
 class Scene:
-    """A mesh and its views by split. ``truth`` is None wherever training code can reach it (see :meth:`for_training`)."""
+    """A mesh and its views by split, as a :class:`ia_bench.readers.contract.SceneReader` returns it.
+
+    Attributes:
+        name: What tables and pictures call it.
+        source: Where it was read from, in words; messages begin with it.
+        mesh: The object.
+        train: The views that a method may fit.
+        test: Held-out views, with the truth that maps are scored against.
+        novel: Views that renders are scored against, of the training light ("train") and of lights that no method has seen.
+        truth: None unless it was asked for, and in the scene that methods are given (see :meth:`blind`).
+        notes: Repairs made while reading, one line each.
+        metallic: Whether the scene's description says that parts of the object are metal.
+    """
 
     name: str
-    folder: Path
+    source: str
     mesh: Mesh
     train: tuple[View, ...]
     test: tuple[View, ...] = ()
     novel: tuple[View, ...] = ()
     truth: Truth | None = None
-    notes: tuple[str, ...] = field(default=())  # repairs made while reading, one line each
-    metallic: bool = False  # whether the scene's description says that parts of the object are metal
+    notes: tuple[str, ...] = field(default=())
+    metallic: bool = False
 
-    def for_training(self) -> Scene:
-        """The same scene with nothing but the training images, masks and cameras: no truth, no test or novel view."""
-        blind = tuple(
-            View(name=v.name, camera=v.camera, image=v.image, mask=v.mask, light=v.light) for v in self.train
+    def blind(self) -> Scene:
+        """The scene as methods and priors see it: the mesh, and the training images, masks and cameras.
+
+        All arrays are copies, and no text names a file: nothing in it leads to truth, and nothing done to it reaches the scorer.
+        """
+        mesh = Mesh(*(part.copy() for part in (self.mesh.vertices, self.mesh.faces, self.mesh.normals, self.mesh.uv)))
+        views = tuple(
+            View(v.name, replace(v.camera, to_world=v.camera.to_world.copy()), v.image.copy(), v.mask.copy(), v.light)
+            for v in self.train
         )
-        return replace(self, train=blind, test=(), novel=(), truth=None)
+        return Scene(self.name, f"scene {self.name}", mesh, views, metallic=self.metallic)

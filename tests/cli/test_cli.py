@@ -76,7 +76,8 @@ def results() -> list[dict]:
         ("protocol.lpips.nett=alex", "unknown setting 'protocol.lpips.nett'; did you mean 'protocol.lpips.net'?"),
         ("protocol.lpips.net=sqeeze", "did you mean squeeze?"),
         ("protocol=papre-v1", "unknown protocol 'papre-v1'; did you mean 'paper-v1'?"),
-        ("geometry.uv=mash", "unknown value of geometry.uv 'mash'; did you mean 'mesh'? There are: mesh, xatlas"),
+        ("reader=nativ", "unknown reader 'nativ'; did you mean 'native'?"),
+        ("reader.options.vu=mesh", "unknown setting 'reader.options.vu'; did you mean 'reader.options.uv'?"),
         ("render.texture=big", "render.texture: expected a positive whole number or auto, found big"),
         ("seed=abc", "seed: Value 'abc' of type 'str' could not be converted to Integer"),
         ("seed=-1", "seed: expected 0 to 2^63 - 1, found -1"),
@@ -85,7 +86,7 @@ def results() -> list[dict]:
         ("seed=1,2", "To sweep over it, add --multirun"),
         ("fit.pixels=[", "cannot read 'fit.pixels=['"),
         ("seed", "cannot read 'seed'"),
-        ("scene.path=nowhere", "nowhere: no such folder"),
+        ("scene.path=nowhere", "scene.path=nowhere: no such folder"),
         ("hydra/launcher=rai", "unknown hydra/launcher 'rai'"),
         ("prior=nowhere:Thing", None),  # only the run imports it
     ],

@@ -56,7 +56,7 @@ leaving = third_leaving:Thing
 absent = third_nowhere:Thing
 nameless = third_good:Nothing
 none = third_good:Good
-[ia_bench.scenes]
+[ia_bench.readers]
 blender = third_good:Good
 """
 
@@ -81,7 +81,7 @@ def test_listing_imports_nothing() -> None:
     names = registry.installed("prior")
     assert set(names) == {"good", "needy", "broken", "leaving", "absent", "nameless"}
     assert names["good"] == registry.Plugin("prior", "good", "third_good:Good", "third 1.2")
-    assert set(registry.installed("scene")) == {"blender"}
+    assert set(registry.installed("reader")) == {"blender"}
     assert not [name for name in sys.modules if name.startswith("third_")]
 
 

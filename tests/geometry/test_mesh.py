@@ -126,7 +126,7 @@ def test_drops_unreferenced_vertices_and_says_so(tmp_path: Path, ply: Ply, tiny:
 def test_uv_outside_the_unit_square(tmp_path: Path, ply: Ply, value: float, found: str) -> None:
     ply.uv[11, 0] = value
     path = ply.write(tmp_path / "mesh.ply")
-    refused(path, rf"expected UV within \[0, 1\], found .*{found}.*geometry\.uv=xatlas")
+    refused(path, rf"expected UV within \[0, 1\], found .*{found}.*reader\.options\.uv=xatlas")
     mesh, notes = load_mesh(path, uv="xatlas")
     assert notes == ("mesh.ply: UV made by xatlas",)
     assert 0 <= mesh.uv.min() < mesh.uv.max() <= 1
@@ -141,7 +141,7 @@ def test_a_mesh_without_uv_is_refused_or_unwrapped(tmp_path: Path, ply: Ply, tin
     """What xatlas makes covers a fair part of the square, overlaps nowhere, and leaves the surface where it was."""
     ply.uv = None
     path = ply.write(tmp_path / "mesh.ply")
-    refused(path, "no UV.*geometry.uv=xatlas")
+    refused(path, "no UV.*reader.options.uv=xatlas")
     mesh, notes = load_mesh(path, uv="xatlas")
     assert notes == ("mesh.ply: UV made by xatlas",)
     np.testing.assert_allclose(corners(mesh), corners(tiny.mesh), atol=1e-6)

@@ -10,20 +10,20 @@ from small_fit import Record, make_problem
 
 from ia_bench.common.paths import scenes_folder
 from ia_bench.methods.contract import Problem
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.scene import Scene
 
 
 @pytest.fixture(scope="session")
 def scene() -> Scene:
     """Scene tiny with its truth."""
-    return load_scene(scenes_folder() / "tiny", truth=True)
+    return NativeReader(scenes_folder() / "tiny").read(truth=True)
 
 
 @pytest.fixture(scope="session")
 def problem(scene: Scene) -> Problem:
     """What a method would be given of it."""
-    return make_problem(scene.for_training())
+    return make_problem(scene.blind())
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -58,7 +57,7 @@ def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
         View(str(i), camera, np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)))
         for i, camera in enumerate(cameras)
     )
-    return Scene("made-up", Path("made-up"), mesh, views)
+    return Scene("made-up", "made-up", mesh, views)
 
 
 def plan_of(mesh: Mesh, *cameras: Camera, prior: object = None, prior_views: int | str = "all", **settings: object) -> Plan:

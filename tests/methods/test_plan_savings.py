@@ -46,7 +46,7 @@ def plan_of(mesh: Mesh, cameras: list[Camera]) -> Plan:
         View(str(i), camera, np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)))
         for i, camera in enumerate(cameras)
     )
-    scene = Scene("made-up", Path("made-up"), mesh, views)
+    scene = Scene("made-up", "made-up", mesh, views)
     return make_plan(scene, SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU), RenderSettings(), NoPrior(), CPU)
 
 

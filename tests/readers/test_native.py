@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.exr import read_exr, write_exr
 from ia_bench.scenes.scene import Scene, View
 
@@ -50,7 +50,7 @@ def write_unchecked(path: Path, image: np.ndarray) -> None:
 def refused(folder: Path, *parts: str, truth: bool = False) -> None:
     """The scene is refused in one line that holds all of ``parts`` (regular expressions)."""
     with pytest.raises(InputError) as caught:
-        load_scene(folder, truth=truth)
+        NativeReader(folder).read(truth=truth)
     message = str(caught.value)
     assert "\n" not in message
     for part in parts:
@@ -95,14 +95,15 @@ def known_truth(views: tuple[View, ...]) -> list[str]:
 
 
 def test_truth_comes_only_when_asked_for(tiny: Scene, tiny_folder: Path) -> None:
-    scene = load_scene(tiny_folder)
+    scene = NativeReader(tiny_folder).read(truth=False)
     assert scene.truth is None
     assert known_truth((*scene.train, *scene.test, *scene.novel)) == []
     assert known_truth(tiny.train) != []  # so the list above can be non-empty
 
 
 def test_training_gets_nothing_but_its_images_masks_and_cameras(tiny: Scene) -> None:
-    blind = tiny.for_training()
+    blind = tiny.blind()
+    assert blind.notes == ()
     assert (blind.truth, blind.test, blind.novel) == (None, (), ())
     assert known_truth(blind.train) == []
     assert {field.name for field in fields(View)} == {*TRUTH_FIELDS, "name", "camera", "image", "mask", "light"}
@@ -113,8 +114,8 @@ def test_training_gets_nothing_but_its_images_masks_and_cameras(tiny: Scene) -> 
 def test_without_truth_its_files_are_not_even_opened(tiny_copy: Path) -> None:
     for path in (*(tiny_copy / "truth").rglob("*.*"), *(tiny_copy / "lights").iterdir()):
         path.unlink()
-    assert len(load_scene(tiny_copy).train) == 16
-    refused(tiny_copy, r"truth/train/albedo/0000\.exr: no such image", truth=True)
+    assert len(NativeReader(tiny_copy).read(truth=False).train) == 16
+    refused(tiny_copy, r"albedo_path: truth/train/albedo/0000\.exr: no such file", truth=True)
 
 
 # ---------------------------------------------------------------- scene.json and the transforms
@@ -131,7 +132,8 @@ def test_refuses_a_missing_part(tiny_copy: Path, name: str) -> None:
 def test_test_and_novel_views_are_optional(tiny_copy: Path) -> None:
     for split in ("test", "novel"):
         (tiny_copy / f"transforms_{split}.json").unlink()
-    scene = load_scene(tiny_copy)
+    edit_json(tiny_copy / "scene.json", lambda content: content.update(splits={"train": 16}))
+    scene = NativeReader(tiny_copy).read(truth=False)
     assert (len(scene.train), scene.test, scene.novel) == (16, (), ())
 
 
@@ -149,8 +151,9 @@ def test_refuses_what_is_no_json_object(tiny_copy: Path, name: str, text: str, f
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("color_space", "srgb"), ("color_space", None), ("up", "y"), ("lights", [1]), ("truth_textures", 3), ("metallic", "yes")],
-)
+    [("color_space", "srgb"), ("color_space", None), ("up", "y"), ("lights", [1]), ("truth_textures", 3), ("metallic", "yes"),
+     ("schema", 99), ("schema", "1"), ("splits", 3), ("splits", {"test": 5}), ("splits", {"validation": 4})],
+)  # fmt: skip
 def test_refuses_another_description(tiny_copy: Path, key: str, value: object) -> None:
     edit_json(tiny_copy / "scene.json", lambda content: content.update({key: value}))
     refused(tiny_copy, r"scene\.json", f"{key}: expected", truth=True)
@@ -168,10 +171,16 @@ def test_refuses_a_frame_without_its_file_path(tiny_copy: Path, value: object) -
     refused(tiny_copy, TRAIN, r"frames\[3\]", "file_path")
 
 
+def test_refuses_the_same_image_twice(tiny_copy: Path) -> None:
+    edit_frame(tiny_copy, lambda frame: frame.update(file_path="images/train/../train/0002.exr"))
+    edit_json(tiny_copy / TRAIN, lambda content: content["frames"].append(content["frames"][5]))
+    refused(tiny_copy, TRAIN, r"frames\[16\]", "every image once, found images/train/0005.exr again")
+
+
 # ---------------------------------------------------------------- images
 def test_refuses_a_missing_image(tiny_copy: Path) -> None:
     (tiny_copy / IMAGE).unlink()
-    refused(tiny_copy, re.escape(IMAGE), "no such image")
+    refused(tiny_copy, re.escape(IMAGE), "no such file")
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -241,7 +250,7 @@ def test_refuses_truth_with_nan(tiny_copy: Path) -> None:
 @pytest.mark.parametrize("name", ["albedo", "roughness"])
 def test_refuses_a_missing_truth_texture(tiny_copy: Path, name: str) -> None:
     (tiny_copy / "truth" / f"{name}.png").unlink()
-    refused(tiny_copy, rf"{name}\.png: no such texture", truth=True)
+    refused(tiny_copy, rf"{name}\.png: no such file", truth=True)
 
 
 # ---------------------------------------------------------------- cameras
@@ -265,14 +274,14 @@ def spoil(rotation: str) -> Callable[[dict[str, Any]], None]:
             frame["transform_matrix"][1].pop()
         if rotation == "text":
             frame["transform_matrix"][1][1] = "one"
-        if rotation == "nan":
-            frame["transform_matrix"][1][1] = float("nan")
+        if rotation == "beyond":
+            frame["transform_matrix"][1][1] = 10**300
 
     return change
 
 
 @pytest.mark.parametrize(
-    "rotation", ["scaled", "mirrored", "sheared", "transposed", "3 x 4", "missing", "ragged", "text", "nan"]
+    "rotation", ["scaled", "mirrored", "sheared", "transposed", "3 x 4", "missing", "ragged", "text", "beyond"]
 )
 def test_refuses_a_matrix_that_is_no_rotation(tiny_copy: Path, rotation: str) -> None:
     edit_frame(tiny_copy, spoil(rotation))
@@ -282,7 +291,7 @@ def test_refuses_a_matrix_that_is_no_rotation(tiny_copy: Path, rotation: str) ->
 @pytest.mark.parametrize(
     ("key", "value"),
     [("camera_angle_x", 0.0), ("camera_angle_x", 4.0), ("camera_angle_x", "wide"), ("fl_x", -3.0), ("fl_x", None),
-     ("cx", "middle"), ("cy", float("nan")), ("w", "32 px"), ("h", None)],
+     ("cx", "middle"), ("cy", True), ("w", "32 px"), ("h", None)],
 )  # fmt: skip
 def test_refuses_impossible_intrinsics(tiny_copy: Path, key: str, value: object) -> None:
     edit_json(tiny_copy / TRAIN, lambda content: content.update({key: value}))
@@ -296,11 +305,11 @@ def test_refuses_a_camera_without_focal_length(tiny_copy: Path) -> None:
 
 def test_intrinsics_of_the_file_and_of_a_frame(tiny_copy: Path) -> None:
     """fl_x in pixels means the same as camera_angle_x; a frame's own value wins over the file's."""
-    before = load_scene(tiny_copy).train[3].camera
+    before = NativeReader(tiny_copy).read(truth=False).train[3].camera
     assert before.centre == (16, 16)
     assert before.focal[0] == pytest.approx(16 / np.tan(0.5 * 0.6632251157578453))
     edit_frame(tiny_copy, lambda frame: frame.update(fl_x=2 * before.focal[0], cx=10.5))
-    scene = load_scene(tiny_copy)
+    scene = NativeReader(tiny_copy).read(truth=False)
     assert scene.train[3].camera.focal == pytest.approx((2 * before.focal[0],) * 2)
     assert scene.train[3].camera.centre == (10.5, 16)
     assert scene.train[2].camera.focal == pytest.approx(before.focal)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from ia_bench.common.paths import scenes_folder
-from ia_bench.readers.native import load_scene
-from ia_bench.runs.config import RunConfig, SceneConfig, identity
+from ia_bench.readers.native import NativeReader
+from ia_bench.runs.config import NATIVE_READER, content_of
 from ia_bench.scenes.exr import write_exr
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
@@ -67,7 +67,7 @@ def put_on_scene() -> Callable[[Path, Path], None]:
 
     def put(run: Path, scene: Path) -> None:
         record = json.loads((run / "config.json").read_text())
-        record["config"]["scene"] = identity(RunConfig(scene=SceneConfig(name=scene.name, path=str(scene))))["scene"]
+        record["config"]["scene"] = {"name": scene.name, "content": content_of(scene)}
         (run / "config.json").write_text(json.dumps(record))
 
     return put
@@ -76,7 +76,7 @@ def put_on_scene() -> Callable[[Path, Path], None]:
 @pytest.fixture
 def perfect_run(tmp_path: Path, scene_folder: Path, put_on_scene: Callable[[Path, Path], None]) -> Path:
     """The folder of a run that recovered everything up to the one scale that cannot be known."""
-    truth = load_scene(scene_folder, truth=True).truth
+    truth = NativeReader(scene_folder).read(truth=True).truth
     assert truth is not None
     folder = tmp_path / "run"
     write_exr(folder / "albedo.exr", truth.albedo / SCALE, half=False)
@@ -93,7 +93,7 @@ def perfect_run(tmp_path: Path, scene_folder: Path, put_on_scene: Callable[[Path
         "plan": {"needed": [{"what": "render.bounces", "value": 2}]},
         "metrics": {"aligned_albedo": psnr, "view_synthesis": psnr, "relighting": {"psnr": None}, "roughness": {"mse": 0.0}},
     }
-    config = {"geometry": {"uv": "mesh"}, "render": {"coat": "layered"}}
+    config = {"reader": {"name": "native", "target": NATIVE_READER, "options": {"uv": "mesh"}}, "render": {"coat": "layered"}}
     (folder / "metrics.json").write_text(json.dumps(metrics))
     (folder / "config.json").write_text(json.dumps({"config": config}))
     put_on_scene(folder, scene_folder)

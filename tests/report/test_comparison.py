@@ -53,7 +53,7 @@ def test_mistakes(
 ) -> None:
     out = tmp_path / "sheet.png"
     assert main([str(tmp_path / "nowhere"), "--scene", str(scene_folder), "--out", str(out)]) == 2
-    assert "nowhere/metrics.json: expected a run's results" in capsys.readouterr().err
+    assert "nowhere/metrics.json: no such file" in capsys.readouterr().err
     assert main([str(perfect_run), f"{perfect_run.name}={spoiled_run}", "--scene", str(scene_folder), "--out", str(out)]) == 2
     assert "expected different names of the runs, found run, run" in capsys.readouterr().err
     for name in ("truth", "photograph"):
@@ -62,9 +62,9 @@ def test_mistakes(
     with pytest.raises(InputError, match="expected at least one run"):
         write_comparison({}, scene_folder, out)
     config = json.loads((spoiled_run / "config.json").read_text())
-    config["config"]["geometry"]["uv"] = "xatlas"
+    config["config"]["reader"]["options"]["uv"] = "xatlas"
     (spoiled_run / "config.json").write_text(json.dumps(config))
-    with pytest.raises(InputError, match=r"the same geometry.uv, found \['mesh', 'xatlas'\]"):
+    with pytest.raises(InputError, match=r"the same reader, found .*xatlas"):
         write_comparison({"a": perfect_run, "b": spoiled_run}, scene_folder, out)
     config["config"]["scene"]["content"] = "0" * 64
     (spoiled_run / "config.json").write_text(json.dumps(config))

@@ -57,12 +57,14 @@ def test_shipped_choice_composes_and_says_how(path: Path) -> None:
     compose([*overrides, "device=cpu"])
 
 
-@pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "method")], ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "method", "reader")], ids=lambda p: p.stem)
 def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
     settings = yaml.safe_load(path.read_text())
     module, _, name = settings["target"].partition(":")
     parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters
     defaults = {key: list(p.default) if isinstance(p.default, tuple) else p.default for key, p in parameters.items()}
+    if path.parent.name == "reader":
+        assert defaults.pop("path") is inspect.Parameter.empty
     options = settings.get("options", {})
     assert options.keys() <= defaults.keys()
     if path.stem == "spoiled_oracle":  # the oracle with other dials
@@ -172,7 +174,7 @@ def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None
         "scene=ship",
         "prior=oracle",
         "method=ceiling",
-        "geometry.uv=xatlas",
+        "reader.options.uv=xatlas",
         "preset=smoke",
         "protocol.lpips.net=squeeze",
         "protocol.ssim.sigma=2",
@@ -269,7 +271,8 @@ def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, 
 
 
 @pytest.mark.parametrize(
-    "overrides", [("prior=mine:Mine",), ("method=mine:Mine",), ("prior=corrected", "prior.options.of='mine:Mine'")]
+    "overrides",
+    [("prior=mine:Mine",), ("method=mine:Mine",), ("reader=mine:Mine",), ("prior=corrected", "prior.options.of='mine:Mine'")],
 )
 def test_hash_follows_the_code_of_what_is_not_built_in(
     overrides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -313,9 +316,12 @@ def test_no_shipped_scenes_names_both_ways_out(tmp_path: Path, monkeypatch: pyte
         resolve_scene_folder(SceneConfig(name="hat"))
 
 
-def test_scene_plugin_needs_no_folder() -> None:
-    scene = SceneConfig(name="theirs", reader="their_package:read")
-    assert resolve_scene_folder(scene) is None
+def test_another_reader_needs_no_folder() -> None:
+    """Its scene is none of the shipped ones, whose name is there by default: it is called after its reader."""
+    config = compose(["device=cpu", "reader=their_package:Read"])
+    assert config.scene.name == "their_package:Read"
+    assert resolve_scene_folder(config.scene, config.reader) is None
+    assert identity(config)["scene"] == {"name": "their_package:Read", "content": None}
 
 
 def test_device_auto_is_resolved() -> None:

@@ -9,7 +9,7 @@ import torch
 
 from ia_bench.common.paths import scenes_folder
 from ia_bench.material.textures import Material
-from ia_bench.readers.native import load_scene
+from ia_bench.readers.native import NativeReader
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores import components
@@ -28,7 +28,7 @@ def no_lpips(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return load_scene(scenes_folder() / "tiny", truth=True)
+    return NativeReader(scenes_folder() / "tiny").read(truth=True)
 
 
 def scores(scene: Scene, albedo: float) -> Scores:

@@ -27,7 +27,7 @@ def problem_of(mesh: Mesh, cameras: list[Camera], side: int = 2, *, shadows: boo
     visibility = TracedShadows(rays, surface.offset) if shadows else NoShadows()
     plan = Plan(samples=8, subsamples=side, texture=64, light_height=16, shadows="traced")
     gbuffer = trace_gbuffer(cameras, rays, side, CPU)
-    return Problem(Scene("shape", None, mesh, views), gbuffer, Renderer(surface, visibility), plan)  # type: ignore[arg-type]
+    return Problem(Scene("shape", "shape", mesh, views), gbuffer, Renderer(surface, visibility), plan)  # type: ignore[arg-type]
 
 
 def test_normals_of_a_sphere() -> None:

@@ -39,7 +39,7 @@ def scene(tiny: Scene) -> Scene:
 
 @pytest.fixture(scope="module")
 def problem(scene: Scene) -> Problem:
-    return make_problem(scene.for_training())
+    return make_problem(scene.blind())
 
 
 class Noisy(OraclePrior):

@@ -34,7 +34,7 @@ def half_metal(tiny: Scene) -> tuple[Problem, Material]:
         replace(view, image=image, mask=mask)
         for view, image, mask in zip(tiny.train, images["radiance"].numpy(), problem.gbuffer.coverage().numpy(), strict=True)
     )
-    return replace(problem, scene=replace(tiny.for_training(), train=views)), material
+    return replace(problem, scene=replace(tiny.blind(), train=views)), material
 
 
 def test_metal_is_told_from_paint(half_metal: tuple[Problem, Material]) -> None:

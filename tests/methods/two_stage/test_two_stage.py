@@ -279,7 +279,7 @@ def test_the_start_explains_the_mean_image(problem: Problem, record: Record) -> 
 
 
 def test_nan_in_an_image_stops_with_the_view(scene: Scene, record: Record) -> None:
-    blind = scene.for_training()
+    blind = scene.blind()
     image = blind.train[2].image.copy()
     image[5, 6, 1] = np.nan
     spoiled = replace(blind, train=(*blind.train[:2], replace(blind.train[2], image=image), *blind.train[3:]))
@@ -319,7 +319,7 @@ def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Reco
         trap({"name": v.name, "camera": v.camera, "image": v.image, "mask": v.mask, "light": v.light}, "view")
         for v in scene.train
     )
-    told = {"name": scene.name, "folder": scene.folder, "mesh": scene.mesh, "notes": (), "metallic": scene.metallic}
+    told = {"name": scene.name, "source": scene.source, "mesh": scene.mesh, "notes": (), "metallic": scene.metallic}
     blind = trap({**told, "train": views}, "scene")
     with pytest.raises(AssertionError, match="training read view.albedo"):
         _ = views[0].albedo
@@ -331,7 +331,7 @@ def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Reco
     plan = make_plan(blind, surface, rays, RenderSettings(), NoPrior(), torch.device("cpu"))  # type: ignore[arg-type]
     assert plan.decisions
     found = fit(trapped, oracle(scene, noise=0.1), SETTINGS, record)
-    expected = fit(make_problem(scene.for_training()), oracle(scene, noise=0.1), SETTINGS, Record())
+    expected = fit(make_problem(scene.blind()), oracle(scene, noise=0.1), SETTINGS, Record())
     assert same(found, expected)
 
 
@@ -422,8 +422,8 @@ def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path) -> None:
         assert costs(folder) == (rays, points, True)
 
 
-def test_for_training_leaves_nothing_else(scene: Scene) -> None:
-    blind = scene.for_training()
+def test_blind_leaves_nothing_else(scene: Scene) -> None:
+    blind = scene.blind()
     assert (blind.truth, blind.test, blind.novel) == (None, (), ())
     assert scene.truth is not None
     assert all(view.albedo is not None for view in scene.train)
