@@ -13,7 +13,7 @@ READY := .venv/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup table test test-slow verify stability stiffness work-precision lint scenes prior-data clean
+.PHONY: help setup table report test test-slow verify stability stiffness work-precision lint scenes prior-data clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,6 +31,10 @@ $(READY): requirements.lock baselines/pyproject.toml
 
 table: setup ## the paper's table: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
 	$(PY) -m ia_bench.table $(ARGS)
+
+TABLE ?= paper
+report: setup ## the report of a table's runs again, without running (TABLE=longer_fits RUNS=FOLDER)
+	$(PY) -m ia_bench.cli.report $(or $(RUNS),results/$(TABLE)) --out results/$(TABLE) --table $(TABLE) $(ARGS)
 
 test: setup ## the fast tests
 	$(PY) -m pytest -n 2 -m "not slow" $(ARGS)

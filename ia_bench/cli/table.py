@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_table(request: Request) -> int:
     """Run every cell, write the report, print the table and where the files are."""
-    from ia_bench.report.markdown import markdown_block  # these bring in matplotlib
+    from ia_bench.cli.report import tell  # brings in pandas
     from ia_bench.report.write import write_report
 
     table = load_table(request.table)
@@ -88,10 +88,8 @@ def make_table(request: Request) -> int:
         reference=table.reference,
         claims=table.claims,
     )
-    print(f"Protocol {report.findings.results.protocol}, mean over scenes\n")
-    print(markdown_block(report.findings.results.overall))
-    print("\n".join(f"{row.name}: {row.note}" for row in table.rows if row.note))
-    print("\n" + "\n".join(str(path) for path in (*report.files, *_write_pictures(table.pictured, cells, results))))
+    tell(report, table)
+    print("\n".join(map(str, _write_pictures(table.pictured, cells, results))))
     if failed:
         print(f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why", file=sys.stderr)
     return FAULT if failed else OK

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from ia_bench.runs.metrics import SCHEMA
+from ia_bench.common.errors import InputError
+from ia_bench.runs.metrics import METRICS as METRICS_FILE
+from ia_bench.runs.metrics import RecordError, check_metrics, read_object
 from ia_bench.scores.columns import CURVE_METRICS, METRICS
+
+BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
+"""Methods that optimise nothing and bound all others, and what they are: the truth rendered, and one grey."""
 
 Cell = tuple[str, str, int]  # row, scene, seed
 
@@ -24,20 +27,24 @@ class BadRecord(ValueError):
 
 @dataclass(frozen=True)
 class Curve:
-    """Error against run time: ``stages`` (N,) names, ``steps`` (N,), ``seconds`` (N,) of optimisation without scoring.
+    """Error against run time.
 
-    ``values``: column of curve.csv -> (N,) float64, NaN where not measured.
+    Attributes:
+        phases: The method's phase at each point, (N,).
+        steps: Of optimisation, (N,).
+        seconds: Of optimisation without scoring, (N,).
+        values: Column of curve.csv -> (N,) float64, NaN where not measured.
     """
 
-    stages: tuple[str, ...]
+    phases: tuple[str, ...]
     steps: np.ndarray
     seconds: np.ndarray
     values: dict[str, np.ndarray]
 
     @property
-    def is_ceiling(self) -> bool:
-        """Whether this is no optimisation but ground truth through the renderer: a level, not a curve."""
-        return set(self.stages) == {"ceiling"}
+    def is_level(self) -> bool:
+        """Whether this is one of the bounds, which have no optimisation: a level, not a curve."""
+        return set(self.phases) <= set(BOUNDS)
 
     def measured(self, column: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Steps, seconds and values of one column where it has a finite value."""
@@ -48,9 +55,24 @@ class Curve:
 
 @dataclass(frozen=True)
 class Run:
-    """One cell of the table. ``problem`` says why it failed, None for a finished run.
+    """One cell of the table, as its folder records it.
 
-    ``metrics``: :attr:`Metric.key` -> value, None where null.
+    Attributes:
+        folder: Where it lies.
+        row: Which row of the table it belongs to.
+        scene: The scene's name.
+        seed: The seed of everything that is drawn.
+        problem: Why it failed, None for a finished run.
+        protocol: What its numbers compare under, LPIPS net included; None for a failed run.
+        metrics: :attr:`Metric.key` -> value, None where null.
+        variants: The same under other definitions, such as "aligned_albedo_linear.psnr": whatever was recorded.
+        reasons: Dotted name -> why a value is null.
+        phases: Phase -> seconds, scoring and total included.
+        seconds: Of all phases without scoring, also where a run was interrupted or samples were kept.
+        peak_memory_bytes: Of the process.
+        about: What else runs.csv has, by column: rays, network calls, commit, processor, hash.
+        sees_truth: Whether prior or method saw the ground truth.
+        curve: Error against run time, None where there is none or ``curve_problem`` says why it cannot be read.
     """
 
     folder: Path
@@ -60,27 +82,37 @@ class Run:
     problem: str | None = None
     protocol: str | None = None
     metrics: dict[str, float | None] = field(default_factory=dict)
+    variants: dict[str, float | None] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
-    seconds: float | None = None  # of all phases without scoring, also where a run was interrupted or samples were kept
+    phases: dict[str, float] = field(default_factory=dict)
+    seconds: float | None = None
     peak_memory_bytes: float | None = None
-    commit: str | None = None
-    cpu: str | None = None
+    about: dict[str, Any] = field(default_factory=dict)
     sees_truth: bool = False
     curve: Curve | None = None
     curve_problem: str | None = None
 
+    @property
+    def name(self) -> str:
+        """How messages call this run."""
+        return f"{self.row}, {self.scene}, seed {self.seed}"
+
+    def reason(self, key: str) -> str:
+        """Why the metric ``key`` is null."""
+        return self.reasons.get(key, "no reason given")
+
 
 @dataclass(frozen=True)
 class Collection:
-    """All runs found, and the folders (with the problem) that do not even say which cell they are."""
+    """All runs found, and what is no run's record (with the problem): of others, or torn."""
 
     runs: tuple[Run, ...]
     unreadable: tuple[tuple[Path, str], ...] = ()
 
 
-def find_run_folders(root: Path) -> list[Path]:
-    """Every folder below ``root`` that holds a metrics.json, sorted."""
-    return sorted(path.parent for path in root.rglob("metrics.json"))
+def find_run_folders(*roots: Path) -> list[Path]:
+    """Every folder below ``roots`` that holds a metrics.json, or the config.json of a run that has not finished, sorted."""
+    return sorted({path.parent for root in roots for name in ("metrics.json", "config.json") for path in root.rglob(name)})
 
 
 def collect(folders: Iterable[Path] | Mapping[Path, Cell]) -> Collection:
@@ -117,55 +149,54 @@ def read_run(folder: Path) -> Run:
 
     Raises :class:`BadRecord` where metrics.json is missing, no JSON, or names no row, scene and seed.
     """
-    path = folder / "metrics.json"
+    path = folder / METRICS_FILE
     try:
-        data = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except (OSError, ValueError) as error:
-        raise BadRecord(f"{path}: expected a JSON file, found: {error}") from error
-    if not isinstance(data, dict):
-        raise BadRecord(f"{path}: expected an object, found {type(data).__name__}")
-    kinds = {"row": str, "scene": str, "seed": int}
-    cell: dict[str, Any] = {key: _get(path, data, key, kind) for key, kind in kinds.items()}
+        data = read_object(path)
+    except (OSError, InputError) as error:
+        raise BadRecord(f"{path}: expected a run's record, found none ({error})") from error
+    for key, kind in {"row": str, "scene": str, "seed": int}.items():
+        if type(data.get(key)) is not kind:
+            raise BadRecord(f"{path}: {key}: expected {kind.__name__}, found {repr(data[key]) if key in data else 'nothing'}")
+    run = Run(folder, data["row"], data["scene"], data["seed"])
     try:
-        return _read_contents(folder, path, data, cell)
-    except BadRecord as problem:
-        return Run(folder, **cell, problem=str(problem))
-
-
-def _read_contents(folder: Path, path: Path, data: dict[str, Any], cell: dict[str, Any]) -> Run:
-    if data.get("schema") != SCHEMA:
-        raise BadRecord(f"{path}: schema: expected {SCHEMA}, found {data.get('schema')!r}")
-    status = _get(path, data, "status", str)
-    if status not in ("ok", "failed"):
-        raise BadRecord(f"{path}: status: expected ok or failed, found {status!r}")
-    sees_truth = _get(path, data, "sees_truth", bool) if "sees_truth" in data else False
-    if status == "failed":
-        return Run(folder, **cell, problem=str(data.get("error") or "failed, no reason given"), sees_truth=sees_truth)
-
-    groups, times = _get(path, data, "metrics", dict), _get(path, data, "time_s", dict)
-    reasons = _get(path, data, "reasons", dict) if "reasons" in data else {}
-    environment = _get(path, data, "environment", dict) if "environment" in data else {}
-    commit, cpu = (str(environment[key]) if environment.get(key) else None for key in ("commit", "cpu"))
-    metrics = {m.key: _number(path, _get(path, groups, m.component, dict), m.name, m.key) for m in METRICS}
-    phases = [_number(path, times, key, f"time_s.{key}") for key in times if key not in ("total", "score")]
+        check_metrics(data)
+        missing = [metric.component for metric in METRICS if data["status"] == "ok" and metric.component not in data["metrics"]]
+        if missing:
+            raise RecordError(f"metrics.{missing[0]}: missing")
+    except RecordError as error:
+        return replace(run, problem=f"{path}: {error}")
+    about = {"config_hash": data["config_hash"]}
+    if data["status"] == "failed":
+        return replace(run, problem=data["error"], sees_truth=bool(data.get("sees_truth")), about=about)
     try:
         curve, curve_problem = read_curve(folder / "curve.csv"), None
-    except BadRecord as problem:
-        curve, curve_problem = None, str(problem)
-    return Run(
-        folder,
-        **cell,
-        protocol=_get(path, data, "protocol", str),
-        metrics=metrics,
-        reasons={key: str(reason) for key, reason in reasons.items()},
-        seconds=sum(seconds for seconds in phases if seconds is not None) if phases else None,
-        peak_memory_bytes=_number(path, data, "peak_memory_bytes", "peak_memory_bytes"),
-        commit=commit,
-        cpu=cpu,
-        sees_truth=sees_truth,
+    except BadRecord as error:
+        curve, curve_problem = None, str(error)
+    about |= {key: data[key] for key in ("rays", "network_calls")} | {
+        key: data["environment"].get(key) for key in ("commit", "cpu")
+    }
+    about |= {f"rescored_from_{key}": value for key, value in data.get("rescored_from", {}).items()}
+    return replace(
+        run,
+        protocol=_protocol_text(data),
+        metrics={metric.key: data["metrics"][metric.component].get(metric.name) for metric in METRICS},
+        variants={f"{group}.{name}": value for group, found in data.get("variants", {}).items() for name, value in found.items()},
+        reasons=data.get("reasons", {}),
+        phases=data["time_s"],
+        seconds=sum(seconds for phase, seconds in data["time_s"].items() if phase not in ("total", "score")),
+        peak_memory_bytes=data["peak_memory_bytes"],
+        about=about,
+        sees_truth=data["sees_truth"],
         curve=curve,
         curve_problem=curve_problem,
     )
+
+
+def _protocol_text(data: Mapping[str, Any]) -> str:
+    """The protocol's label, with the LPIPS net where that does not name it."""
+    lpips = data.get("protocol_description", {}).get("lpips", {})
+    net, label = f"lpips.net={lpips.get('net', 'unknown')}", str(data["protocol"])
+    return label if "lpips.net=" in label else f"{label} ({net})"
 
 
 def read_curve(path: Path) -> Curve | None:
@@ -173,44 +204,22 @@ def read_curve(path: Path) -> Curve | None:
     if not path.is_file():
         return None
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = list(csv.DictReader(file))
-    except (OSError, ValueError, csv.Error) as error:
+        texts = pd.read_csv(path, dtype=str)
+    except (OSError, ValueError) as error:  # of pandas, its own errors are among them
         raise BadRecord(f"{path}: expected a CSV file, found: {error}") from error
+    missing = next((name for name in ("step", "seconds") if name not in texts), None)
+    if missing is not None:
+        raise BadRecord(f"{path}: expected a column {missing}, found {', '.join(texts.columns)}")
     columns = [metric.column for metric in CURVE_METRICS]
-    table: dict[str, list[float]] = {name: [] for name in ("step", "seconds", *columns)}
-    for number, line in enumerate(lines, start=2):  # line 1 is the header
-        for name, cells in table.items():
-            text = line.get(name)
-            if text is None and name not in columns:
-                raise BadRecord(f"{path}, line {number}: expected a column {name}, found {', '.join(map(str, line))}")
-            try:
-                cells.append(float(text) if text else math.nan)  # an empty cell was not measured
-            except ValueError:
-                raise BadRecord(f"{path}, line {number}, {name}: expected a number, found {text!r}") from None
-    steps, seconds = np.array(table["step"]), np.array(table["seconds"])
+    numbers = texts.reindex(columns=["step", "seconds", *columns]).apply(pd.to_numeric, errors="coerce")
+    for name in numbers:
+        wrong = texts.index[numbers[name].isna() & texts[name].notna()] if name in texts else []
+        if len(wrong):  # line 1 is the header
+            raise BadRecord(f"{path}, line {wrong[0] + 2}, {name}: expected a number, found {texts[name][wrong[0]]!r}")
+    steps, seconds = numbers["step"].to_numpy(float), numbers["seconds"].to_numpy(float)
     if not (np.isfinite(steps).all() and np.isfinite(seconds).all() and (np.diff(seconds) >= 0).all()):
         raise BadRecord(f"{path}: expected a step and rising seconds in every line")
-    if not lines:
-        return None
-    stages = tuple(line.get("stage") or "" for line in lines)
-    return Curve(stages, steps.astype(int), seconds, {name: np.array(table[name]) for name in columns})
-
-
-def _get(path: Path, data: dict[str, Any], key: str, kind: type) -> Any:  # noqa: ANN401 (a value of that kind)
-    value = data.get(key)
-    if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-        found = "nothing" if key not in data else repr(value)
-        raise BadRecord(f"{path}: {key}: expected {kind.__name__}, found {found}")
-    return value
-
-
-def _number(path: Path, data: dict[str, Any], key: str, name: str) -> float | None:
-    value = data.get(key)
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-        raise BadRecord(f"{path}: {name}: expected a number or null, found {value!r}")
-    return value
-
-
-def _refuse_constant(text: str) -> float:
-    raise ValueError(f"{text}, which is no JSON number")
+    phase = next((name for name in ("phase", "stage") if name in texts), None)
+    phases = tuple(texts[phase].fillna("")) if phase else ("",) * len(texts)
+    values = {name: numbers[name].to_numpy(float) for name in columns}
+    return Curve(phases, steps.astype(int), seconds, values) if len(texts) else None

@@ -69,17 +69,6 @@ class Worsening:
     loss_db: float
     seeds: int
 
-    @property
-    def text(self) -> str:
-        """One sentence."""
-        name, text = f"{self.metric.group.lower()} {self.metric.label}", self.metric.text
-        unit = " dB" if self.metric.name == "psnr" else ""
-        over = f" (mean of {self.seeds} seeds)" if self.seeds > 1 else ""
-        best = f"{text(self.best)}{unit} at {seconds_text(self.best_seconds)} (step {self.best_step:.0f})"
-        final = f"{text(self.final)}{unit} at {seconds_text(self.final_seconds)}"
-        lost = f"{self.loss_db:.2f} dB lost{over}"
-        return f"{self.row} on {self.scene}: {name} is best with {best} and ends with {final}: {lost}"
-
 
 def seconds_text(seconds: float) -> str:
     """Seconds with a digit behind the point below 100."""
@@ -141,7 +130,7 @@ def _measured(runs: Sequence[Run], metric: Metric) -> dict[tuple[str, str], list
     """Steps, seconds and values per row and scene, one entry per seed, of optimisations that measured the metric."""
     curves: dict[tuple[str, str], list[Points]] = {}
     for run in runs:
-        if run.curve is None or run.curve.is_ceiling:
+        if run.curve is None or run.curve.is_level:
             continue
         points = run.curve.measured(metric.column)
         if len(points[0]):

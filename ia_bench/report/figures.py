@@ -64,9 +64,9 @@ def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Run]]) -> N
 
     colours = color_sequences["petroff10"]  # told apart by colour-blind readers too
     for index, (row, runs) in enumerate(curves.items()):
-        measured = [(run.curve.is_ceiling, *run.curve.measured(metric.column)) for run in runs if run.curve]
-        levels = [values[-1] for is_ceiling, _, _, values in measured if is_ceiling and len(values)]
-        optimised = [(seconds, values) for is_ceiling, _, seconds, values in measured if not is_ceiling]
+        measured = [(run.curve.is_level, *run.curve.measured(metric.column)) for run in runs if run.curve]
+        levels = [values[-1] for is_level, _, _, values in measured if is_level and len(values)]
+        optimised = [(seconds, values) for is_level, _, seconds, values in measured if not is_level]
         points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in optimised if (seconds > 0).any()]
         style = {"color": colours[index % 10], "linestyle": DASHES[index % len(DASHES)], "label": row}
         if points:

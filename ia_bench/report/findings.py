@@ -9,32 +9,66 @@ from dataclasses import dataclass
 from ia_bench.report.claims import Verdict, judge
 from ia_bench.report.collect import Collection, Run
 from ia_bench.report.curves import TimeToError, Worsening, time_to_beat, time_to_error, worsening
-from ia_bench.report.statistics import Estimate, paired_difference
-from ia_bench.report.table import Results, summarise
+from ia_bench.report.statistics import Paired, line, paired
+from ia_bench.report.table import Block, PaperRow, carried_text, paper_rows
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 
 
 @dataclass(frozen=True)
 class Findings:
-    """``runs`` of one protocol in the order of ``rows`` and ``scenes``, and what follows from them.
+    """What the runs of one protocol say.
 
-    ``differences``: row -> metric -> row minus ``reference``, scenes paired; ``beats``: how soon rows are where the reference
-    is at its best. ``verdicts``: on what the table claims. ``failures`` and ``notes`` are sentences.
+    Attributes:
+        protocol: Under which all of it was scored, LPIPS net included.
+        runs: In the order of ``rows`` and ``scenes``, failed ones included.
+        rows: Their names, those without a run included.
+        scenes: Their names.
+        overall: Means over scenes.
+        blocks: Means over seeds, one block per scene.
+        paper: The paper's own rows.
+        reference: The row that the others are compared with.
+        differences: Row -> metric -> row minus ``reference``.
+        verdicts: On what the table claims.
+        times: When rows first reach given errors.
+        beats: How soon rows are where the reference is at its best.
+        worsening: Where more time makes a metric worse.
+        undefined: Reason -> the metrics and runs whose value it explains.
+        failures: A sentence per failed run.
+        notes: Where runs come from, and what was left out.
     """
 
+    protocol: str
     runs: tuple[Run, ...]
     rows: tuple[str, ...]
     scenes: tuple[str, ...]
-    results: Results
+    overall: Block
+    blocks: tuple[Block, ...]
+    paper: tuple[PaperRow, ...]
     reference: str | None
-    differences: dict[str, dict[str, Estimate | None]]
+    differences: dict[str, dict[str, Paired]]
     verdicts: tuple[Verdict, ...]
     times: tuple[TimeToError, ...]
     beats: tuple[TimeToError, ...]
     worsening: tuple[Worsening, ...]
+    undefined: dict[str, str]
     failures: tuple[str, ...]
     notes: tuple[str, ...]
+
+    @property
+    def footnotes(self) -> dict[str, int]:
+        """The number of every reason for an undefined value."""
+        return {reason: number for number, reason in enumerate(self.undefined, start=1)}
+
+    @property
+    def carried(self) -> list[str]:
+        """A sentence for every difference that one run carries."""
+        return [
+            f"{row}, {metric.title}: carried by {carried_text(values[metric.key])}"
+            for row, values in self.differences.items()
+            for metric in METRICS
+            if values[metric.key].carriers
+        ]
 
 
 def analyse(
@@ -58,22 +92,24 @@ def analyse(
     for row in (row for claim in claims for row in (claim.better, claim.worse)):
         if row not in rows:
             raise ValueError(f"claims: expected rows among {', '.join(rows)}, found {row}")
+    others = [row for row in rows if row != reference] if reference is not None else []
     return Findings(
+        protocol=protocol,
         runs=runs,
         rows=rows,
         scenes=scenes,
-        results=summarise(runs, rows, scenes, protocol),
+        overall=Block("mean over scenes", tuple(line(runs, row) for row in rows), len(scenes)),
+        blocks=tuple(Block(name, tuple(line([r for r in runs if r.scene == name], row) for row in rows)) for name in scenes),
+        paper=paper_rows(),
         reference=reference,
-        differences=_differences(runs, rows, reference),
+        differences={row: {m.key: paired(runs, row, reference or "", m) for m in METRICS} for row in others},
         verdicts=tuple(judge(runs, claims, scenes)),
         times=tuple(time_to_error(runs)),
         beats=tuple(time_to_beat(runs, reference)) if reference is not None else (),
         worsening=tuple(worsening(runs)),
-        failures=(
-            *(f"{_cell(run)}: {run.problem}" for run in runs if run.problem is not None),
-            *(f"unknown cell: {problem}" for _, problem in collection.unreadable),
-        ),
-        notes=tuple(_notes(collection.runs, runs, protocol)),
+        undefined=_undefined(runs),
+        failures=tuple(f"{run.name}: {run.problem}" for run in runs if run.problem is not None),
+        notes=tuple(_notes(collection, runs, protocol)),
     )
 
 
@@ -82,40 +118,33 @@ def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
     return (*first, *sorted(set(found) - set(first)))
 
 
-def _differences(
-    runs: Sequence[Run], rows: Sequence[str], reference: str | None
-) -> dict[str, dict[str, Estimate | None]]:
-    if reference is None:
-        return {}
-    others = [row for row in rows if row != reference]
-    return {row: {m.key: paired_difference(runs, row, reference, m) for m in METRICS} for row in others}
-
-
-def _notes(found: Sequence[Run], kept: Sequence[Run], protocol: str) -> list[str]:
-    """Where runs come from, runs left out, unreadable curves, the reason of every null, each once with its number of runs."""
-    origins = Counter((run.commit, run.cpu) for run in kept if run.commit is not None or run.cpu is not None)
+def _notes(collection: Collection, kept: Sequence[Run], protocol: str) -> list[str]:
+    """Where runs come from, what was left out and why, unreadable curves."""
+    origins = Counter((run.about.get("commit"), run.about.get("cpu")) for run in kept)
     notes = [
         f"{count} {'run' if count == 1 else 'runs'} of commit {commit or 'unknown'} on {cpu or 'an unknown processor'}"
         for (commit, cpu), count in origins.most_common()
+        if commit is not None or cpu is not None
     ]
     notes += [
-        f"{_cell(run)}: left out, scored under {run.protocol} and not {protocol} ({run.folder})"
-        for run in found
+        f"{run.name}: left out, scored under {run.protocol} and not {protocol} ({run.folder})"
+        for run in collection.runs
         if run.protocol not in (None, protocol)
     ]
-    notes += [f"{_cell(run)}: no curve: {run.curve_problem}" for run in kept if run.curve_problem]
-    nulls: dict[str, list[tuple[str, Run]]] = {}
-    for run in kept:
+    notes += [f"left out, no record of a run: {problem}" for _, problem in collection.unreadable]
+    return notes + [f"{run.name}: no curve: {run.curve_problem}" for run in kept if run.curve_problem]
+
+
+def _undefined(runs: Sequence[Run]) -> dict[str, str]:
+    """Every reason of a null once, with its metrics and runs."""
+    found: dict[str, list[tuple[str, Run]]] = {}
+    for run in runs:
         for key, value in run.metrics.items():
             if value is None:
-                nulls.setdefault(run.reasons.get(key, "no reason given"), []).append((key, run))
-    for reason, where in nulls.items():
+                found.setdefault(run.reason(key), []).append((key, run))
+    texts = {}
+    for reason, where in found.items():
+        names = list(dict.fromkeys(run.name for _, run in where))
         keys = ", ".join(dict.fromkeys(key for key, _ in where))
-        cells = list(dict.fromkeys(_cell(run) for _, run in where))
-        named = "; ".join(cells) if len(cells) <= 3 else f"{len(cells)} runs"
-        notes.append(f"{keys} undefined in {named}: {reason}")
-    return notes
-
-
-def _cell(run: Run) -> str:
-    return f"{run.row}, {run.scene}, seed {run.seed}"
+        texts[reason] = f"{keys} in {'; '.join(names) if len(names) <= 3 else f'{len(names)} runs'}"
+    return texts

@@ -2,7 +2,7 @@
 
 Seeds are repetitions: a scene's value is the mean over its seeds, with Student's t interval. Scenes are not: the
 overall value is the plain mean of the scenes' means, and its interval tells how much *other seeds on the same scenes*
-would move it (Welch-Satterthwaite). To compare two rows, their scenes are paired (:func:`paired_difference`).
+would move it (Welch-Satterthwaite). To compare two rows, their scenes and seeds are paired (:class:`Paired`).
 """
 
 from __future__ import annotations
@@ -31,18 +31,71 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Line:
-    """One row of a table, over one scene or over all: ``values`` by :attr:`Metric.key`, None where undefined.
+    """One row of a table, over one scene or over all.
 
-    ``seconds`` is a mean, ``peak_memory_bytes`` the largest; ``failed`` of ``runs`` runs failed.
+    Attributes:
+        row: Its name.
+        sees_truth: Whether a run of it saw the ground truth.
+        values: Metric key -> estimate, None where undefined.
+        reasons: Metric key -> why finished runs have no value, each reason once.
+        seconds: Mean over scenes and seeds.
+        peak_memory_bytes: The largest of its runs.
+        failed: Number of failed runs, of ``runs``.
+        runs: Number of runs.
     """
 
     row: str
     sees_truth: bool
     values: dict[str, Estimate | None]
+    reasons: dict[str, tuple[str, ...]]
     seconds: Estimate | None
     peak_memory_bytes: float | None
     failed: int
     runs: int
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Differences of two rows in one metric: scene -> seed -> difference, of the seeds that both rows have."""
+
+    pairs: dict[str, dict[int, float]]
+
+    @property
+    def over_seeds(self) -> Estimate | None:
+        """The mean, with the interval within which other seeds on the same scenes would move it."""
+        return over_scenes([list(seeds.values()) for seeds in self.pairs.values()])
+
+    @property
+    def over_scenes(self) -> Estimate | None:
+        """The same mean, with Student's interval over scenes: whether the difference would hold on others of this kind."""
+        estimate = over_seeds([float(np.mean(list(seeds.values()))) for seeds in self.pairs.values()])
+        return estimate and Estimate(estimate.mean, estimate.half_width, len(self.pairs))
+
+    @property
+    def carriers(self) -> list[tuple[str, int]]:
+        """The pairs (scene, seed) that carry the mean: without any one of them it is zero or has the other sign."""
+        mean = self.over_seeds.mean if self.over_seeds else 0.0
+        found = []
+        for scene, seeds in self.pairs.items():
+            for seed in seeds:
+                without = {**self.pairs, scene: {other: value for other, value in seeds.items() if other != seed}}
+                rest = over_scenes([list(values.values()) for values in without.values()])
+                if mean and rest is not None and rest.mean * mean <= 0:
+                    found.append((scene, seed))
+        return found
+
+    def of_scene(self, scene: str) -> Paired:
+        """The pairs of one scene alone."""
+        return Paired({scene: self.pairs[scene]} if scene in self.pairs else {})
+
+
+def paired(runs: Sequence[Run], row: str, reference: str, metric: Metric) -> Paired:
+    """Row minus reference wherever both have a value for the same scene and seed."""
+    ours, theirs = ({(r.scene, r.seed): v for r, v in _values(runs, name, _metric_of(metric))} for name in (row, reference))
+    pairs: dict[str, dict[int, float]] = {}
+    for scene, seed in sorted(ours.keys() & theirs.keys()):
+        pairs.setdefault(scene, {})[seed] = ours[scene, seed] - theirs[scene, seed]
+    return Paired(pairs)
 
 
 def over_seeds(values: Sequence[float]) -> Estimate | None:
@@ -67,37 +120,28 @@ def over_scenes(values: Sequence[Sequence[float]]) -> Estimate | None:
     if total == 0:
         return Estimate(mean, 0.0, len(scenes))
     freedom = total**2 / sum(v**2 / (len(seeds) - 1) for v, seeds in zip(variances, scenes, strict=True))
-    half_width = _t_quantile(freedom) * math.sqrt(total) / len(scenes)
+    half_width = float(student.ppf(0.5 + CONFIDENCE / 2, freedom)) * math.sqrt(total) / len(scenes)
     return Estimate(mean, half_width, len(scenes))
-
-
-def paired_difference(runs: Sequence[Run], row: str, reference: str, metric: Metric) -> Estimate | None:
-    """Mean over the scenes that both rows have of (row - reference), each the mean over its seeds.
-
-    The interval is Student's over scenes: whether the difference would hold on other scenes of this kind.
-    """
-    theirs, ours = (_by_scene(runs, name, _metric_of(metric)) for name in (reference, row))
-    shared = [scene for scene in ours if ours[scene] and theirs.get(scene)]
-    differences = [float(np.mean(ours[scene]) - np.mean(theirs[scene])) for scene in shared]
-    estimate = over_seeds(differences)
-    return estimate and Estimate(estimate.mean, estimate.half_width, len(shared))
 
 
 def line(runs: Sequence[Run], row: str) -> Line:
     """Summarise the runs of one row, over whichever scenes ``runs`` holds."""
     mine = [run for run in runs if run.row == row]
     done = [run for run in mine if run.problem is None]
-    memory = [run.peak_memory_bytes for run in done if run.peak_memory_bytes is not None]
 
     def mean(value: Callable[[Run], float | None]) -> Estimate | None:
-        return over_scenes(list(_by_scene(runs, row, value).values()))
+        scenes: dict[str, list[float]] = {}
+        for run, number in _values(done, row, value):
+            scenes.setdefault(run.scene, []).append(number)
+        return over_scenes(list(scenes.values()))
 
     return Line(
         row=row,
         sees_truth=any(run.sees_truth for run in mine),
         values={metric.key: mean(_metric_of(metric)) for metric in METRICS},
+        reasons={m.key: tuple(dict.fromkeys(r.reason(m.key) for r in done if r.metrics[m.key] is None)) for m in METRICS},
         seconds=mean(lambda run: run.seconds),
-        peak_memory_bytes=max(memory, default=None),
+        peak_memory_bytes=max((run.peak_memory_bytes for run in done if run.peak_memory_bytes is not None), default=None),
         failed=len(mine) - len(done),
         runs=len(mine),
     )
@@ -110,9 +154,7 @@ def best_rows(lines: Sequence[Line], metric: Metric, scenes: int) -> set[str]:
         value = one.values[metric.key]
         if value is not None and value.scenes == scenes and not one.sees_truth:
             ranked[one.row] = round(value.mean, metric.digits)
-    if not ranked:
-        return set()
-    best = (max if metric.higher_is_better else min)(ranked.values())
+    best = (max if metric.higher_is_better else min)(ranked.values(), default=None)
     return {row for row, value in ranked.items() if value == best}
 
 
@@ -120,14 +162,7 @@ def _metric_of(metric: Metric) -> Callable[[Run], float | None]:
     return lambda run: run.metrics[metric.key]
 
 
-def _by_scene(runs: Sequence[Run], row: str, value: Callable[[Run], float | None]) -> dict[str, list[float]]:
-    """The finished runs' values of one row, a list of seeds per scene."""
-    scenes: dict[str, list[float]] = {}
-    for run in runs:
-        if run.row == row and run.problem is None and (number := value(run)) is not None:
-            scenes.setdefault(run.scene, []).append(number)
-    return scenes
-
-
-def _t_quantile(freedom: float) -> float:
-    return float(student.ppf(0.5 + CONFIDENCE / 2, freedom))
+def _values(runs: Sequence[Run], row: str, value: Callable[[Run], float | None]) -> list[tuple[Run, float]]:
+    """The finished runs of one row that have a value, with it."""
+    mine = (run for run in runs if run.row == row and run.problem is None)
+    return [(run, number) for run in mine if (number := value(run)) is not None]

@@ -1,25 +1,25 @@
-"""The results as one structure (:class:`Results`), and as CSV and JSON. Markdown and LaTeX are in their siblings."""
+"""The report's tables as header and cells, which Markdown and LaTeX print alike, and the paper's own table."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Any
 
-from ia_bench.report.collect import Run
-from ia_bench.report.statistics import Estimate, Line, line
+from ia_bench.report.claims import Verdict
+from ia_bench.report.collect import BOUNDS
+from ia_bench.report.curves import TimeToError, Worsening, seconds_text
+from ia_bench.report.statistics import Estimate, Line, Paired, best_rows
 from ia_bench.scores.columns import METRICS, Metric
 
-OVERALL = "mean over scenes"
-PAPER_TITLE = "The paper's own figures: the paper's scenes and renderer, not ours; do not compare with the rows above"
+COSTS = ("Seconds", "Peak memory", "Failed")
 
 
 @dataclass(frozen=True)
 class Block:
-    """One table: the lines of all rows over one scene, or over all ``scenes`` of them."""
+    """The lines of all rows over one scene, or over all ``scenes`` of them."""
 
     title: str
     lines: tuple[Line, ...]
@@ -36,22 +36,20 @@ class PaperRow:
 
 
 @dataclass(frozen=True)
-class Results:
-    """What every format prints: the overall block, one block per scene, and the paper's rows."""
+class Cell:
+    """One entry: its text, whether it is the best, and the numbers of its footnotes."""
 
-    protocol: str
-    overall: Block
-    scenes: tuple[Block, ...]
-    paper: tuple[PaperRow, ...]
+    text: str
+    best: bool = False
+    notes: tuple[int, ...] = ()
 
 
-def summarise(runs: Sequence[Run], rows: Sequence[str], scenes: Sequence[str], protocol: str) -> Results:
-    """Summarise the runs in the order of ``rows`` and ``scenes``; a row without any run still gets its line."""
-    per_scene = [
-        Block(scene, tuple(line([run for run in runs if run.scene == scene], row) for row in rows)) for scene in scenes
-    ]
-    overall = Block(OVERALL, tuple(line(runs, row) for row in rows), len(scenes))
-    return Results(protocol, overall, tuple(per_scene), paper_rows())
+@dataclass(frozen=True)
+class Table:
+    """What a format prints: entries that are plain texts need no emphasis."""
+
+    header: Sequence[str]
+    body: Sequence[Sequence[Cell | str]]
 
 
 def paper_rows() -> tuple[PaperRow, ...]:
@@ -69,74 +67,103 @@ def best_paper_methods(rows: Sequence[PaperRow], metric: Metric) -> set[str]:
     return {row.method for row in rows if row.values[metric.key] == best}
 
 
-def estimate_text(value: Estimate | None, metric: Metric, scenes: int = 1, plus_minus: str = " ± ") -> str:
+def estimate_text(value: Estimate | None, metric: Metric, scenes: int = 1) -> str:
     """The mean, the interval where there is one, and the number of scenes where some are missing; – for no value."""
     if value is None:
         return "–"
-    interval = "" if value.half_width is None else f"{plus_minus}{metric.text(value.half_width)}"
+    interval = "" if value.half_width is None else f" ± {metric.text(value.half_width)}"
     missing = f" ({value.scenes}/{scenes})" if value.scenes < scenes else ""
     return f"{metric.text(value.mean)}{interval}{missing}"
 
 
-def cost_texts(one: Line) -> tuple[str, str, str]:
-    """Seconds, peak memory and failures of one line, as every format prints them."""
-    seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}"
-    memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
-    return seconds, memory, f"{one.failed}/{one.runs}"
+def difference_text(pairs: Paired, metric: Metric, scenes: int = 1) -> str:
+    """The mean with its sign, "± over seeds / over scenes" (– where nothing was repeated), ‡ where one pair carries it."""
+    value, wider = pairs.over_seeds, pairs.over_scenes
+    if value is None or wider is None:
+        return "–"
+    widths = [value.half_width] if scenes == 1 else [value.half_width, wider.half_width]
+    texts = ["–" if width is None else metric.text(width) for width in widths]
+    interval = "" if set(texts) == {"–"} else f" ± {' / '.join(texts)}"
+    missing = f" ({value.scenes}/{scenes})" if value.scenes < scenes else ""
+    return f"{value.mean:+.{metric.digits}f}{interval}{missing}{' ‡' if pairs.carriers else ''}"
 
 
-def csv_text(results: Results) -> str:
-    """All blocks in one CSV: a line per block and row; the paper's rows carry the scene "the paper's scenes"."""
-    out = io.StringIO()
-    parts = ("", "_half_width", "_scenes")
-    names = [f"{metric.column}{part}" for metric in METRICS for part in parts]
-    costs = ["seconds", "peak_memory_bytes", "failed", "runs"]
-    writer = csv.DictWriter(out, ["scene", "row", "sees_truth", *names, *costs], lineterminator="\n")
-    writer.writeheader()
-    for block in (results.overall, *results.scenes):
-        for one in block.lines:
-            cells: dict[str, Any] = {"scene": block.title, "row": one.row, "sees_truth": one.sees_truth}
-            for metric in METRICS:
-                if (value := one.values[metric.key]) is not None:
-                    numbers = (value.mean, value.half_width, value.scenes)
-                    cells.update({f"{metric.column}{part}": n for part, n in zip(parts, numbers, strict=True)})
-            cells["seconds"] = one.seconds and one.seconds.mean
-            writer.writerow(cells | {key: getattr(one, key) for key in costs[1:]})
-    for row in results.paper:
-        paper = {metric.column: row.values[metric.key] for metric in METRICS}
-        writer.writerow({"scene": "the paper's scenes", "row": row.method, **paper})
-    return out.getvalue()
+def carried_text(pairs: Paired) -> str:
+    """Which pairs carry the mean: "seed 2 on console"; empty where none does alone."""
+    return ", or ".join(f"seed {seed} on {scene}" for scene, seed in pairs.carriers)
 
 
-def json_data(results: Results) -> dict[str, Any]:
-    """The same as JSON types, everything at full precision."""
-
-    def block(one: Block) -> list[dict[str, Any]]:
-        return [_json_line(row) for row in one.lines]
-
-    return {
-        "schema": 1,
-        "protocol": results.protocol,
-        "metrics": {metric.key: {"higher_is_better": metric.higher_is_better} for metric in METRICS},
-        "overall": block(results.overall),
-        "scenes": {one.title: block(one) for one in results.scenes},
-        "paper": {
-            "note": PAPER_TITLE,
-            "rows": [{"row": row.method, "group": row.group, "values": row.values} for row in results.paper],
-        },
-    }
+def results_table(block: Block, notes: Mapping[str, int]) -> Table:
+    """Every metric and cost of every row; ``notes`` numbers the reasons of what is undefined."""
+    best = {metric.key: best_rows(block.lines, metric, block.scenes) for metric in METRICS}
+    body = []
+    for one in block.lines:
+        bound = f" ({BOUNDS[one.row]})" if BOUNDS.get(one.row, one.row) != one.row else ""
+        cells: list[Cell | str] = [f"{one.row}{bound}{' †' if one.sees_truth else ''}"]
+        for metric in METRICS:
+            text = estimate_text(one.values[metric.key], metric, block.scenes)
+            why = tuple(notes[reason] for reason in one.reasons[metric.key])
+            cells.append(Cell(text, one.row in best[metric.key], why))
+        seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}"
+        memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
+        body.append([*cells, seconds, memory, f"{one.failed}/{one.runs}"])
+    return Table(["Row", *(metric.title for metric in METRICS), *COSTS], body)
 
 
-def _json_line(one: Line) -> dict[str, Any]:
-    def estimate(value: Estimate | None) -> dict[str, Any] | None:
-        return None if value is None else {"mean": value.mean, "half_width": value.half_width, "scenes": value.scenes}
+def paper_table(rows: Sequence[PaperRow]) -> Table:
+    """The paper's figures, as it prints them."""
+    best = {metric.key: best_paper_methods(rows, metric) for metric in METRICS}
+    body: list[list[Cell | str]] = [
+        [row.method, *(Cell(metric.text(row.values[metric.key]), row.method in best[metric.key]) for metric in METRICS)]
+        for row in rows
+    ]
+    return Table(["Paper's row", *(metric.title for metric in METRICS)], body)
 
-    return {
-        "row": one.row,
-        "sees_truth": one.sees_truth,
-        "values": {key: estimate(value) for key, value in one.values.items()},
-        "seconds": estimate(one.seconds),
-        "peak_memory_bytes": one.peak_memory_bytes,
-        "failed": one.failed,
-        "runs": one.runs,
-    }
+
+def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: Sequence[str]) -> Table:
+    """A line per row, a column per metric."""
+    body = [[row, *(difference_text(values[m.key], m, len(scenes)) for m in METRICS)] for row, values in differences.items()]
+    return Table(["Row", *(metric.title for metric in METRICS)], body)
+
+
+def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str]) -> Table:
+    """A line for every two rows and metric: the mean, the outcome, what carries it, and every scene for itself."""
+    body = []
+    for one in verdicts:
+        by_scene = (difference_text(one.pairs.of_scene(scene), one.metric) for scene in scenes)
+        mean = difference_text(one.pairs, one.metric, len(scenes)).removesuffix(" ‡")
+        names = [f"{one.better} above {one.worse}", one.metric.title]
+        body.append([*names, mean, one.outcome.value, carried_text(one.pairs) or "–", *by_scene])
+    return Table(["Claim", "Metric", "Difference", "Outcome", "Carried by", *scenes], body)
+
+
+def beats_table(beats: Sequence[TimeToError], reference: str, rows: Sequence[str]) -> Table:
+    """A line per scene and metric, a column per row that has a curve."""
+    rows = [row for row in rows if any(one.row == row for one in beats)]
+    body = []
+    for scene, metric, level in dict.fromkeys((one.scene, one.metric, one.level) for one in beats):
+        texts = {one.row: one.text for one in beats if (one.scene, one.metric) == (scene, metric)}
+        body.append([scene, f"{metric.group} {metric.label}", metric.text(level), *(texts.get(row, "–") for row in rows)])
+    return Table(["Scene", "Metric", f"Best of {reference}", *rows], body)
+
+
+def times_table(times: Sequence[TimeToError], scene: str, rows: Sequence[str]) -> Table:
+    """A line per metric and level, a column per row that has a curve."""
+    here = {(one.metric, one.level, one.row): one.text for one in times if one.scene == scene}
+    rows = [row for row in rows if any(key[-1] == row for key in here)]
+    body = []
+    for metric, level in dict.fromkeys(key[:2] for key in here):
+        sign = "≥" if metric.higher_is_better else "≤"
+        texts = [here.get((metric, level, row), "–") for row in rows]
+        body.append([f"{metric.group} {metric.label} {sign} {level:g}", *texts])
+    return Table([scene, *rows], body)
+
+
+def worsening_table(found: Sequence[Worsening]) -> Table:
+    """Where a metric ends below its best."""
+    body = []
+    for one in found:
+        best = f"{one.metric.text(one.best)} at {seconds_text(one.best_seconds)} (step {one.best_step:.0f})"
+        final = f"{one.metric.text(one.final)} at {seconds_text(one.final_seconds)}"
+        body.append([one.row, one.scene, f"{one.metric.group} {one.metric.label}", best, final, f"{one.loss_db:.2f} dB"])
+    return Table(["Row", "Scene", "Metric", "Best", "Final", "Lost"], body)

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.report import figures
-from ia_bench.report.collect import Cell, Run, collect, find_run_folders
+from ia_bench.report.collect import Cell, Run, collect
 from ia_bench.report.curves import TimeToError
 from ia_bench.report.findings import Findings, analyse
-from ia_bench.report.latex import latex
-from ia_bench.report.markdown import report_text
-from ia_bench.report.table import csv_text, json_data
+from ia_bench.report.statistics import Paired
+from ia_bench.report.table import carried_text
+from ia_bench.report.texts import latex, report_text
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
+
+Record = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Report:
 
 
 def write_report(
-    runs: Path | Sequence[Path] | Mapping[Path, Cell],
+    folders: Iterable[Path] | Mapping[Path, Cell],
     out: Path,
     rows_order: Sequence[str] = (),
     *,
@@ -40,31 +41,44 @@ def write_report(
     reference: str | None = None,
     claims: Sequence[Claim] = (),
 ) -> Report:
-    """Write the report into ``out``: report.md, table.{tex,csv,json}, runs.csv, time_to_{error,beat}.csv, curves/SCENE.{png,svg}.
+    """Write the report of run folders into ``out``.
 
-    ``runs`` is a folder that is searched for run folders, or a table's run folders, best as a mapping to (row, scene,
-    seed): then a run that was killed before it wrote anything counts as a failure of its row. Rows and scenes come in
-    the given order, others after them by name; a row without a run is shown empty. ``reference`` names the row that all
-    others are compared with, scene by scene; ``claims`` are orderings to judge.
-    Raises ValueError where no run is found, two folders hold the same cell, ``reference`` or a row of ``claims`` is no row,
-    or a claim is about an unknown metric.
+    Files: report.md, table.{tex,csv}, runs.csv, differences.csv, claims.csv, time_to_{error,beat}.csv, curves/SCENE.{png,svg}.
+
+    Args:
+        folders: The run folders, best as a mapping to (row, scene, seed): then a run that was killed before it wrote
+            anything counts as a failure of its row.
+        out: The folder to write into.
+        rows_order: Rows in their order; a row without a run is shown empty, others come after them by name.
+        scenes_order: The same of scenes.
+        reference: The row that all others are compared with.
+        claims: Orderings to judge.
+
+    Raises:
+        ValueError: Where there is no run, two folders hold the same cell, ``reference`` or a row of ``claims`` is no row,
+            or a claim is about an unknown metric.
     """
-    collection = collect(find_run_folders(runs) if isinstance(runs, Path) else runs)
-    if not collection.runs and not collection.unreadable:
-        raise ValueError(f"{runs}: expected at least one run folder with a metrics.json, found none")
+    collection = collect(folders)
+    if not collection.runs:
+        problems = [why for _, why in collection.unreadable]
+        raise ValueError("; ".join(["expected at least one run's metrics.json, found none", *problems]))
     findings = analyse(collection, rows_order, scenes_order, reference, claims)
 
     out.mkdir(parents=True, exist_ok=True)
     pictures = _draw(findings, out / "curves")
     shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
+    tables = {
+        "table.csv": _summaries(findings),
+        "runs.csv": map(_run, findings.runs),
+        "differences.csv": _differences(findings),
+        "claims.csv": _claims(findings),
+        "time_to_error.csv": map(_time, findings.times),
+        "time_to_beat.csv": map(_time, findings.beats),
+    }
     texts = {
         "report.md": report_text(findings, shown),
-        "table.tex": latex(findings.results),
-        "table.csv": csv_text(findings.results),
-        "table.json": json.dumps(_json(findings), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
-        "runs.csv": _runs_csv(findings.runs),
-        "time_to_error.csv": _times_csv(findings.times),
-        "time_to_beat.csv": _times_csv(findings.beats),
+        "table.tex": latex(findings),
+        **{name: _csv(records, findings.protocol) for name, records in tables.items()},
     }
     return Report((*(_write(out / name, text) for name, text in texts.items()), *pictures), findings)
 
@@ -79,49 +93,79 @@ def _draw(findings: Findings, folder: Path) -> list[Path]:
     return pictures
 
 
-def _json(findings: Findings) -> dict[str, Any]:
-    differences = {
-        row: {key: value and asdict(value) for key, value in values.items()}
-        for row, values in findings.differences.items()
+def _csv(records: Iterable[Record], protocol: str) -> str:
+    """A line per record, after the protocol, at full precision; empty where a record has no value."""
+    return str(pd.DataFrame([{"protocol": protocol, **record} for record in records], dtype=object).to_csv(index=False))
+
+
+def _run(run: Run) -> Record:
+    """What every mean and interval of the report was made from."""
+    reasons: dict[str, list[str]] = {}
+    for key in (key for key, value in run.metrics.items() if value is None):
+        reasons.setdefault(run.reason(key), []).append(key)
+    return {
+        "row": run.row,
+        "scene": run.scene,
+        "seed": run.seed,
+        "status": "ok" if run.problem is None else "failed",
+        "reason": run.problem or "; ".join(f"{', '.join(keys)}: {reason}" for reason, keys in reasons.items()),
+        "sees_truth": run.sees_truth,
+        **{metric.column: run.metrics.get(metric.key) for metric in METRICS},
+        **{key.replace(".", "_"): value for key, value in run.variants.items()},
+        "seconds": run.seconds,
+        **{f"seconds_{phase}": seconds for phase, seconds in run.phases.items()},
+        "peak_memory_bytes": run.peak_memory_bytes,
+        **run.about,
     }
-    return json_data(findings.results) | {
-        "differences": {"reference": findings.reference, "rows": differences},
-        "claims": [
-            {
-                "better": one.better,
-                "worse": one.worse,
-                "metric": one.metric.key,
-                "advantage": one.advantage and asdict(one.advantage),
-                "outcome": one.outcome.value,
+
+
+def _summaries(findings: Findings) -> Iterable[Record]:
+    parts = {"": "mean", "_half_width": "half_width", "_scenes": "scenes"}
+    for block in (findings.overall, *findings.blocks):
+        for one in block.lines:
+            values = {
+                f"{metric.column}{suffix}": (value := one.values[metric.key]) and getattr(value, part)
+                for metric in METRICS
+                for suffix, part in parts.items()
             }
-            for one in findings.verdicts
-        ],
-        "worsening": [one.text for one in findings.worsening],
-        "failures": findings.failures,
-        "notes": findings.notes,
-    }
+            costs = {"seconds": one.seconds and one.seconds.mean, "peak_memory_bytes": one.peak_memory_bytes}
+            label = {"scene": block.title, "row": one.row, "sees_truth": one.sees_truth}
+            yield {**label, **values, **costs, "failed": one.failed, "runs": one.runs}
+    for row in findings.paper:
+        paper = {metric.column: row.values[metric.key] for metric in METRICS}
+        yield {"protocol": "the paper's", "scene": "the paper's scenes", "row": row.method, **paper}
 
 
-def _runs_csv(runs: Sequence[Run]) -> str:
-    """One line a run, at full precision: what every mean and interval of the report was made from."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    about = ["seconds", "peak_memory_bytes", "commit", "cpu", "problem"]
-    writer.writerow(["row", "scene", "seed", *(metric.column for metric in METRICS), *about])
-    for run in runs:
-        values = [run.metrics.get(metric.key) for metric in METRICS]
-        writer.writerow([run.row, run.scene, run.seed, *values, *(getattr(run, name) for name in about)])
-    return out.getvalue()
+def _differences(findings: Findings) -> Iterable[Record]:
+    for row, values in findings.differences.items():
+        for metric in METRICS:
+            yield from _paired({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
 
 
-def _times_csv(times: Sequence[TimeToError]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["scene", "row", "metric", "level", "seconds", "seeds_reached", "seeds"])
-    for one in times:
-        seconds = "never" if one.seconds is None else one.seconds.mean
-        writer.writerow([one.scene, one.row, one.metric.key, one.level, seconds, one.reached, one.seeds])
-    return out.getvalue()
+def _claims(findings: Findings) -> Iterable[Record]:
+    for one in findings.verdicts:
+        label = {"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome.value}
+        yield from _paired(label, one.pairs)
+
+
+def _paired(label: Record, pairs: Paired) -> Iterable[Record]:
+    """The mean of differences with both intervals, then the same scene by scene."""
+    for scene, part in {"mean over scenes": pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
+        seeds, scenes = part.over_seeds, part.over_scenes
+        yield label | {
+            "scene": scene,
+            "difference": seeds and seeds.mean,
+            "half_width_over_seeds": seeds and seeds.half_width,
+            "half_width_over_scenes": scenes and scenes.half_width,
+            "pairs": sum(map(len, part.pairs.values())),
+            "carried_by": carried_text(part),
+        }
+
+
+def _time(one: TimeToError) -> Record:
+    seconds = "never" if one.seconds is None else one.seconds.mean
+    label = {"scene": one.scene, "row": one.row, "metric": one.metric.key, "level": one.level}
+    return {**label, "seconds": seconds, "seeds_reached": one.reached, "seeds": one.seeds}
 
 
 def _write(path: Path, text: str) -> Path:

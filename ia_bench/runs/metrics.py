@@ -104,9 +104,14 @@ def check_metrics(metrics: Mapping[str, Any]) -> None:
     if status == "ok":
         _check_table("time_s", metrics["time_s"], int | float)
         _check_table("files", metrics["files"], str)
-    _check_table("metrics", metrics.get("metrics", {}), dict)
+    for key in ("metrics", "variants"):
+        _check_table(key, metrics.get(key, {}), dict)
+    for key in ("protocol_description", "rescored_from"):
+        if not isinstance(metrics.get(key, {}), dict):
+            raise RecordError(f"{key}: expected dict, found {metrics[key]!r}")
     refuse_non_finite(metrics, METRICS)
-    _check_values(metrics.get("metrics", {}), "", reasons)
+    for key in ("metrics", "variants"):
+        _check_values(key, metrics.get(key, {}), "", reasons)
 
 
 def json_bytes(content: Any, name: str) -> bytes:  # noqa: ANN401 (any JSON value)
@@ -153,14 +158,14 @@ def _check_table(key: str, table: Any, kind: Any) -> None:  # noqa: ANN401 (what
             raise RecordError(f"{key}.{name}: expected {getattr(kind, '__name__', 'a number')}, found {value!r}")
 
 
-def _check_values(group: Mapping[str, Any], prefix: str, reasons: Mapping[str, str]) -> None:
+def _check_values(where: str, group: Mapping[str, Any], prefix: str, reasons: Mapping[str, str]) -> None:
     """Metrics are numbers in named groups; an undefined one is None, with its reason under its dotted name."""
     for key, value in group.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
-            _check_values(value, f"{name}.", reasons)
+            _check_values(where, value, f"{name}.", reasons)
         elif value is None:
             if not reasons.get(name):
-                raise RecordError(f"metrics.{name}: is null without a reason; say why in reasons['{name}']")
+                raise RecordError(f"{where}.{name}: is null without a reason; say why in reasons['{name}']")
         elif not isinstance(value, int | float) or isinstance(value, bool):
-            raise RecordError(f"metrics.{name}: expected a number, found {value!r}")
+            raise RecordError(f"{where}.{name}: expected a number, found {value!r}")

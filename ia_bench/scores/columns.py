@@ -27,9 +27,14 @@ class Metric:
         return f"{self.component}_{self.name}"
 
     @property
+    def arrow(self) -> str:
+        """The arrow that points to better."""
+        return "↑" if self.higher_is_better else "↓"
+
+    @property
     def title(self) -> str:
-        """Group, label and the arrow that points to better, for example "Albedo PSNR ↑"."""
-        return f"{self.group} {self.label} {'↑' if self.higher_is_better else '↓'}"
+        """Group, label and arrow, for example "Albedo PSNR ↑"."""
+        return f"{self.group} {self.label} {self.arrow}"
 
     def text(self, value: float) -> str:
         """The value with the metric's number of digits."""

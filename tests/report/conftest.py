@@ -35,12 +35,20 @@ def write_run_below() -> Callable[..., Path]:
             "scene": scene,
             "seed": seed,
             "protocol": "paper-v1",
+            "protocol_description": {"lpips": {"net": "alex"}},
             "config_hash": "0" * 8,
             "status": "ok",
+            "sees_truth": False,
             "metrics": metrics,
-            "reasons": {},
+            "reasons": {f"{name}.psnr": "undefined" for name in TRIPLES} if psnr is None else {},
+            "per_image": {},
             "time_s": {"total": 60.0, "bake": 5.0, "prior": 0.0, "stage1": 30.0, "stage2": 15.0, "score": 10.0},
             "peak_memory_bytes": 2**30,
+            "rays": 1000,
+            "network_calls": 0,
+            "plan": {},
+            "environment": {},
+            "files": {},
         }
         (folder / "metrics.json").write_text(json.dumps(data | changes))
         if curve is not None:

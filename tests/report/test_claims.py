@@ -11,6 +11,7 @@ from scipy.stats import t as student
 
 from ia_bench.report.claims import Outcome, judge
 from ia_bench.report.collect import Run, read_run
+from ia_bench.report.table import carried_text
 from ia_bench.runs.table import Claim
 
 Write = Callable[..., Path]
@@ -88,3 +89,10 @@ def test_a_lower_error_is_an_advantage(write_run: Write) -> None:
 def test_an_unknown_metric_is_named(write_run: Write) -> None:
     with pytest.raises(ValueError, match=r"expected some of albedo.psnr, .* found albedo.pnsr"):
         judge(runs_of(write_run, {"ours": {"hat": [1.0]}}), [Claim("ours", "ours", ["albedo.pnsr"])], HAT)
+
+
+def test_a_claim_says_what_carries_it(write_run: Write) -> None:
+    values = {"ours": {"hat": [20.23, 19.51, 21.56]}, "theirs": {"hat": [20.0, 20.0, 20.0]}}
+    verdict = judge(runs_of(write_run, values), [Claim("ours", "theirs", PSNR)], HAT)[0]
+    assert carried_text(verdict.pairs) == "seed 2 on hat"
+    assert verdict.pairs.pairs["hat"][1] == pytest.approx(-0.49)

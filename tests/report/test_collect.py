@@ -13,38 +13,39 @@ import pytest
 from ia_bench.report.collect import BadRecord, collect, find_run_folders, read_curve, read_run
 from ia_bench.scores.columns import METRICS
 
+TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
+
 Write = Callable[..., Path]
 
 
 def test_a_finished_run_arrives_whole(write_run: Write) -> None:
     folder = write_run("ours", "hat", 3, sees_truth=True, curve="stage1,0,0.5,,12,,,\nstage2,40,2.5,14,,inf,16,0.05\n")
     run = read_run(folder)
-    assert (run.row, run.scene, run.seed, run.problem, run.protocol) == ("ours", "hat", 3, None, "paper-v1")
+    assert (run.row, run.scene, run.seed, run.problem, run.protocol) == ("ours", "hat", 3, None, "paper-v1 (lpips.net=alex)")
     assert run.metrics["albedo.psnr"] == 20.0
     assert run.metrics["roughness.mse"] == 0.05
     assert set(run.metrics) == {metric.key for metric in METRICS}
     assert run.seconds == 50.0  # of baking, stage 1 and stage 2; 10 of scoring are left out
     assert run.peak_memory_bytes == 2**30
     assert run.sees_truth
-    assert run.curve.stages == ("stage1", "stage2")
+    assert run.curve.phases == ("stage1", "stage2")
     np.testing.assert_array_equal(run.curve.values["albedo_psnr"], [np.nan, 14.0])
     np.testing.assert_array_equal(run.curve.measured("relighting_psnr"), [[40], [2.5], [16]])
     assert len(run.curve.measured("view_synthesis_psnr")[0]) == 0  # infinite: nothing to draw
-    assert not run.curve.is_ceiling
+    assert not run.curve.is_level
 
 
 def test_null_and_its_reason_arrive(write_run: Write) -> None:
-    run = read_run(write_run("ours", "hat", psnr=None, reasons={"albedo.psnr": "identical"}))
+    reasons = dict.fromkeys((f"{name}.psnr" for name in TRIPLES), "identical")
+    run = read_run(write_run("ours", "hat", psnr=None, reasons=reasons))
     assert run.metrics["albedo.psnr"] is None
-    assert run.reasons == {"albedo.psnr": "identical"}
+    assert run.reasons == reasons
+    assert run.reason("albedo.psnr") == "identical"
 
 
 def test_a_failed_run_says_why(write_run: Write) -> None:
-    assert (
-        read_run(write_run("ours", "hat", status="failed", metrics=None, error="out of memory")).problem
-        == "out of memory"
-    )
-    assert read_run(write_run("ours", "ship", status="failed")).problem == "failed, no reason given"
+    assert read_run(write_run("ours", "hat", status="failed", metrics={}, error="out of memory")).problem == "out of memory"
+    assert "metrics.json: error: missing" in (read_run(write_run("ours", "ship", status="failed")).problem or "")
 
 
 def test_a_run_without_a_curve(write_run: Write) -> None:
@@ -54,20 +55,26 @@ def test_a_run_without_a_curve(write_run: Write) -> None:
 
 
 def test_the_ceiling_is_known_by_its_only_stage(write_run: Write) -> None:
-    assert read_run(write_run("ceiling", "hat", curve="ceiling,0,0,,,30,31,0.001\n")).curve.is_ceiling
+    assert read_run(write_run("ceiling", "hat", curve="ceiling,0,0,,,30,31,0.001\n")).curve.is_level
 
 
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
         ({"schema": 1}, r"metrics\.json: schema: expected 2, found 1"),
-        ({"status": "done"}, r"metrics\.json: status: expected ok or failed, found 'done'"),
+        ({"status": "done"}, r"metrics\.json: status: expected 'ok' or 'failed', found 'done'"),
         ({"metrics": None}, r"metrics\.json: metrics: expected dict, found None"),
-        ({"metrics": {}}, r"metrics\.json: albedo: expected dict, found nothing"),
-        ({"time_s": {"stage1": "long"}}, r"metrics\.json: time_s\.stage1: expected a number or null, found 'long'"),
-        ({"peak_memory_bytes": True}, r"metrics\.json: peak_memory_bytes: expected a number or null, found True"),
+        ({"metrics": {}}, r"metrics\.json: metrics\.albedo: missing"),
+        ({"time_s": {"stage1": "long"}}, r"metrics\.json: time_s\.stage1: expected a number, found 'long'"),
+        ({"peak_memory_bytes": True}, r"metrics\.json: peak_memory_bytes: expected int, found True"),
         ({"protocol": None}, r"metrics\.json: protocol: expected str, found None"),
         ({"sees_truth": 1}, r"metrics\.json: sees_truth: expected bool, found 1"),
+        ({"metrics": {"albedo": {"psnr": "high"}}}, r"metrics\.json: metrics\.albedo\.psnr: expected a number, found 'high'"),
+        ({"metrics": {"albedo": {"psnr": None}}}, r"metrics\.json: metrics\.albedo\.psnr: is null without a reason"),
+        ({"variants": {"albedo_linear": [1]}}, r"metrics\.json: variants\.albedo_linear: expected dict, found \[1\]"),
+        ({"environment": "here"}, r"metrics\.json: environment: expected dict, found 'here'"),
+        ({"protocol_description": "mine"}, r"metrics\.json: protocol_description: expected dict, found 'mine'"),
+        ({"peak_memory_bytes": float("nan")}, r"metrics\.json: peak_memory_bytes: expected int, found nan"),
         ({"reasons": []}, r"metrics\.json: reasons: expected dict, found \[\]"),
     ],
 )
@@ -80,11 +87,11 @@ def test_a_broken_record_makes_its_cell_a_failed_one(write_run: Write, changes: 
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ('{"schema": 2, ', "expected a JSON file"),
-        ("[]", "expected an object, found list"),
+        ('{"schema": 2, ', "not valid JSON"),
+        ("[]", "expected a JSON object, found list"),
         ('{"row": "a", "scene": "b"}', "seed: expected int, found nothing"),
         ('{"row": "a", "scene": "b", "seed": true}', "seed: expected int, found True"),
-        ('{"row": "a", "scene": "b", "seed": 0, "peak_memory_bytes": NaN}', "NaN, which is no JSON number"),
+        ("[" * 100_000, "not valid JSON"),
     ],
 )
 def test_a_record_that_names_no_cell_is_unreadable(tmp_path: Path, text: str, problem: str) -> None:
@@ -122,15 +129,13 @@ def test_two_folders_of_one_cell_are_refused(write_run: Write, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("stage,step\nstage1,0\n", "line 2: expected a column seconds, found stage, step"),
+        ("stage,step\nstage1,0\n", ": expected a column seconds, found stage, step"),
         ("stage,step,seconds,albedo_psnr\nstage1,0,1,high\n", "line 2, albedo_psnr: expected a number, found 'high'"),
         ("stage,step,seconds\nstage1,0,2\nstage1,1,1\n", "expected a step and rising seconds"),
         ("stage,step,seconds\nstage1,,2\n", "expected a step and rising seconds"),
     ],
 )
-def test_a_broken_curve_is_named_and_does_not_fail_the_run(
-    write_run: Write, tmp_path: Path, text: str, problem: str
-) -> None:
+def test_a_broken_curve_is_named_and_does_not_fail_the_run(write_run: Write, tmp_path: Path, text: str, problem: str) -> None:
     path = tmp_path / "curve.csv"
     path.write_text(text)
     with pytest.raises(BadRecord, match=problem):

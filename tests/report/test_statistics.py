@@ -9,7 +9,7 @@ import pytest
 import scipy.stats
 
 from ia_bench.report.collect import Run
-from ia_bench.report.statistics import Estimate, best_rows, line, over_scenes, over_seeds, paired_difference
+from ia_bench.report.statistics import Estimate, Paired, best_rows, line, over_scenes, over_seeds, paired
 from ia_bench.scores.columns import METRICS
 
 RANDOM = np.random.default_rng(0)
@@ -57,7 +57,7 @@ def test_the_paired_difference_is_scipys_and_forgets_the_scenes_own_level() -> N
     runs = [run("none", f"s{i}", 0, level) for i, level in enumerate(levels)]
     runs += [run("ours", f"s{i}", 0, level + gain) for i, (level, gain) in enumerate(zip(levels, gains, strict=True))]
     low, high = scipy.stats.ttest_rel(levels + gains, levels).confidence_interval(0.95)
-    estimate = paired_difference(runs, "ours", "none", PSNR)
+    estimate = paired(runs, "ours", "none", PSNR).over_scenes
     assert (estimate.mean - estimate.half_width, estimate.mean + estimate.half_width) == pytest.approx((low, high))
     assert estimate.scenes == 4
 
@@ -69,8 +69,28 @@ def test_the_paired_difference_uses_the_shared_scenes_only() -> None:
         run("ours", "hat", 0, 12.0),
         run("ours", "car", 0, 1.0),
     ]
-    assert paired_difference(runs, "ours", "none", PSNR) == Estimate(2.0, None, 1)
-    assert paired_difference(runs, "ours", "nobody", PSNR) is None
+    assert paired(runs, "ours", "none", PSNR).over_scenes == Estimate(2.0, None, 1)
+    assert paired(runs, "ours", "nobody", PSNR).over_scenes is None
+
+
+def test_a_mean_is_carried_by_the_pair_without_which_its_sign_changes() -> None:
+    """One bad seed of the reference: .43 dB ahead with it, .13 dB behind without."""
+    console = Paired({"console": {0: 0.23, 1: -0.49, 2: 1.56}})
+    assert console.over_seeds is not None
+    assert console.over_seeds.mean == pytest.approx(0.4333, abs=1e-4)
+    assert console.carriers == [("console", 2)]
+    assert Paired({"console": {0: 0.23, 1: 0.49, 2: 1.56}}).carriers == []
+    assert Paired({"console": {0: 1.0, 1: -1.0, 2: 1.0, 3: -0.5, 4: -0.5, 5: 1.0}}).carriers == [("console", s) for s in (0, 2, 5)]
+
+
+def test_carriers_are_of_the_mean_over_scenes_and_scenes_are_judged_alone() -> None:
+    pairs = Paired({"hat": {0: 0.5, 1: 0.7}, "console": {0: 0.23, 1: -0.49, 2: 1.56}})
+    assert pairs.carriers == []  # the other scene holds the mean up
+    assert pairs.of_scene("console").carriers == [("console", 2)]
+    assert Paired({"hat": {0: -0.1}, "console": {0: 1.0}}).carriers == [("console", 0)]  # a scene with its only seed
+    assert Paired({"hat": {0: 1.0}}).carriers == []  # nothing is left to judge by
+    assert Paired({}).carriers == []
+    assert Paired({"hat": {0: 1.0, 1: -1.0}}).carriers == []  # no sign that could change
 
 
 def test_failures_are_counted_and_enter_no_mean() -> None:

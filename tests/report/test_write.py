@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.report.latex import escape
+from ia_bench.report.collect import find_run_folders
 from ia_bench.report.table import best_paper_methods, paper_rows
+from ia_bench.report.texts import tex
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
@@ -34,13 +34,12 @@ def report(write_run_below: Write, tmp_path_factory: pytest.TempPathFactory) -> 
         for seed in (0, 1):
             write_run("ours", scene, seed, psnr=psnr + seed, curve=CURVE)
     write_run("ours", "hat", 2, status="failed", error="loss is not finite at step 3")
-    write_run("ours", "hat", 3, psnr=99.0, protocol="paper-v1 (lpips.net=vgg)")
+    write_run("ours", "hat", 3, psnr=99.0, protocol="paper-v1 (lpips.net=vgg)", protocol_description={})
     (root / "runs" / "torn").mkdir()
     (root / "runs" / "torn" / "metrics.json").write_text("{")
     claims = [Claim("ours", "none", ["albedo.psnr"]), Claim("later", "ours", ["roughness.mse"])]
-    return write_report(
-        root / "runs", root / "out", ["ours", "later"], scenes_order=["ship"], reference="none", claims=claims
-    )
+    folders = find_run_folders(root / "runs")
+    return write_report(folders, root / "out", ["ours", "later"], scenes_order=["ship"], reference="none", claims=claims)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +50,7 @@ def out(report: Report) -> Path:
 def test_every_file_is_written_and_nothing_partial_is_left(report: Report, out: Path) -> None:
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     pictures = {f"curves/{scene}.{kind}" for scene in ("hat", "ship") for kind in ("png", "svg")}
-    tables = {"table.tex", "table.csv", "table.json", "runs.csv", "time_to_error.csv", "time_to_beat.csv"}
+    tables = {"table.tex", *(f"{name}.csv" for name in ("table", "runs", "differences", "claims", "time_to_error", "time_to_beat"))}
     assert names == {"report.md"} | tables | pictures
     assert {path.relative_to(out).as_posix() for path in report.files} == names
 
@@ -65,7 +64,7 @@ def test_the_report_says_where_its_runs_come_from(tmp_path: Path, write_run: Cal
     for seed, commit in enumerate(("abc", "abc", "def")):
         write_run("ours", "hat", seed, environment={"commit": commit, "cpu": "Abacus 2", "threads": 1})
     write_run("ours", "hat", 3)
-    report = write_report(tmp_path / "runs", tmp_path / "out")
+    report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
     notes = "- 2 runs of commit abc on Abacus 2\n- 1 run of commit def on Abacus 2\n"
     assert notes in (tmp_path / "out" / "report.md").read_text()
     with (tmp_path / "out" / "runs.csv").open(newline="") as file:
@@ -75,19 +74,43 @@ def test_the_report_says_where_its_runs_come_from(tmp_path: Path, write_run: Cal
     assert len(report.findings.notes) == 2
 
 
-def test_json_holds_the_numbers(out: Path) -> None:
-    data = json.loads((out / "table.json").read_text())
-    ours = next(line for line in data["overall"] if line["row"] == "ours")
-    assert ours["values"]["albedo.psnr"]["mean"] == (20.5 + 24.5) / 2
-    assert ours["values"]["albedo.psnr"]["half_width"] > 0
-    assert (ours["failed"], ours["runs"]) == (1, 5)
-    assert data["protocol"] == "paper-v1"
-    assert data["differences"]["rows"]["ours"]["albedo.psnr"] == {"mean": 4.5, "half_width": 0.0, "scenes": 2}
-    assert data["failures"][0] == "ours, hat, seed 2: loss is not finite at step 3"
-    assert "torn" in data["failures"][1]
-    assert "left out, scored under paper-v1 (lpips.net=vgg) and not paper-v1" in data["notes"][0]
-    assert [claim["outcome"] for claim in data["claims"]] == ["undecided", "undecided"]
-    assert data["claims"][0]["advantage"] == {"mean": 4.0, "half_width": None, "scenes": 2}
+def read(out: Path, name: str, *keys: str) -> dict[object, dict[str, str]]:
+    """The lines of a CSV by some of their columns."""
+    with (out / f"{name}.csv").open(newline="") as file:
+        lines = list(csv.DictReader(file))
+    return {tuple(line[key] for key in keys): line for line in lines}
+
+
+def test_every_csv_names_the_protocol(out: Path) -> None:
+    for path in out.glob("*.csv"):
+        with path.open(newline="") as file:
+            found = {line["protocol"] for line in csv.DictReader(file)}
+        assert found == {"paper-v1 (lpips.net=alex)"} | ({"the paper's"} if path.name == "table.csv" else set())
+
+
+def test_csv_holds_the_numbers(report: Report, out: Path) -> None:
+    ours = read(out, "table", "scene", "row")["mean over scenes", "ours"]
+    assert float(ours["albedo_psnr"]) == (20.5 + 24.5) / 2
+    assert float(ours["albedo_psnr_half_width"]) > 0
+    assert (ours["failed"], ours["runs"]) == ("1", "5")
+    differences = read(out, "differences", "row", "metric", "scene")
+    mean = differences["ours", "albedo.psnr", "mean over scenes"]
+    assert (mean["difference"], mean["half_width_over_seeds"], mean["half_width_over_scenes"]) == ("4.0", "", "0.0")
+    assert (mean["pairs"], mean["carried_by"], mean["reference"]) == ("2", "", "none")  # of the seed that both rows have
+    claims = read(out, "claims", "better", "scene")
+    assert (claims["ours", "hat"]["difference"], claims["ours", "mean over scenes"]["outcome"]) == ("4.0", "undecided")
+    assert claims["later", "mean over scenes"]["difference"] == ""
+
+
+def test_failures_and_what_was_left_out_are_named(report: Report, out: Path) -> None:
+    assert report.findings.failures == ("ours, hat, seed 2: loss is not finite at step 3",)
+    notes = report.findings.notes
+    assert "left out, scored under paper-v1 (lpips.net=vgg) and not paper-v1 (lpips.net=alex)" in notes[0]
+    assert "left out, no record of a run" in notes[1]
+    assert "torn" in notes[1]
+    text = (out / "report.md").read_text()
+    assert "Protocol paper-v1 (lpips.net=alex). 9 runs, 1 failed." in text
+    assert "- ours, hat, seed 2: loss is not finite at step 3\n" in text
 
 
 def test_markdown_says_what_a_reader_needs(out: Path) -> None:
@@ -99,12 +122,13 @@ def test_markdown_says_what_a_reader_needs(out: Path) -> None:
     assert tables[3].startswith("| later | – |")
     assert tables[4].startswith("| none | 18.00 |")
     assert tables[5].startswith("| oracle\\_\\* † | 40.00 |")  # escaped, marked, and not bold though the highest
+    assert "| ours | +4.00 ± – / 0.00 | +0.0000 ± – / 0.0000 |" in (out / "report.md").read_text()
     assert any(line.startswith("### The paper's own figures") for line in lines)
     assert "![ship](curves/ship.png)" in lines
     assert "| Albedo PSNR ≥ 15 | 5.0 s | 5.0 s | 5.0 s |" in lines
     assert "| hat | Relighting PSNR | 16.00 | 5.0 s | 5.0 s |" in lines  # when ours and the oracle are where none is best
-    assert "| ours above none | Albedo PSNR ↑ | 4.00 | undecided |" in lines  # none has one seed
-    assert "| later above ours | Roughness MSE ↓ | – | undecided |" in lines
+    assert "| ours above none | Albedo PSNR ↑ | +4.00 ± – / 0.00 | undecided | – | +4.00 | +4.00 |" in lines  # one seed of none
+    assert "| later above ours | Roughness MSE ↓ | – | undecided | – | – | – |" in lines
 
 
 def test_csv_reads_back(out: Path) -> None:
@@ -127,13 +151,11 @@ def test_csv_reads_back(out: Path) -> None:
 def test_the_runs_give_the_means_of_the_table(out: Path) -> None:
     with (out / "runs.csv").open(newline="") as file:
         runs = [line for line in csv.DictReader(file) if line["row"] == "ours"]
-    finished = [line for line in runs if not line["problem"]]
-    assert [(line["scene"], line["seed"], line["problem"]) for line in runs if line["problem"]] == [
+    finished = [line for line in runs if line["status"] == "ok"]
+    assert [(line["scene"], line["seed"], line["reason"]) for line in runs if line["status"] == "failed"] == [
         ("hat", "2", "loss is not finite at step 3")
     ]
-    means = {
-        scene: [float(line["albedo_psnr"]) for line in finished if line["scene"] == scene] for scene in ("hat", "ship")
-    }
+    means = {scene: [float(line["albedo_psnr"]) for line in finished if line["scene"] == scene] for scene in ("hat", "ship")}
     assert means == {"hat": [20.0, 21.0], "ship": [24.0, 25.0]}
     assert {float(line["seconds"]) for line in finished} == {50.0}
 
@@ -144,9 +166,7 @@ def test_latex_has_the_papers_layout(out: Path) -> None:
     assert len(tables) == 3  # overall and two scenes
     assert ["InvRender" in table for table in tables] == [True, False, False]
     overall = tables[0].splitlines()
-    columns = (
-        next(line for line in overall if line.startswith("\\begin{tabular}")).count("r", len("\\begin{tabular}")) + 1
-    )
+    columns = next(line for line in overall if line.startswith("\\begin{tabular}")).count("r", len("\\begin{tabular}")) + 1
     body = [line for line in overall if line.endswith("\\\\") and "multicolumn" not in line]
     assert len(body) == 1 + 4 + 13
     assert {line.count(" & ") + 1 for line in body} == {columns} == {17}
@@ -159,7 +179,7 @@ def test_latex_has_the_papers_layout(out: Path) -> None:
 
 
 def test_latex_escapes_every_special_character() -> None:
-    assert escape("a_b%#&{}$~^\\") == r"a\_b\%\#\&\{\}\$\textasciitilde{}\textasciicircum{}\textbackslash{}"
+    assert tex("a_b%#&{}$~^\\") == r"a\_b\%\#\&\{\}\$\textasciitilde{}\textasciicircum{}\textbackslash{}"
 
 
 def test_the_papers_bold_figures_are_the_papers() -> None:
@@ -188,45 +208,103 @@ def test_the_shipped_figures_equal_the_source() -> None:
     assert (ROOT / "ia_bench" / "report" / "paper_table1.csv").read_text() == source.read_text()
 
 
-def test_a_list_of_folders_counts_the_ones_that_never_finished(write_run: Write, tmp_path: Path) -> None:
-    done = write_run("ours", "hat")
-    report = write_report([done, tmp_path / "killed"], tmp_path / "out")
-    assert len(report.findings.failures) == 1
-    assert "killed" in report.findings.failures[0]
+def test_a_folder_that_never_finished_is_named(write_run: Write, tmp_path: Path) -> None:
+    write_run("ours", "hat")
+    (tmp_path / "runs" / "killed").mkdir()
+    (tmp_path / "runs" / "killed" / "config.json").write_text("{}")
+    report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
+    assert len(report.findings.notes) == 1
+    assert "killed" in report.findings.notes[0]
 
 
 def test_a_killed_run_counts_as_a_failure_of_its_row(write_run: Write, tmp_path: Path) -> None:
     cells = {write_run("ours", "hat"): ("ours", "hat", 0), tmp_path / "killed": ("ours", "ship", 0)}
-    overall = write_report(cells, tmp_path / "out").findings.results.overall
+    overall = write_report(cells, tmp_path / "out").findings.overall
     assert (overall.lines[0].failed, overall.lines[0].runs, overall.scenes) == (1, 2, 2)
 
 
 def test_only_failures_still_make_a_report(write_run: Write, tmp_path: Path) -> None:
     write_run("ours", "hat", status="failed", error="no memory")
-    report = write_report(tmp_path / "runs", tmp_path / "out")
+    report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
     assert report.findings.failures == ("ours, hat, seed 0: no memory",)
     assert "| ours | – |" in (tmp_path / "out" / "report.md").read_text()
 
 
-def test_each_reason_of_a_null_is_told_once(write_run: Write, tmp_path: Path) -> None:
+def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Write, tmp_path: Path) -> None:
+    """A scene without such truth and a method that cannot predict are two reasons, and stand behind their own dashes."""
     for scene in ("hat", "ship"):
-        write_run("ours", scene, psnr=None, reasons={"albedo.psnr": "identical", "relighting.psnr": "identical"})
-    notes = write_report(tmp_path / "runs", tmp_path / "out").findings.notes
-    assert notes[0] == "albedo.psnr, relighting.psnr undefined in ours, hat, seed 0; ours, ship, seed 0: identical"
-    assert notes[1].endswith(": no reason given")
+        cannot = dict.fromkeys(
+            (f"{name}.psnr" for name in ("aligned_albedo", "view_synthesis", "relighting")), "the method cannot predict it"
+        )
+        reasons = {"albedo.psnr": "the scene has no such truth", **cannot}
+        write_run("ours", scene, psnr=None, reasons=reasons)
+    report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
+    runs = "ours, hat, seed 0; ours, ship, seed 0"
+    assert report.findings.undefined == {
+        "the scene has no such truth": f"albedo.psnr in {runs}",
+        "the method cannot predict it": f"aligned_albedo.psnr, view_synthesis.psnr, relighting.psnr in {runs}",
+    }
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "| ours | –[^1] | **0.9000** | **0.1000** | –[^2] |" in text
+    assert f"\n[^1]: the scene has no such truth (albedo.psnr in {runs})\n" in text
+    assert "\n[^2]: the method cannot predict it (" in text
+    latex = (tmp_path / "out" / "table.tex").read_text()
+    assert "ours & --$^{1}$ &" in latex
+    assert "$^{2}$ the method cannot predict it." in latex
+    (told,) = {line["reason"] for line in read(tmp_path / "out", "runs", "scene").values() if line["scene"] == "hat"}
+    assert told.startswith("albedo.psnr: the scene has no such truth; aligned_albedo.psnr, view_synthesis.psnr, ")
+
+
+def test_runs_csv_has_whatever_was_recorded(write_run: Write, tmp_path: Path) -> None:
+    write_run(
+        "ours", "hat", variants={"albedo_linear": {"psnr": 19.0}, "view_synthesis_whole": {"psnr": 30.0}}, rays=7, network_calls=0
+    )
+    write_run(
+        "theirs",
+        "hat",
+        variants={"relighting_reference": {"psnr": None}},
+        reasons={"relighting_reference.psnr": "so"},
+        config_hash="abc",
+    )
+    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
+    runs = read(tmp_path / "out", "runs", "row")
+    ours, theirs = runs["ours",], runs["theirs",]
+    assert (ours["albedo_linear_psnr"], ours["view_synthesis_whole_psnr"], ours["rays"], ours["network_calls"]) == (
+        "19.0",
+        "30.0",
+        "7",
+        "0",
+    )
+    assert (ours["seconds"], ours["seconds_bake"], ours["seconds_stage1"], ours["seconds_total"]) == ("50.0", "5.0", "30.0", "60.0")
+    assert (theirs["relighting_reference_psnr"], theirs["albedo_linear_psnr"], theirs["config_hash"], theirs["status"]) == (
+        "",
+        "",
+        "abc",
+        "ok",
+    )
+
+
+def test_floor_and_ceiling_are_called_so(write_run: Write, tmp_path: Path) -> None:
+    for row in ("constant", "ceiling", "ours"):
+        write_run(row, "hat", sees_truth=row != "ours", curve=f"{row},0,0,10,10,10,10,0.1\n")
+    report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "| constant (floor) † |" in text
+    assert "| ceiling † |" in text
+    assert {one.row for one in report.findings.times} == {"ours"}
 
 
 def test_what_cannot_be_reported_is_an_error(write_run: Write, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="expected at least one run folder with a metrics.json, found none"):
-        write_report(tmp_path, tmp_path / "out")
+    with pytest.raises(ValueError, match="expected at least one run's metrics.json, found none"):
+        write_report(find_run_folders(tmp_path), tmp_path / "out")
     write_run("ours", "hat")
     with pytest.raises(ValueError, match="reference: expected one of the rows ours, found none"):
-        write_report(tmp_path / "runs", tmp_path / "out", reference="none")
+        write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out", reference="none")
 
 
 def test_a_scene_with_a_slash_gets_a_file_of_its_own(write_run: Write, tmp_path: Path) -> None:
     write_run("ours", "my/hat", curve=CURVE)
-    write_report(tmp_path / "runs", tmp_path / "out")
+    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
     assert (tmp_path / "out" / "curves" / "my_hat.svg").is_file()
 
 
@@ -235,7 +313,5 @@ def test_the_report_needs_no_trainer_no_prior_and_no_matplotlib_to_be_imported()
         "import sys, ia_bench.report.write\n"
         "print([n for n in sys.modules if n.startswith(('ia_bench.fit', 'ia_bench.priors', 'torch', 'matplotlib'))])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout.strip() == "[]"

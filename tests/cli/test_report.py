@@ -1,0 +1,62 @@
+"""A report is a command of its own: of run folders alone, the same as after a table."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from ia_bench.cli.report import main
+
+KEYS = {"schema": 2, "scene": "hat", "seed": 0, "protocol": "paper-v2", "config_hash": "0", "status": "ok", "sees_truth": False}
+EMPTY = {"per_image": {}, "plan": {}, "environment": {}, "files": {}}
+TRIPLE = {"psnr": 20.0, "ssim": 0.9, "lpips": 0.1}
+
+
+def write(folder: Path, row: str, psnr: float) -> None:
+    components = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
+    metrics = {**{name: {**TRIPLE, "psnr": psnr} for name in components}, "roughness": {"mse": 0.05}}
+    costs = {"time_s": {"bake": 1.0, "total": 2.0}, "peak_memory_bytes": 1, "rays": 1, "network_calls": 0}
+    folder.mkdir(parents=True)
+    description = {"protocol_description": {"lpips": {"net": "squeeze"}}}
+    (folder / "metrics.json").write_text(json.dumps({"row": row, **KEYS, **EMPTY, **costs, "metrics": metrics, **description}))
+
+
+def test_runs_of_several_folders_are_reported_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path / "mine" / "a", "none", 20.0)
+    write(tmp_path / "yours" / "b", "ours", 22.0)
+    arguments = [*map(str, (tmp_path / "mine", tmp_path / "yours")), "--out", str(tmp_path / "out"), "--reference", "none"]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert "Protocol paper-v2 (lpips.net=squeeze), mean over scenes" in printed
+    assert "| ours | **22.00** |" in printed
+    assert "+2.00" in (tmp_path / "out" / "report.md").read_text()
+
+
+def test_a_table_gives_order_reference_and_claims(tmp_path: Path) -> None:
+    write(tmp_path / "runs" / "a", "none", 20.0)
+    write(tmp_path / "runs" / "b", "diffusion, kernel", 22.0)
+    assert main([str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--table", "paper"]) == 0
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert text.index("| none |") < text.index("| diffusion, kernel |")
+    assert "| diffusion, kernel above none | Albedo PSNR ↑ | +2.00 (1/4) | undecided | – | +2.00 |" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere", "--out", "out"], "nowhere: expected a folder with runs, found none"),
+        ([".", "--out", "out"], "expected at least one run's metrics.json, found none"),
+        ([".", "--out", "out", "--table", "papper"], "unknown table 'papper'; did you mean 'paper'?"),
+        (["runs", "--out", "out", "--reference", "nobody"], "reference: expected one of the rows none, found nobody"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    if arguments[0] == "runs":
+        write(tmp_path / "runs" / "a", "none", 20.0)
+    assert main(arguments) == 2
+    assert message in capsys.readouterr().err
