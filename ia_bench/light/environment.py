@@ -52,7 +52,7 @@ def _edges(count: int) -> Tensor:
 
 
 def _shares(new: Tensor, old: Tensor) -> Tensor:
-    """How much of each interval of ``new`` (N + 1,) lies in each of ``old`` (O + 1,), both edges in one order: rows of sum 1."""
+    """The share (N, O) of each interval between the edges ``new`` (N + 1,) that lies in each one between ``old`` (O + 1,)."""
     new, old = (torch.stack([edges[:-1], edges[1:]], -1).sort(-1).values for edges in (new, old))
     low = torch.maximum(new[:, None, 0], old[:, 0])
     high = torch.minimum(new[:, None, 1], old[:, 1])

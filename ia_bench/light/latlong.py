@@ -23,7 +23,7 @@ def row_solid_angles(height: int, width: int) -> Tensor:
 
 
 def direction_to_texel(direction: Tensor, height: int, width: int) -> Tensor:
-    """Flat texel index (...,) int64 of unit directions (..., 3)."""
+    """The texel (...,) int64 that each unit direction (..., 3) falls into, as a flat index."""
     x, y, z = direction.unbind(-1)
     row = torch.acos(z.clamp(-1, 1)) * (height / math.pi)
     column = (math.pi - torch.atan2(y, x)) * (width / (2 * math.pi))
@@ -61,7 +61,7 @@ BLOCK_ROWS = 16  # the cosine is bounded on at most this many rows of blocks of 
 
 
 def normal_bin(normal: Tensor) -> Tensor:
-    """Octahedral cell (...,) int64 in [0, BIN_SIDE^2) of unit normals (..., 3)."""
+    """The octahedral cell (...,) int64 in [0, BIN_SIDE^2) that each unit normal (..., 3) falls into."""
     x, y, z = (normal / normal.abs().sum(-1, keepdim=True)).unbind(-1)
     folded_x = torch.where(z >= 0, x, (1 - y.abs()) * torch.where(x >= 0, 1.0, -1.0))
     folded_y = torch.where(z >= 0, y, (1 - x.abs()) * torch.where(y >= 0, 1.0, -1.0))
@@ -82,11 +82,15 @@ def bin_centres() -> Tensor:
 
 
 class SamplingGrid(NamedTuple):
-    """What the tables of a map's size share whatever its radiance: K blocks of neighbouring texels, T = H W texels, B cells.
+    """What sampling needs to know of a map's size alone: B cells of normals, K blocks of neighbouring texels, T = H W texels.
 
-    ``bound`` (B, K) float32: bound of the cosine between the normals of a cell and the directions of a block; ``total``
-    (B, 1) its integral over the sphere; ``solid_angle`` (T,) float64; ``order`` (T,) the texels, block by block; ``block``
-    (T,) the block of each texel; ``end`` (K,) where each block's texels end in ``order``.
+    Attributes:
+        bound: (B, K) float32, no smaller than the cosine between any normal of the cell and any direction of the block.
+        total: (B, 1), the integral of ``bound`` over the sphere.
+        solid_angle: (T,) float64 steradians.
+        order: (T,), the texels sorted by their block.
+        block: (T,), the block of each texel.
+        end: (K,), where each block's texels end in ``order``.
     """
 
     bound: Tensor
@@ -99,11 +103,11 @@ class SamplingGrid(NamedTuple):
 
 @functools.cache
 def sampling_grid(height: int, width: int, device: torch.device) -> SamplingGrid:
-    """Blocks of a ``height`` x ``width`` map, at most BLOCK_ROWS x 2 BLOCK_ROWS of them, and the cosine's bound on each.
+    """The blocks of a ``height`` x ``width`` map, at most BLOCK_ROWS x 2 BLOCK_ROWS of them, and the cosine's bound on each.
 
-    Normals lie up to BIN_RADIUS off their cell's centre and directions half a texel off theirs, so a lit direction may be
-    that much farther than 90 degrees from the centre; texels too large for that get the same bound everywhere. A block
-    takes the largest bound of its texels.
+    A normal lies up to BIN_RADIUS off its cell's centre and a direction up to half a texel off its texel's centre. So a
+    direction that lights a normal may be farther than 90 degrees from the cell's centre by both together. Where texels are
+    too large for such a bound, it is the same everywhere. A block takes the largest bound of its texels.
     """
     rows, columns = min(height, BLOCK_ROWS), min(width, 2 * BLOCK_ROWS)
     row, column = torch.arange(height) * rows // height, torch.arange(width) * columns // width
@@ -121,16 +125,24 @@ def sampling_grid(height: int, width: int, device: torch.device) -> SamplingGrid
 
 
 class LatLongSampler(NamedTuple):
-    """Exact sampling of radiance times a bound of the cosine toward each octahedral cell of surface normals.
+    """Exact sampling of radiance times a bound of the cosine, for normals that are sorted into octahedral cells.
 
-    The density per steradian is ``bound(cell, block) * (share(cell) * brightness(texel) + evenly(cell))``. Since the bound is
-    constant on a block of texels, a draw takes two searches in small tables: an entry (by radiance or evenly, block) of the
-    cell, then a texel of the entry, whose order does not depend on the cell.
+    The density per steradian is ``bound(cell, block) * (share(cell) * brightness(texel) + evenly(cell))``. The bound is
+    constant on a block of texels, so a draw takes two searches in small tables. The first finds one of the cell's 2 K
+    entries: a block, and whether its texels are drawn by radiance or evenly. The second finds a texel of that block.
 
-    ``entries`` (2 B K + 1,) float64: cell b's cumulative probabilities of its 2 K entries plus b, after a leading 0;
-    ``texels`` (2 T,) float64: cumulative brightness times solid angle, then cumulative solid angle, block by block
-    (float32 would misplace dark texels beside a sun); ``edges`` (2 K + 1,): where the entries begin and end in it;
-    ``brightness`` (T,) float32: mean radiance of the channels over its integral; ``share`` and ``evenly`` (B,) float32.
+    Attributes:
+        entries: (2 B K + 1,) float64. One cumulative distribution per cell, concatenated after a leading 0. That of cell b
+            is shifted by b, so that a single ``searchsorted(entries, b + u)`` finds the entry within cell b.
+        texels: (2 T,) float64. The running sum of brightness times solid angle over all texels, block by block, and then
+            of the solid angle alone. In float32 dark texels beside a sun would be misplaced.
+        edges: (2 K + 1,), where in ``texels`` each entry's block begins and ends.
+        brightness: (T,) float32, the mean over channels of the radiance, divided by its integral over the sphere.
+        share: (B,) float32, the factor of what is drawn by radiance.
+        evenly: (B,) float32, what is drawn evenly, over the bound's integral.
+        grid: What depends on the map's size alone.
+        height: Rows of the map.
+        width: Columns of the map.
     """
 
     entries: Tensor
@@ -145,10 +157,13 @@ class LatLongSampler(NamedTuple):
 
     @classmethod
     def build(cls, radiance: Tensor, *, uniform_fraction: float = 0.0) -> LatLongSampler:
-        """Tables proportional to the mean over channels of ``radiance`` (H, W, 3), solid angle, and the cosine bound.
+        """Make the tables for ``radiance`` (H, W, 3), whose channels are averaged.
 
         ``uniform_fraction`` of the samples ignores the radiance, so that dark texels that must still learn are visited.
-        A cell that sees no light at all is sampled that way altogether. Raises FloatingPointError for NaN or infinity.
+        All samples of a cell that sees no light at all do.
+
+        Raises:
+            FloatingPointError: The radiance holds NaN or infinity.
         """
         height, width, _ = radiance.shape
         grid = sampling_grid(height, width, radiance.device)
@@ -174,7 +189,7 @@ class LatLongSampler(NamedTuple):
         )
 
     def sample(self, cell: Tensor, u: Tensor) -> Tensor:
-        """Texel indices for float64 ``u`` (..., K), uniform in [0, 1), and normal cells (..., 1)."""
+        """Draw texel indices by float64 ``u`` (..., N), uniform in [0, 1), for the normals' cells (..., 1)."""
         last = len(self.edges) - 2
         target = cell + u
         place = torch.searchsorted(self.entries, target.contiguous(), right=True) - 1
@@ -195,7 +210,12 @@ class LatLongSampler(NamedTuple):
 
 @dataclass(frozen=True)
 class SampledLight:
-    """A lat-long map for the renderer: ``radiance`` (H, W, 3), differentiable, and tables to sample it, which have no gradient."""
+    """A lat-long map as the renderer needs it.
+
+    Attributes:
+        radiance: (H, W, 3), differentiable.
+        sampler: Tables to draw directions by; they carry no gradient.
+    """
 
     radiance: Tensor
     sampler: LatLongSampler

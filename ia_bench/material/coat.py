@@ -17,7 +17,7 @@ GOLDEN = 0.6180339887498949  # fraction of the golden ratio: its multiples fill 
 
 @functools.cache
 def coat_reflectance(size: int = GRID, samples: int = SAMPLES) -> Tensor:
-    """Directional albedo of the specular lobe at ``size`` values each of roughness and cosine, from 0 to 1: (size, size)."""
+    """The directional albedo of the specular lobe, (size, size): rows are roughness, columns the cosine, both from 0 to 1."""
     values = torch.linspace(0, 1, size)
     roughness, cosine = (grid[..., None, None] for grid in torch.meshgrid(values, values, indexing="ij"))
     cosine = cosine.clamp_min(MIN_COSINE)
@@ -33,9 +33,9 @@ def coat_reflectance(size: int = GRID, samples: int = SAMPLES) -> Tensor:
 
 
 def passed_by_coat(roughness: Tensor, cosine: Tensor) -> Tensor:
-    """Share of light that the coat leaves to the diffuse lobe, (N, 1), for roughness (N, 1) and cosine to the viewer (N, 1).
+    """The share of light that the coat leaves to the diffuse lobe, (N, 1), by roughness (N, 1) and cosine to the viewer (N, 1).
 
-    One minus the directional albedo toward the viewer, as the Principled BSDF of Blender has it (Burley 2015 without
+    It is one minus the directional albedo toward the viewer, as the Principled BSDF of Blender has it (Burley 2015 without
     its diffuse retro-reflection). Differentiable in the roughness.
     """
     table = coat_reflectance().to(roughness)

@@ -10,10 +10,13 @@ from torch import Tensor
 
 @dataclass
 class Material:
-    """``albedo`` (T, T, 3) in [0, 1], linear; ``roughness`` (T', T', 1) in [MIN_ROUGHNESS, 1], perceptual. Row 0 is v = 1.
+    """Square textures, which may differ in size. Row 0 is v = 1.
 
-    ``metallic`` (T'', T'', 1) in [0, 1], None for a dielectric: how much of the albedo is reflected by the specular lobe, at
-    normal incidence, instead of the diffuse one (the base colour of the metallic workflow; Burley 2012).
+    Attributes:
+        albedo: (T, T, 3) in [0, 1], linear.
+        roughness: (T', T', 1) in [MIN_ROUGHNESS, 1], perceptual.
+        metallic: (T'', T'', 1) in [0, 1], None for a dielectric. It says how much of the albedo the specular lobe reflects
+            at normal incidence instead of the diffuse one (the metallic workflow; Burley 2012).
     """
 
     albedo: Tensor
@@ -22,7 +25,7 @@ class Material:
 
 
 def bilinear_taps(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """The four texels around each UV and their weights: (..., 4) int64 indices into the flattened texture, (..., 4) floats.
+    """The four texels around each UV (..., 2): their indices (..., 4) in the flattened texture, and their weights (..., 4).
 
     Beyond the border the nearest texel is repeated.
     """
@@ -40,7 +43,7 @@ def bilinear_taps(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
 
 
 def fetch(texture: Tensor, uv: Tensor) -> Tensor:
-    """Bilinear lookup of (H, W, C) at (..., 2) UV: (..., C). Differentiable in the texture only."""
+    """Look up a texture (H, W, C) bilinearly at UV (..., 2): (..., C). Differentiable in the texture only."""
     height, width, channels = texture.shape
     index, weight = bilinear_taps(uv, height, width)
     return (texture.reshape(-1, channels)[index] * weight[..., None]).sum(-2)

@@ -12,13 +12,13 @@ CUT_MARGIN = 2  # pixels around an object that is cut out
 
 
 def exposure(images: np.ndarray, masks: np.ndarray) -> float:
-    """Brings all but the brightest hundredth of the foreground into [0, 1]; 1 where there is no foreground."""
+    """The factor that brings all but the brightest hundredth of the foreground into [0, 1]; 1 without a foreground."""
     brightest = images[masks > 0.5].max(-1, initial=0.0)
     return 1 / max(float(np.quantile(brightest, 0.99)), 1e-12) if len(brightest) else 1.0
 
 
 def unmultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """What covers the pixel, (H, W, C) in [0, 1]."""
+    """Divide out the coverage: the values (H, W, C) in [0, 1] of what covers a pixel."""
     return (image / np.maximum(coverage, 1e-3)[..., None]).clip(0, 1)
 
 
@@ -47,10 +47,10 @@ def light_map(radiance: np.ndarray, gain: float) -> np.ndarray:
 
 
 def light_exposure(radiance: np.ndarray) -> float:
-    """Brings nine tenths of a light (H, W, 3) below mid-grey."""
+    """The factor that brings nine tenths of a light (H, W, 3) below mid-grey."""
     return 0.5 / max(float(np.quantile(radiance.mean(-1), 0.9)), 1e-12)
 
 
 def to_image(picture: np.ndarray) -> Image.Image:
-    """(H, W, 3) in [0, 1], display-encoded, as eight bits."""
+    """Make a picture of eight bits from display-encoded values (H, W, 3) in [0, 1]."""
     return Image.fromarray(np.round(255 * picture).astype(np.uint8))

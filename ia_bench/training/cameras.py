@@ -14,7 +14,7 @@ CROPPED = 0.2
 
 
 def draw_camera(rng: Generator, vertices: np.ndarray, size: int) -> Camera:
-    """A square camera that sees an object inside the unit ball, (V, 3) vertices, from anywhere but straight below.
+    """Draw a square camera that sees the ``vertices`` (V, 3) of an object inside the unit ball, but not from straight below.
 
     The frame is cut from a wider photograph, so the principal point need not be in its middle.
     """

@@ -26,11 +26,15 @@ from ia_bench.training.shards import CHANNELS, load_shard, shard_paths
 
 @dataclass(frozen=True)
 class Augmentation:
-    """``mirror``, ``permute``: probability of a left-right mirrored image, and of another order of the colour channels.
+    """What is changed at random in a training image.
 
-    ``cast``: standard deviation of the light's log gain per channel. ``exposure``: half range of the log exposure error.
-    ``noise``: largest standard deviation of sensor noise, relative to the image's exposure. ``no_geometry``: probability
-    that normals and visibility are withheld, so that one network serves images without them.
+    Attributes:
+        mirror: Probability that left and right are exchanged.
+        permute: Probability of another order of the colour channels.
+        cast: Standard deviation of the light's log gain per channel.
+        exposure: Half range of the log exposure error.
+        noise: Largest standard deviation of sensor noise, relative to the image's exposure.
+        no_geometry: Probability that normals and visibility are withheld, so that one network serves images without them.
     """
 
     mirror: float = 0.5
@@ -46,9 +50,13 @@ NO_AUGMENTATION = Augmentation(mirror=0, permute=0, cast=0, exposure=0, noise=0,
 
 @dataclass(frozen=True)
 class Batch:
-    """``condition`` (N, K, H, W) and ``target`` (N, 3 C, H, W) in the network's space; ``masks`` (N, H, W) coverage.
+    """Training images in the network's space.
 
-    ``factor`` (N,): the exposure that was applied, which decoding the specular component needs.
+    Attributes:
+        condition: (N, K, H, W), what the network sees.
+        target: (N, 3 C, H, W), what it is to predict.
+        masks: (N, H, W), coverage.
+        factor: (N,), the exposure that was applied, which decoding the specular component needs.
     """
 
     condition: Tensor
@@ -62,10 +70,10 @@ class Batch:
 
 
 class TrainingImages:
-    """All images of a folder of shards, in memory as half floats (115 kB an image of 64 x 64). ``seeds``: where from."""
+    """All images of a folder of shards, in memory as half floats (115 kB an image of 64 x 64), and their ``seeds``."""
 
     def __init__(self, folder: Path, *, limit: int | None = None) -> None:
-        """Raises InputError for a folder without shards or with shards of different sizes."""
+        """Load the shards. Raises InputError for a folder without any, or with shards of different sizes."""
         loaded: list[dict[str, Tensor]] = []
         seeds: set[int] = set()
         count = 0

@@ -26,10 +26,13 @@ CASTS, CAST_SHARES = (0.06, 0.3, 0.6), (0.4, 0.4, 0.2)
 
 @dataclass(frozen=True)
 class Light:
-    """A lat-long map and discs on top of it.
+    """A lat-long map and D discs on top of it. A disc that is not there has cosine 2, so that nothing lies inside.
 
-    ``radiance`` (H, W, 3) of the map; discs: unit ``direction`` (D, 3), ``cosine`` (D,) of their angular radius and
-    ``emission`` (D, 3), the radiance that they add. An absent disc has cosine 2: nothing lies inside.
+    Attributes:
+        radiance: (H, W, 3), of the map.
+        direction: (D, 3), unit, toward the discs.
+        cosine: (D,), of the discs' angular radius.
+        emission: (D, 3), the radiance that the discs add.
     """
 
     radiance: Tensor
@@ -81,7 +84,7 @@ def _mottle(rng: Generator, frequency: np.ndarray, octaves: int) -> Tensor:
 
 
 def _ground(canvas: _Canvas, up_irradiance: Tensor) -> None:
-    """Fill the lower half with ground that reflects what falls on it."""
+    """Fill the lower half with a ground that reflects what falls on it."""
     rng = canvas.rng
     albedo = _tensor(rng.uniform(0.05, 0.5) * _colour(rng, 0.25))
     z = _directions()[..., 2:]
@@ -125,7 +128,7 @@ def sky(canvas: _Canvas) -> None:
 
 
 def overcast(canvas: _Canvas) -> None:
-    """Thick cloud: brightest above, mottled."""
+    """Thick, mottled cloud that is brightest above."""
     rng, d = canvas.rng, _directions()
     bright = 1 + rng.uniform(0.5, 3) * d[..., 2:].clamp_min(0)
     canvas.map = bright * torch.exp(rng.uniform(0, 0.5) * _mottle(rng, np.array([1.5, 1.5, 1.5]), 3)) * _tensor(_colour(rng, 0.1))

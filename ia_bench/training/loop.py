@@ -56,7 +56,7 @@ def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
 
 
 class _Training:
-    """State of one training run in one process."""
+    """The state of one training run in one process."""
 
     def __init__(self, settings: TrainSettings, accelerator: Any, progress: Progress) -> None:  # noqa: ANN401 (lazy import)
         from diffusers.training_utils import EMAModel
@@ -236,7 +236,7 @@ class _Training:
         self.ema.restore(self.network.parameters())
 
     def _circumstances(self) -> dict[str, Any]:
-        """What a run's numbers depend on and its settings do not say."""
+        """Return what a run's numbers depend on although its settings do not say it."""
         accelerator = self.accelerator
         return {
             "images": len(self.images),
@@ -261,10 +261,10 @@ class _Training:
 
 
 def weighted_error(difference: Tensor, masks: Tensor, *, level: float, background: float) -> Tensor:
-    """Mean square of ``difference`` (N, C, H, W), weighed by what of it is the error of a colour and what of a structure.
+    """The mean square of ``difference`` (N, C, H, W), in which an error of the colour and one of the structure weigh differently.
 
-    Inside ``masks`` (N, H, W) each channel's mean over an image counts ``level``, the rest 1; outside, pixels count
-    ``background``. Any such weights of a square leave its minimum where it was, the expectation of the truth.
+    Inside ``masks`` (N, H, W) each channel's mean over an image counts ``level``, the rest counts 1; pixels outside count
+    ``background``. No such weights move the minimum of a square, which is the expectation of the truth.
     """
     inside = (masks[:, None] > 0).float()
     pixels = inside.sum((2, 3), keepdim=True)
@@ -283,7 +283,7 @@ def rate_factor(step: int, steps: int, warmup: int) -> float:
 
 
 def dropped_conditions(choice: Tensor, channels: float, tokens: float, both: float) -> tuple[Tensor, Tensor]:
-    """Which images are trained without their channels and which without their tokens, (N,) bool each.
+    """Tell which images are trained without their channels and which without their tokens, (N,) bool each.
 
     ``choice`` (N,) is uniform in [0, 1); ``channels`` of the images lose these alone, ``tokens`` those alone, ``both`` both.
     """
@@ -313,7 +313,7 @@ def _forget_validations_after(step: int, path: Path) -> None:
 
 
 def _stream(*path: int) -> int:
-    """One seed from several numbers."""
+    """Make one seed of several numbers."""
     return int(np.random.SeedSequence(path).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 

@@ -32,7 +32,7 @@ def _octave_rotation() -> Tensor:
 
 
 def noise(points: Tensor, channels: slice = ALL) -> Tensor:
-    """C of four channels of value noise at (N, 3) points, (N, C) in [-1, 1]; one lattice cell per unit, smooth inside."""
+    """Value noise at points (N, 3), smooth between the corners of unit cells: (N, C) in [-1, 1], of C of four channels."""
     cell = torch.floor(points)
     inside = points - cell
     faded = cell + inside * inside * (3 - 2 * inside)

@@ -23,11 +23,15 @@ MAX_SLOTS = 5
 
 @dataclass(frozen=True)
 class SolidObject:
-    """A finished object.
+    """A finished object of F triangles.
 
-    ``vertices`` (V, 3) float32, ``faces`` (F, 3) int32. Per triangle corner: shading ``normals`` (F, 3, 3) and ``local``
-    (F, 3, 3), the place in its part before the part was posed. Per triangle: ``slot`` (F,) int64, its material of
-    ``slots``, and ``axis`` (F,) int64, the dominant axis of its normal in the part.
+    Attributes:
+        vertices: (V, 3) float32.
+        faces: (F, 3) int32.
+        normals: (F, 3, 3), the shading normal of each triangle's corners.
+        local: (F, 3, 3), where each corner was in its part before the part was posed.
+        slot: (F,) int64, the material of each triangle, below ``slots``.
+        axis: (F,) int64, the dominant axis of each triangle's normal in its part.
     """
 
     vertices: np.ndarray

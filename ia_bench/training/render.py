@@ -37,7 +37,15 @@ _PLASTIC_2 = (PLASTIC, PLASTIC * PLASTIC)  # generators of Roberts' R2 sequence
 
 @dataclass(frozen=True)
 class ViewDraw:
-    """Everything random about one image. ``shift`` (S, S, 4, 2) float32 moves each pixel's four lattices."""
+    """Everything random about one image of S x S pixels.
+
+    Attributes:
+        camera: Where it is seen from.
+        light: What lights it.
+        materials: One for each slot of the object.
+        exposure: The mean radiance of the object in the photograph.
+        shift: (S, S, 4, 2) float32, by which each pixel's four lattices are moved.
+    """
 
     camera: Camera
     light: Light
@@ -68,7 +76,7 @@ class _Hits:
 
 
 class ObjectRenderer:
-    """An object ready for rays; renders any number of views of it."""
+    """An object that rays can be traced against. It renders any number of views of it."""
 
     def __init__(self, solid: SolidObject, direct: DirectLight) -> None:
         self._direct = direct
@@ -153,7 +161,7 @@ class ObjectRenderer:
         return _Hits(position, normal, geometric * side, local, self._axis[face], self._slot[face])
 
     def _bounce(self, hits: _Hits, direction: Tensor) -> tuple[Tensor, _Hits, Tensor, Tensor]:
-        """Trace (N, A, 3) rays: which reach the sky (N, A), where the others land, and for these their point and number."""
+        """Trace rays (N, A, 3): which reach the sky (N, A), where the others land, and which point and ray these belong to."""
         above = dot(direction, hits.geometric[:, None])[..., 0] > 0
         start = (hits.position + OFFSET * hits.geometric)[:, None].expand_as(direction)
         face, barycentric, _ = self._rays.intersect(start.reshape(-1, 3), direction.reshape(-1, 3))

@@ -35,19 +35,38 @@ LIMITS: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """``data``, ``validation``: folders of shards (different seeds); ``out``: the run's folder, resumed where it exists.
+    """The settings of a training run.
 
-    ``init``: folder of weights to start from, also of the other kind (:mod:`ia_bench.training.warm_start`), None for
-    random ones. ``steps``: optimiser steps in all; a run may go on with more. The rates, ``muon_rate`` of Muon on hidden
-    weights and ``rate`` of AdamW on the others (on all with ``muon_rate`` 0), rise over ``warmup`` steps and fall along a
-    cosine to a fiftieth. ``minutes``: stop (and keep the state) after that long, None for no limit. ``batch``: images a step
-    over all processes. ``ema``: decay of the averaged weights, which are the ones that are kept. ``drop_channels``,
-    ``drop_tokens``, ``drop_both``: share of the images whose condition is withheld in that way, for classifier-free guidance
-    (0.05 each in the original code). ``background``: weight of pixels outside the mask in the loss. ``level``: weight in it
-    of an image's mean error, which one image hardly tells (light and paint can share any colour) and which is most of it.
-    ``precision``: "bf16", "float32", or "auto" (bf16 where the processor has it). ``compile``: whether the network is
-    compiled for training. ``checkpoint_minutes``, ``validate_steps``: how often the state is kept, and the network
-    validated on ``validation_images`` images with ``validation_sampler_steps`` denoising steps.
+    Attributes:
+        data: Folder of shards to train on.
+        validation: Folder of shards to validate on; its images have other seeds.
+        out: The run's folder, in which a run resumes.
+        init: Folder of weights to start from, also of the other kind (:mod:`ia_bench.training.warm_start`); None: random ones.
+        steps: Optimiser steps in all; a run may go on with more.
+        minutes: After so many the run stops and keeps its state; None for no limit.
+        batch: Images a step, over all processes.
+        rate: Full rate of AdamW. Rates rise over ``warmup`` steps and fall along a cosine to a fiftieth.
+        muon_rate: Full rate of Muon on the hidden weights; with 0 AdamW has them too.
+        warmup: Steps in which the rates rise.
+        weight_decay: Of both optimisers.
+        clip_gradient: Largest norm of the gradient; 0 for no limit.
+        ema: Decay of the averaged weights, which are the ones that are kept.
+        drop_channels: Share of the images whose condition is withheld as channels, for classifier-free guidance.
+        drop_tokens: Share of the images whose condition is withheld as tokens. The original code has 0.05 for all three.
+        drop_both: Share of the images whose condition is withheld altogether.
+        background: Weight in the loss of pixels outside the mask.
+        level: Weight in the loss of an image's mean error. It is most of the error, and one image hardly tells it, because
+            light and paint can share any colour.
+        precision: "bf16", "float32", or "auto", which is bf16 where the processor has it.
+        compile: Whether the network is compiled for training.
+        threads: Of the CPU; None for torch's own choice.
+        seed: Of every draw.
+        checkpoint_minutes: How often the state is kept.
+        validate_steps: Steps between two validations.
+        validation_images: How many images a validation takes.
+        validation_sampler_steps: Denoising steps of its samples.
+        network: What is trained.
+        augmentation: What is done to its images.
     """
 
     data: Path
@@ -133,7 +152,7 @@ def _keys(kind: type, prefix: str = "") -> dict[str, Any]:
 
 
 def _value(key: str, text: str, kind: Any) -> Any:  # noqa: ANN401 (any field's type and value)
-    """``text`` as YAML reads it, if it fits ``kind``; a path is taken as it is."""
+    """Read ``text`` as YAML does, if the value fits ``kind``; a path is taken as it is."""
     kinds = get_args(kind) or (kind,)
     try:
         value = yaml.safe_load(text)

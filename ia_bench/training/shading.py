@@ -26,12 +26,22 @@ TEXELS, STRATA = HEIGHT * WIDTH, MAX_DISCS + HEIGHT
 
 @dataclass(frozen=True)
 class LightTables:
-    """L lights stacked for sampling.
+    """L lights stacked for sampling. A light's strata are its discs, then the rows of its map.
 
-    A light's strata are its discs, then the rows of its map: ``strata`` (L STRATA,) float64 cumulative, light l's offset
-    by l, and their chances ``stratum_chance`` (L STRATA,); ``columns`` (L H W,) float64 cumulative within every row, row r
-    offset by r, and ``column_chance`` (L H W,). ``radiance`` (L H W, 3) and ``density`` (L H W,) per steradian of the map;
-    ``direction`` (L, D, 3), ``cosine``, ``emission`` (L, D, 3), ``disc_density`` (L, D) of the discs.
+    One cumulative distribution per light, or per row, is concatenated with the others; number k is shifted by k, so that a
+    single search finds the entry within it.
+
+    Attributes:
+        strata: (L STRATA,) float64, one cumulative distribution per light over its strata.
+        stratum_chance: (L STRATA,), the probability of each stratum.
+        columns: (L H W,) float64, one cumulative distribution per row of every map.
+        column_chance: (L H W,), the probability of each texel within its row.
+        radiance: (L H W, 3), of the maps.
+        density: (L H W,), with which the texels of the maps are drawn, per steradian.
+        direction: (L, D, 3), of the discs.
+        cosine: (L, D), of the discs' angular radius.
+        emission: (L, D, 3), of the discs.
+        disc_density: (L, D), with which the discs are drawn, per steradian.
     """
 
     strata: Tensor
@@ -80,7 +90,7 @@ def _cumulative(chance: Tensor) -> Tensor:
 
 
 def _invert(cumulative: Tensor, chance: Tensor, table: Tensor, u: Tensor, size: int) -> tuple[Tensor, Tensor]:
-    """Entry within its table, and place inside the entry in [0, 1), of uniform ``u`` float64."""
+    """Look up uniform ``u`` (float64): the entry within its table, and the place inside that entry in [0, 1)."""
     target = table + u
     found = torch.searchsorted(cumulative, target, right=True)
     entry = (found - table * size).clamp(0, size - 1)
@@ -150,10 +160,13 @@ def draw_samples(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Directions for N points, by cosine, light and BRDF in this order, and what each adds if nothing is in its way.
 
-    ``normal``, ``view``, ``geometric`` (N, 3); ``roughness`` (N, 1); ``light`` (N,); ``cosine_rays`` (N, A, 3);
-    ``u_light`` (N, B, 2) float64; ``u_brdf`` (N, C, 2), where C = 0 leaves the specular part out.
-    Returns directions (N, A + B + C, 3); radiance times the balance heuristic's weight, zero below the surface, likewise;
-    and (N, A + B + C, 2): cosine / pi, and the specular BRDF times the cosine.
+    The arguments are ``normal``, ``view`` and ``geometric`` (N, 3), ``roughness`` (N, 1), ``light`` (N,), ``cosine_rays``
+    (N, A, 3), ``u_light`` (N, B, 2) float64 and ``u_brdf`` (N, C, 2), where C = 0 leaves the specular part out.
+
+    Returns:
+        Directions (N, A + B + C, 3).
+        Radiance times the weight of the balance heuristic, of the same shape; zero below the surface.
+        The cosine over pi, and the specular BRDF times the cosine, (N, A + B + C, 2).
     """
     n, o, r = normal[:, None], view[:, None], roughness[:, None]
     to_light = sample_lights(light, u_light, strata, stratum_chance, columns, column_chance, disc_direction, disc_cosine)
@@ -180,7 +193,7 @@ def draw_samples(
 
 
 class DirectLight:
-    """Estimates direct light; compiled where ``compiled`` is true (seconds once, then faster)."""
+    """An estimator of direct light. Compiling it (``compiled``) takes seconds once and makes it faster."""
 
     def __init__(self, *, compiled: bool) -> None:
         self._draw: Callable[..., tuple[Tensor, Tensor, Tensor]] = (

@@ -43,9 +43,15 @@ CHANNELS = {"image": 4, "albedo": 3, "specular": 3, "normal": 3, "visibility": 1
 
 @dataclass(frozen=True)
 class ShardInfo:
-    """Where a shard's images come from: ``first`` is the index of its first image, ``size`` its side in pixels.
+    """Where a shard's images come from.
 
-    ``redrawn`` counts images that were drawn again because they were empty, full or not finite.
+    Attributes:
+        seed: Which of the endless sets.
+        first: The index of its first image in that set.
+        count: How many images it holds.
+        size: Their side in pixels.
+        redrawn: How many were drawn again because they were empty, full or not finite.
+        version: Of the program that made them.
     """
 
     seed: int

@@ -16,7 +16,7 @@ from ia_bench.training.noise import FIRST, fractal
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles: ``vertices`` (V, 3) float64, ``faces`` (F, 3) int64, counter-clockwise seen from outside."""
+    """Triangles: ``vertices`` (V, 3) float64 and ``faces`` (F, 3) int64, which are counter-clockwise seen from outside."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -161,8 +161,8 @@ def vertex_normals(surface: Surface) -> np.ndarray:
 def corner_normals(surface: Surface, crease: float) -> np.ndarray:
     """Shading normals of every triangle's corners, (F, 3, 3).
 
-    Averages, weighted by area, over the triangles around the vertex that lie within ``crease`` radians of this one, so
-    that sharp edges stay sharp.
+    A corner's normal is the mean, weighted by area, of those triangles around the vertex that lie within ``crease`` radians
+    of this one. So sharp edges stay sharp.
     """
     flat = face_normals(surface)
     unit = flat / np.linalg.norm(flat, axis=1, keepdims=True).clip(1e-20)

@@ -34,7 +34,7 @@ def _frame(rng: Generator) -> tuple[Tensor, Tensor]:
 
 
 def _unit(x: Tensor) -> Tensor:
-    """Zero-mean noise of a standard deviation near 1 (:func:`fractal`: 1.25) to [0, 1]."""
+    """Map noise of mean 0 and a standard deviation near 1 (:func:`fractal` has 1.25) to [0, 1]."""
     return torch.sigmoid(1.5 * x)
 
 
@@ -297,7 +297,7 @@ class TexturedMaterial:
     roughness_pattern: Pattern | None
 
     def __call__(self, local: Tensor, axis: Tensor) -> tuple[Tensor, Tensor]:
-        """At (N, 3) local points with dominant axes (N,): albedo (N, 3) in [0.02, 0.95], roughness (N, 1) in [0.05, 1]."""
+        """Albedo (N, 3) in [0.02, 0.95] and roughness (N, 1) in [0.05, 1] at local points (N, 3) with dominant axes (N,)."""
         p = local * self.scale
         albedo = self.layers[0].colours[:1].expand(len(p), 3)
         for layer in self.layers:
@@ -334,7 +334,7 @@ def _draw_layer(rng: Generator, colours: np.ndarray, mask: Pattern | None, plain
 
 
 def draw_roughness(rng: Generator) -> float:
-    """Glossy, satin or matt, perceptual."""
+    """Draw a perceptual roughness: glossy, satin or matt."""
     low, high = [(0.05, 0.3), (0.3, 0.6), (0.6, 1.0)][rng.choice(3, p=[0.25, 0.45, 0.3])]
     return float(rng.uniform(low, high))
 

@@ -19,11 +19,15 @@ MEAN_SAMPLES = 8
 
 @dataclass(frozen=True)
 class SingleView:
-    """``figures``: PSNR in dB, means over images, of linear values inside the mask; ``pictures`` for a look (N, H, W, 3).
+    """Scores of single images, of linear values inside the mask.
 
-    ``albedo_image``: the image taken as albedo; ``albedo_one``, ``albedo_mean``: one sample and the mean of 8, each scaled
-    by one factor per image so that its mean is the truth's (``..._channels``: one per channel). ``specular_...``: exposed
-    radiance clipped at white, without alignment; ``specular_constant``: the best constant colour of each image.
+    The names of figures begin with what is scored: ``albedo``, scaled by one factor per image so that its mean is the truth's
+    (``..._channels``: one factor per channel), or ``specular``, exposed radiance clipped at white, without alignment. They go
+    on with what is taken for it: ``image``, the image itself; ``one`` sample; the ``mean`` of 8; the best ``constant``.
+
+    Attributes:
+        figures: PSNR in dB, means over images, by name.
+        pictures: (N, H, W, 3) to look at, by name.
     """
 
     figures: dict[str, float]

@@ -64,7 +64,7 @@ def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, A
 
 
 def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
-    """The network in ``folder``, in float32 and evaluation mode, and its provenance.
+    """Load the network in ``folder``, in float32 and evaluation mode, and its provenance.
 
     Raises InputError, naming file and key, for what is missing, damaged or does not fit its config.
     """
@@ -130,13 +130,13 @@ def fingerprint(folder: Path) -> str:
 
 @functools.lru_cache(maxsize=32)
 def _file_digest(path: Path, size: int, modified: int) -> bytes:
-    """SHA-256 of a file that had this ``size`` and was ``modified`` then: asked for every draw, and CLIP is large."""
+    """SHA-256 of a file of this ``size``, ``modified`` then. It is kept, because every draw asks for it and CLIP is large."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()
 
 
 def _modules(network: MaterialNetwork) -> dict[str, torch.nn.Module]:
-    """The parts of a network by the file that holds them."""
+    """The parts of a network, by the file that holds them."""
     parts = {UNET: network.unet, HEAD: network.head, ENCODER: network.encoder}
     return {name: module for name, module in parts.items() if module is not None}
 

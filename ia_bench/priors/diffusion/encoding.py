@@ -24,9 +24,10 @@ LOG_RANGE = 64.0
 
 
 def exposure(images: Tensor, masks: Tensor) -> Tensor:
-    """Factor (N,) that brings each image to the exposure above: images (N, H, W, 3) premultiplied by masks (N, H, W).
+    """The factor (N,) that brings each image (N, H, W, 3), premultiplied by ``masks`` (N, H, W), to the exposure above.
 
-    An image's largest coverage counts as a whole one: glass has an exposure too. 1 for an image without foreground or light.
+    An image's largest coverage counts as a whole one, because glass has an exposure too. The factor is 1 for an image
+    without foreground or light.
     """
     coverage = masks.flatten(1)
     full = coverage.amax(1, keepdim=True).clamp_min(1e-3)

@@ -3,8 +3,9 @@
 Enlarging an albedo would blur it: on the development scenes even the truth has only 23 to 25 dB after a way through 64 x 64
 and back. So what is enlarged is the smooth part, as in joint upsampling (Kopf et al. 2007).
 
-Arguments: ``reduced``, the prediction, and ``seen``, what it is compared with, (S, S, 3); ``image`` or ``render``, that
-again at its own size, (H, W, 3); ``known`` (S, S): where the prediction counts. Display values in [0, 1].
+The functions take display values in [0, 1]: the prediction ``reduced`` (S, S, 3); what it is compared with, as the network
+saw it (``seen``, (S, S, 3)) and at its own size (``image`` or ``render``, (H, W, 3)); and where the prediction counts
+(``known``, (S, S)).
 """
 
 from __future__ import annotations
@@ -19,14 +20,14 @@ FLOOR = 0.03
 
 
 def enlarge(frame: Frame, reduced: Tensor, known: Tensor, shape: torch.Size) -> Tensor:
-    """``reduced`` as it is, smoothly: for specular shading, whose highlights are no texture of the image."""
+    """Enlarge ``reduced`` smoothly, for specular shading, whose highlights are no texture of the image."""
     return frame.paste(reduced, known, torch.ones(shape))
 
 
 def enlarge_by_gain(frame: Frame, reduced: Tensor, seen: Tensor, image: Tensor, known: Tensor) -> Tensor:
-    """``image`` times the enlarged ratio of an albedo to the image as the network saw it.
+    """Multiply ``image`` by the enlarged ratio of an albedo to the image as the network saw it.
 
-    The ratio is the inverse of shading: smooth where shading is, while texture is the image's own.
+    The ratio is the inverse of shading and as smooth as that is, while texture is the image's own.
     """
     if frame.length == frame.side:
         return enlarge(frame, reduced, known, image.shape[:2])
@@ -35,9 +36,9 @@ def enlarge_by_gain(frame: Frame, reduced: Tensor, seen: Tensor, image: Tensor, 
 
 
 def enlarge_by_difference(frame: Frame, reduced: Tensor, seen: Tensor, render: Tensor, known: Tensor) -> Tensor:
-    """``render`` plus the enlarged difference of the prediction to it as the network saw it.
+    """Add to ``render`` the enlarged difference between the prediction and the render as the network saw it.
 
-    For what was guided by the render or denoised from it: where the network changes nothing, nothing changes.
+    It serves what was guided by the render or denoised from it: where the network changes nothing, nothing changes.
     """
     if frame.length == frame.side:
         return enlarge(frame, reduced, known, render.shape[:2])

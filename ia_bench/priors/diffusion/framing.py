@@ -15,7 +15,14 @@ MARGIN = 0.03
 
 @dataclass(frozen=True)
 class Frame:
-    """A square of the image, in pixels: ``top``, ``left`` (either may be negative), and ``length``; ``side`` it is resized to."""
+    """A square of the image, and the size that it is resized to, all in pixels.
+
+    Attributes:
+        top: Row of its upper edge, which may be negative.
+        left: Column of its left edge, which may be negative.
+        length: Its side in the image.
+        side: Its side after resizing.
+    """
 
     top: int
     left: int
@@ -40,7 +47,7 @@ class Frame:
         return cls(top, left, length, length if side is None else side)
 
     def cut(self, values: Tensor) -> Tensor:
-        """(H, W, C) premultiplied values -> (side, side, C); what lies outside the image is zero."""
+        """Cut premultiplied values (H, W, C) out: (side, side, C). What lies outside the image is zero."""
         height, width, _ = values.shape
         rows, columns = self._inside(height, width)
         square = values.new_zeros(self.length, self.length, values.shape[-1])
@@ -50,9 +57,9 @@ class Frame:
         return _resize(square, self.side)
 
     def paste(self, values: Tensor, weight: Tensor, mask: Tensor) -> Tensor:
-        """The inverse: straight values (side, side, C) known where ``weight`` (side, side) > 0 -> (H, W, C), times ``mask``.
+        """Put straight values (side, side, C) back into the image: (H, W, C), times ``mask``.
 
-        A pixel near the edge averages only what is known.
+        They are known where ``weight`` (side, side) > 0; a pixel near the edge averages only what is known.
         """
         known = torch.cat([values * weight[..., None], weight[..., None]], -1)
         known = _resize(known, self.length).clamp_min(0)

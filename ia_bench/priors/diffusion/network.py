@@ -38,16 +38,24 @@ CLIP_DEVIATION = (0.26862954, 0.26130258, 0.27577711)
 class NetworkConfig:
     """Everything that determines the network's shape and the meaning of its input and output.
 
-    ``kind``: "diffusion", or "regressor" (no noise goes in, the estimate comes out). ``components``: what it predicts; one
-    network for both shares its trunk, two networks with one component each are the paper's way. ``size``: native side in
-    pixels. ``fold``: side of the pixel blocks that become channels before the first convolution. ``channels``: of the UNet's
-    levels; the lowest has cross-attention. ``layers``: residual blocks a level. ``head``: width of the convolutions at full
-    resolution that end the network, which must then predict a "sample"; 0: none, the UNet's output is the network's.
-    ``geometry``: whether normals and
-    visibility are inputs (they may be absent). ``encoder``: "small" (trained along), "none", or the folder of a
-    pretrained CLIP vision model (frozen). ``tokens``: width of a token. ``prediction_type``, ``schedule``: see
-    :class:`ia_bench.priors.diffusion.schedule.NoiseSchedule`. ``specular``: see
-    :func:`ia_bench.priors.diffusion.encoding.encode_specular`. Raises InputError for values that make no network.
+    Attributes:
+        kind: "diffusion", or "regressor", into which no noise goes and out of which the estimate comes.
+        components: What it predicts. One network for both shares its trunk; one network for each is the paper's way.
+        size: Native side in pixels.
+        fold: Side of the pixel blocks that become channels before the first convolution.
+        channels: Of the UNet's levels; the lowest level has cross-attention.
+        layers: Residual blocks a level.
+        head: Width of the convolutions at full resolution that end the network, which must then predict a "sample". With 0
+            there are none, and the UNet's output is the network's.
+        geometry: Whether normals and visibility are inputs, which may be absent.
+        encoder: "small" (trained along), "none", or the folder of a pretrained CLIP vision model (frozen).
+        tokens: Width of a token.
+        prediction_type: See :class:`ia_bench.priors.diffusion.schedule.NoiseSchedule`.
+        specular: See :func:`ia_bench.priors.diffusion.encoding.encode_specular`.
+        schedule: See :class:`ia_bench.priors.diffusion.schedule.NoiseSchedule`.
+
+    Raises:
+        InputError: The values make no network.
     """
 
     kind: Kind = "diffusion"
@@ -108,7 +116,7 @@ class NetworkConfig:
 
     @property
     def last_timestep(self) -> int:
-        """Where a diffusion network sees only noise; what a regressor, which always does, is told."""
+        """The timestep at which a diffusion network sees only noise. A regressor is always told this one."""
         return self.timesteps - 1
 
     @property
@@ -118,7 +126,7 @@ class NetworkConfig:
 
 
 class MaterialNetwork(nn.Module):
-    """``unet`` (diffusers UNet2DConditionModel) on folded pixels, ``head`` and ``encoder`` (None without one)."""
+    """A diffusers ``UNet2DConditionModel`` on folded pixels, with a ``head`` and an image ``encoder`` (None without one)."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -155,11 +163,14 @@ class MaterialNetwork(nn.Module):
     def forward(
         self, noisy: Tensor | None, timestep: Tensor, condition: Tensor, dropped: tuple[Tensor, Tensor] | None = None
     ) -> Tensor:
-        """Raw output (N, 3 C, H, W); its meaning is ``config.prediction_type`` ("sample" for a regressor).
+        """Raw output (N, 3 C, H, W), whose meaning is ``config.prediction_type`` ("sample" for a regressor).
 
-        ``noisy`` (N, 3 C, H, W), None for a regressor; ``timestep`` (N,); ``condition`` (N, condition_channels, H, W), its
-        geometry channels zero where unknown. ``dropped``: (N,) bool each, images whose channels and whose tokens are
-        replaced by zeros (classifier-free guidance). H and W are multiples of fold x down-sampling.
+        Args:
+            noisy: (N, 3 C, H, W), None for a regressor. H and W are multiples of fold x down-sampling.
+            timestep: (N,).
+            condition: (N, condition_channels, H, W); geometry channels are zero where unknown.
+            dropped: Two (N,) bool, the images whose channels and whose tokens are replaced by zeros, for classifier-free
+                guidance.
         """
         tokens = self.tokens(condition)
         if dropped is not None:
@@ -173,7 +184,7 @@ class MaterialNetwork(nn.Module):
         return None if self.encoder is None else self.encoder(condition[:, :IMAGE_CHANNELS])
 
     def denoise(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor, tokens: Tensor | None) -> Tensor:
-        """:meth:`forward` with the tokens at hand."""
+        """Do what :meth:`forward` does, with the tokens at hand."""
         channels = condition if noisy is None else torch.cat([noisy, condition], 1)
         folded = F.pixel_unshuffle(channels, self.config.fold)
         output = F.pixel_shuffle(self.unet(folded, timestep, tokens, return_dict=False)[0], self.config.fold)
@@ -233,7 +244,7 @@ class SmallEncoder(nn.Module):
 class ClipEncoder(nn.Module):
     """A frozen CLIP vision model (``transformers``, from a local folder) and a trained projection of its patch features.
 
-    The paper's encoder. Its weights are not saved with the network; the folder must be there again.
+    It is the paper's encoder. Its weights are not saved with the network; the folder must be there again.
     """
 
     def __init__(self, folder: Path, width: int) -> None:

@@ -14,7 +14,7 @@ from ia_bench.common.errors import InputError
 
 @dataclass(frozen=True)
 class GaussianBlur:
-    """A = Gaussian blur with standard deviation ``sigma`` >= 0 pixels, over the last two axes; 0 is the identity.
+    """The operator A: a Gaussian blur of ``sigma`` >= 0 pixels over the last two axes; 0 is the identity.
 
     The image is continued by reflection (half-sample even), so A is symmetric, keeps the mean, and is diagonal in the
     type-II cosine transform: frequency k of n has eigenvalue exp(-(sigma pi k / n)^2 / 2). There is no kernel to truncate.

@@ -11,7 +11,7 @@ PRECISIONS = ("auto", "bf16", "float32")
 
 
 def use_bf16(precision: str, device: torch.device, key: str) -> bool:
-    """What ``precision`` means on ``device``: "auto" takes bfloat16 where it is fast. InputError names ``key``."""
+    """Tell whether ``precision`` means bfloat16 on ``device``; "auto" takes it where it is fast. InputError names ``key``."""
     if precision not in PRECISIONS:
         raise InputError(unknown(f"value of {key}", precision, PRECISIONS))
     if precision != "auto":
