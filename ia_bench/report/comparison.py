@@ -98,7 +98,7 @@ class _Columns:
         return self._pictures(view.albedo, view.roughness[..., None], view.mask, relit.image, relit.mask, self._true_light)
 
     def recovered(self, run: Recovered) -> list[np.ndarray]:
-        """The same of a run: its albedo aligned as in its scores, before it is relit too, and its light the other way."""
+        """What :meth:`truth` returns, of a run: albedo times its scores' alignment, also before it is relit, light over it."""
         material = Material(run.scale * run.material.albedo, run.material.roughness, run.material.metallic)
         renderer = self._stage.renderer(bounces=run.bounces, coat=run.coat)
         generator = torch.Generator().manual_seed(0)

@@ -53,9 +53,9 @@ class TimeToError:
 
 @dataclass(frozen=True)
 class Worsening:
-    """A metric that ends worse than it was: best value, when it was, and final value, each the mean over ``seeds``.
+    """A metric that ends worse than it was: its best value, when that was, and its final value, as means over ``seeds``.
 
-    ``loss_db``: best minus final PSNR, or 10 log10(final / best) of a squared error.
+    ``loss_db`` is best minus final PSNR, or 10 log10(final / best) of a squared error.
     """
 
     row: str

@@ -25,9 +25,16 @@ READER = {"name": str, "target": str, "options": dict}
 
 @dataclass(frozen=True)
 class Recovered:
-    """A run's maps as tensors, and the words for its title; ``scale`` (3,) aligned the albedo in its scores.
+    """What a run recovered, as tensors.
 
-    ``bounces`` and ``coat``: how it rendered them. ``scores``: the metrics of metrics.json by component and name.
+    Attributes:
+        material: Its textures.
+        light: Its lat-long map.
+        scale: (3,), the factor that aligned the albedo in its scores.
+        title: Words for a picture's title.
+        bounces: Of the indirect light with which it rendered.
+        coat: How its two lobes were coupled.
+        scores: The metrics of metrics.json, by component and name.
     """
 
     material: Material
@@ -40,7 +47,7 @@ class Recovered:
 
 
 def read_run(folder: Path, scene_folder: Path) -> tuple[Recovered, ReaderConfig]:
-    """The run's maps, and the reader of its scene.
+    """Read the run's maps, and which reader read its scene.
 
     Raises InputError for a run without results, of another scene than that in ``scene_folder``, or whose files lack a key.
     """
