@@ -108,3 +108,11 @@ def test_the_check_itself_sees_a_broken_link(tmp_path: Path) -> None:
     assert anchors(tmp_path / "there.md") == {"one-heading-with-code"}
     with pytest.raises(AssertionError, match=r"another"):
         test_links_and_anchors_resolve(tmp_path / "here.md")
+
+
+@pytest.mark.parametrize("document", WRITTEN, ids=name)
+def test_blocks_that_name_a_file_show_it_as_it_is(document: Path) -> None:
+    """A fenced block whose first line is a comment with a path, such as ``# examples/NAME/file.py``, holds that file whole."""
+    text = document.read_text(encoding="utf-8")
+    for path, shown in re.findall(r"^```\w+\n# ([\w./-]+/[\w.-]+)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        assert shown == (ROOT / path).read_text(encoding="utf-8"), f"{path} is another one now; show it as it is"
