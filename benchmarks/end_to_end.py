@@ -25,6 +25,7 @@ from benchmarks.work_precision.precision import first_time, without_compilation
 from benchmarks.work_precision.problem import make_problem
 from ia_bench.common.machine import environment
 from ia_bench.common.paths import scenes_folder
+from ia_bench.methods.asking.sampling import PriorSampler
 from ia_bench.methods.contract import Fit, Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -89,10 +90,8 @@ def mitsuba_fit(problem: Problem, prior: Prior, scorer: Scorer, steps: int, thre
     """The curve of the plain loop over ``steps``."""
     clock = Clock(scorer)
     albedo = None
-    if "albedo" in prior.provides:
-        views = problem.scene.train
-        images, masks = (torch.stack([torch.from_numpy(getattr(v, key)) for v in views]) for key in ("image", "mask"))
-        albedo = list(prior.sample(images, masks, seed=0)["albedo"].numpy())
+    if "albedo" in prior.info.provides:
+        albedo = list(PriorSampler(problem, prior, 0, print).draw(None).values["albedo"].numpy())
     fit = MitsubaFit(problem, FitSettings(), steps, albedo=albedo, threads=threads)
     while fit.step < steps:
         fit.advance()
@@ -132,7 +131,7 @@ def main() -> None:
     run_as_a_run(arguments.threads)
     prior: Prior = OraclePrior(components=["albedo"]) if arguments.prior == "oracle" else NoPrior()
     scene = NativeReader(scenes_folder() / arguments.scene).read(truth=True)
-    problem, scorer = make_problem(scene, prior, shading="compiled")
+    problem, prior, scorer = make_problem(scene, prior, shading="compiled")
     curves = {
         "ours": {steps: our_fit(problem, prior, scorer, steps) for steps in arguments.steps},
         "Mitsuba 3": {

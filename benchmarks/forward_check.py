@@ -20,13 +20,13 @@ import numpy as np
 import torch
 
 from ia_bench.common.arguments import at_least
+from ia_bench.common.cache import cache_folder
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
-from ia_bench.render.atlas import cache_folder
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays

@@ -35,22 +35,21 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, help="PNG to write")
     arguments = parser.parse_args()
     examples = load_examples(arguments.examples, arguments.limit)
-    inside = examples.masks > 0.5
-    count = len(examples.images)
+    images, inside = examples.shown.images, examples.shown.masks > 0.5
+    count = len(images)
 
     rows: list[tuple[int, float, float, Tensor, Tensor]] = []
     for steps in arguments.steps:
         prior = DiffusionPrior(weights=arguments.weights, steps=steps)
-        prior.sample(examples.images[:1], examples.masks[:1], seed=0)  # loads the weights
-        prior.network_calls, started, drawn = 0, time.process_time(), []
-        for draw in range(SAMPLES):
-            drawn.append(prior.sample(examples.images, examples.masks, seed=derive_seed(arguments.seed, draw))["albedo"])
+        prior.sample(examples.shown.select([0]), seed=0)  # loads the weights
+        started = time.process_time()
+        drawn = [prior.sample(examples.shown, seed=derive_seed(arguments.seed, draw)) for draw in range(SAMPLES)]
         seconds = (time.process_time() - started) / SAMPLES / count
-        means = torch.stack(drawn).mean(0)
-        one, mean = (aligned_psnr(value, examples.albedo, inside, channels=False) for value in (drawn[0], means))
-        rows.append((steps, prior.network_calls / SAMPLES / count, seconds, one, mean))
+        albedo = torch.stack([samples.values["albedo"] for samples in drawn])
+        one, mean = (aligned_psnr(value, examples.albedo, inside, channels=False) for value in (albedo[0], albedo.mean(0)))
+        rows.append((steps, sum(samples.cost["network_calls"] for samples in drawn) / SAMPLES / count, seconds, one, mean))
     best = max((mean for *_, mean in rows), key=lambda mean: float(mean.mean()))
-    image = float(aligned_psnr(examples.images, examples.albedo, inside, channels=False).mean())
+    image = float(aligned_psnr(images, examples.albedo, inside, channels=False).mean())
     print(f"{count} images of {examples.name}; the image taken as albedo: {image:.2f} dB\n")
     print(f"| steps | evaluations | CPU seconds | one sample | mean of {SAMPLES} | below the best |\n|" + " ---: |" * 6)
     for steps, calls, seconds, one, mean in rows:

@@ -81,7 +81,7 @@ def test_example_is_nearer_to_the_truth_than_the_image(monkeypatch: pytest.Monke
     from grey_world_prior import GreyWorldPrior
 
     stack = painted_ball(48, 64, 3)
-    albedo = GreyWorldPrior().sample(stack.images, stack.masks, seed=0)["albedo"]
+    albedo = GreyWorldPrior().sample(stack.shown(), seed=0).values["albedo"]
     inside = stack.masks > 0.5
     truth = stack.truth("albedo")[inside]
 

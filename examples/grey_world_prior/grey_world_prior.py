@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear Rec.709
 FLOOR = 1e-6  # keeps quotients and logarithms finite in the dark
@@ -21,13 +22,7 @@ class GreyWorldPrior:
     ``mean_albedo``: luminance that the object is assumed to have on average; the image cannot tell.
     """
 
-    provides = frozenset({"albedo", "specular"})
-    stochastic = False
-    guidable = False
-    resolution: int | None = None
-    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
-    sees_truth = False
-    network_calls = 0
+    info = PriorInfo(provides=frozenset({"albedo", "specular"}))
 
     def __init__(self, *, shading_scale: float = 0.15, highlight: float = 1.6, mean_albedo: float = 0.4) -> None:
         for name, value in (("shading_scale", shading_scale), ("highlight", highlight), ("mean_albedo", mean_albedo)):
@@ -35,13 +30,12 @@ class GreyWorldPrior:
                 raise InputError(f"prior.options.{name}: expected a number > 0, found {value}")
         self.shading_scale, self.highlight, self.mean_albedo = shading_scale, highlight, mean_albedo
 
-    def sample(
-        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> dict[str, Tensor]:
-        """Albedo and specular radiance (V, H, W, 3) of ``images`` (V, H, W, 3), premultiplied by ``masks`` (V, H, W).
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
+        """Albedo and specular radiance (V, H, W, 3) of images (V, H, W, 3), premultiplied by masks (V, H, W).
 
         Raises ValueError for other shapes and for NaN or Inf. ``seed`` and ``guidance`` change nothing.
         """
+        images, masks = observations.images, observations.masks
         if images.ndim != 4 or images.shape[-1] != 3 or masks.shape != images.shape[:3]:
             shapes = f"{tuple(images.shape)} and {tuple(masks.shape)}"
             raise ValueError(f"expected images (V, H, W, 3) and masks (V, H, W), found {shapes}")
@@ -63,7 +57,7 @@ class GreyWorldPrior:
         shading = self._blur(self._luminance(diffuse), coverage)
         flat = diffuse / shading.clamp_min(FLOOR)
         flat = flat * (self.mean_albedo / self._mean(self._luminance(flat), coverage).clamp_min(FLOOR))
-        return {"albedo": coverage * flat.clamp(0, 1), "specular": coverage * specular}
+        return Samples({"albedo": coverage * flat.clamp(0, 1), "specular": coverage * specular})
 
     @staticmethod
     def _luminance(colour: Tensor) -> Tensor:

@@ -23,7 +23,7 @@ def judge(holds: bool, what: str, expected: str, found: str) -> Finding:
     return Finding("pass" if holds else "fail", what, expected, found)
 
 
-def raised(error: Exception) -> str:
+def raised(error: BaseException) -> str:
     """An exception in one line."""
     first = str(error).splitlines()[0] if str(error) else "no message"
     return f"{type(error).__name__}: {first}"

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folder
+from ia_bench.priors.contract import COMPONENTS, Observations
 from ia_bench.scenes.scene import Camera, View
 
 FIELD_OF_VIEW = 0.6  # radians, across the narrower side
@@ -37,10 +38,13 @@ class Stack:
         """(V, H, W, 3) ground truth of "albedo" or "specular"; new memory at every call."""
         return torch.from_numpy(np.stack([getattr(view, component) for view in self.views]))
 
-    def geometry(self) -> tuple[Tensor, Tensor]:
-        """What :class:`ia_bench.priors.contract.GeometryReader` takes, of a surface that faces the camera and is half open."""
+    def shown(self, wants: frozenset[str] = frozenset()) -> Observations:
+        """What a prior that ``wants`` these is shown: geometry is that of a surface that faces the camera and is half open."""
         masks = self.masks[..., None]
-        return masks * torch.tensor([0.0, 0.0, 1.0]), 0.5 * masks
+        normals = masks * torch.tensor([0.0, 0.0, 1.0]) if "normals" in wants else None
+        visibility = 0.5 * masks if "visibility" in wants else None
+        truth = {name: self.truth(name) for name in COMPONENTS} if "truth" in wants else None
+        return Observations(self.images, self.masks, None, normals, visibility, truth)
 
     def one(self, view: int) -> Stack:
         """The stack of that view alone."""

@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain
-from ia_bench.priors.contract import GeometryReader
 from ia_bench.report.single_view import SAMPLES, load_examples, score
 from ia_bench.report.statistics import over_seeds
 from ia_bench.runs.decomposition import make_prior
@@ -40,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wanted = parser.parse_args(arguments)
     try:
         prior = make_prior(wanted.prior, wanted.option)
-        geometry = isinstance(prior, GeometryReader) and prior.reads_geometry
+        geometry = not prior.info.wants.isdisjoint({"normals", "visibility"})
         loaded = [load_examples(name, wanted.limit, geometry=geometry) for name in wanted.examples]
         header: list[str] | None = None
         for examples in loaded:
@@ -49,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 header = list(runs[0])
                 print("| " + " | ".join(["images", *header]) + " |\n|" + " :--- |" * (len(header) + 1))
             cells = [_cell([run[name] for run in runs]) for name in header]
-            print("| " + " | ".join([f"{examples.name} ({len(examples.images)})", *cells]) + " |", flush=True)
+            print("| " + " | ".join([f"{examples.name} ({len(examples.albedo)})", *cells]) + " |", flush=True)
     except InputError as error:
         return complain(str(error))
     return OK

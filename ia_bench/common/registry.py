@@ -16,7 +16,8 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -141,14 +142,29 @@ def create(kind: Kind, name: str, target: str, options: Mapping[str, Any], *give
     """Import ``target`` and call it with what is ``given``, and ``options`` as keyword arguments.
 
     Raises InputError for a plugin that cannot be imported, for an option that its signature does not have or that lacks a
-    value, naming the closest option, and for a value that its annotation does not take. An exception raised inside the call
-    is passed on as it is.
+    value, naming the closest option, for a value that its annotation does not take, and for what is raised inside the call.
     """
     known = {**built_in(kind), **installed(kind)}
     distribution = known[name].distribution if name in known and known[name].target == target else "the command line"
     factory = load(Plugin(kind, name, target, distribution))
     _check_options(kind, name, factory, options, len(given))
-    return factory(*given, **options)
+    with at_work(kind, name):
+        return factory(*given, **options)
+
+
+@contextmanager
+def at_work(kind: Kind, name: str) -> Iterator[None]:
+    """Whatever a plugin raises inside the block, its sys.exit() too, becomes an InputError that names it in one line.
+
+    The exception itself is its cause, which IA_BENCH_DEBUG=1 shows. An InputError, which says what is wrong, passes.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        reason = str(error).splitlines()[0] if str(error) else "no message"
+        raise InputError(f"{kind} {name} raised {type(error).__name__}: {reason}") from error
 
 
 def _try_load(plugin: Plugin) -> Any:  # noqa: ANN401 (as load)

@@ -15,13 +15,11 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.material.brdf import dot, normalize
 from ia_bench.methods.asking.views import sees, spreading_order, views_needed
-from ia_bench.priors.contract import Patchwise, Prior
-from ia_bench.priors.diffusion.framing import Frame
-from ia_bench.priors.diffusion.patches import PATCH_REDUCTION
+from ia_bench.priors.contract import Prior
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints, trace_gbuffer
 from ia_bench.render.rays import RayCaster
 from ia_bench.render.settings import RenderSettings
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.scenes.scene import Scene
 
 PROBE_VIEWS = 8
 PROBE_RAYS = 20_000
@@ -59,7 +57,6 @@ class Plan:
     shadows: str
     bounces: int = 0
     metallic: bool = False
-    patches: bool = False
     prior_views: int | str = "all"
     decisions: tuple[Decision, ...] = field(default=())
 
@@ -107,9 +104,8 @@ def make_plan(
         _texture(settings, footprint),
         _light(settings, footprint),
         _metallic(scene, settings),
-        _patches(prior, views),
     ]
-    if prior.provides:
+    if prior.info.provides:
         decisions.append(_prior_views(scene, surface, rays, prior_views, gbuffer, device))
     by_name = {decision.what: decision.value for decision in decisions}
     return Plan(
@@ -120,7 +116,6 @@ def make_plan(
         shadows=by_name["render.shadows"],
         bounces=by_name["render.bounces"],
         metallic=by_name["render.metallic"],
-        patches=by_name["prior.patches"],
         prior_views=by_name.get("prior.supervision.views", "all"),
         decisions=tuple(decisions),
     )
@@ -307,26 +302,6 @@ def _metallic(scene: Scene, settings: RenderSettings) -> Decision:
     why = f"the scene's description names {'' if scene.metallic else 'no '}parts of metal"
     left_out = None if scene.metallic else "a metallic texture"
     return Decision(what, scene.metallic, why, {"metallic": float(scene.metallic)}, left_out=left_out)
-
-
-def _patches(prior: Prior, views: tuple[View, ...]) -> Decision:
-    what, saved = "prior.patches", "patch-wise sampling"
-    if not prior.provides:
-        return Decision(what, False, "there is no prior to sample", None, left_out="prior sampling")
-    if prior.resolution is None:
-        return Decision(what, False, "the prior takes images of any size", None, left_out=saved)
-    if not isinstance(prior, Patchwise) or prior.patches is None:
-        return Decision(what, False, f"the prior reduces every image to {prior.resolution} pixels", None, left_out=saved)
-    if prior.patches != "auto":
-        return _users(what, prior.patches)
-    frames = [Frame.around(torch.from_numpy(view.mask), None, 1) for view in views]
-    side = max((frame.length for frame in frames if frame is not None), default=0)
-    reduction = side / prior.resolution
-    why = f"the object fills {side} pixels of an image, {reduction:.2f} times the prior's {prior.resolution}"
-    measured = {"object_side": float(side), "reduction": reduction}
-    if reduction > PATCH_REDUCTION:
-        return Decision(what, True, why, measured)
-    return Decision(what, False, why, measured, left_out=saved)
 
 
 def _prior_views(

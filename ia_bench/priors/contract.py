@@ -1,56 +1,132 @@
-"""What a prior of albedo and specular shading must be and do; a third party's prior is one class with these members."""
+"""What a prior of albedo and specular shading must be and do; a third party's prior is one class with two members."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, runtime_checkable
 
 from torch import Tensor
 
-from ia_bench.scenes.scene import View
+from ia_bench.common.errors import InputError
 
 COMPONENTS = ("albedo", "specular")
+ENCODINGS = ("linear", "srgb")
+WANTED = ("normals", "visibility", "truth")
+
+
+@dataclass(frozen=True)
+class PriorInfo:
+    """What a prior says of itself. Raises InputError, naming the field, for what cannot be meant.
+
+    Attributes:
+        provides: The components that it samples, some of "albedo" and "specular"; empty: it is no prior at all.
+        stochastic: Whether two seeds may give two samples.
+        guidable: Whether a sample can be drawn toward a render; one that cannot is asked only once, in stage 1.
+        resolution: Side in pixels at which it works, None for any.
+        encoding: Component -> "linear" or "srgb", the space in which its errors are even. Methods compare there; samples
+            are linear whatever it says.
+        sees_truth: Whether it knows the ground truth; such a prior is marked in every table.
+        wants: What its observations should hold besides images, some of "normals", "visibility" and "truth". It must do
+            without normals and visibility as well, which pictures without a scene do not have.
+    """
+
+    provides: frozenset[str]
+    stochastic: bool = False
+    guidable: bool = False
+    resolution: int | None = None
+    encoding: Mapping[str, str] = field(default_factory=lambda: dict.fromkeys(COMPONENTS, "srgb"))
+    sees_truth: bool = False
+    wants: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        for name, known in (("provides", COMPONENTS), ("wants", WANTED)):
+            value = getattr(self, name)
+            if not (isinstance(value, frozenset) and value <= set(known)):
+                raise InputError(f"{name}: expected a frozenset of some of {', '.join(known)}, found {value!r}")
+        for name in ("stochastic", "guidable", "sees_truth"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{name}: expected True or False, found {getattr(self, name)!r}")
+        side = self.resolution
+        if side is not None and (isinstance(side, bool) or not isinstance(side, int) or side < 1):
+            raise InputError(f"resolution: expected a number of pixels > 0, or None, found {side!r}")
+        encoding: Any = self.encoding
+        if not isinstance(encoding, Mapping) or any(encoding.get(name) not in ENCODINGS for name in self.provides):
+            raise InputError(f"encoding: expected one of {', '.join(ENCODINGS)} for every component provided, found {encoding!r}")
+        if "truth" in self.wants and not self.sees_truth:
+            raise InputError("wants: expected sees_truth=True of a prior that wants truth, found False")
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What a prior is shown of V images of one size, on the CPU, in float32.
+
+    Attributes:
+        images: (V, H, W, 3) linear radiance, premultiplied by the masks.
+        masks: (V, H, W) coverage in [0, 1].
+        views: Which training views these are, None for pictures that are no views of a scene.
+        normals: (V, H, W, 3) shading normals in the camera's frame (x right, y up, z toward the camera), averaged over the
+            pixel and so premultiplied by its coverage; None where the prior does not want them or nobody knows them.
+        visibility: (V, H, W, 1) in [0, 1]: cosine-weighted share of the hemisphere around the normal that the object leaves
+            open, premultiplied likewise, or None likewise.
+        truth: Component -> (V, H, W, 3), ground truth, only for a prior that wants it.
+    """
+
+    images: Tensor
+    masks: Tensor
+    views: tuple[int, ...] | None = None
+    normals: Tensor | None = None
+    visibility: Tensor | None = None
+    truth: Mapping[str, Tensor] | None = None
+
+    def copy(self) -> Observations:
+        """The same in memory of its own."""
+        return self._each(lambda tensor: tensor.clone())
+
+    def select(self, rows: list[int]) -> Observations:
+        """Some of the images, in the order of ``rows``."""
+        views = None if self.views is None else tuple(self.views[row] for row in rows)
+        return replace(self._each(lambda tensor: tensor[rows]), views=views)
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> Observations:
+        normals, visibility = (None if tensor is None else change(tensor) for tensor in (self.normals, self.visibility))
+        truth = None if self.truth is None else {name: change(tensor) for name, tensor in self.truth.items()}
+        images, masks = change(self.images), change(self.masks)
+        return replace(self, images=images, masks=masks, normals=normals, visibility=visibility, truth=truth)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What a prior answers.
+
+    Attributes:
+        values: Component -> (V, H, W, 3) float32 on the CPU: linear, premultiplied by the masks.
+        ceilings: Component -> (V,), the largest linear value that a sample of each image can have, as display-encoded images
+            end at white; what comes near it may be more. Components without such an end are left out.
+        cost: Name -> how many, of this call alone: "network_calls" (one per image and evaluation), and whatever else a
+            reader of the results should know, such as steps that were cut short. It goes into the counters of metrics.json.
+    """
+
+    values: Mapping[str, Tensor]
+    ceilings: Mapping[str, Tensor] = field(default_factory=dict)
+    cost: Mapping[str, int] = field(default_factory=dict)
 
 
 @runtime_checkable
 class Prior(Protocol):
-    """A distribution over the albedo and / or the specular shading behind an image (the paper's section 3.2).
+    """A distribution over the albedo and / or the specular shading behind an image (the paper's section 3.2)."""
 
-    ``provides``: the components it samples, a subset of {"albedo", "specular"} (empty: no prior at all).
-    ``stochastic``: whether two seeds may give two samples. ``guidable``: whether :meth:`sample` takes ``guidance``; one
-    that does not is asked only once, in stage 1. ``resolution``: side in pixels it works at, None for any.
-    ``encoding``: component -> "linear" or "srgb", the space its errors are even in; the trainer compares there, while
-    :meth:`sample` always speaks linear. ``sees_truth``: it is handed the scene's ground truth through ``reveal``; such a
-    prior is marked in every table. ``network_calls``: network evaluations so far.
-    """
-
-    provides: frozenset[str]
-    stochastic: bool
-    guidable: bool
-    resolution: int | None
-    encoding: Mapping[str, str]
-    sees_truth: bool
-    network_calls: int
+    info: PriorInfo
 
     def sample(
-        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> dict[str, Tensor]:
-        """One sample per image of every component in ``provides``: linear, premultiplied by the mask, (V, H, W, 3).
+        self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+    ) -> Samples:
+        """One sample per image of every component that the info provides.
 
-        ``images`` (V, H, W, 3) linear radiance premultiplied by ``masks`` (V, H, W) in [0, 1]. ``guidance`` maps a
-        component to its current render (V, H, W, 3), likewise premultiplied; the sample is drawn toward it (the paper's
-        equation 8). The same seed and input give the same sample, whatever else was sampled before, and an image's
-        sample does not depend on the images beside it.
+        ``guidance`` maps a component to its current render (V, H, W, 3), premultiplied; the sample is drawn toward it (the
+        paper's equation 8). The same seed and input give the same sample, whatever else was sampled before, and an image's
+        sample does not depend on the images beside it. Raises a ValueError or TypeError for input that cannot be used.
         """
-        ...
-
-
-@runtime_checkable
-class TruthSeer(Protocol):
-    """A prior with ``sees_truth``: run.py hands it the training views with ground truth before the first sample."""
-
-    def reveal(self, views: tuple[View, ...]) -> None:
-        """Receive the training views, in order, with ``albedo`` and ``specular`` filled in."""
         ...
 
 
@@ -58,62 +134,12 @@ class TruthSeer(Protocol):
 class Distiller(Protocol):
     """A prior that can be distilled by score (SDS, Poole et al. 2023; the paper's alternative to sampling)."""
 
-    def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
+    def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
         """Noise ``renders`` to a random level and denoise them in one network call: one estimate of every render.
 
-        ``images``, ``masks`` as in :meth:`Prior.sample`; ``renders`` maps components to their current render (V, H, W, 3),
-        linear, premultiplied. The estimates come back for the same components, like samples. The level is drawn from
-        ``seed``, one for each image; the same seed and input give the same estimates.
-        """
-        ...
-
-
-@runtime_checkable
-class Bounded(Protocol):
-    """A prior whose samples end at some radiance, as those of display-encoded images do."""
-
-    def ceilings(self, images: Tensor, masks: Tensor) -> dict[str, Tensor]:
-        """Component -> (V,), the largest linear value in its samples of these images; what comes near it may be more.
-
-        ``images``, ``masks`` as in :meth:`Prior.sample`. Components without such an end are left out.
-        """
-        ...
-
-
-@runtime_checkable
-class Patchwise(Protocol):
-    """A prior that can predict an image larger than its ``resolution`` in overlapping patches (the paper's equation 6).
-
-    ``patches``: whether it does, or "auto": as the plan says. None: it cannot (a prior around one that cannot).
-    """
-
-    @property
-    def patches(self) -> bool | str | None:
-        """See above."""
-        ...
-
-    def use_patches(self, patches: bool) -> None:
-        """Receive what the plan says, before the first sample; only where ``patches`` is "auto"."""
-        ...
-
-
-@runtime_checkable
-class GeometryReader(Protocol):
-    """A prior that can look at the geometry behind the images; it must do without it as well.
-
-    ``reads_geometry``: whether it wants to. Where true, the trainer gives the geometry of the views before it asks about
-    them, and again whenever it asks about others.
-    """
-
-    reads_geometry: bool
-
-    def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:
-        """Receive what the next calls' images show, view by view in their order, until other geometry is given.
-
-        ``normals`` (V, H, W, 3): unit shading normals in the camera's frame (x right, y up, z toward the camera).
-        ``visibility`` (V, H, W, 1) in [0, 1]: the cosine-weighted share of the hemisphere around the normal that the
-        object leaves open. Both are averages over the pixel, so premultiplied by its coverage, and zero where nothing is
-        seen.
+        ``renders`` maps every component that is provided to its current render (V, H, W, 3), linear, premultiplied. The
+        estimates come back for the same components, like samples. The level is drawn from ``seed``, one for each image; the
+        same seed and input give the same estimates.
         """
         ...
 
@@ -122,18 +148,9 @@ class GeometryReader(Protocol):
 class Fingerprinted(Protocol):
     """A prior whose samples may be kept between runs; one without a fingerprint is asked anew by every run.
 
-    ``fingerprint``: a text that differs whenever its samples could: the class and the version of its code, its options,
-    the content of its weights.
+    Attributes:
+        fingerprint: A text that differs whenever its samples could: the class and the version of its code, its options, the
+            content of its weights.
     """
 
     fingerprint: str
-
-
-@runtime_checkable
-class Counted(Protocol):
-    """A prior that counts what a reader of its results should know, such as steps that were cut short."""
-
-    @property
-    def counters(self) -> Mapping[str, int]:
-        """What was counted so far, by name; it goes into the counters of metrics.json."""
-        ...

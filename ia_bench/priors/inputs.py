@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.priors.contract import Observations
 
 
 def choose_device(wanted: str) -> torch.device:
@@ -21,27 +22,38 @@ def choose_device(wanted: str) -> torch.device:
     return torch.device("cuda" if available and wanted != "cpu" else "cpu")
 
 
-def check_views(name: str, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], provided: Iterable[str]) -> None:
-    """Raise InputError unless ``images`` (V, H, W, 3), ``masks`` (V, H, W) and ``renders`` can be worked with.
+def check_views(name: str, observations: Observations, renders: Mapping[str, Tensor], provided: Iterable[str]) -> None:
+    """Raise InputError unless the prior ``name`` can work with the observations and ``renders``.
 
-    ``renders``: what is to guide the sample, by component, each of the images' shape and ``provided`` by the prior ``name``.
+    ``renders``: what is to guide the sample, by component, each of the images' shape and ``provided`` by the prior.
     """
+    images, masks, seen = observations.images, observations.masks, tuple(observations.images.shape[:3])
     if images.ndim != 4 or images.shape[-1] != 3:
         raise InputError(f"prior={name}: expected images of shape (V, H, W, 3), found {tuple(images.shape)}")
-    if tuple(masks.shape) != tuple(images.shape[:3]):
-        raise InputError(f"prior={name}: expected masks of shape {tuple(images.shape[:3])}, found {tuple(masks.shape)}")
     known = sorted(provided)
-    for component, render in renders.items():
+    for component in renders:
         if component not in known:
             raise InputError(f"prior={name}: guidance: expected some of {', '.join(known)}, found {component}")
-        if render.shape != images.shape:
-            raise InputError(
-                f"prior={name}: expected guidance {component} of shape {tuple(images.shape)}, found {tuple(render.shape)}"
-            )
-    guidance = {f"guidance {component}": render for component, render in renders.items()}
-    for what, values in {"images": images, "masks": masks, **guidance}.items():
+    guidance = {f"guidance {component}": (render, (*seen, 3)) for component, render in renders.items()}
+    expected = {"images": (images, (*seen, 3)), "masks": (masks, seen), **guidance}
+    geometry = {"normals": (observations.normals, (*seen, 3)), "visibility": (observations.visibility, (*seen, 1))}
+    for what, (values, shape) in {**expected, **geometry}.items():
+        if values is None:
+            continue
+        if tuple(values.shape) != shape:
+            raise InputError(f"prior={name}: expected {what} of shape {shape}, found {tuple(values.shape)}")
         if not bool(torch.isfinite(values).all()):
             raise InputError(f"prior={name}: expected finite {what}, found NaN or Inf")
+
+
+def check_truth(name: str, observations: Observations, components: Iterable[str]) -> None:
+    """Raise InputError unless the observations tell the prior ``name`` the truth of ``components``."""
+    for component in sorted(components):
+        truth = (observations.truth or {}).get(component)
+        found = "none" if truth is None else f"shape {tuple(truth.shape)}"
+        if truth is None or truth.shape != observations.images.shape:
+            shape = tuple(observations.images.shape)
+            raise InputError(f"prior={name}: expected the true {component} of images of shape {shape}, found {found}")
 
 
 def content_number(image: Tensor, mask: Tensor) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
@@ -16,7 +17,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
-from ia_bench.priors.contract import COMPONENTS
+from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, read_config
 from ia_bench.priors.diffusion.enlarging import enlarge, enlarge_by_difference, enlarge_by_gain
@@ -25,7 +26,7 @@ from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
 from ia_bench.priors.inputs import check_views, choose_device, content_number
 
-VERSION = 3
+VERSION = 4
 """Part of the fingerprint; raised when a change of the code changes samples."""
 GRID = 8
 """Pixels of which the side of a frame at full resolution is a multiple, so that views of nearly one size make one batch."""
@@ -47,7 +48,7 @@ class Framed:
     seeds: list[int]
 
 
-Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor]], Tensor]
+Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor], Counter[str]], Tensor]
 
 
 class LearnedPrior(ABC):
@@ -61,10 +62,8 @@ class LearnedPrior(ABC):
     Raises InputError for options and weights that cannot be used.
     """
 
-    kind: ClassVar[str]
-    packaged: ClassVar[str]
-    sees_truth = False
-    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
+    kind: ClassVar[str]  # of its networks, and the name of its packaged weights
+    stochastic: ClassVar[bool]  # and guidable: without noise there is nothing to draw
 
     def __init__(
         self,
@@ -75,7 +74,7 @@ class LearnedPrior(ABC):
         precision: str = "auto",
         device: str = "auto",
     ) -> None:
-        self._folder = Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / self.packaged))
+        self._folder = Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / self.kind))
         if batch < 1:
             raise InputError(f"prior.options.batch: expected at least 1, found {batch}")
         self._device = choose_device(device)
@@ -92,15 +91,12 @@ class LearnedPrior(ABC):
         if len(set(sizes)) > 1:
             raise InputError(f"{self._folder}: expected networks of one size, found {' and '.join(map(str, sizes))}")
         components = [name for config in self._configs for name in config.components]
-        self.provides = frozenset(components)
-        if len(self.provides) < len(components):
+        if len(set(components)) < len(components):
             raise InputError(f"{self._folder}: expected networks without a component in common, found {', '.join(components)}")
+        wants = frozenset({"normals", "visibility"} if geometry else ())
+        self.info = PriorInfo(frozenset(components), self.stochastic, self.stochastic, sizes[0], wants=wants)
         self._native = sizes[0]
-        self.resolution: int | None = self._native
-        self.reads_geometry = geometry
         self.batch = batch
-        self.network_calls = 0
-        self._geometry: tuple[Tensor, Tensor] | None = None
         self._networks: list[MaterialNetwork] = []
 
     def at_full_resolution(self, reduction: float) -> bool:
@@ -112,65 +108,49 @@ class LearnedPrior(ABC):
         """What decides the samples: this code's version, the options, the content of the weights."""
         content = [fingerprint(part) for part in self._parts]
         where = [self._device.type, "bf16" if self.bf16 else "float32", self.batch]  # which decide the last bits
-        return json.dumps([type(self).__qualname__, VERSION, self._options(), where, content], sort_keys=True)
+        options = {"geometry": bool(self.info.wants), **self._options()}
+        return json.dumps([type(self).__qualname__, VERSION, options, where, content], sort_keys=True)
 
-    def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:
-        """See :class:`ia_bench.priors.contract.GeometryReader`."""
-        self._geometry = (normals, visibility)
-
-    def sample(
-        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> dict[str, Tensor]:
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`.
 
         An image's noise is seeded by ``seed`` and the image's own content, so that views differ in it.
         """
-        check_views(self.kind, images, masks, guidance or {}, self.provides)
-        return self._through(images, masks, seed, guidance or {}, self._predict)
+        check_views(self.kind, observations, guidance or {}, self.info.provides)
+        return self._through(observations, seed, guidance or {}, self._predict)
 
-    def ceilings(self, images: Tensor, masks: Tensor) -> dict[str, Tensor]:
-        """See :class:`ia_bench.priors.contract.Bounded`: the white of the network's specular encoding, in each image."""
-        found = torch.full((len(images),), torch.inf)
-        for config in self._configs:
-            if "specular" not in config.components:
-                continue
-            white = encoding.LOG_RANGE if config.specular == "log" else 1.0
-            for framed in self._framed(images, masks, 0, geometry=False):  # which no exposure depends on
-                found[framed.views] = white / framed.factor
-        return {"specular": found} if "specular" in self.provides else {}
-
-    @abstractmethod
     def _options(self) -> dict[str, Any]:
-        """Whatever of the options changes samples."""
+        """The options that change samples, besides those of this class."""
+        return {}
 
     @abstractmethod
-    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
-        """(N, 3 C, S, S) in the network's space; ``render``: encoded (N, 3, S, S) per component to be drawn toward."""
+    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
+        """(N, 3 C, S, S) in the network's space; ``render``: encoded (N, 3, S, S) per component to be drawn toward.
+
+        What it takes is added to ``cost``.
+        """
 
     def _through(
-        self,
-        images: Tensor,
-        masks: Tensor,
-        seed: int,
-        renders: Mapping[str, Tensor],
-        predict: Predict,
-        *,
-        reduced: bool = False,
-    ) -> dict[str, Tensor]:
+        self, observed: Observations, seed: int, renders: Mapping[str, Tensor], predict: Predict, *, reduced: bool = False
+    ) -> Samples:
         """Frame, ``predict``, bring back to size and decode; views without foreground stay black.
 
         ``reduced``: always to the native size, for a ``predict`` that knows no patches.
         """
-        samples = {name: torch.zeros_like(images, dtype=torch.float32) for name in sorted(self.provides)}
+        images, masks = observed.images, observed.masks
+        samples = {name: torch.zeros_like(images, dtype=torch.float32) for name in sorted(self.info.provides)}
+        ceiling, cost = torch.full((len(images),), torch.inf), Counter(network_calls=0)
         for network in self._loaded():
             config = network.config
-            for framed in self._framed(images, masks, seed, config.geometry, reduced=reduced):
+            for framed in self._framed(observed, seed, config.geometry, reduced=reduced):
                 encoded = {
                     name: self._encode(network, name, self._cut(render, framed), framed.masks, framed.factor).to(self._device)
                     for name, render in renders.items()
                     if name in config.components
                 }
-                predicted = predict(network, framed, encoded).float().cpu()
+                predicted = predict(network, framed, encoded, cost).float().cpu()
+                if "specular" in config.components:  # which ends at the white of its encoding
+                    ceiling[framed.views] = (encoding.LOG_RANGE if config.specular == "log" else 1.0) / framed.factor
                 for name, part in zip(config.components, predicted.split(3, 1), strict=True):
                     for row, view in enumerate(framed.views):
                         mask, factor = masks[view].float()[None], framed.factor[row : row + 1]
@@ -184,15 +164,16 @@ class LearnedPrior(ABC):
                         else:
                             shown = enlarge(*place, known, mask[0].shape)
                         samples[name][view] = self._decode(network, name, _undisplay(shown)[None], mask, factor)[0]
-        return samples
+        return Samples(samples, {"specular": ceiling} if "specular" in samples else {}, dict(cost))
 
     def _loaded(self) -> list[MaterialNetwork]:
         if not self._networks:
             self._networks = [load_network(part)[0].to(self._device) for part in self._parts]
         return self._networks
 
-    def _framed(self, images: Tensor, masks: Tensor, seed: int, geometry: bool, *, reduced: bool = False) -> list[Framed]:
+    def _framed(self, observed: Observations, seed: int, geometry: bool, *, reduced: bool = False) -> list[Framed]:
         """The images grouped by the size at which they are predicted, at most ``batch`` at a time."""
+        images, masks = observed.images, observed.masks
         groups: dict[int, list[tuple[int, Frame]]] = {}
         for view, mask in enumerate(masks):
             frame = Frame.around(mask, self._native, GRID)
@@ -213,23 +194,17 @@ class LearnedPrior(ABC):
                 factor = encoding.exposure(radiance, coverage)
                 condition = encoding.encode_image(radiance, coverage, factor)
                 if geometry:
-                    condition = torch.cat([condition, self._seen_geometry(views, frames, masks, condition)], 1)
+                    condition = torch.cat([condition, self._seen_geometry(observed, part, condition)], 1)
                 seeds = [derive_seed(seed, content_number(images[view], masks[view])) for view in views]
                 found.append(Framed(views, condition.to(self._device), coverage, factor, frames, seeds))
         return found
 
-    def _seen_geometry(self, views: list[int], frames: list[Frame], masks: Tensor, like: Tensor) -> Tensor:
-        if not self.reads_geometry or self._geometry is None:
-            return like.new_zeros(len(views), 4, *like.shape[-2:])
-        normals, visibility = self._geometry
-        for name, values, channels in (("normals", normals, 3), ("visibility", visibility, 1)):
-            if values.shape != (*masks.shape, channels):
-                raise InputError(
-                    f"prior={self.kind}: expected {name} of shape {(*masks.shape, channels)}, which the images have, "
-                    f"was given {tuple(values.shape)}"
-                )
-        stacked = [frame.cut(torch.cat([normals[view], visibility[view]], -1)) for view, frame in zip(views, frames, strict=True)]
-        cut = torch.stack(stacked)
+    def _seen_geometry(self, observed: Observations, part: list[tuple[int, Frame]], like: Tensor) -> Tensor:
+        """Normals and visibility as channels beside ``like``; zero, as in training without geometry, where nobody knows them."""
+        normals, visibility = observed.normals, observed.visibility
+        if not self.info.wants or normals is None or visibility is None:
+            return like.new_zeros(len(part), 4, *like.shape[-2:])
+        cut = torch.stack([frame.cut(torch.cat([normals[view], visibility[view]], -1)) for view, frame in part])
         return encoding.encode_geometry(cut[..., :3], cut[..., 3:])
 
     def _cut(self, values: Tensor, framed: Framed) -> Tensor:

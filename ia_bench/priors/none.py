@@ -6,20 +6,14 @@ from collections.abc import Mapping
 
 from torch import Tensor
 
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
+
 
 class NoPrior:
     """Provides nothing; fitting uses the image loss and smoothness only."""
 
-    provides: frozenset[str] = frozenset()
-    stochastic = False
-    guidable = False
-    resolution: int | None = None
-    encoding: Mapping[str, str] = {}
-    sees_truth = False
-    network_calls = 0
+    info = PriorInfo(frozenset())
 
-    def sample(
-        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> dict[str, Tensor]:
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """Nothing, for any input."""
-        return {}
+        return Samples({})

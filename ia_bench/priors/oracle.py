@@ -15,9 +15,8 @@ from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import COMPONENTS
-from ia_bench.priors.truth import RevealedTruth
-from ia_bench.scenes.scene import View
+from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
+from ia_bench.priors.inputs import check_truth, check_views
 
 MAX_SCALE = 10.0
 """Largest standard deviation of a log scale: eight of them still make a factor that a float holds."""
@@ -27,7 +26,7 @@ class OraclePrior:
     """Per view, sample = blur((exp(a) truth + b) baked + inconsistency) + noise, inside the mask.
 
     ``scale``: standard deviation of the log scale a, one draw per view. ``shift``: of the shift b, one draw per view (in
-    units of the component's mean over the scene). ``noise``: of white pixel noise (same units). ``blur``: standard
+    units of the component's mean over all images asked about). ``noise``: of white pixel noise (same units). ``blur``: standard
     deviation of a Gaussian blur in pixels. ``baked``: exponent beta of shading left in the albedo, which is multiplied by
     (luminance / mean luminance of the image)^beta. ``inconsistency``: standard deviation (same units) of smooth patches,
     drawn anew per view, of ``patch`` pixels.
@@ -37,12 +36,6 @@ class OraclePrior:
     moves to (sample / v + s render) / (1 / v + s), the mean of the product of the two Gaussians around the sample drawn.
     s = 0 returns the unguided sample to the bit, and so does an exact oracle (v = 0) at any strength.
     """
-
-    guidable = True
-    resolution: int | None = None
-    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
-    sees_truth = True
-    network_calls = 0
 
     def __init__(
         self,
@@ -57,9 +50,9 @@ class OraclePrior:
         patch: float = 8.0,
         guidance_strength: float = 100.0,
     ) -> None:
-        self.provides = frozenset(components)
-        if not self.provides <= set(COMPONENTS):
-            unknown = ", ".join(sorted(self.provides - set(COMPONENTS)))
+        provides = frozenset(components)
+        if not provides <= set(COMPONENTS):
+            unknown = ", ".join(sorted(provides - set(COMPONENTS)))
             raise InputError(f"prior.options.components: expected some of {', '.join(COMPONENTS)}, found {unknown}")
         dials = {
             "scale": scale,
@@ -79,43 +72,33 @@ class OraclePrior:
         self.scale, self.shift, self.noise, self.blur = scale, shift, noise, blur
         self.baked, self.inconsistency, self.patch = baked, inconsistency, patch
         self.guidance_strength = guidance_strength
-        self.stochastic = any((scale, shift, noise, inconsistency))
-        self._truth = RevealedTruth("oracle")
-        self._unit: dict[str, float] = {}  # mean of the component over the scene
+        stochastic = any((scale, shift, noise, inconsistency))
+        self.info = PriorInfo(provides, stochastic, guidable=True, sees_truth=True, wants=frozenset({"truth"}))
 
-    def reveal(self, views: tuple[View, ...]) -> None:
-        """Receive the training views with ground truth. Raises InputError when a view lacks a component."""
-        self._truth.reveal(views, self.provides)
-        for component in self.provides:
-            lit = (self._truth[component].sum(-1) > 0).sum()
-            self._unit[component] = float(self._truth[component].sum() / max(3 * int(lit), 1))
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
+        """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others."""
+        check_views("oracle", observations, guidance or {}, self.info.provides)
+        check_truth("oracle", observations, self.info.provides)
+        assert observations.truth is not None
+        values = {}
+        for component in sorted(self.info.provides):
+            truth = observations.truth[component].numpy()
+            unit = float(truth.sum() / max(3 * int((truth.sum(-1) > 0).sum()), 1))
+            render = (guidance or {}).get(component)
+            rows = [
+                self._sample_image(component, [seed, row, COMPONENTS.index(component)], truth[row], unit, image, mask,
+                                   None if render is None else render[row])
+                for row, (image, mask) in enumerate(zip(observations.images, observations.masks, strict=True))
+            ]  # fmt: skip
+            values[component] = torch.stack(rows)
+        return Samples(values)
 
-    def sample(
-        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> dict[str, Tensor]:
-        """See :meth:`ia_bench.priors.contract.Prior.sample`; images must be the revealed training views, in order."""
-        if not bool(torch.isfinite(images).all()):
-            raise InputError("prior=oracle: expected finite images, found NaN or Inf")
-        samples = {}
-        for component in sorted(self.provides):
-            self._truth.check(component, tuple(images.shape))
-            render = None if guidance is None else guidance.get(component)
-            samples[component] = torch.stack(
-                [
-                    self._sample_view(
-                        component, view, images[view], masks[view], seed, None if render is None else render[view]
-                    )
-                    for view in range(len(images))
-                ]
-            )
-        return samples
-
-    def _sample_view(
-        self, component: str, view: int, image: Tensor, mask: Tensor, seed: int, render: Tensor | None
+    def _sample_image(
+        self, component: str, seed: list[int], truth: np.ndarray, unit: float, image: Tensor, mask: Tensor, render: Tensor | None
     ) -> Tensor:
-        random = np.random.default_rng([seed, view, COMPONENTS.index(component)])
+        """One image's sample; ``unit``: mean of the component over all images."""
+        random = np.random.default_rng(seed)
         coverage = mask.numpy()[..., None]
-        truth, unit = self._truth[component][view], self._unit[component]
         spoiled = truth * math.exp(self.scale * random.standard_normal())
         spoiled = spoiled + coverage * unit * self.shift * random.standard_normal()
         if component == "albedo" and self.baked:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -23,29 +23,13 @@ class RegressorPrior(LearnedPrior):
     """
 
     kind = "regressor"
-    packaged = "regressor"
     stochastic = False
-    guidable = False
-
-    def __init__(
-        self,
-        *,
-        weights: str | None = None,
-        geometry: bool = False,
-        batch: int = 64,
-        precision: str = "auto",
-        device: str = "auto",
-    ) -> None:
-        super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
-
-    def _options(self) -> dict[str, Any]:
-        return {"geometry": self.reads_geometry}
 
     @torch.no_grad()
-    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
+    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
         if render:
             raise InputError("prior=regressor: it cannot be guided (guidable is false), found guidance")
         model = Conditioned(network, NoiseSchedule.from_sigmas([1.0]), chunk=self.batch, bf16=self.bf16)
         predicted = model.regress(framed.condition)
-        self.network_calls += model.calls
+        cost["network_calls"] += model.calls
         return predicted

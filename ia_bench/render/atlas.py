@@ -1,18 +1,14 @@
-"""The texels of a mesh's UV atlas as points on its surface, and a place to keep what is baked for them."""
+"""The texels of a mesh's UV atlas as points on its surface."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.cache import content_key
 from ia_bench.material.textures import bilinear_taps
 from ia_bench.render.rays import EmbreeRays
 from ia_bench.scenes.scene import Mesh
@@ -75,25 +71,6 @@ def _nearest(place: Tensor, texel: Tensor, size: int) -> Tensor:
     return torch.from_numpy(row_of.reshape(size, size)[tuple(nearest)])
 
 
-def cache_folder() -> Path:
-    """Where bakes are kept: ``$IA_BENCH_CACHE``, or ``ia_bench`` in the user's cache folder."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(os.environ.get("IA_BENCH_CACHE") or Path(base) / "ia_bench")
-
-
-def kept_bake(
-    name: str, mesh: Mesh, sizes: tuple[int, ...], cache: Path, bake: Callable[[], dict[str, np.ndarray]]
-) -> dict[str, np.ndarray]:
-    """The arrays that ``bake`` makes, or what an earlier call for the same mesh and ``sizes`` left in ``cache``."""
-    digest = hashlib.sha256(" ".join(map(str, sizes)).encode())
-    for array in (mesh.vertices, mesh.faces, mesh.uv):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    path = cache / f"{name}-{digest.hexdigest()[:16]}.npz"
-    if path.is_file():
-        with np.load(path) as saved:
-            return dict(saved)
-    arrays = bake()
-    cache.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as partial:
-        np.savez_compressed(partial, **arrays)  # type: ignore[arg-type]
-    return arrays
+def mesh_key(kind: str, mesh: Mesh, *sizes: int) -> str:
+    """The key under which a cache keeps what is baked for the atlas of a mesh."""
+    return content_key(kind, " ".join(map(str, sizes)), mesh.vertices, mesh.faces, mesh.uv)

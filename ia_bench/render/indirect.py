@@ -19,15 +19,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.common.cache import Cache
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import F0, dot, normal_reflectance, specular_lobes, visible_ggx_pdf
 from ia_bench.material.textures import Material, fetch
-from ia_bench.render.atlas import Atlas, kept_bake
+from ia_bench.render.atlas import Atlas, mesh_key
 from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
 from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Mesh
@@ -165,16 +165,17 @@ def bake_interreflection(mesh: Mesh, surface: SurfaceInterpolator, rays: RayCast
             f"render.bounces={bounces}: expected texture coordinates that cover a part of the texture, found none of "
             f"{ATLAS_SIZE} x {ATLAS_SIZE} texels on a triangle; reader.options.uv=xatlas makes some"
         )
-    arrays = kept_bake("interreflection", mesh, (ATLAS_SIZE, SKY_ROWS), cache, lambda: _trace(atlas, surface, rays))
-    to_texel, from_texel, share = (torch.from_numpy(arrays[name]) for name in ("to_texel", "from_texel", "share"))
+    key = mesh_key("interreflection", mesh, ATLAS_SIZE, SKY_ROWS)
+    traced = Cache(cache).kept(key, lambda: _trace(atlas, surface, rays))
     size = (len(atlas.face), len(atlas.face))
-    exchange = torch.sparse_coo_tensor(torch.stack([to_texel, from_texel]).long(), share, size, check_invariants=True)
-    sky = Operator.of(torch.from_numpy(arrays["sky"]).to(surface.device).float())
-    seen = atlas.keeping(torch.from_numpy(~arrays["buried"]))
+    pairs = torch.stack([traced["to_texel"], traced["from_texel"]]).long()
+    exchange = torch.sparse_coo_tensor(pairs, traced["share"], size, check_invariants=True)
+    sky = Operator.of(traced["sky"].to(surface.device).float())
+    seen = atlas.keeping(~traced["buried"])
     return Interreflection(seen, sky, Operator.of(exchange.to(surface.device).coalesce()), surface, rays, bounces)
 
 
-def _trace(atlas: Atlas, surface: SurfaceInterpolator, rays: RayCaster) -> dict[str, np.ndarray]:
+def _trace(atlas: Atlas, surface: SurfaceInterpolator, rays: RayCaster) -> dict[str, Tensor]:
     """``sky`` (N, cells) float16, X as ``share`` (E,) float32 of pairs ``to_texel``, ``from_texel``, and ``buried`` (N,) bool.
 
     One direction in each cell above the triangle, weighted by cosine and solid angle; the weights of a texel sum to pi.
@@ -205,9 +206,9 @@ def _trace(atlas: Atlas, surface: SurfaceInterpolator, rays: RayCaster) -> dict[
     from_texel = atlas.keeping(~buried).nearest(uv)
     matrix = torch.sparse_coo_tensor(torch.stack([to_texel, from_texel]), share, (count, count), check_invariants=True).coalesce()
     return {
-        "sky": sky.half().cpu().numpy(),
-        "to_texel": matrix.indices()[0].int().cpu().numpy(),
-        "from_texel": matrix.indices()[1].int().cpu().numpy(),
-        "share": matrix.values().cpu().numpy(),
-        "buried": buried.cpu().numpy(),
+        "sky": sky.half().cpu(),
+        "to_texel": matrix.indices()[0].int().cpu(),
+        "from_texel": matrix.indices()[1].int().cpu(),
+        "share": matrix.values().cpu(),
+        "buried": buried.cpu(),
     }

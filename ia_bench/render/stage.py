@@ -8,7 +8,7 @@ from functools import cached_property
 
 import torch
 
-from ia_bench.render.atlas import cache_folder
+from ia_bench.common.cache import cache_folder
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays

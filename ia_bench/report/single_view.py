@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
+from ia_bench.methods.asking.border import ask
 from ia_bench.methods.asking.geometry import view_geometry
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.plan import make_plan
+from ia_bench.priors.contract import Observations, Prior
 from ia_bench.priors.diffusion.encoding import exposure
 from ia_bench.priors.none import NoPrior
 from ia_bench.readers.native import NativeReader
@@ -30,17 +31,12 @@ HELD_OUT = 64  # images of a folder of shards
 
 @dataclass(frozen=True)
 class Examples:
-    """Images with truth: ``images``, ``albedo``, ``specular`` (N, H, W, 3) linear, premultiplied by ``masks`` (N, H, W).
-
-    ``geometry``: normals and visibility, as :class:`ia_bench.priors.contract.GeometryReader` takes them, where asked for.
-    """
+    """Images, as a prior is shown them, and their truth: ``albedo``, ``specular`` (N, H, W, 3), linear, premultiplied."""
 
     name: str
-    images: Tensor
-    masks: Tensor
+    shown: Observations
     albedo: Tensor
     specular: Tensor
-    geometry: tuple[Tensor, Tensor] | None = None
 
 
 def load_examples(name: str, limit: int | None = None, *, geometry: bool = False) -> Examples:
@@ -52,9 +48,10 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
     if folder.is_dir() and list(folder.glob("shard_*.safetensors")):
         held_out = TrainingImages(folder, limit=limit or HELD_OUT)
         linear = held_out.linear(torch.arange(len(held_out)))
-        radiance, masks = linear["image"][..., :3], linear["image"][..., 3]
-        seen = (linear["normal"], linear["visibility"]) if geometry else None
-        return Examples(folder.name, radiance, masks, linear["albedo"], linear["specular"], seen)
+        shown = Observations(linear["image"][..., :3], linear["image"][..., 3])
+        if geometry:
+            shown = replace(shown, normals=linear["normal"], visibility=linear["visibility"])
+        return Examples(folder.name, shown, linear["albedo"], linear["specular"])
     path = resolve_scene_folder(SceneConfig(name=name, path=name if folder.is_dir() else None))
     assert path is not None
     scene = NativeReader(path).read(truth=True)
@@ -65,27 +62,27 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
     images, masks, albedo, specular = (
         torch.stack([torch.from_numpy(getattr(view, key)) for view in views]) for key in ("image", "mask", "albedo", "specular")
     )
-    seen = None
+    shown = Observations(images, masks)
     if geometry:
-        seen = _geometry(replace(scene, train=views).blind())
-    return Examples(name, images, masks, albedo, specular, seen)
+        normals, visibility = _geometry(replace(scene, train=views).blind())
+        shown = replace(shown, normals=normals, visibility=visibility)
+    return Examples(name, shown, albedo, specular)
 
 
-def score(prior: Any, examples: Examples, *, samples: int, seed: int) -> dict[str, float]:  # noqa: ANN401 (any prior)
+def score(prior: Prior, examples: Examples, *, samples: int, seed: int) -> dict[str, float]:
     """Mean PSNR by column of the report, of one prior and one seed."""
-    inside = examples.masks > 0.5
-    count = samples if prior.stochastic else 1
-    if examples.geometry is not None:
-        prior.give_geometry(*examples.geometry)
-    drawn = [prior.sample(examples.images, examples.masks, seed=derive_seed(seed, draw)) for draw in range(count)]
+    images, masks = examples.shown.images, examples.shown.masks
+    inside = masks > 0.5
+    count = samples if prior.info.stochastic else 1
+    drawn = [ask(prior, examples.shown, seed=derive_seed(seed, draw)).values for draw in range(count)]
     figures: dict[str, Tensor] = {}
-    if "albedo" in prior.provides:
+    if "albedo" in prior.info.provides:
         means = torch.stack([sample["albedo"] for sample in drawn]).mean(0)
-        for name, value in (("image", examples.images), ("one sample", drawn[0]["albedo"]), (f"mean of {count}", means)):
+        for name, value in (("image", images), ("one sample", drawn[0]["albedo"]), (f"mean of {count}", means)):
             for kind, channels in (("", False), (", channels", True)):
                 figures[f"albedo: {name}{kind}"] = aligned_psnr(value, examples.albedo, inside, channels=channels)
-    if "specular" in prior.provides:
-        factor = exposure(examples.images, examples.masks)[:, None, None, None]
+    if "specular" in prior.info.provides:
+        factor = exposure(images, masks)[:, None, None, None]
         truth = (examples.specular * factor).clamp(0, 1)
         weight = inside[..., None].float()
         constant = (truth * weight).sum((1, 2), keepdim=True) / weight.sum((1, 2), keepdim=True).clamp_min(1)

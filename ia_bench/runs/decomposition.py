@@ -99,6 +99,7 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
 def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  # noqa: ANN401 (any prior)
     """The prior called ``name``, with options as a mapping or as KEY=VALUE texts. Raises InputError for one of no use here."""
     from ia_bench.common import registry  # brings in torch
+    from ia_bench.methods.asking.border import check_prior_info
 
     texts, values = ([], options) if isinstance(options, Mapping) else (list(options), {})
     for text in texts:
@@ -107,9 +108,10 @@ def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  #
     config = compose([f"prior={name}", *(f"prior.options.{text}" for text in texts)]).prior
     given = {key: str(value) if isinstance(value, Path) else value for key, value in values.items()}
     prior = registry.create("prior", config.name, config.target, {**config.options, **given})
-    if getattr(prior, "sees_truth", False):
+    check_prior_info(prior)
+    if prior.info.sees_truth:
         raise InputError(f"--prior: {name} needs ground truth, which a photograph does not have")
-    if not prior.provides:
+    if not prior.info.provides:
         raise InputError(f"--prior: {name} provides nothing to decompose an image into")
     return prior
 
@@ -126,19 +128,20 @@ def decompose_with(prior: Any, image: np.ndarray, mask: np.ndarray, *, samples: 
     import torch
 
     from ia_bench.common.seeds import derive_seed
+    from ia_bench.methods.asking.border import ask
+    from ia_bench.priors.contract import Observations
 
-    images, masks = torch.from_numpy(image)[None], torch.from_numpy(mask)[None]
-    count = samples if prior.stochastic else 1
-    before = prior.network_calls
-    drawn = [prior.sample(images, masks, seed=derive_seed(seed, draw)) for draw in range(count)]
-    stacked = {name: torch.stack([sample[name][0] for sample in drawn]).numpy() for name in sorted(prior.provides)}
+    shown = Observations(torch.from_numpy(image)[None], torch.from_numpy(mask)[None])
+    count = samples if prior.info.stochastic else 1
+    drawn = [ask(prior, shown, seed=derive_seed(seed, draw)) for draw in range(count)]
+    stacked = {name: torch.stack([one.values[name][0] for one in drawn]).numpy() for name in sorted(prior.info.provides)}
     return Decomposition(
         image=image,
         mask=mask,
         mean={name: values.mean(0) for name, values in stacked.items()},
         spread={name: values.std(0) for name, values in stacked.items()},
         samples=count,
-        network_calls=prior.network_calls - before,
+        network_calls=sum(one.cost.get("network_calls", 0) for one in drawn),
     )
 
 

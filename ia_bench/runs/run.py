@@ -7,29 +7,26 @@ import resource
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any
 
 import torch
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.machine import environment
 from ia_bench.common.progress import Progress
 from ia_bench.common.registry import create
-from ia_bench.methods.asking.views import evenly_spread
+from ia_bench.methods.asking.border import check_prior_info
 from ia_bench.methods.contract import Fit, Monitor, Problem
 from ia_bench.methods.plan import make_plan
-from ia_bench.priors.contract import Counted, Patchwise, TruthSeer
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator
+from ia_bench.render.gbuffer import SurfaceInterpolator
 from ia_bench.render.rays import RayCaster
-from ia_bench.render.renderer import choose_shading, texture_images
+from ia_bench.render.renderer import choose_shading
 from ia_bench.render.stage import Stage
 from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.metrics import SCHEMA
 from ia_bench.runs.scene import open_scene
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.runs.truth import tell_truth
 from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol
 
@@ -49,6 +46,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         progress.note(note)
     blind = scene.blind()
     prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
+    check_prior_info(prior)
     method = create("method", config.method.name, config.method.target, config.method.options)
     if getattr(method, "sees_truth", False):
         method.reveal_scene(scene.truth)
@@ -62,16 +60,10 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         )
         for line in plan.lines():
             progress.note(line)
-        if isinstance(prior, Patchwise) and prior.patches == "auto":
-            prior.use_patches(plan.patches)
         shading = choose_shading(config.render.shading, progress.note)
         renderer = stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=config.render.coat, shading=shading)
         gbuffer = stage.gbuffer([view.camera for view in blind.train], plan.subsamples)
-    if prior.sees_truth:
-        if not isinstance(prior, TruthSeer):
-            raise InputError(f"prior={config.prior.name}: expected a method reveal(views) with sees_truth, found none")
-        views = with_albedo(scene, surface, gbuffer)
-        prior.reveal(tuple(views[view] for view in evenly_spread(blind, plan.prior_views)))
+        prior = tell_truth(prior, scene, surface, gbuffer)
 
     # ---- fit -------------------------------------------------------------------------------------------------
     scorer = Scorer(scene, renderer, rays, protocol, seed=config.seed)
@@ -106,35 +98,21 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "seed": config.seed,
         "config_hash": folder.config_hash,
         "status": "ok",
-        "sees_truth": bool(prior.sees_truth or getattr(method, "sees_truth", False)),
+        "sees_truth": bool(prior.info.sees_truth or getattr(method, "sees_truth", False)),
         **scores.as_dict(),
         "time_s": {"bake": 0.0, "prior": 0.0, "stage1": 0.0, "stage2": 0.0, "score": 0.0, **seconds, "total": costs.seconds()},
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "rays": rays.rays,
-        "network_calls": result.counters.get("network_calls", prior.network_calls),
+        "network_calls": result.counters.get("network_calls", 0),
         "counters": {
             "points": surface.points,
             "bent_normals": surface.bent_normals,
-            **(prior.counters if isinstance(prior, Counted) else {}),
             **result.counters,
         },
         "plan": plan.record(),
         "environment": environment(config.device, config.threads or 1),
     }
     return folder.write_metrics(metrics)
-
-
-def with_albedo(scene: Scene, surface: SurfaceInterpolator, gbuffer: GBuffer) -> tuple[View, ...]:
-    """The training views with true albedo: their own, or that of the true texture as the views see it."""
-    if scene.truth is None or scene.truth.albedo is None or all(view.albedo is not None for view in scene.train):
-        return scene.train
-    texture = torch.from_numpy(scene.truth.albedo).float().to(surface.device)
-    share = gbuffer.coverage().clamp_min(1e-6)[..., None]
-    albedo = (texture_images(surface, gbuffer, texture) / share).cpu().numpy()
-    return tuple(
-        view if view.albedo is not None else replace(view, albedo=image * view.mask[..., None])
-        for view, image in zip(scene.train, albedo, strict=True)
-    )
 
 
 @contextmanager

@@ -78,7 +78,7 @@ def test_the_plain_loop_explains_the_images_better_with_every_step(tiny: Scene):
         import_mitsuba(1)
     except InputError as error:
         pytest.skip(str(error))
-    problem, scorer = make_problem(tiny, NoPrior())
+    problem, _, scorer = make_problem(tiny, NoPrior())
     fit = MitsubaFit(problem, FitSettings(), 40, threads=1)
     before = scorer.quick(fit.snapshot().material, fit.snapshot().light)
     while fit.step < 40:

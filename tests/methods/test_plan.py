@@ -22,8 +22,8 @@ from ia_bench.methods.plan import (
     make_plan,
     normal_error,
 )
+from ia_bench.priors.contract import PriorInfo
 from ia_bench.priors.none import NoPrior
-from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.render.settings import RenderSettings
@@ -38,18 +38,7 @@ FILLING = VIEW_WIDTH / 2 * 1.05  # half a side of a plate that fills FROM_ABOVE
 class Limited(NoPrior):
     """A prior of albedo that works at 64 pixels."""
 
-    provides = frozenset({"albedo"})
-    resolution = 64
-
-
-class Patched(Limited):
-    """One that can do with patches."""
-
-    def __init__(self, patches: bool | str | None = "auto") -> None:
-        self.patches = patches
-
-    def use_patches(self, patches: bool) -> None:
-        self.patches = patches
+    info = PriorInfo(frozenset({"albedo"}), resolution=64)
 
 
 def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
@@ -259,29 +248,6 @@ def test_light_of_a_small_ball() -> None:
     assert decision(plan, "render.light_height").left_out == f"light rows above {LIGHT_HEIGHTS[0]}"
 
 
-# ---------------------------------------------------------------- prior
-@pytest.mark.parametrize(
-    ("prior", "pixels", "patches", "left_out"),
-    [
-        (NoPrior(), 32, False, "prior sampling"),
-        (OraclePrior(), 200, False, "patch-wise sampling"),
-        (Limited(), 300, False, "patch-wise sampling"),
-        (Patched(), 168, False, "patch-wise sampling"),
-        (Patched(), 200, True, None),
-        (Patched(True), 32, True, None),
-        (Patched(False), 300, False, None),
-        (Patched(None), 300, False, "patch-wise sampling"),  # around a prior that has none
-    ],
-)
-def test_patches_only_where_a_prior_would_reduce_the_object_too_far(
-    prior: object, pixels: int, patches: bool, left_out: str | None
-) -> None:
-    """The mask of these views fills the image."""
-    plan = plan_of(plate(FILLING), camera_at((0, 0, 5), pixels=pixels), prior=prior)
-    found = decision(plan, "prior.patches")
-    assert (plan.patches, found.value, found.left_out) == (patches, patches, left_out)
-
-
 # ---------------------------------------------------------------- the whole
 USERS = {"shadows": "traced", "bounces": 1, "subsamples": 3, "texture": 96, "light_height": 48}
 
@@ -305,15 +271,15 @@ def test_samples_are_passed_on() -> None:
 def test_every_decision_is_printed_and_recorded_with_its_measurement() -> None:
     plan = plan_of(plate(FILLING), FROM_ABOVE)
     renderer = ["shadows", "bounces", "subsamples", "texture", "light_height", "metallic"]
-    whats = [*(f"render.{name}" for name in renderer), "prior.patches"]
+    whats = [f"render.{name}" for name in renderer]
     assert [d.what for d in plan.decisions] == whats
     for line, found in zip(plan.lines(), plan.decisions, strict=True):
         assert line == f"plan: {found.what} = {found.value}: {found.why}"
     record = plan.record()
     assert [entry["what"] for entry in record["needed"]] == whats
-    assert all(entry["measured"] for entry in record["needed"][:6])
+    assert all(entry["measured"] for entry in record["needed"])
     left_out = {entry["what"] for entry in record["left_out"]}
-    assert {"shadow rays", "pixel sub-samples", "prior sampling"} <= left_out
+    assert {"shadow rays", "pixel sub-samples"} <= left_out
 
 
 def test_the_plan_is_the_same_every_time() -> None:

@@ -11,6 +11,7 @@ from priors.tiny_network import tiny_weights
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import Stack, painted_ball
 from ia_bench.common.errors import InputError
+from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Samples
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.runs.composition import compose
@@ -26,10 +27,11 @@ def stack() -> Stack:
     return painted_ball(16, 24, 3)
 
 
-def corrected(weights: str, stack: Stack, share: float, **options: object) -> CorrectedPrior:
-    prior = CorrectedPrior(share=share, of_options={"weights": weights, **options})
-    prior.reveal(stack.views)
-    return prior
+WANTED = frozenset({"normals", "visibility", "truth"})
+
+
+def corrected(weights: str, share: float, **options: object) -> CorrectedPrior:
+    return CorrectedPrior(share=share, of_options={"weights": weights, **options})
 
 
 def truth(stack: Stack, component: str) -> torch.Tensor:
@@ -40,37 +42,54 @@ def truth(stack: Stack, component: str) -> torch.Tensor:
 @pytest.mark.parametrize("share", [0.0, 0.125, 0.5, 1.0])
 def test_errors_shrink_by_the_share(weights: str, stack: Stack, share: float, guided: bool) -> None:
     guidance = {"albedo": 0.5 * truth(stack, "albedo")} if guided else None
-    plain = DiffusionPrior(weights=weights).sample(stack.images, stack.masks, seed=3, guidance=guidance)
-    samples = corrected(weights, stack, share).sample(stack.images, stack.masks, seed=3, guidance=guidance)
-    assert set(samples) == {"albedo", "specular"}
-    for name, sample in samples.items():
-        error, left = plain[name] - truth(stack, name), sample - truth(stack, name)
+    plain = DiffusionPrior(weights=weights).sample(stack.shown(), seed=3, guidance=guidance)
+    samples = corrected(weights, share).sample(stack.shown(WANTED), seed=3, guidance=guidance)
+    check_shrunk(plain, samples, stack, share)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_what_is_distilled_is_corrected_too(weights: str, stack: Stack, share: float) -> None:
+    renders = {name: 0.5 * truth(stack, name) for name in COMPONENTS}
+    plain = DiffusionPrior(weights=weights).distill(stack.shown(), renders, seed=3)
+    check_shrunk(plain, corrected(weights, share).distill(stack.shown(WANTED), renders, seed=3), stack, share)
+    assert not isinstance(CorrectedPrior(of="regressor"), Distiller)  # only where the prior behind can be
+
+
+def check_shrunk(plain: Samples, samples: Samples, stack: Stack, share: float) -> None:
+    assert set(samples.values) == {"albedo", "specular"}
+    assert samples.cost == plain.cost
+    assert torch.equal(samples.ceilings["specular"], plain.ceilings["specular"])
+    for name, sample in samples.values.items():
+        error, left = plain.values[name] - truth(stack, name), sample - truth(stack, name)
         assert float(error.square().mean()) > 1e-4
         assert torch.allclose(left, share * error, atol=1e-6)
         if share in (0, 1):
-            assert torch.equal(sample, truth(stack, name) if share == 0 else plain[name])
+            assert torch.equal(sample, truth(stack, name) if share == 0 else plain.values[name])
 
 
 def test_conforms(weights: str, stack: Stack) -> None:
     findings = list(check_prior(lambda: CorrectedPrior(of_options={"weights": weights, "geometry": True}), stack))
     assert [finding for finding in findings if finding.status == "fail"] == []
-    assert len(findings) > 25
+    assert len(findings) > 20
 
 
 def test_geometry_reaches_the_prior_behind(weights: str, stack: Stack) -> None:
-    seeing, blind = (corrected(weights, stack, 1.0, geometry=geometry) for geometry in (True, False))
-    assert (seeing.reads_geometry, blind.reads_geometry) == (True, False)
-    for prior in (seeing, blind):
-        prior.give_geometry(*stack.geometry())
-    first, second = (prior.sample(stack.images, stack.masks, seed=0)["albedo"] for prior in (seeing, blind))
+    seeing, blind = (corrected(weights, 1.0, geometry=geometry) for geometry in (True, False))
+    assert (seeing.info.wants, blind.info.wants) == (WANTED, {"truth"})
+    first, second = (prior.sample(stack.shown(WANTED), seed=0).values["albedo"] for prior in (seeing, blind))
     assert not torch.equal(first, second)
 
 
-def test_calls_are_those_of_the_prior_behind(weights: str, stack: Stack) -> None:
-    prior, plain = corrected(weights, stack, 0.5), DiffusionPrior(weights=weights)
-    for one in (prior, plain):
-        one.sample(stack.images, stack.masks, seed=0)
-    assert prior.network_calls == plain.network_calls > 0
+def test_the_prior_behind_sees_no_truth(weights: str, stack: Stack, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Observations] = []
+
+    def sample(self: object, observations: Observations, **rest: object) -> Samples:
+        shown.append(observations)
+        return Samples({name: torch.zeros_like(observations.images) for name in COMPONENTS})
+
+    monkeypatch.setattr(DiffusionPrior, "sample", sample)
+    corrected(weights, 0.5).sample(stack.shown(WANTED), seed=0)
+    assert [observations.truth for observations in shown] == [None]
 
 
 @pytest.mark.parametrize(
@@ -92,15 +111,10 @@ def test_wrong_options(options: dict, message: str) -> None:
 def test_options_of_the_command_line_arrive(weights: str) -> None:
     config = compose(["device=cpu", "prior=corrected", f"prior.options.of_options={{weights: {weights}, steps: 2}}"])
     prior = CorrectedPrior(**config.prior.options)
-    assert prior.provides == {"albedo", "specular"}
+    assert prior.info.provides == {"albedo", "specular"}
 
 
-def test_patches_are_those_of_the_prior_behind(weights: str) -> None:
-    assert CorrectedPrior(of_options={"weights": weights}).patches == "auto"
-    assert CorrectedPrior(of="regressor").patches is None
-
-
-def test_unrevealed(weights: str, stack: Stack) -> None:
+def test_untold(weights: str, stack: Stack) -> None:
     prior = CorrectedPrior(of_options={"weights": weights})
-    with pytest.raises(InputError, match="prior=corrected: asked for images of shape .* was revealed nothing"):
-        prior.sample(stack.images, stack.masks, seed=0)
+    with pytest.raises(InputError, match="prior=corrected: expected the true albedo of images of shape .* found none"):
+        prior.sample(stack.shown(), seed=0)

@@ -6,6 +6,8 @@ Random dials are judged over many views, with tolerances of about four standard 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.priors.contract import Observations
 from ia_bench.priors.oracle import MAX_SCALE, OraclePrior
+from ia_bench.runs.truth import ToldPrior
 from ia_bench.scenes.scene import Camera, View
 
 CAMERA = Camera(np.eye(4), (20.0, 20.0), (8.0, 6.0), 16, 12)
@@ -41,9 +45,13 @@ def tensors(views: tuple[View, ...]) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(np.stack([v.image for v in views])), torch.from_numpy(np.stack([v.mask for v in views]))
 
 
-def draw(prior: OraclePrior, views: tuple[View, ...], seed: int = 0, **guidance: Tensor) -> dict[str, Tensor]:
-    prior.reveal(views)
-    return prior.sample(*tensors(views), seed=seed, guidance=guidance or None)
+def told(prior: OraclePrior, views: tuple[View, ...]) -> Observations:
+    """What a run shows the prior of these views."""
+    return ToldPrior(prior, views).shown(Observations(*tensors(views), tuple(range(len(views)))))
+
+
+def draw(prior: OraclePrior, views: tuple[View, ...], seed: int = 0, **guidance: Tensor) -> Mapping[str, Tensor]:
+    return prior.sample(told(prior, views), seed=seed, guidance=guidance or None).values
 
 
 def truth_of(views: tuple[View, ...], component: str) -> np.ndarray:
@@ -68,13 +76,13 @@ def test_exact_by_default() -> None:
 
 def test_components() -> None:
     prior = OraclePrior(components=["specular"])
-    assert prior.provides == {"specular"}
+    assert prior.info.provides == {"specular"}
     assert set(draw(prior, views_of(2))) == {"specular"}
 
 
 def test_stochastic_only_with_a_random_dial() -> None:
-    assert not OraclePrior(blur=1.0, baked=0.5).stochastic
-    assert all(OraclePrior(**{dial: 0.1}).stochastic for dial in ("scale", "shift", "noise", "inconsistency"))
+    assert not OraclePrior(blur=1.0, baked=0.5).info.stochastic
+    assert all(OraclePrior(**{dial: 0.1}).info.stochastic for dial in ("scale", "shift", "noise", "inconsistency"))
 
 
 def test_scale_is_one_log_normal_factor_per_view() -> None:
@@ -244,15 +252,14 @@ def test_the_largest_scale_stays_finite() -> None:
 def test_wrong_inputs() -> None:
     views = views_of(2)
     prior = OraclePrior()
-    with pytest.raises(InputError, match=r"images of shape \(2, 12, 16, 3\), was revealed nothing"):
-        prior.sample(*tensors(views), seed=0)
-    prior.reveal(views)
-    with pytest.raises(InputError, match=r"of shape \(1, 12, 16, 3\), was revealed views of shape \(2, 12, 16, 3\)"):
-        prior.sample(*tensors(views[:1]), seed=0)
-    images, masks = tensors(views)
-    images[1, 3, 3, 0] = torch.inf
+    with pytest.raises(InputError, match=r"prior=oracle: expected the true albedo of .* \(2, 12, 16, 3\), found none"):
+        prior.sample(Observations(*tensors(views)), seed=0)
+    shown = told(prior, views)
+    with pytest.raises(InputError, match=r"of images of shape \(1, 12, 16, 3\), found shape \(2, 12, 16, 3\)"):
+        prior.sample(replace(shown.select([0]), truth=shown.truth), seed=0)
+    shown.images[1, 3, 3, 0] = torch.inf
     with pytest.raises(InputError, match="expected finite images, found NaN or Inf"):
-        prior.sample(images, masks, seed=0)
+        prior.sample(shown, seed=0)
     lacking = View("images/train/0007", CAMERA, views[0].image, views[0].mask, albedo=views[0].albedo)
     with pytest.raises(InputError, match="training view images/train/0007 has no ground-truth specular"):
-        prior.reveal((lacking,))
+        told(prior, (lacking,))

@@ -21,7 +21,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import normalize
 from ia_bench.material.textures import Material, fetch
-from ia_bench.render import atlas, indirect
+from ia_bench.render import indirect
 from ia_bench.render.atlas import Atlas
 from ia_bench.render.indirect import Interreflection, Operator, bake_interreflection
 from ia_bench.render.renderer import PixelRadiance, Renderer
@@ -195,7 +195,7 @@ def test_a_mesh_without_an_atlas_is_refused(tmp_path: Path) -> None:
         bake_interreflection(stage.mesh, stage.surface, stage.rays, 2, tmp_path)
 
 
-def test_the_atlas_knows_its_texels(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_atlas_knows_its_texels() -> None:
     """A plate over a quarter of the atlas: every texel's point projects back to the texel's centre."""
     mesh = plate(1.0, uv_scale=0.5)
     stage = Stage.of(mesh, [camera_at((0.5, 0.5, 3.0))])
@@ -208,8 +208,6 @@ def test_the_atlas_knows_its_texels(monkeypatch: pytest.MonkeyPatch) -> None:
     left = texels.keeping(uv[:, 0] < 0.25)
     assert set(left.row.reshape(-1).tolist()) == set(torch.nonzero(uv[:, 0] < 0.25)[:, 0].tolist())
     assert torch.equal(texels.keeping(torch.zeros(64, dtype=torch.bool)).row, texels.row)
-    monkeypatch.setenv("IA_BENCH_CACHE", "elsewhere")
-    assert atlas.cache_folder() == Path("elsewhere")
 
 
 def test_a_layered_coat_conserves_energy() -> None:

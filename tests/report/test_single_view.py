@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -7,6 +5,7 @@ from priors.tiny_network import tiny_weights
 from training.test_dataset import shard
 
 from ia_bench.cli.single_view import main
+from ia_bench.priors.contract import PriorInfo, Samples
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.report.single_view import load_examples, score
 from ia_bench.scores.alignment import ALIGNMENTS
@@ -16,14 +15,13 @@ from ia_bench.training.shards import ShardInfo, shard_path, write_shard
 class Knowing:
     """Returns what it was told, half as bright."""
 
-    provides = frozenset({"albedo", "specular"})
-    stochastic = False
+    info = PriorInfo(frozenset({"albedo", "specular"}))
 
     def __init__(self, examples):
         self.examples = examples
 
-    def sample(self, images, masks, *, seed, guidance=None):
-        return {"albedo": 0.5 * self.examples.albedo, "specular": self.examples.specular}
+    def sample(self, observations, *, seed, guidance=None):
+        return Samples({"albedo": 0.5 * self.examples.albedo, "specular": self.examples.specular})
 
 
 def test_scale_is_forgiven_in_albedo_alone(tiny_folder):
@@ -37,7 +35,7 @@ def test_scale_is_forgiven_in_albedo_alone(tiny_folder):
 def test_the_image_as_albedo_is_scored_as_by_numpy(tiny_folder):
     examples = load_examples(str(tiny_folder))
     values = []
-    for image, truth, mask in zip(examples.images, examples.albedo, examples.masks, strict=True):
+    for image, truth, mask in zip(examples.shown.images, examples.albedo, examples.shown.masks, strict=True):
         inside = mask.numpy() > 0.5
         predicted, true = image.numpy()[inside], truth.numpy()[inside]
         scaled = predicted * ALIGNMENTS["mean_rgb"](predicted, true).scale
@@ -65,16 +63,16 @@ def test_geometry_reaches_a_prior_that_reads_it(tmp_path, tiny_folder, scene):
     if not scene:
         write_shard(shard_path(tmp_path, 0), shard(count=3), ShardInfo(5, 0, 3, 16))
     examples = load_examples(str(tiny_folder if scene else tmp_path), 2, geometry=True)
-    normals, visibility = examples.geometry
-    inside = examples.masks > 0.99
-    assert normals.shape == examples.images.shape
+    normals, visibility, masks = examples.shown.normals, examples.shown.visibility, examples.shown.masks
+    inside = masks > 0.99
+    assert normals.shape == examples.shown.images.shape
     assert float(normals[inside].norm(dim=-1).median()) == pytest.approx(1, abs=0.01)
-    assert visibility.shape == (*examples.masks.shape, 1)
+    assert visibility.shape == (*masks.shape, 1)
     assert 0.1 < float(visibility[inside].mean()) < 1
     options = {"weights": str(tiny_weights(tmp_path / "weights", geometry=True)), "steps": 1}
     reading, blind = DiffusionPrior(**options, geometry=True), DiffusionPrior(**options)
     with_geometry = score(reading, examples, samples=1, seed=0)
-    without = score(blind, replace(examples, geometry=None), samples=1, seed=0)
+    without = score(blind, examples, samples=1, seed=0)
     assert with_geometry["albedo: one sample"] != without["albedo: one sample"]
 
 

@@ -20,7 +20,7 @@ CHUNK = 16_384  # pixels at a time
 
 @torch.no_grad()
 def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Tensor]:
-    """Normals (V, H, W, 3) and visibility (V, H, W, 1) of some training views, as a GeometryReader takes them.
+    """Normals (V, H, W, 3) and visibility (V, H, W, 1) of some training views, as observations hold them.
 
     Both are box-filtered over the pixel's points like every premultiplied image, as in the data that priors are trained on.
     Visibility is estimated from 32 cosine-distributed directions a pixel, asked of the renderer's own shadows; a convex

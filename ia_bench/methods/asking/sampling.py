@@ -2,139 +2,112 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
+from ia_bench.methods.asking.border import LARGEST, absurd_values, ask, ask_to_distill, check_prior_info, name_of
 from ia_bench.methods.asking.geometry import view_geometry
-from ia_bench.methods.asking.sample_cache import SampleCache, StoredSample, content_key
 from ia_bench.methods.asking.views import evenly_spread
 from ia_bench.methods.contract import Problem
-from ia_bench.priors.contract import Bounded, Counted, Distiller, Fingerprinted, GeometryReader, Prior
-from ia_bench.render.atlas import cache_folder
+from ia_bench.priors.contract import Distiller, Fingerprinted, Observations, Prior, Samples
 
+GEOMETRY = ("normals", "visibility")
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
 
 
 class PriorSampler:
-    """The prior as the trainer asks it: about the views of ``problem.supervision.views``, each answer checked.
+    """The prior as the trainer asks it: about the views of ``problem.supervision.views``.
 
-    ``views``: which training views these are. ``counters``: "network_calls" spent and what a Counted prior counts, among
-    them those of samples that were kept from an earlier run, and "prior_cached", how many draws these are.
-    ``kept_seconds``: what the kept draws took when they were made, so that error against time stays comparable.
+    Attributes:
+        views: Which training views these are.
+        counters: What the prior has cost, its "network_calls" first, those of samples that were kept from an earlier run
+            among it; "prior_cached", how many draws these are; "prior_absurd_values", how many values of its answers no image
+            could hold.
+        kept_seconds: What the kept draws took when they were made, so that error against time stays comparable.
     """
 
-    def __init__(self, problem: Problem, prior: Prior, seed: int) -> None:
-        """Raises InputError when distillation is asked of a prior that has none."""
-        self._problem, self._prior, self._seed = problem, prior, seed
+    def __init__(self, problem: Problem, prior: Prior, seed: int, note: Callable[[str], None]) -> None:
+        """``note``: where the user is told what is odd. Raises InputError when a prior is to be distilled that cannot be."""
+        check_prior_info(prior)
+        self._problem, self._prior, self._seed, self._note = problem, prior, seed, note
         settings = problem.supervision
         if settings.kind == "sds" and not isinstance(prior, Distiller):
             raise InputError(
-                f"prior.supervision.kind=sds: expected a prior with a method distill(images, masks, renders, *, seed), "
-                f"found {type(prior).__name__}, which has none"
+                f"prior.supervision.kind=sds: expected a prior with a method distill(observations, renders, *, seed), "
+                f"found {name_of(prior)}, which has none"
             )
         self.views = evenly_spread(problem.scene, problem.plan.prior_views if settings.views == "auto" else settings.views)
-        self.counters = {"prior_cached": 0, **dict.fromkeys(self._counted(), 0)}
+        self.counters = {"prior_cached": 0, "prior_absurd_values": 0, "network_calls": 0}
         self.kept_seconds = 0.0
-        self._given: tuple[int, ...] | None = None  # the views whose geometry the prior holds
-        keeps = settings.cache and isinstance(prior, Fingerprinted) and not prior.sees_truth  # truth is in no key
-        self._cache = SampleCache(cache_folder()) if keeps else None
+        self._shown: Observations | None = None
+        keeps = settings.cache and isinstance(prior, Fingerprinted) and not prior.info.sees_truth  # truth is in no key
+        self._cache = Cache() if keeps else None
 
-    def draw(self, guidance: Images | None) -> Images:
-        """A sample of every view asked, linear and premultiplied. ``guidance``: current renders of the same views.
-
-        Raises ValueError when the prior breaks its contract (wrong components, shapes, NaN): its user needs to know which.
-        """
-        images, masks = self._photographs(self.views)
-        cache = self._cache if guidance is None else None
-        key = self._key(images, masks) if cache is not None else ""
-        stored = cache.load(key) if cache is not None else None
+    def draw(self, guidance: Images | None) -> Samples:
+        """A sample of every view asked. ``guidance``: current renders of the same views. Raises InputError for no sound one."""
+        observations = self._observations(self.views)
+        key = self._key(observations) if self._cache is not None and guidance is None else None
+        stored = self._cache.get(key) if self._cache is not None and key is not None else None
         if stored is not None:
+            samples, seconds = _unpacked(*stored)
             self.counters["prior_cached"] += 1
-            self._count(stored.counters)
-            self.kept_seconds += stored.seconds
-            return stored.sample
+            self.kept_seconds += seconds
+        else:
+            started = time.perf_counter()
+            samples = ask(self._prior, observations, seed=self._seed, guidance=guidance)
+            if self._cache is not None and key is not None:
+                self._cache.put(key, *_packed(samples, time.perf_counter() - started))
+        return self._accounted(samples)
 
-        def ask() -> Images:
-            return self._prior.sample(images, masks, seed=self._seed, guidance=guidance)
+    def distill(self, renders: Images, views: tuple[int, ...], seed: int) -> Samples:
+        """The prior's estimates of the current renders of some views. Raises InputError like :meth:`draw`."""
+        assert isinstance(self._prior, Distiller)
+        return self._accounted(ask_to_distill(self._prior, self._observations(views), renders, seed=seed))
 
-        started = time.perf_counter()
-        sample, counted = self._ask(ask, self.views, set(self._prior.provides), images.shape)
-        if cache is not None:
-            cache.store(key, StoredSample(sample, time.perf_counter() - started, counted))
-        return sample
-
-    def ceilings(self) -> Images:
-        """Component -> (V,): where the samples of the views asked end, for those that do."""
-        return self._prior.ceilings(*self._photographs(self.views)) if isinstance(self._prior, Bounded) else {}
-
-    def distill(self, renders: Images, views: tuple[int, ...], seed: int) -> Images:
-        """The prior's estimates of the current renders of some views. Raises ValueError like :meth:`draw`."""
-        images, masks = self._photographs(views)
-        prior = self._prior
-        assert isinstance(prior, Distiller)
-
-        def ask() -> Images:
-            return prior.distill(images, masks, renders, seed=seed)
-
-        return self._ask(ask, views, set(renders), images.shape)[0]
-
-    def _ask(
-        self, ask: Callable[[], Images], views: tuple[int, ...], expected: set[str], shape: torch.Size
-    ) -> tuple[Images, dict[str, int]]:
-        """The checked answer, and what was counted for it."""
-        prior = self._prior
-        if isinstance(prior, GeometryReader) and prior.reads_geometry and self._given != views:
-            prior.give_geometry(*view_geometry(self._problem, views))
-            self._given = views
-        before = self._counted()
-        samples = ask()
-        counted = {name: count - before.get(name, 0) for name, count in self._counted().items()}
-        self._count(counted)
-        _check(samples, expected, shape)
-        return samples, counted
-
-    def _counted(self) -> dict[str, int]:
-        """What the prior has counted since it was made."""
-        own = self._prior.counters if isinstance(self._prior, Counted) else {}
-        return {"network_calls": self._prior.network_calls, **own}
-
-    def _count(self, counted: Mapping[str, int]) -> None:
-        for name, count in counted.items():
+    def _accounted(self, samples: Samples) -> Samples:
+        for name, count in samples.cost.items():
             self.counters[name] = self.counters.get(name, 0) + count
+        absurd = absurd_values(samples)
+        if absurd and not self.counters["prior_absurd_values"]:
+            self._note(f"prior {name_of(self._prior)}: {absurd} of its values are negative or above {LARGEST:g}; they are used")
+        self.counters["prior_absurd_values"] += absurd
+        return samples
 
-    def _photographs(self, views: tuple[int, ...]) -> tuple[Tensor, Tensor]:
-        chosen = [self._problem.scene.train[view] for view in views]
-        images = torch.stack([torch.from_numpy(view.image) for view in chosen])
-        return images, torch.stack([torch.from_numpy(view.mask) for view in chosen])
+    def _observations(self, views: tuple[int, ...]) -> Observations:
+        """What the prior is shown of some training views; that of the last ones is kept, for geometry takes rays."""
+        if self._shown is None or self._shown.views != views:
+            chosen, wants = [self._problem.scene.train[view] for view in views], self._prior.info.wants
+            images, masks = (torch.from_numpy(np.stack([getattr(view, key) for view in chosen])) for key in ("image", "mask"))
+            seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
+            normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
+            self._shown = Observations(images, masks, views, normals, visibility)
+        return self._shown
 
-    def _key(self, images: Tensor, masks: Tensor) -> str:
+    def _key(self, shown: Observations) -> str:
         """What decides a sample; geometry by what it is computed from."""
         prior = self._prior
         assert isinstance(prior, Fingerprinted)
         rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
-        parts: list[str | Tensor] = [prior.fingerprint, rounding, str(self._seed), images, masks]
-        if isinstance(prior, GeometryReader) and prior.reads_geometry:
-            mesh, shadows = self._problem.scene.mesh, type(self._problem.renderer.visibility).__name__
-            cameras = [self._problem.scene.train[view].camera for view in self.views]
-            digest = hashlib.sha256(f"{shadows} {self._problem.gbuffer.subsamples}".encode())
-            for array in (mesh.vertices, mesh.faces, mesh.normals, mesh.uv, *(camera.to_world for camera in cameras)):
-                digest.update(np.ascontiguousarray(array).tobytes())
-            digest.update(repr([(camera.focal, camera.centre) for camera in cameras]).encode())
-            parts.append(digest.hexdigest())
-        return content_key(*parts)
+        geometry = [tensor for tensor in (shown.normals, shown.visibility) if tensor is not None]
+        return content_key("samples", prior.fingerprint, rounding, str(self._seed), shown.images, shown.masks, *geometry)
 
 
-def _check(samples: Mapping[str, Tensor], expected: set[str], shape: torch.Size) -> None:
-    if set(samples) != expected:
-        raise ValueError(f"the prior provides {sorted(expected)} but sampled {sorted(samples)}")
-    for name, sample in samples.items():
-        if sample.shape != shape:
-            raise ValueError(f"the prior's {name} has shape {tuple(sample.shape)}, expected {tuple(shape)}")
-        if not bool(torch.isfinite(sample).all()):
-            raise ValueError(f"the prior's {name} has NaN or Inf in {int((~torch.isfinite(sample)).sum())} values")
+def _packed(samples: Samples, seconds: float) -> tuple[Images, dict[str, Any]]:
+    """Samples as a cache keeps them."""
+    tensors = {f"{part}/{name}": value for part in ("values", "ceilings") for name, value in getattr(samples, part).items()}
+    return tensors, {"seconds": seconds, "cost": dict(samples.cost)}
+
+
+def _unpacked(tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> tuple[Samples, float]:
+    parts: dict[str, Images] = {"values": {}, "ceilings": {}}
+    for key, value in tensors.items():
+        part, _, name = key.partition("/")
+        parts[part][name] = value
+    return Samples(parts["values"], parts["ceilings"], about["cost"]), about["seconds"]

@@ -24,7 +24,7 @@ from ia_bench.methods.two_stage.losses import crossed_loss, smoothness, tone_map
 from ia_bench.methods.two_stage.neighbours import find_neighbours
 from ia_bench.methods.two_stage.settings import FitSettings, check_fit, check_supervision
 from ia_bench.methods.two_stage.supervision import Supervision
-from ia_bench.methods.two_stage.targets import Targets, distilled_targets, make_targets
+from ia_bench.methods.two_stage.targets import Targets, make_targets
 from ia_bench.priors.contract import Prior
 from ia_bench.render.renderer import PixelRadiance, samples_taken, texture_images
 
@@ -77,7 +77,7 @@ class _Run:
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.parameters.values(), self.base_rates, strict=True)]
         self.optimizer = torch.optim.Adam(groups, betas=(0.9, 0.99), fused=True)
         self.cast = CastStep(self.parameters["albedo"], self.parameters["log_light"], self._observed > 0)
-        self.sampler = PriorSampler(problem, prior, seed)
+        self.sampler = PriorSampler(problem, prior, seed, monitor.note)
         self.guard = StepGuard(problem, self.parameters)
         state = monitor.load()
         if state is None:
@@ -128,7 +128,7 @@ class _Run:
     def _draws_again(self) -> bool:
         """Whether stage 2 has guided samples."""
         wanted = self.settings.guided and self.problem.supervision.kind != "sds"
-        return wanted and self.prior.guidable and bool(self._supervising)
+        return wanted and self.prior.info.guidable and bool(self._supervising)
 
     @property
     def _supervising(self) -> frozenset[str]:
@@ -137,7 +137,7 @@ class _Run:
             "albedo": self.settings.weights.albedo,
             "specular": self.settings.weights.specular * self.problem.supervision.specular_weight,
         }
-        return frozenset(name for name in self.prior.provides if weights[name])
+        return frozenset(name for name in self.prior.info.provides if weights[name])
 
     # ---- one step ----------------------------------------------------------------------------------------------
 
@@ -281,24 +281,23 @@ class _Run:
     def _draw(self, *, guided: bool) -> None:
         """Sample the prior; what is distilled is not sampled, so nothing supervises before the first distillation."""
         with self._asking():
-            problem, views = self.problem, self.sampler.views
-            targets = Targets({}, {})
-            if problem.supervision.kind != "sds":
-                sample = self.sampler.draw(self._renders(views, self._supervising) if guided else None)
-                targets = make_targets(problem, self.prior, sample, views, ceilings=self.sampler.ceilings())
+            views, targets = self.sampler.views, Targets({}, {})
+            if self.problem.supervision.kind != "sds":
+                samples = self.sampler.draw(self._renders(views, self._supervising) if guided else None)
+                targets = make_targets(self.problem, samples, views)
             self._supervise(targets)
 
     def _distill(self) -> None:
         """Every ``sds_period`` steps, of kind "sds": let the prior denoise the current renders of a few views."""
         supervision = self.problem.supervision
-        if supervision.kind != "sds" or self.step % supervision.sds_period or not self.prior.provides:
+        if supervision.kind != "sds" or self.step % supervision.sds_period or not self.prior.info.provides:
             return
         with self._asking():
             random = np.random.default_rng((self.seed, self.step))
             count = min(supervision.sds_views, len(self.sampler.views))
             views = tuple(sorted(int(view) for view in random.choice(self.sampler.views, count, replace=False)))
-            estimates = self.sampler.distill(self._renders(views, self.prior.provides), views, int(random.integers(2**63)))
-            self._supervise(distilled_targets(self.problem, estimates, views))
+            estimates = self.sampler.distill(self._renders(views, self.prior.info.provides), views, int(random.integers(2**63)))
+            self._supervise(make_targets(self.problem, estimates, views))
 
     def _supervise(self, targets: Targets) -> None:
         self.supervision = Supervision(self.problem, self.prior, self.settings.ssi, targets)

@@ -30,7 +30,7 @@ class Supervision:
         self._problem, self._settings = problem, problem.supervision
         self._distilled = self._settings.kind == "sds"
         self._ssi = "none" if self._distilled else ssi
-        self._encoding = prior.encoding
+        self._encoding = prior.info.encoding
         gbuffer = problem.gbuffer
         self._view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
         self._coverage = (gbuffer.face >= 0).float().mean(1, keepdim=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +10,7 @@ from torch import Tensor
 
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
-from ia_bench.priors.contract import Prior
+from ia_bench.priors.contract import Samples
 
 NEAR_CEILING = 0.8
 """Share of the largest value that a prior can say from which a target means "at least": a mean of draws stays below it."""
@@ -37,38 +36,18 @@ class Targets:
         return {name: getattr(self, name) for name in ("values", "weights", "at_least")}
 
 
-def make_targets(
-    problem: Problem,
-    prior: Prior,
-    sample: Mapping[str, Tensor],
-    views: tuple[int, ...],
-    *,
-    ceilings: Mapping[str, Tensor] | None = None,
-) -> Targets:
-    """Targets from a sample, each component -> (V', H, W, 3), of the views (V',) of the problem.
-
-    ``ceilings``: component -> (V',), see :class:`ia_bench.priors.contract.Bounded`.
-    """
+def make_targets(problem: Problem, samples: Samples, views: tuple[int, ...]) -> Targets:
+    """Targets from samples, or distilled estimates, of the ``views`` of the problem: equal weights there, none elsewhere."""
     part, rows = restrict(problem.gbuffer, views)
     view = part.pixel // (part.shape[1] * part.shape[2])
     values, at_least = {}, {}
-    for name in sorted(prior.provides):
-        value = sample[name].to(rows.device).reshape(-1, 3)[part.pixel]
+    for name, sample in sorted(samples.values.items()):
+        value = sample.to(rows.device).reshape(-1, 3)[part.pixel]
         values[name] = _spread_over(problem, rows, value)
-        if ceilings and name in ceilings:
-            near = value.amax(-1) >= NEAR_CEILING * ceilings[name].to(rows.device)[view]
+        if name in samples.ceilings:
+            near = value.amax(-1) >= NEAR_CEILING * samples.ceilings[name].to(rows.device)[view]
             at_least[name] = _spread_over(problem, rows, near[:, None].float()) > 0
     return Targets(values, dict.fromkeys(values, _even_weights(problem, rows)), at_least)
-
-
-def distilled_targets(problem: Problem, estimates: dict[str, Tensor], views: tuple[int, ...]) -> Targets:
-    """Targets from denoised renders, component -> (V', H, W, 3), of a few views: equal weights there, none elsewhere."""
-    part, rows = restrict(problem.gbuffer, views)
-    values = {
-        name: _spread_over(problem, rows, estimate.to(rows.device).reshape(-1, 3)[part.pixel])
-        for name, estimate in sorted(estimates.items())
-    }
-    return Targets(values, dict.fromkeys(values, _even_weights(problem, rows)))
 
 
 def _even_weights(problem: Problem, rows: Tensor) -> Tensor:

@@ -6,22 +6,18 @@ import torch
 from torch import Tensor
 
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.sampler import Denoise
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
+from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule, estimate_x0
 
 
 class Conditioned:
     """``network`` asked about a batch of conditions; counts its evaluations (one per image and pass) in ``calls``.
 
-    ``cfg_scale`` w: classifier-free guidance, output = uncond + w (cond - uncond) (Ho and Salimans 2022); 1 asks once
-    per step, any other value twice. ``chunk``: images per pass, which bounds memory.
+    ``chunk``: images per pass, which bounds memory.
     """
 
-    def __init__(
-        self, network: MaterialNetwork, schedule: NoiseSchedule, *, cfg_scale: float = 1.0, chunk: int = 64, bf16: bool = False
-    ) -> None:
+    def __init__(self, network: MaterialNetwork, schedule: NoiseSchedule, *, chunk: int = 64, bf16: bool = False) -> None:
         self.network, self.schedule = network, schedule
-        self.cfg_scale, self.chunk, self.bf16 = cfg_scale, chunk, bf16
+        self.chunk, self.bf16 = chunk, bf16
         self.calls = 0
 
     def bind(self, condition: Tensor) -> Denoise:
@@ -60,16 +56,9 @@ class Conditioned:
         for part in torch.arange(len(noisy), device=noisy.device).split(self.chunk):
             timestep = torch.full((len(part),), t, device=noisy.device)
             image = part % len(condition)
-            channels, words = condition[image], _rows(tokens, image)
             with self._precision():
-                output = self.network.denoise(noisy[part], timestep, channels, words).float()
-                self.calls += len(part)
-                if self.cfg_scale != 1:
-                    nothing = None if words is None else torch.zeros_like(words)
-                    plain = self.network.denoise(noisy[part], timestep, torch.zeros_like(channels), nothing).float()
-                    self.calls += len(part)
-                    output = plain + self.cfg_scale * (output - plain)
-            parts.append(output)
+                parts.append(self.network.denoise(noisy[part], timestep, condition[image], _rows(tokens, image)).float())
+            self.calls += len(part)
         return torch.cat(parts)
 
     def _precision(self) -> torch.autocast:

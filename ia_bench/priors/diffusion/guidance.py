@@ -27,7 +27,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform, inverse_cosine_transform
-from ia_bench.priors.diffusion.sampler import Denoise
+from ia_bench.priors.diffusion.schedule import Denoise
 from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE, posterior_variance
 
 Rule = Literal["paper", "shortcut", "variance"]
@@ -51,7 +51,7 @@ class GuidanceReport:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Both by name, as a prior reports them (:class:`ia_bench.priors.contract.Counted`)."""
+        """Both by name, as :class:`ia_bench.priors.contract.Samples` tells them."""
         return {"guided_estimates": self.updates, "guided_cut": self.bounded}
 
     def add(self, bounded: Tensor) -> None:

@@ -21,8 +21,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Pull, Rule
 from ia_bench.priors.diffusion.operators import GaussianBlur
-from ia_bench.priors.diffusion.sampler import Denoise, Noise, SamplerSettings, sample, seeded_noise
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.sampler import Noise, SamplerSettings, sample, seeded_noise
+from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule
 from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE
 
 MakeDenoise = Callable[[Tensor], Denoise]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +11,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
+from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Rule, check_rule
 from ia_bench.priors.diffusion.network import MaterialNetwork
@@ -27,18 +29,17 @@ DISTILLED_LEVELS = (0.02, 0.98)
 class DiffusionPrior(LearnedPrior):
     """Samples of p(albedo, specular | image), the paper's sections 3.2 and 3.3.
 
-    ``steps``, ``eta``: of the sampler (DDIM 0 ... ancestral 1). ``cfg_scale``: classifier-free guidance, 1 for none.
+    ``steps``, ``eta``: of the sampler (DDIM 0 ... ancestral 1).
     ``patches``: predict the image in overlapping native-size patches at full resolution (the paper's equation 6) instead of
-    reducing it to the native size; "auto": as the plan says, and where there is none, images that would be reduced more than
-    PATCH_REDUCTION times. ``guidance_rule``, ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's
-    samples are drawn toward the current renders (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
-    :class:`ia_bench.priors.learned.LearnedPrior`. ``guidance_report`` counts guided estimates and steps that were cut.
+    reducing it to the native size; "auto": images that would be reduced more than PATCH_REDUCTION times. ``guidance_rule``,
+    ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's samples are drawn toward the current renders
+    (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
+    :class:`ia_bench.priors.learned.LearnedPrior`. Its cost counts guided estimates, those whose step was cut, and images that
+    were predicted in patches.
     """
 
     kind = "diffusion"
-    packaged = "diffusion"
     stochastic = True
-    guidable = True
 
     def __init__(
         self,
@@ -46,7 +47,6 @@ class DiffusionPrior(LearnedPrior):
         weights: str | None = None,
         steps: int = 3,
         eta: float = 0.0,
-        cfg_scale: float = 1.0,
         patches: bool | str = "auto",
         geometry: bool = False,
         guidance_rule: Rule = "variance",
@@ -67,66 +67,55 @@ class DiffusionPrior(LearnedPrior):
         if steps > longest:
             raise InputError(f"prior.options.steps: expected at most {longest} (the schedule's length), found {steps}")
         self.settings = SamplerSettings(steps=steps, eta=eta)
-        self.cfg_scale = finite_option("cfg_scale", cfg_scale)
         self.guidance_strength = finite_option("guidance_strength", guidance_strength)
         if not finite_option("prior_variance", prior_variance):
             raise InputError("prior.options.prior_variance: expected a number > 0, found 0")
         check_rule(guidance_rule, guidance_norm, "prior.options.guidance_")
         self._rule, self._norm, self._variance = guidance_rule, guidance_norm, prior_variance
-        self.guidance_report = GuidanceReport()
 
     def _options(self) -> dict[str, Any]:
         return {
-            "sampler": [self.settings.steps, self.settings.eta, self.cfg_scale],
+            "sampler": [self.settings.steps, self.settings.eta],
             "guidance": [self._rule, self._norm, self.guidance_strength, self._variance],
             "patches": self.patches,
-            "geometry": self.reads_geometry,
         }
-
-    @property
-    def counters(self) -> Mapping[str, int]:
-        """See :class:`ia_bench.priors.contract.Counted`."""
-        return self.guidance_report.counters
-
-    def use_patches(self, patches: bool) -> None:
-        """See :class:`ia_bench.priors.contract.Patchwise`."""
-        self.patches = patches
 
     def at_full_resolution(self, reduction: float) -> bool:
         """See :class:`ia_bench.priors.learned.LearnedPrior`."""
         return reduction > PATCH_REDUCTION if self.patches == "auto" else bool(self.patches)
 
-    def sample(
-        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> dict[str, Tensor]:
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :class:`ia_bench.priors.learned.LearnedPrior`; without strength a guided sample is an unguided one."""
-        check_views(self.kind, images, masks, guidance or {}, self.provides)
-        return super().sample(images, masks, seed=seed, guidance=guidance if self.guidance_strength else None)
+        check_views(self.kind, observations, guidance or {}, self.info.provides)
+        return super().sample(observations, seed=seed, guidance=guidance if self.guidance_strength else None)
 
-    def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
+    def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
         """See :class:`ia_bench.priors.contract.Distiller`; ``renders`` holds every component that this prior provides.
 
         Always at the native size, for one evaluation cannot agree between patches.
         """
-        check_views(self.kind, images, masks, renders, self.provides)
-        if set(renders) != self.provides:
-            raise InputError(f"prior: renders: expected {', '.join(sorted(self.provides))}, found {', '.join(sorted(renders))}")
-        return self._through(images, masks, seed, renders, self._distill, reduced=True)
+        provides = self.info.provides
+        check_views(self.kind, observations, renders, provides)
+        if set(renders) != provides:
+            raise InputError(f"prior: renders: expected {', '.join(sorted(provides))}, found {', '.join(sorted(renders))}")
+        return self._through(observations, seed, renders, self._distill, reduced=True)
 
-    def _distill(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
+    def _distill(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
         model = self._conditioned(network)
         predicted = _denoise_once(model, framed, torch.cat([render[name] for name in network.config.components], 1))
-        self.network_calls += model.calls
+        cost["network_calls"] += model.calls
         return predicted
 
     def _conditioned(self, network: MaterialNetwork) -> Conditioned:
         config = network.config
         schedule = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type})
-        return Conditioned(network, schedule, cfg_scale=self.cfg_scale, chunk=self.batch, bf16=self.bf16)
+        return Conditioned(network, schedule, chunk=self.batch, bf16=self.bf16)
 
-    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Tensor:
-        config, model = network.config, self._conditioned(network)
+    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
+        config, model, report = network.config, self._conditioned(network), GuidanceReport()
+        guidance = self._guidance(network, framed, render, report)
         if framed.condition.shape[-1] > config.size:
+            cost["patched_images"] += len(framed.views)
             predicted = sample_large(
                 model.bind,
                 model.schedule,
@@ -137,18 +126,19 @@ class DiffusionPrior(LearnedPrior):
                 settings=self.settings,
                 patches=PatchSettings(batch=self.batch),
                 foreground=framed.masks[:, None].to(self._device),
-                guidance=self._guidance(network, framed, render),
-                report=self.guidance_report,
+                guidance=guidance,
+                report=report,
             )
         else:
             shape = (len(framed.condition), config.output_channels, *framed.condition.shape[-2:])
-            guidance = self._guidance(network, framed, render)
             denoise = model.bind(framed.condition)
             predicted = sample(denoise, model.schedule, shape, framed.seeds, self.settings, guidance, device=self._device)
-        self.network_calls += model.calls
+        cost.update({"network_calls": model.calls, **report.counters})
         return predicted
 
-    def _guidance(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor]) -> Guidance | None:
+    def _guidance(
+        self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], report: GuidanceReport
+    ) -> Guidance | None:
         """Toward the components in ``render``, inside the mask; the others are left to follow."""
         if not render or self.guidance_strength == 0:
             return None
@@ -163,7 +153,7 @@ class DiffusionPrior(LearnedPrior):
             rule=self._rule,
             norm=self._norm,
             prior_variance=self._variance,
-            report=self.guidance_report,
+            report=report,
         )
 
 

@@ -1,7 +1,7 @@
 """DDIM and ancestral sampling of a diffusion model, plain or guided; each image is a function of its own seed alone.
 
-The sampler knows no network. It asks a :data:`Denoise` for the estimate of x_0; conditions, classifier-free guidance, the
-meaning of a raw output and the count of evaluations belong to whoever makes that function.
+The sampler knows no network. It asks a :data:`Denoise` for the estimate of x_0; conditions, the meaning of a raw output and
+the count of evaluations belong to whoever makes that function.
 """
 
 from __future__ import annotations
@@ -9,19 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, Spacing
-
-if TYPE_CHECKING:
-    from ia_bench.priors.diffusion.guidance import Guidance
-
-Denoise = Callable[[Tensor, int], Tensor]
-"""(noisy x_t (N, C, H, W), timestep t) -> estimate of x_0 (N, C, H, W), unclipped; the rule "paper" differentiates it."""
+from ia_bench.priors.diffusion.guidance import Guidance
+from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule, Spacing
 
 Noise = Callable[[], Tensor]
 """Standard normal noise (N, C, H, W), fresh at every call: the start first, then that of each step that takes any."""

@@ -6,7 +6,7 @@ alpha_bar decreasing in t. The noise level relative to the signal is sigma_t = s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -16,6 +16,8 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 
+Denoise = Callable[[Tensor, int], Tensor]
+"""(noisy x_t (N, C, H, W), timestep t) -> estimate of x_0 (N, C, H, W), unclipped; the rule "paper" differentiates it."""
 PredictionType = Literal["epsilon", "v_prediction", "sample"]
 Spacing = Literal["trailing", "leading"]
 SCHEDULE_KEYS = ("num_train_timesteps", "beta_start", "beta_end", "beta_schedule", "trained_betas", "rescale_betas_zero_snr")

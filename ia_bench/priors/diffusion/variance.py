@@ -12,8 +12,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.sampler import Denoise
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule
 
 DEFAULT_PRIOR_VARIANCE = 0.1
 """Of data in [-1, 1] given the photograph: a first prior's one-step estimate of albedo had 16 dB PSNR, so 4 x 10^-1.6.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
-from ia_bench.priors.contract import COMPONENTS
+from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion.guidance import GuidanceReport
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
 from ia_bench.priors.inputs import check_views, choose_device, content_number
@@ -38,13 +39,8 @@ class IntrinsicAnythingPrior:
     None for all that are there. ``steps``, ``eta``: of DDIM; the authors' are 100 (200 for high-resolution patches) and 1.
     ``guidance_strength``: the authors' scale, recommended from 2 to 5 (:mod:`ia_bench.priors.original.guidance`).
     ``batch``: images at a time, which changes no sample beyond rounding. ``device``: "auto", "cpu", "cuda".
-    ``guidance_report`` counts guided estimates and those whose step was cut. Raises InputError.
+    Its cost counts guided estimates and those whose step was cut. Raises InputError.
     """
-
-    stochastic = True
-    guidable = True
-    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
-    sees_truth = False
 
     def __init__(
         self,
@@ -61,8 +57,8 @@ class IntrinsicAnythingPrior:
             raise InputError("prior.options.weights: expected the folder that python -m ia_bench.priors.original.convert wrote")
         self._folder = Path(weights).expanduser()
         self._records = _records(self._folder, components)
-        self.provides = frozenset(self._records)
-        self.resolution = _resolution(self._folder, sorted(self.provides))
+        self._side = _resolution(self._folder, sorted(self._records))
+        self.info = PriorInfo(frozenset(self._records), stochastic=True, guidable=True, resolution=self._side)
         if not (math.isfinite(guidance_strength) and guidance_strength >= 0):
             raise InputError(f"prior.options.guidance_strength: expected a finite number >= 0, found {guidance_strength}")
         for name, value in (("steps", steps), ("batch", batch)):
@@ -73,32 +69,24 @@ class IntrinsicAnythingPrior:
         self._batch = batch
         self._loaded: dict[str, Networks] = {}
         self.guidance_strength = guidance_strength
-        self.guidance_report = GuidanceReport()
-        self.network_calls = 0
-
-    @property
-    def counters(self) -> Mapping[str, int]:
-        """See :class:`ia_bench.priors.contract.Counted`."""
-        return self.guidance_report.counters
 
     @property
     def fingerprint(self) -> str:
         """What decides the samples: this code's version, the options, the hashes of the checkpoints, the precision."""
-        options = (self._settings.steps, self._settings.eta, self.guidance_strength, self.resolution, self._device.type)
+        options = (self._settings.steps, self._settings.eta, self.guidance_strength, self._side, self._device.type)
         return json.dumps([type(self).__qualname__, VERSION, options, self._records], sort_keys=True)
 
-    def sample(
-        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> dict[str, Tensor]:
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`; radiance above 1 is clipped before the network sees it.
 
         An image's noise is seeded by ``seed``, the component and the image's own content, so that views differ in it.
         """
-        check_views("intrinsicanything", images, masks, guidance or {}, self.provides)
-        crops = [Crop.of(mask, self.resolution) for mask in masks]
+        check_views("intrinsicanything", observations, guidance or {}, self.info.provides)
+        images, masks, report, cost = observations.images, observations.masks, GuidanceReport(), Counter(network_calls=0)
+        crops = [Crop.of(mask, self._side) for mask in masks]
         seen = {view: crop for view, crop in enumerate(crops) if crop is not None}  # there is nothing to say of the others
         samples = {}
-        for component in sorted(self.provides):
+        for component in sorted(self.info.provides):
             samples[component] = torch.zeros_like(images, dtype=torch.float32)
             for start in range(0, len(seen), self._batch):
                 views = list(seen)[start : start + self._batch]
@@ -107,31 +95,40 @@ class IntrinsicAnythingPrior:
                 target = None if render is None else self._squares(render, masks, views, seen)
                 contents = [content_number(images[view], masks[view]) for view in views]
                 seeds = [derive_seed(seed, COMPONENTS.index(component), content) for content in contents]
-                for view, square in zip(views, self._draw(component, squares, seeds, target), strict=True):
+                drawn = self._draw(component, squares, seeds, target, report, cost)
+                for view, square in zip(views, drawn, strict=True):
                     samples[component][view] = decode(square, masks[view], seen[view])
-        return samples
+        return Samples(samples, cost={**cost, **report.counters})
 
-    def _draw(self, component: str, images: Tensor, seeds: list[int], target: Tensor | None) -> Tensor:
+    def _draw(
+        self,
+        component: str,
+        images: Tensor,
+        seeds: list[int],
+        target: Tensor | None,
+        report: GuidanceReport,
+        cost: Counter[str],
+    ) -> Tensor:
         """(N, 3, S, S) in the networks' encoding, like ``images`` and ``target``."""
         networks = self._networks(component)
         condition = networks.condition(images)
         target = None if target is None or self.guidance_strength == 0 else target.to(self._device)
 
         def denoise(noisy: Tensor, t: int) -> Tensor:
-            self.network_calls += len(noisy)
+            cost["network_calls"] += len(noisy)
             x0 = networks.estimate(noisy, t, condition)
             if target is None:
                 return x0
             level = float(networks.schedule.alpha_bar[t])
-            return pull(x0, target, networks.decode, self.guidance_strength, level, self.guidance_report)
+            return pull(x0, target, networks.decode, self.guidance_strength, level, report)
 
-        shape = networks.latent_shape(len(images), self.resolution)
+        shape = networks.latent_shape(len(images), self._side)
         latents = sample(denoise, networks.schedule, shape, seeds, self._settings, device=self._device)
         with torch.no_grad():
             return networks.decode(latents).cpu()
 
     def _squares(self, images: Tensor, masks: Tensor, views: list[int], crops: Mapping[int, Crop]) -> Tensor:
-        return torch.stack([encode(images[view], masks[view], crops[view], self.resolution) for view in views])
+        return torch.stack([encode(images[view], masks[view], crops[view], self._side) for view in views])
 
     def _networks(self, component: str) -> Networks:
         if component not in self._loaded:

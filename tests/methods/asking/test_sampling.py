@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,68 +12,51 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.methods.asking.sample_cache import SampleCache, StoredSample, content_key
+from ia_bench.methods.asking.geometry import view_geometry
 from ia_bench.methods.asking.sampling import PriorSampler
 from ia_bench.methods.asking.views import evenly_spread, restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import SupervisionSettings
-from ia_bench.render.renderer import texture_images
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
+from ia_bench.render.renderer import Renderer, texture_images
+from ia_bench.render.visibility import NoShadows
 from ia_bench.scenes.scene import Scene
 
 
 class Spy:
     """Returns half of the image and twice the image, plus its seed's noise; remembers how it was asked."""
 
-    provides = frozenset({"albedo", "specular"})
-    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
-    stochastic = True
-    guidable = True
-    sees_truth = False
-    network_calls = 0
+    info = PriorInfo(frozenset({"albedo", "specular"}), stochastic=True, guidable=True)
 
-    def __init__(self, **answers: object) -> None:
-        self.answers = answers
-        self.asked: list[dict] = []
+    def __init__(self, fingerprint: str | None = None, cost: int = 3) -> None:
+        self.asked: list[tuple[Observations, int, Mapping[str, Tensor] | None]] = []
+        self.cost = {"network_calls": cost, "cut": 2 * cost}
+        if fingerprint is not None:  # its samples may be kept between runs
+            self.fingerprint = fingerprint
 
-    def sample(self, images: Tensor, masks: Tensor, **rest: object) -> dict:
-        self.asked.append({"images": images, "masks": masks, **rest})
-        self.network_calls += 3
-        samples = {"albedo": 0.5 * images, "specular": 2 * images, **self.answers}
-        return {name: value for name, value in samples.items() if value is not None}
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
+        self.asked.append((observations, seed, guidance))
+        images, ceiling = observations.images, torch.arange(1.0, len(observations.images) + 1)
+        return Samples({"albedo": 0.5 * images, "specular": 2 * images}, {"specular": ceiling}, self.cost)
 
 
-class Kept(Spy):
-    """May be kept between runs."""
-
-    def __init__(self, fingerprint: str = "kept, version 1", **answers: object) -> None:
-        super().__init__(**answers)
-        self.fingerprint = fingerprint
-
-
-class Counting(Kept):
-    """Counts on its own."""
-
-    @property
-    def counters(self) -> Mapping[str, int]:
-        return {"cut": 2 * self.network_calls}
+def kept(version: int = 1) -> Spy:
+    return Spy(f"kept, version {version}")
 
 
 class Reader(Spy):
-    """Wants to see the geometry."""
+    """Wants to see the geometry, and can be distilled."""
 
-    reads_geometry = True
+    info = replace(Spy.info, wants=frozenset({"normals", "visibility"}))
 
-    def give_geometry(self, normals: Tensor, visibility: Tensor) -> None:
-        self.asked.append({"normals": normals, "visibility": visibility})
-
-    def distill(self, images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], *, seed: int) -> dict[str, Tensor]:
-        self.asked.append({"images": images, "seed": seed})
-        return dict(renders)
+    def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
+        self.asked.append((observations, seed, None))
+        return Samples(dict(renders))
 
 
-def sampler(problem: Problem, prior: object, seed: int = 7, **settings: object) -> PriorSampler:
+def sampler(problem: Problem, prior: object, seed: int = 7, notes: list[str] | None = None, **settings: object) -> PriorSampler:
     changed = replace(problem, supervision=SupervisionSettings(**settings))  # type: ignore[arg-type]
-    return PriorSampler(changed, prior, seed)  # type: ignore[arg-type]
+    return PriorSampler(changed, prior, seed, [].append if notes is None else notes.append)  # type: ignore[arg-type]
 
 
 @pytest.fixture(autouse=True)
@@ -83,38 +65,44 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-# ---- what it is asked, and what of the answer is refused ------------------------------------------------------------
+# ---- what it is asked -----------------------------------------------------------------------------------------------
 
 
 def test_prior_is_shown_the_training_images_alone(problem: Problem) -> None:
     spy = Spy()
-    sample = sampler(problem, spy).draw(None)
-    assert len(spy.asked) == 1
-    asked = spy.asked[0]
-    assert (asked["seed"], asked["guidance"]) == (7, None)
-    np.testing.assert_array_equal(asked["images"], np.stack([v.image for v in problem.scene.train]))
-    np.testing.assert_array_equal(asked["masks"], np.stack([v.mask for v in problem.scene.train]))
-    assert torch.equal(sample["albedo"], 0.5 * asked["images"])
+    samples = sampler(problem, spy).draw(None)
+    ((shown, seed, guidance),) = spy.asked
+    assert (seed, guidance) == (7, None)
+    assert shown.views == tuple(range(16))
+    assert (shown.normals, shown.visibility, shown.truth) == (None, None, None)
+    np.testing.assert_array_equal(shown.images, np.stack([v.image for v in problem.scene.train]))
+    np.testing.assert_array_equal(shown.masks, np.stack([v.mask for v in problem.scene.train]))
+    assert torch.equal(samples.values["albedo"], 0.5 * shown.images)
 
 
 def test_guidance_is_handed_through(problem: Problem) -> None:
     spy, guide = Spy(), {"albedo": torch.rand(16, 32, 32, 3)}
     sampler(problem, spy).draw(guide)
-    assert torch.equal(spy.asked[0]["guidance"]["albedo"], guide["albedo"])
+    handed = spy.asked[0][2]
+    assert handed is not None
+    assert torch.equal(handed["albedo"], guide["albedo"])
 
 
-@pytest.mark.parametrize(
-    ("answers", "message"),
-    [
-        ({"specular": None}, r"provides \['albedo', 'specular'\] but sampled \['albedo'\]"),
-        ({"normal": torch.zeros(1)}, r"but sampled \['albedo', 'normal', 'specular'\]"),
-        ({"albedo": torch.zeros(16, 32, 32, 1)}, r"albedo has shape \(16, 32, 32, 1\), expected \(16, 32, 32, 3\)"),
-        ({"specular": torch.full((16, 32, 32, 3), torch.nan)}, "specular has NaN or Inf in 49152 values"),
-    ],
-)
-def test_broken_samples_are_refused(problem: Problem, answers: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        sampler(problem, Spy(**answers)).draw(None)
+def test_absurd_values_are_counted_and_told_once(problem: Problem) -> None:
+    notes: list[str] = []
+    spy = Spy()
+    asking = sampler(problem, spy, notes=notes)
+    asking.draw(None)
+    assert (asking.counters["prior_absurd_values"], notes) == (0, [])
+    views = problem.scene.train
+    spoiled = views[0].image.copy()
+    spoiled[0, :5, 0], spoiled[0, :2, 1] = -1, 1e7  # in albedo, half of it, and in specular, twice of it
+    changed = replace(problem, scene=replace(problem.scene, train=(replace(views[0], image=spoiled), *views[1:])))
+    asking = sampler(changed, spy, notes=notes)
+    asking.draw(None)
+    asking.draw({"albedo": torch.zeros(16, 32, 32, 3)})
+    assert asking.counters["prior_absurd_values"] == 2 * 2 * 7
+    assert notes == ["prior Spy: 14 of its values are negative or above 1e+06; they are used"]
 
 
 def test_distillation_needs_a_distiller(problem: Problem) -> None:
@@ -150,9 +138,11 @@ def test_only_the_chosen_views_are_asked_about(problem: Problem) -> None:
     spy = Spy()
     asking = sampler(problem, spy, views=3)
     asking.draw(None)
+    shown = spy.asked[0][0]
     expected = np.stack([problem.scene.train[view].image for view in asking.views])
     assert len(expected) == 3
-    np.testing.assert_array_equal(spy.asked[0]["images"], expected)
+    assert shown.views == asking.views
+    np.testing.assert_array_equal(shown.images, expected)
 
 
 def test_restricted_gbuffer_sees_the_same(problem: Problem) -> None:
@@ -167,49 +157,46 @@ def test_restricted_gbuffer_sees_the_same(problem: Problem) -> None:
     assert torch.equal(every, torch.arange(len(problem.gbuffer.pixel)))
 
 
-def test_geometry_comes_before_every_question_about_other_views(problem: Problem) -> None:
+def test_geometry_is_that_of_the_views_asked_about(problem: Problem) -> None:
     reader = Reader()
     asking = sampler(problem, reader, views=3)
     asking.draw(None)
+    asking.distill({name: torch.zeros(2, 32, 32, 3) for name in ("albedo", "specular")}, (0, 4), seed=1)
     asking.draw(None)
-    asking.distill({"albedo": torch.zeros(2, 32, 32, 3)}, (0, 4), seed=1)
-    asking.draw(None)
-    given = [len(asked.get("normals", ())) for asked in reader.asked]
-    assert given == [3, 0, 0, 2, 0, 3, 0]
+    for shown, *_ in reader.asked:
+        assert shown.views is not None
+        assert shown.normals is not None
+        assert shown.visibility is not None
+        normals, visibility = view_geometry(problem, shown.views)
+        assert torch.equal(shown.normals, normals)
+        assert torch.equal(shown.visibility, visibility)
+    assert [shown.views for shown, *_ in reader.asked] == [asking.views, (0, 4), asking.views]
 
 
 # ---- what is kept ---------------------------------------------------------------------------------------------------
 
 
 def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path) -> None:
-    first, second = sampler(problem, Kept()), sampler(problem, again := Kept())
-    drawn, kept = first.draw(None), second.draw(None)
+    first, second = sampler(problem, kept()), sampler(problem, again := kept())
+    drawn, found = first.draw(None), second.draw(None)
     assert again.asked == []
-    assert all(torch.equal(drawn[name], kept[name]) for name in drawn)
-    assert first.counters == {"network_calls": 3, "prior_cached": 0}
-    assert second.counters == {"network_calls": 3, "prior_cached": 1}
+    for part in ("values", "ceilings"):
+        mine, theirs = getattr(drawn, part), getattr(found, part)
+        assert set(mine) == set(theirs)
+        assert all(torch.equal(mine[name], theirs[name]) for name in mine)
+    counted = {"network_calls": 3, "cut": 6, "prior_absurd_values": 0}
+    assert first.counters == {"prior_cached": 0, **counted}
+    assert second.counters == {"prior_cached": 1, **counted}
     assert first.kept_seconds == 0
     assert second.kept_seconds > 0
-    assert len(list(cache.glob("samples-*.safetensors"))) == 1
     assert len(list(cache.iterdir())) == 1  # nothing half-written is left
-
-
-def test_what_a_prior_counts_is_kept_and_starts_at_none(problem: Problem) -> None:
-    used = Counting()
-    used.network_calls = 100  # by somebody else
-    first, second = sampler(problem, used), sampler(problem, Counting())
-    assert first.counters == {"prior_cached": 0, "network_calls": 0, "cut": 0}
-    first.draw(None)
-    second.draw(None)
-    assert first.counters == {"prior_cached": 0, "network_calls": 3, "cut": 6}
-    assert second.counters == {"prior_cached": 1, "network_calls": 3, "cut": 6}
 
 
 @pytest.mark.parametrize("change", ["fingerprint", "seed", "views", "guided", "image", "off", "no fingerprint", "truth"])
 def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> None:
-    sampler(problem, Kept()).draw(None)
-    prior: Spy = Kept("another") if change == "fingerprint" else Spy() if change == "no fingerprint" else Kept()
-    prior.sees_truth = change == "truth"
+    sampler(problem, kept()).draw(None)
+    prior = kept(2) if change == "fingerprint" else Spy() if change == "no fingerprint" else kept()
+    prior.info = replace(prior.info, sees_truth=change == "truth")
     settings: dict[str, object] = {"views": {"views": 5}, "off": {"cache": False}}.get(change, {})
     if change == "image":
         views = problem.scene.train
@@ -218,77 +205,26 @@ def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> No
     asking = sampler(problem, prior, 8 if change == "seed" else 7, **settings)
     asking.draw({"albedo": torch.zeros(16, 32, 32, 3)} if change == "guided" else None)
     assert len(prior.asked) == 1
-    assert asking.counters == {"network_calls": 3, "prior_cached": 0}
+    assert (asking.counters["network_calls"], asking.counters["prior_cached"]) == (3, 0)
 
 
 def test_geometry_decides_too(problem: Problem) -> None:
-    class Both(Kept, Reader):
-        pass
-
-    sampler(problem, Both()).draw(None)
-    asking = sampler(problem, Both())
-    asking.draw(None)
-    assert asking.counters["prior_cached"] == 1
-    mesh = problem.scene.mesh
-    for changed in (replace(mesh, normals=-mesh.normals), replace(mesh, uv=1 - mesh.uv)):  # baked shadows are looked up by UV
-        asking = sampler(replace(problem, scene=replace(problem.scene, mesh=changed)), Both())
-        asking.draw(None)
-        assert asking.counters["prior_cached"] == 0
+    asking = [sampler(problem, Reader("reader")) for _ in range(2)]
+    convex = Renderer(problem.renderer.surface, NoShadows())
+    asking.append(sampler(replace(problem, renderer=convex), Reader("reader")))
+    for one in asking:
+        one.draw(None)
+    assert [one.counters["prior_cached"] for one in asking] == [0, 1, 0]
 
 
-def test_cache_survives_what_happens_to_files(tmp_path: Path) -> None:
-    stored = StoredSample({"albedo": torch.rand(2, 5, 7, 3)}, 1.5, {"network_calls": 40, "cut": 3})
-    cache = SampleCache(tmp_path)
-    key = content_key("a", torch.zeros(3))
-    assert cache.load(key) is None
-    cache.store(key, stored)
-    found = cache.load(key)
-    assert found is not None
-    assert torch.equal(found.sample["albedo"], stored.sample["albedo"])
-    assert (found.seconds, found.counters) == (1.5, stored.counters)
-    path = next(tmp_path.iterdir())
-    path.write_bytes(path.read_bytes()[:100])
-    assert cache.load(key) is None
-    (tmp_path / "file").write_text("")
-    SampleCache(tmp_path / "file").store(key, stored)  # no folder can be made there: nothing is kept, nothing raised
-
-
-def test_cache_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
-    import os
-
-    stored = StoredSample({"albedo": torch.zeros(100)}, 0.0, {})  # 400 bytes and a header
-    cache = SampleCache(tmp_path, limit=1500)
-    keys = [content_key(str(number)) for number in range(3)]
-    for age, key in enumerate(keys[:2]):
-        cache.store(key, stored)
-        os.utime(next(tmp_path.glob(f"*{key[:32]}*")), (1000 + age, 1000 + age))
-    assert cache.load(keys[0]) is not None  # used just now, so the other one is the older
-    cache.store(keys[2], stored)
-    assert [cache.load(key) is not None for key in keys] == [True, False, True]
-
-
-def test_cache_removes_what_a_killed_writer_left(tmp_path: Path) -> None:
-    old, young = (tmp_path / f".samples-{name}.1.safetensors" for name in ("old", "young"))
-    for path in (old, young):
-        path.write_bytes(b"half")
-    os.utime(old, (1000, 1000))
-    SampleCache(tmp_path).store(content_key("a"), StoredSample({"albedo": torch.zeros(3)}, 0.0, {}))
-    assert (old.exists(), young.exists()) == (False, True)
-
-
-def test_another_number_of_threads_is_another_draw(problem: Problem, cache: Path) -> None:
+def test_another_number_of_threads_is_another_draw(problem: Problem) -> None:
     """The last bits of a sample depend on it, and the same configuration must give the same numbers."""
     threads = torch.get_num_threads()
-    sampler(problem, Kept()).draw(None)
+    sampler(problem, kept()).draw(None)
     try:
         torch.set_num_threads(threads + 1)
-        other = sampler(problem, Kept())
+        other = sampler(problem, kept())
         other.draw(None)
     finally:
         torch.set_num_threads(threads)
     assert other.counters["prior_cached"] == 0
-
-
-def test_keys_are_delimited() -> None:
-    assert content_key("ab", "c") != content_key("a", "bc")
-    assert content_key(torch.zeros(2, 3)) != content_key(torch.zeros(3, 2))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +13,7 @@ from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import SupervisionSettings
 from ia_bench.methods.two_stage.supervision import ALIGNMENT_PERIOD, Supervision
 from ia_bench.methods.two_stage.targets import Targets
+from ia_bench.priors.contract import PriorInfo
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
 
@@ -21,7 +21,7 @@ from ia_bench.scenes.color import linear_to_srgb
 class Encoded:
     """All that a supervision reads of a prior."""
 
-    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "srgb"}
+    info = PriorInfo(frozenset({"albedo", "specular"}))
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_loss_is_the_weighted_mean_difference_in_the_priors_encoding(problem: Pr
     weight = torch.rand(len(pixels), 1, generator=torch.Generator().manual_seed(1))
     for encoding in ("linear", "srgb"):
         prior = Encoded()
-        prior.encoding = {"albedo": encoding, "specular": "srgb"}
+        prior.info = PriorInfo(frozenset({"albedo", "specular"}), encoding={"albedo": encoding, "specular": "srgb"})
         supervision = Supervision(problem, prior, "none", Targets({"albedo": target}, {"albedo": weight}))  # type: ignore[arg-type]
         supervision.update(texture, 0)
         encode = linear_to_srgb if encoding == "srgb" else np.asarray

@@ -10,29 +10,23 @@ import torch
 from torch import Tensor
 
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.targets import Targets, distilled_targets, make_targets
+from ia_bench.methods.two_stage.targets import Targets, make_targets
+from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.oracle import OraclePrior
+from ia_bench.runs.truth import ToldPrior
 from ia_bench.scenes.scene import Scene
 
 ALL = tuple(range(16))
 
 
-class Both:
-    """All that the targets read of a prior."""
-
-    provides = frozenset({"albedo", "specular"})
-    encoding: Mapping[str, str] = {"albedo": "srgb", "specular": "linear"}
+def targets_of(problem: Problem, sample: Mapping[str, Tensor], asked: tuple[int, ...] = ALL) -> Targets:
+    return make_targets(problem, Samples(sample), asked)
 
 
-def targets_of(problem: Problem, sample: dict[str, Tensor], asked: tuple[int, ...] = ALL) -> Targets:
-    return make_targets(problem, Both(), sample, asked)  # type: ignore[arg-type]
-
-
-def oracle_sample(scene: Scene, **dials: float) -> dict[str, Tensor]:
-    prior = OraclePrior(**dials)  # type: ignore[arg-type]
-    prior.reveal(scene.train)
+def oracle_sample(scene: Scene, **dials: float) -> Mapping[str, Tensor]:
+    prior = ToldPrior(OraclePrior(**dials), scene.train)  # type: ignore[arg-type]
     images, masks = (torch.from_numpy(np.stack([getattr(v, name) for v in scene.train])) for name in ("image", "mask"))
-    return prior.sample(images, masks, seed=0)
+    return prior.sample(Observations(images, masks, ALL), seed=0).values
 
 
 def test_targets_are_the_sample(problem: Problem, scene: Scene) -> None:
@@ -57,7 +51,7 @@ def test_few_views_keep_the_loss_at_its_weight(problem: Problem, scene: Scene) -
 
 def test_distilled_targets_cover_their_views(problem: Problem) -> None:
     estimate = torch.rand(2, 32, 32, 3, generator=torch.Generator().manual_seed(0))
-    targets = distilled_targets(problem, {"albedo": estimate}, (3, 8))
+    targets = targets_of(problem, {"albedo": estimate}, (3, 8))
     view = problem.gbuffer.pixel // (32 * 32)
     weight = targets.weights["albedo"][:, 0]
     assert bool(((weight > 0) == ((view == 3) | (view == 8))).all())
@@ -74,9 +68,7 @@ def test_pixels_near_the_ceiling_are_marked(problem: Problem, scene: Scene) -> N
     specular = torch.full(shape, 0.5)
     specular[0, ::2] = 0.9
     drawn = {"albedo": torch.full(shape, 0.5), "specular": specular}
-    targets = make_targets(
-        problem, Both(), drawn, asked, ceilings={"specular": torch.tensor([1.0, 0.6])}  # type: ignore[arg-type]
-    )
+    targets = make_targets(problem, Samples(drawn, {"specular": torch.tensor([1.0, 0.6])}), asked)
     height, width = shape[1:3]
     view, row = problem.gbuffer.pixel // (height * width), problem.gbuffer.pixel // width % height
     expected = (view == 5) | ((view == 2) & (row % 2 == 0))

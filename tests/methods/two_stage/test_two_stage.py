@@ -6,6 +6,7 @@ Small and eager (16 samples, 64 texels, tens of steps): the numbers say that lea
 from __future__ import annotations
 
 import io
+import json
 import types
 from collections.abc import Mapping
 from dataclasses import replace
@@ -25,24 +26,25 @@ from ia_bench.methods.contract import Fit, Problem
 from ia_bench.methods.plan import make_plan
 from ia_bench.methods.two_stage.method import FIRST_SCORE
 from ia_bench.methods.two_stage.settings import FitSettings, LossWeights, SupervisionSettings
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render import renderer as renderer_module
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.composition import compose
+from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.run import run
+from ia_bench.runs.truth import ToldPrior
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
 
 SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256, checkpoint_seconds=1e9)
 
 
-def oracle(scene: Scene, **dials: Any) -> OraclePrior:
-    prior = OraclePrior(**dials)
-    prior.reveal(scene.train)
-    return prior
+def oracle(scene: Scene, **dials: Any) -> ToldPrior:
+    return ToldPrior(OraclePrior(**dials), scene.train)
 
 
 def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
@@ -177,19 +179,15 @@ class Asked(OraclePrior):
         super().__init__(**options)
         self.questions: list[tuple[int, Mapping[str, Tensor] | None]] = []
 
-    def sample(
-        self, images: Tensor, masks: Tensor, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> dict[str, Tensor]:
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         self.questions.append((seed, guidance))
-        return super().sample(images, masks, seed=seed, guidance=guidance)
+        return super().sample(observations, seed=seed, guidance=guidance)
 
 
 def asked(problem: Problem, scene: Scene, settings: FitSettings, **members: object) -> tuple[Asked, Fit]:
     prior = Asked(noise=0.1)
-    for name, value in members.items():
-        setattr(prior, name, value)
-    prior.reveal(scene.train)
-    return prior, fit(problem, prior, settings, Record(), seed=5)
+    prior.info = replace(prior.info, **members)  # type: ignore[arg-type]
+    return prior, fit(problem, ToldPrior(prior, scene.train), settings, Record(), seed=5)
 
 
 def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
@@ -245,8 +243,8 @@ def test_weights_switch_components_off(problem: Problem, scene: Scene) -> None:
     for name in ("albedo", "specular"):
         settings = replace(SETTINGS, guided=False, weights=LossWeights(**{name: 0.0}))
         exact = fit(problem, oracle(scene), settings, Record())
-        noisy = oracle(scene)
-        noisy.reveal(tuple(replace(view, **{name: 0.1 * getattr(view, name)}) for view in scene.train))
+        views = tuple(replace(view, **{name: 0.1 * getattr(view, name)}) for view in scene.train)
+        noisy = ToldPrior(OraclePrior(), views)
         assert same(exact, fit(problem, noisy, settings, Record()))
         assert not same(exact, fit(problem, noisy, replace(settings, weights=LossWeights()), Record()))
 
@@ -358,17 +356,28 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
     assert settings == config.fit
 
 
-class Seer(NoPrior):
-    """Says that it sees the truth, and cannot be told it."""
-
-    sees_truth = True
+class Mute:
+    """No prior: it says nothing of itself."""
 
 
-def test_a_prior_that_sees_the_truth_and_cannot_be_told_it_is_named(tmp_path: Path) -> None:
-    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"prior={__name__}:Seer"])
-    folder, progress = RunFolder.open(tmp_path / "run", {}, "0"), Progress(io.StringIO())
-    with folder, progress, pytest.raises(InputError, match=f"prior={__name__}:Seer: expected a method reveal"):
-        run(config, folder, progress)
+class Quitter(NoPrior):
+    """Wants to end the process with success."""
+
+    info = PriorInfo(frozenset({"albedo"}))
+
+    def sample(self, *_: object, **__: object) -> Samples:
+        raise SystemExit(0)
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [("Mute", "prior Mute: info: expected .*PriorInfo, found None"), ("Quitter", "prior Quitter raised SystemExit: 0")],
+)
+def test_a_prior_that_is_none_or_quits_fails_the_run(tmp_path: Path, prior: str, message: str) -> None:
+    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"prior={__name__}:{prior}"])
+    with pytest.raises(InputError, match=message):
+        execute(replace(config, out=str(tmp_path / "run")))
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["status"] == "failed"
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import ia_bench.priors
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
+from ia_bench.priors.contract import Observations
 from ia_bench.priors.diffusion.checkpoints import save_network
 from ia_bench.priors.diffusion.conditioned import Conditioned
-from ia_bench.priors.diffusion.framing import Frame
+from ia_bench.priors.diffusion.framing import MARGIN, Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import PatchSettings, patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
@@ -34,8 +36,7 @@ def regressor_weights(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def ball():
-    stack = painted_ball(40, 36, 3)
-    return stack.images, stack.masks
+    return painted_ball(40, 36, 3).shown()
 
 
 def failures(make):
@@ -47,7 +48,7 @@ def failures(make):
     [
         {},
         {"patches": True},
-        {"eta": 1.0, "cfg_scale": 2.0, "batch": 1},
+        {"eta": 1.0, "batch": 1},
         {"guidance_rule": "paper", "guidance_norm": "l2", "geometry": True},
         {"guidance_rule": "shortcut"},
     ],
@@ -65,12 +66,12 @@ def test_two_networks_with_one_component_each_are_one_prior(tmp_path, ball):
     for name in ("albedo", "specular"):
         tiny_weights(tmp_path / name, components=(name,))
     both = DiffusionPrior(weights=str(tmp_path), steps=2)
-    assert both.provides == {"albedo", "specular"}
-    drawn = both.sample(*ball, seed=0)
+    assert both.info.provides == {"albedo", "specular"}
+    drawn = both.sample(ball, seed=0)
     alone = DiffusionPrior(weights=str(tmp_path / "specular"), steps=2)
-    assert alone.provides == {"specular"}
-    assert torch.equal(alone.sample(*ball, seed=0)["specular"], drawn["specular"])
-    assert both.network_calls == 2 * 2 * 3
+    assert alone.info.provides == {"specular"}
+    assert torch.equal(alone.sample(ball, seed=0).values["specular"], drawn.values["specular"])
+    assert drawn.cost["network_calls"] == 2 * 2 * 3
 
 
 @pytest.mark.parametrize(
@@ -88,32 +89,32 @@ def test_networks_that_make_no_prior_together_are_refused(tmp_path, specular, me
 
 
 def test_specular_follows_the_scale_of_the_image_and_albedo_does_not(weights, ball):
-    images, masks = ball
     prior = DiffusionPrior(weights=weights, steps=2)
+    brighter = replace(ball, images=100 * ball.images)
     # The seed of a view's noise is the content of its image; the same noise shows what scaling alone does.
     prior_seed = "ia_bench.priors.learned.content_number"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(prior_seed, lambda image, mask: 1)
-        once, brighter = prior.sample(images, masks, seed=0), prior.sample(100 * images, masks, seed=0)
+        once, brighter = prior.sample(ball, seed=0).values, prior.sample(brighter, seed=0).values
     torch.testing.assert_close(brighter["albedo"], once["albedo"], atol=2e-4, rtol=0)
     torch.testing.assert_close(brighter["specular"], 100 * once["specular"], atol=0.05, rtol=1e-3)
 
 
 def test_strong_guidance_arrives_at_the_render(weights, ball):
-    images, masks = ball
+    images, masks = ball.images, ball.masks
     render = {"albedo": 0.35 * masks[..., None].expand_as(images), "specular": 0.1 * images}
     prior = DiffusionPrior(weights=weights, steps=5, guidance_strength=1000)
-    drawn = prior.sample(images, masks, seed=0, guidance=render)
+    drawn = prior.sample(ball, seed=0, guidance=render)
     inside = masks == 1
-    assert (drawn["albedo"] - render["albedo"])[inside].abs().mean() < 0.02
-    assert prior.counters == {"guided_estimates": 5 * len(images), "guided_cut": 0}
+    assert (drawn.values["albedo"] - render["albedo"])[inside].abs().mean() < 0.02
+    count = 5 * len(images)
+    assert drawn.cost == {"network_calls": count, "guided_estimates": count, "guided_cut": 0}
 
 
 def test_guiding_one_component_leaves_the_other_to_the_network(weights, ball):
-    images, masks = ball
     prior = DiffusionPrior(weights=weights, steps=1, guidance_strength=1000)
-    free = prior.sample(images, masks, seed=0)
-    drawn = prior.sample(images, masks, seed=0, guidance={"albedo": 0.35 * masks[..., None].expand_as(images)})
+    free = prior.sample(ball, seed=0).values
+    drawn = prior.sample(ball, seed=0, guidance={"albedo": 0.35 * ball.masks[..., None].expand_as(ball.images)}).values
     torch.testing.assert_close(drawn["specular"], free["specular"])  # one step: nothing of the albedo has reached it yet
     assert not torch.allclose(drawn["albedo"], free["albedo"], atol=0.01)
 
@@ -127,11 +128,10 @@ def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights
         return torch.zeros_like(noisy)
 
     monkeypatch.setattr(MaterialNetwork, "denoise", denoise)
-    images, masks = ball
-    black = {name: torch.zeros_like(images) for name in ("albedo", "specular")}
+    black = {name: torch.zeros_like(ball.images) for name in ("albedo", "specular")}
     prior = DiffusionPrior(weights=weights, patches=True)
     for seed in range(40):
-        prior.distill(images, masks, black, seed=seed)
+        prior.distill(ball, black, seed=seed)
     assert {noisy.shape[1:] for noisy, *_ in asked} == {(6, 16, 16)}
     timesteps = [t for _, t, _ in asked]
     assert 20 <= min(timesteps) < 100
@@ -149,20 +149,32 @@ def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights
 
 def test_what_is_smaller_than_the_native_size_is_enlarged_and_not_cut_into_patches(tmp_path, ball):
     folder = str(tiny_weights(tmp_path / "large", size=64))
-    plain, patches = (DiffusionPrior(weights=folder, steps=1, patches=choice).sample(*ball, seed=0) for choice in (False, True))
-    assert torch.equal(plain["albedo"], patches["albedo"])
+    plain, patches = (DiffusionPrior(weights=folder, steps=1, patches=choice).sample(ball, seed=0) for choice in (False, True))
+    assert torch.equal(plain.values["albedo"], patches.values["albedo"])
+
+
+@pytest.mark.parametrize(("side", "patched"), [(46, False), (48, False), (50, True)])  # 16 pixels natively, so a reduction by 3
+def test_only_what_would_be_reduced_too_far_is_cut_into_patches(weights, side, patched):
+    """Each image by itself: whatever lies beside it, an object that is small enough is reduced as a whole."""
+    masks = torch.zeros(2, 60, 60)
+    length = round(side / (1 + 2 * MARGIN))
+    masks[0, :length, :length], masks[1, :20, :20] = 1, 1
+    shown = Observations(0.5 * masks[..., None].expand(2, 60, 60, 3), masks)
+    drawn = DiffusionPrior(weights=weights, steps=1).sample(shown, seed=0)
+    assert drawn.cost.get("patched_images", 0) == patched
+    small = DiffusionPrior(weights=weights, steps=1, patches=False).sample(shown.select([1]), seed=0)
+    torch.testing.assert_close(drawn.values["albedo"][1:], small.values["albedo"], atol=1e-5, rtol=0)
 
 
 def test_geometry_reaches_the_network_only_if_asked(weights, ball):
-    images, masks = ball
-    normals = torch.nn.functional.normalize(torch.randn(*images.shape, generator=torch.Generator().manual_seed(0)), dim=-1)
+    masks = ball.masks[..., None]
+    normals = torch.nn.functional.normalize(torch.randn(*ball.images.shape, generator=torch.Generator().manual_seed(0)), dim=-1)
     samples = {}
     for geometry in (False, True):
         prior = DiffusionPrior(weights=weights, steps=1, geometry=geometry)
-        assert prior.reads_geometry is geometry
-        without = prior.sample(images, masks, seed=0)["albedo"]
-        prior.give_geometry(normals * masks[..., None], 0.5 * masks[..., None])
-        samples[geometry] = without, prior.sample(images, masks, seed=0)["albedo"]
+        assert prior.info.wants == ({"normals", "visibility"} if geometry else set())
+        seen = replace(ball, normals=normals * masks, visibility=0.5 * masks)
+        samples[geometry] = tuple(prior.sample(shown, seed=0).values["albedo"] for shown in (ball, seen))
     assert torch.equal(*samples[False])
     assert torch.equal(samples[False][0], samples[True][0])
     assert not torch.allclose(*samples[True], atol=1e-3)
@@ -173,25 +185,8 @@ def test_geometry_that_cannot_be_used_is_refused(tmp_path, weights, ball):
     with pytest.raises(InputError, match=f"geometry=true: {folder}: expected weights trained with geometry"):
         DiffusionPrior(weights=str(folder), geometry=True)
     prior = DiffusionPrior(weights=weights, steps=1, geometry=True)
-    images, masks = ball
-    prior.give_geometry(images, masks[..., None])
-    with pytest.raises(InputError, match=r"normals of shape \(1, 40, 36, 3\), .* given \(3, 40, 36, 3\)"):
-        prior.sample(images[:1], masks[:1], seed=0)
-    assert torch.isfinite(prior.ceilings(images[:1], masks[:1])["specular"]).all()  # which need none
-
-
-def test_classifier_free_guidance_is_the_stated_combination():
-    torch.manual_seed(0)
-    network = MaterialNetwork(tiny_config(prediction_type="sample")).eval()
-    schedule = NoiseSchedule(torch.tensor([0.9, 0.5]))
-    condition, noisy = torch.randn(2, 8, 16, 16), torch.randn(2, 6, 16, 16)
-    with torch.no_grad():
-        plain, alone, strong = (
-            Conditioned(network, schedule, cfg_scale=scale).bind(condition)(noisy, 1) for scale in (0.0, 1.0, 3.0)
-        )
-        dropped = torch.ones(2, dtype=torch.bool)
-        torch.testing.assert_close(plain, network(noisy, torch.tensor([1, 1]), condition, (dropped, dropped)))
-    torch.testing.assert_close(strong, plain + 3 * (alone - plain), atol=1e-5, rtol=1e-5)
+    with pytest.raises(InputError, match=r"normals of shape \(1, 40, 36, 3\), found \(3, 40, 36, 3\)"):
+        prior.sample(replace(ball.select([0]), normals=ball.images), seed=0)
 
 
 def test_several_samples_of_an_image_share_its_condition():
@@ -248,11 +243,11 @@ def test_the_packaged_weights_are_small_and_have_a_card():
 @pytest.mark.parametrize("prior", [DiffusionPrior, RegressorPrior])
 def test_the_packaged_weights_know_shading_from_paint(ball, prior):
     """A grey ball lit from one side: the estimate of its albedo is evener than its image, in most of every view."""
-    images, masks = ball
-    slope = torch.linspace(0.1, 1.0, images.shape[2])[None, None, :, None].expand(*masks.shape, 1)
+    masks = ball.masks
+    slope = torch.linspace(0.1, 1.0, masks.shape[2])[None, None, :, None].expand(*masks.shape, 1)
     lit = (0.5 * slope * masks[..., None]).expand(*masks.shape, 3).contiguous()
     known = prior()
-    albedo = torch.stack([known.sample(lit, masks, seed=seed)["albedo"] for seed in range(4)]).mean(0)
+    albedo = torch.stack([known.sample(Observations(lit, masks), seed=seed).values["albedo"] for seed in range(4)]).mean(0)
     inside = masks == 1
 
     def unevenness(values):
@@ -270,15 +265,14 @@ def test_no_sample_exceeds_the_ceiling_and_some_come_near_it(tmp_path, ball):
             parameter.zero_()
         network.unet.conv_out.bias += 5.0
     save_network(tmp_path / "white", network, {"steps": 0})
-    images, masks = ball
-    images = images * torch.tensor([1.0, 10.0, 0.01])[:, None, None, None]
+    factors = torch.tensor([1.0, 10.0, 0.01])
     prior = RegressorPrior(weights=str(tmp_path / "white"))
-    ceilings = prior.ceilings(images, masks)
-    assert set(ceilings) == {"specular"}
-    largest = prior.sample(images, masks, seed=0)["specular"].amax((1, 2, 3))
-    torch.testing.assert_close(largest, ceilings["specular"], rtol=1e-4, atol=0)
-    plain = prior.ceilings(*ball)["specular"]
-    torch.testing.assert_close(ceilings["specular"], plain * torch.tensor([1.0, 10.0, 0.01]), rtol=1e-3, atol=0)
+    drawn = prior.sample(replace(ball, images=ball.images * factors[:, None, None, None]), seed=0)
+    assert set(drawn.ceilings) == {"specular"}
+    ceiling = drawn.ceilings["specular"]
+    torch.testing.assert_close(drawn.values["specular"].amax((1, 2, 3)), ceiling, rtol=1e-4, atol=0)
+    plain = prior.sample(ball, seed=0).ceilings["specular"]
+    torch.testing.assert_close(ceiling, plain * factors, rtol=1e-3, atol=0)
 
 
 @pytest.mark.slow
@@ -292,7 +286,7 @@ def test_the_packaged_network_leaves_no_seams():
     texture, light = (gaussian_filter(random.standard_normal((count, size, size, c)), (0, w, w, 0)) for c, w in ((3, 2), (1, 6)))
     images = torch.from_numpy(0.3 * np.exp(0.4 * texture / texture.std() + 0.3 * light / light.std())).float()
     masks = torch.ones(count, size, size)
-    albedo = DiffusionPrior(patches=True).sample(images, masks, seed=0)["albedo"].sqrt()
+    albedo = DiffusionPrior(patches=True).sample(Observations(images, masks), seed=0).values["albedo"].sqrt()
     frame = Frame.around(masks[0], None, 8)
     origins = {origin for origin, _ in patch_origins(frame.side, frame.side, 64, PatchSettings().overlap)}
     lines = {line + frame.left - 1 for origin in origins for line in (origin, origin + 64)}  # their last pixel before the border

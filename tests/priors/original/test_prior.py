@@ -18,14 +18,15 @@ from ia_bench.cli.check import main as check
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.contract import COMPONENTS
+from ia_bench.priors.contract import COMPONENTS, Observations
 from ia_bench.priors.inputs import content_number
 from ia_bench.priors.original.prior import IntrinsicAnythingPrior
 
 
-def photographs(count: int = 2, side: int = 32) -> tuple[Tensor, Tensor]:
+def photographs(count: int = 2, side: int = 32) -> Observations:
     """Pictures that fill their frame, at the networks' size: nothing is cropped or resampled."""
-    return torch.rand(count, side, side, 3, generator=torch.Generator().manual_seed(7)), torch.ones(count, side, side)
+    images = torch.rand(count, side, side, 3, generator=torch.Generator().manual_seed(7))
+    return Observations(images, torch.ones(count, side, side))
 
 
 @torch.no_grad()
@@ -56,10 +57,11 @@ def original_sample(model: LatentDiffusion, image: Tensor, seed: int, steps: int
 
 
 def test_samples_are_the_originals(weights: Path) -> None:
-    images, masks = photographs()
-    prior = IntrinsicAnythingPrior(weights=str(weights), steps=4)
-    samples = prior.sample(images, masks, seed=5)
-    assert prior.network_calls == 2 * 2 * 4  # components, images, steps
+    shown = photographs()
+    images, masks = shown.images, shown.masks
+    drawn = IntrinsicAnythingPrior(weights=str(weights), steps=4).sample(shown, seed=5)
+    samples = drawn.values
+    assert drawn.cost["network_calls"] == 2 * 2 * 4  # components, images, steps
     for number, component in enumerate(COMPONENTS):
         model = LatentDiffusion.tiny({"albedo": 1, "specular": 2}[component]).reference()
         for view in range(2):
@@ -76,15 +78,16 @@ def test_conformance(weights: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_guidance_draws_nearer_the_stronger_it_is_and_stays_in_range(weights: Path) -> None:
-    images, masks = photographs(1)
-    target = {"albedo": 0.3 * images + 0.2}
+    shown = photographs(1)
+    target = {"albedo": 0.3 * shown.images + 0.2}
     distances = []
     for strength in (0.0, 3.0, 30.0, 1000.0):
         prior = IntrinsicAnythingPrior(weights=str(weights), components=["albedo"], steps=5, guidance_strength=strength)
-        sample = prior.sample(images, masks, seed=0, guidance=target)["albedo"]
+        drawn = prior.sample(shown, seed=0, guidance=target)
+        sample = drawn.values["albedo"]
         assert bool(((sample >= 0) & (sample <= 1)).all())
         distances.append(float((sample - target["albedo"]).abs().mean()))
-        assert prior.guidance_report.updates == (5 if strength else 0)
+        assert drawn.cost["guided_estimates"] == (5 if strength else 0)
     assert distances == sorted(distances, reverse=True)
     assert distances[-1] < 0.9 * distances[0]
 
@@ -92,9 +95,9 @@ def test_guidance_draws_nearer_the_stronger_it_is_and_stays_in_range(weights: Pa
 def test_batches_change_nothing_but_rounding(weights: Path) -> None:
     stack = painted_ball(37, 31, 3)
     one, three = (
-        IntrinsicAnythingPrior(weights=str(weights), components=["specular"], steps=3, batch=batch).sample(
-            stack.images, stack.masks, seed=1
-        )["specular"]
+        IntrinsicAnythingPrior(weights=str(weights), components=["specular"], steps=3, batch=batch)
+        .sample(stack.shown(), seed=1)
+        .values["specular"]
         for batch in (1, 3)
     )
     assert float((one - three).abs().max()) < 1e-4
@@ -102,11 +105,11 @@ def test_batches_change_nothing_but_rounding(weights: Path) -> None:
 
 def test_provides_what_was_converted(weights: Path, tmp_path: Path) -> None:
     shutil.copytree(weights / "albedo", tmp_path / "albedo")
-    assert IntrinsicAnythingPrior(weights=str(weights)).provides == {"albedo", "specular"}
-    assert IntrinsicAnythingPrior(weights=str(weights), components=["specular"]).provides == {"specular"}
+    assert IntrinsicAnythingPrior(weights=str(weights)).info.provides == {"albedo", "specular"}
+    assert IntrinsicAnythingPrior(weights=str(weights), components=["specular"]).info.provides == {"specular"}
     prior = IntrinsicAnythingPrior(weights=str(tmp_path))
-    assert prior.provides == {"albedo"}
-    assert prior.resolution == 32
+    assert prior.info.provides == {"albedo"}
+    assert prior.info.resolution == 32
     with pytest.raises(InputError, match=r"weights=.*: expected specular as .*convert writes it, found no source.json"):
         IntrinsicAnythingPrior(weights=str(tmp_path), components=["albedo", "specular"])
 
@@ -168,7 +171,7 @@ def test_damaged_weights(damage: Callable[[Path], object], message: str, weights
     damage(tmp_path / "albedo")
     prior = IntrinsicAnythingPrior(weights=str(tmp_path))
     with pytest.raises(InputError, match=message):
-        prior.sample(*photographs(1), seed=0)
+        prior.sample(photographs(1), seed=0)
 
 
 def test_damaged_records(weights: Path, tmp_path: Path) -> None:
@@ -182,7 +185,6 @@ def test_damaged_records(weights: Path, tmp_path: Path) -> None:
 
 
 def test_guidance_of_another_shape(weights: Path) -> None:
-    images, masks = photographs(1)
     prior = IntrinsicAnythingPrior(weights=str(weights))
     with pytest.raises(InputError, match=r"expected guidance albedo of shape \(1, 32, 32, 3\), found \(1, 16, 16, 3\)"):
-        prior.sample(images, masks, seed=0, guidance={"albedo": torch.zeros(1, 16, 16, 3)})
+        prior.sample(photographs(1), seed=0, guidance={"albedo": torch.zeros(1, 16, 16, 3)})

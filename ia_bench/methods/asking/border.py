@@ -1,0 +1,102 @@
+"""The one place where a prior is called: it gets copies, and what it answers is checked before anybody uses it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.registry import at_work
+from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Samples
+
+LARGEST = 1e6
+"""Linear values above this, and negative ones, are counted: no scene has them, but nothing breaks because of them."""
+
+
+def check_prior_info(prior: Any) -> None:  # noqa: ANN401 (anything may claim to be a prior)
+    """Raise InputError unless ``prior`` says of itself what every user of it asks first."""
+    with at_work("prior", name_of(prior)):
+        info = getattr(prior, "info", None)
+    if not isinstance(info, PriorInfo):
+        raise InputError(f"prior {name_of(prior)}: info: expected a {PriorInfo.__module__}.PriorInfo, found {info!r:.100}")
+    if not callable(getattr(prior, "sample", None)):
+        raise InputError(f"prior {name_of(prior)}: expected a method sample(observations, *, seed, guidance=None), found none")
+
+
+def ask(
+    prior: Prior, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None
+) -> Samples:
+    """The prior's samples, checked and in memory of their own. Raises InputError, naming the prior, for anything else."""
+    renders = None if guidance is None else _copied(guidance)
+    with at_work("prior", name_of(prior)):
+        samples = prior.sample(observations.copy(), seed=seed, guidance=renders)
+    return checked(name_of(prior), "sample", samples, prior.info.provides, observations.images.shape)
+
+
+def ask_to_distill(prior: Distiller, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
+    """The prior's estimates of ``renders``, checked like samples."""
+    with at_work("prior", name_of(prior)):
+        samples = prior.distill(observations.copy(), _copied(renders), seed=seed)
+    return checked(name_of(prior), "distill", samples, frozenset(renders), observations.images.shape)
+
+
+def name_of(prior: object) -> str:
+    """The class of a prior; of an adapter, what it says it stands for."""
+    return str(getattr(prior, "stands_for", type(prior).__qualname__))
+
+
+def checked(name: str, method: str, samples: Any, provides: frozenset[str], shape: tuple[int, ...]) -> Samples:  # noqa: ANN401
+    """``samples`` with tensors of their own, if they are what the contract says of images of ``shape`` (V, H, W, 3)."""
+    who = f"prior {name}: {method}()"
+    if not isinstance(samples, Samples):
+        raise InputError(f"{who}: expected {Samples.__module__}.Samples, found {type(samples).__name__}")
+    for part in ("values", "ceilings", "cost"):
+        if not isinstance(getattr(samples, part), Mapping):
+            raise InputError(f"{who}: {part}: expected a mapping, found {type(getattr(samples, part)).__name__}")
+    wanted = sorted(provides)
+    if sorted(map(str, samples.values)) != wanted:
+        found = ", ".join(map(str, samples.values)) or "nothing"
+        raise InputError(f"{who}: values: expected {', '.join(wanted) or 'nothing'}, found {found}")
+    values = {component: _tensor(f"{who}: {component}", samples.values[component], tuple(shape)) for component in wanted}
+    ceilings = {}
+    for component, ceiling in samples.ceilings.items():
+        if component not in provides:
+            raise InputError(f"{who}: ceilings: expected some of {', '.join(wanted)}, found {component}")
+        ceilings[component] = _tensor(f"{who}: ceiling of {component}", ceiling, (shape[0],), endless=True)
+        if not bool((ceilings[component] > 0).all()):
+            raise InputError(f"{who}: ceiling of {component}: expected values > 0, found {float(ceilings[component].min()):g}")
+    for what, count in samples.cost.items():
+        if not isinstance(what, str) or isinstance(count, bool) or not isinstance(count, int) or count < 0:
+            raise InputError(f"{who}: cost: expected names with whole numbers >= 0, found {what!r}: {count!r:.100}")
+    return Samples(values, ceilings, dict(samples.cost))
+
+
+def absurd_values(samples: Samples) -> int:
+    """How many values are finite and yet beyond what any image holds."""
+    return sum(int(((value < 0) | (value > LARGEST)).sum()) for value in samples.values.values())
+
+
+def _tensor(what: str, value: Any, shape: tuple[int, ...], *, endless: bool = False) -> Tensor:  # noqa: ANN401
+    """A copy of ``value``, if it is a plain float32 tensor of ``shape`` on the CPU; ``endless``: which may hold Inf."""
+    if not isinstance(value, Tensor):
+        raise InputError(f"{what}: expected a tensor, found {type(value).__name__}")
+    for kind, expected, found in (
+        ("type", torch.float32, value.dtype),
+        ("layout", torch.strided, value.layout),
+        ("shape", shape, tuple(value.shape)),
+        ("device", "cpu", value.device.type),
+        ("gradient", False, value.requires_grad),
+    ):
+        if found != expected:
+            raise InputError(f"{what}: expected {kind} {expected}, found {found}")
+    bad = int((value.isnan() if endless else ~value.isfinite()).sum())
+    if bad:
+        raise InputError(f"{what}: expected finite values, found NaN or Inf in {bad} of {value.numel()}")
+    return value.clone(memory_format=torch.contiguous_format)
+
+
+def _copied(renders: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {name: render.clone() for name, render in renders.items()}

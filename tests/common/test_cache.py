@@ -1,0 +1,199 @@
+"""The cache gives back what was put, forgets what was used longest ago, and never stops anybody whatever lies in its place."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from ia_bench.common import cache as module
+from ia_bench.common.cache import Cache, cache_folder, content_key
+
+TENSORS = {"sample": torch.rand(2, 5, 7, 3), "bits": torch.arange(6, dtype=torch.uint8), "half": torch.ones(3).half()}
+ABOUT = {"seconds": 0.1 + 0.2, "cost": {"network_calls": 40}}
+KEY = content_key("things", "a", torch.zeros(3))
+
+
+@pytest.fixture(autouse=True)
+def nothing_said() -> None:
+    module._say.cache_clear()
+
+
+def same(tensors: dict[str, torch.Tensor]) -> bool:
+    return set(tensors) == set(TENSORS) and all(torch.equal(tensors[name], TENSORS[name]) for name in tensors)
+
+
+def test_gives_back_what_was_put(tmp_path: Path) -> None:
+    cache = Cache(tmp_path / "new" / "folder")
+    assert cache.get(KEY) is None
+    cache.put(KEY, TENSORS, ABOUT)
+    found = cache.get(KEY)
+    assert found is not None
+    assert same(found[0])
+    assert found[1] == ABOUT
+    assert [path.name for path in (tmp_path / "new" / "folder").iterdir()] == [f"{KEY}.safetensors"]
+
+
+def test_makes_only_what_is_not_kept(tmp_path: Path) -> None:
+    made = []
+    for _ in range(2):
+        assert same(Cache(tmp_path).kept(KEY, lambda: made.append(1) or TENSORS))  # type: ignore[func-returns-value]
+    assert len(made) == 1
+
+
+def test_keys_are_delimited() -> None:
+    assert content_key("x", "ab", "c") != content_key("x", "a", "bc")
+    assert content_key("x", torch.zeros(2, 3)) != content_key("x", torch.zeros(3, 2))
+    assert content_key("x", torch.zeros(2)) != content_key("x", torch.zeros(2).int())
+    assert content_key("x", np.zeros(2, np.float32)) == content_key("x", torch.zeros(2))
+    assert content_key("x", "a").startswith("x-")
+
+
+def test_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
+    tensors = {"albedo": torch.zeros(100)}  # 400 bytes and a header
+    cache = Cache(tmp_path, limit=1500)
+    keys = [content_key("x", str(number)) for number in range(3)]
+    for age, key in enumerate(keys[:2]):
+        cache.put(key, tensors)
+        os.utime(tmp_path / f"{key}.safetensors", (1000 + age, 1000 + age))
+    assert cache.get(keys[0]) is not None  # used just now, so the other one is the older
+    cache.put(keys[2], tensors)
+    assert [cache.get(key) is not None for key in keys] == [True, False, True]
+
+
+def test_removes_what_a_killed_writer_left(tmp_path: Path) -> None:
+    old, young = (tmp_path / f".things-{name}.1.safetensors" for name in ("old", "young"))
+    for path in (old, young):
+        path.write_bytes(b"half")
+    os.utime(old, (1000, 1000))
+    Cache(tmp_path).put(KEY, TENSORS)
+    assert (old.exists(), young.exists()) == (False, True)
+
+
+# ---- what may lie in the place of an entry -----------------------------------------------------------------------------
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:100])
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+
+
+def other_key(path: Path) -> None:
+    Cache(path.parent).put(content_key("things", "other"), TENSORS, ABOUT)
+    os.replace(path.parent / f"{content_key('things', 'other')}.safetensors", path)
+
+
+def folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def link_to_itself(path: Path) -> None:
+    path.unlink()
+    path.symlink_to(path)
+
+
+ENTRIES: dict[str, Callable[[Path], object]] = {
+    "empty": lambda path: path.write_bytes(b""),
+    "truncated": truncate,
+    "a flipped bit": flip,
+    "garbage": lambda path: path.write_bytes(os.urandom(5000)),
+    "text": lambda path: path.write_text("{}"),
+    "safetensors of somebody else": lambda path: save_file({"sample": torch.zeros(3)}, path),
+    "another entry under this name": other_key,
+    "a folder": folder,
+    "a link to itself": link_to_itself,
+}
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_entries_that_are_not_as_they_were_written_are_made_again(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cache = Cache(tmp_path)
+    cache.put(KEY, TENSORS, ABOUT)
+    ENTRIES[name](tmp_path / f"{KEY}.safetensors")
+    for _ in range(2):
+        assert same(cache.kept(KEY, lambda: TENSORS))
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == len(set(said)) <= 2
+    if name != "a link to itself":  # of which nothing is to be read
+        assert f"{KEY}.safetensors: cannot be read" in said[0]
+
+
+# ---- what may lie in the place of the folder ---------------------------------------------------------------------------
+
+
+def test_a_file_in_the_place_of_the_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("")
+    for _ in range(3):
+        assert same(Cache(tmp_path / "file").kept(KEY, lambda: TENSORS))
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert f"{tmp_path / 'file'}: nothing can be kept there" in said[0]
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES])
+def test_a_folder_that_is_full_or_read_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], number: int
+) -> None:
+    """Root may write anywhere, so the system's answer is put in its mouth."""
+
+    def refuse(tensors: object, path: Path, **_: object) -> None:
+        Path(path).write_bytes(b"half of it")
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(module, "save_file", refuse)
+    for _ in range(3):
+        assert same(Cache(tmp_path).kept(KEY, lambda: TENSORS))
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert os.strerror(number) in said[0]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_read_only_folder_of_a_user_that_is_not_root(tmp_path: Path) -> None:
+    if os.getuid() != 0:
+        pytest.skip("only root can become somebody else")
+    for path in (tmp_path, *list(tmp_path.parents)[:3]):
+        path.chmod(0o755)
+    program = (
+        "import os, torch; from pathlib import Path; from ia_bench.common.cache import Cache\n"
+        "os.setuid(65534)\n"
+        f"print(Cache(Path({str(tmp_path)!r})).kept('k', lambda: dict(a=torch.ones(2)))['a'].sum())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert "tensor(2.)" in done.stdout, done.stderr
+    assert done.stderr.count("nothing can be kept there") == 1
+
+
+def test_where_it_lies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("IA_BENCH_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / ".cache" / "ia_bench"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    assert cache_folder() == tmp_path / "caches" / "ia_bench"
+    monkeypatch.setenv("IA_BENCH_CACHE", "elsewhere")
+    assert cache_folder() == Path("elsewhere")
+    monkeypatch.delenv("IA_BENCH_CACHE")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+
+    def homeless() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", homeless)
+    assert cache_folder().name == "ia_bench"
