@@ -7,7 +7,7 @@ specularly after or before a bounce, and all further bounces.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -118,23 +118,12 @@ class ObjectRenderer:
 
         cosine_rays = cosine_directions(hits.normal, lattice(shift[:, 0], point, COSINE_RAYS).float())
         reaches_sky, landed, owner, ray = self._bounce(hits, cosine_rays)
-        both = [torch.cat(pair) for pair in zip(_place(hits, view), _place(landed, view[owner]), strict=True)]
-        albedo, roughness = self._materials(views, *both)
+        both = [(view, view[owner]), *((getattr(hits, name), getattr(landed, name)) for name in ("slot", "local", "axis"))]
+        albedo, roughness = self._materials(views, *map(torch.cat, both))
         own = slice(0, len(view))
-        irradiance, specular = self._direct(
-            self._rays,
-            tables,
-            view,
-            hits.position,
-            hits.normal,
-            toward,
-            hits.geometric,
-            roughness[own],
-            cosine_rays,
-            reaches_sky,
-            lattice(shift[:, 1], point, LIGHT_SAMPLES),
-            lattice(shift[:, 2], point, BRDF_SAMPLES).float(),
-        )
+        u_light, u_brdf = lattice(shift[:, 1], point, LIGHT_SAMPLES), lattice(shift[:, 2], point, BRDF_SAMPLES).float()
+        place = (view, hits.position, hits.normal, toward, hits.geometric, roughness[own])
+        irradiance, specular = self._direct(self._rays, tables, *place, cosine_rays, reaches_sky, u_light, u_brdf)
         number = (point[owner] * COSINE_RAYS + ray)[:, None].double()
         u = torch.remainder(shift[owner, 3] + number * torch.tensor(_PLASTIC_2, dtype=torch.float64), 1.0)
         indirect = self._indirect(tables, view[owner], landed, albedo[len(view) :], u, owner, len(view))
@@ -178,20 +167,8 @@ class ObjectRenderer:
         Direct light there is estimated from one direction by the light and one by the cosine, both from ``u`` (R, 2).
         """
         away = cosine_directions(landed.normal, torch.remainder(u + 0.5, 1.0)[:, None].float())
-        irradiance, _ = self._direct(
-            self._rays,
-            tables,
-            view,
-            landed.position,
-            landed.normal,
-            landed.normal,
-            landed.geometric,
-            torch.ones(len(owner), 1),
-            away,
-            None,
-            u[:, None],
-            torch.zeros(len(owner), 0, 2),
-        )
+        place = (view, landed.position, landed.normal, landed.normal, landed.geometric, torch.ones(len(owner), 1))
+        irradiance, _ = self._direct(self._rays, tables, *place, away, None, u[:, None], torch.zeros(len(owner), 0, 2))
         total = torch.zeros(points, 3)
         return total.index_add_(0, owner, albedo * irradiance / COSINE_RAYS)
 
@@ -219,15 +196,11 @@ def expose(images: dict[str, Tensor], views: Sequence[ViewDraw]) -> dict[str, Te
     return {**images, "image": exposed, "specular": scale * images["specular"]}
 
 
-def _place(hits: _Hits, view: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    return view, hits.slot, hits.local, hits.axis
-
-
 def _bend(hits: _Hits, toward: Tensor) -> _Hits:
     """Shading normals that face away from the camera at a coarse silhouette are bent to grazing."""
     cosine = dot(hits.normal, toward)
     bent = torch.where(cosine < 1e-3, normalize(hits.normal + (2e-3 - cosine) * toward), hits.normal)
-    return _Hits(hits.position, bent, hits.geometric, hits.local, hits.axis, hits.slot)
+    return replace(hits, normal=bent)
 
 
 def lattice(shift: Tensor, point: Tensor, count: int) -> Tensor:

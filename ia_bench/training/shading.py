@@ -8,7 +8,7 @@ is sampled from one luminance table per image, not from tables by surface normal
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -99,27 +99,18 @@ def _invert(cumulative: Tensor, chance: Tensor, table: Tensor, u: Tensor, size: 
     return entry, inside.clamp(0, 1).float()
 
 
-def sample_lights(
-    light: Tensor,
-    u: Tensor,
-    strata: Tensor,
-    stratum_chance: Tensor,
-    columns: Tensor,
-    column_chance: Tensor,
-    disc_direction: Tensor,
-    disc_cosine: Tensor,
-) -> Tensor:
+def sample_lights(light: Tensor, u: Tensor, tables: LightTables) -> Tensor:
     """Directions (N, K, 3) that follow lights (N,), from ``u`` (N, K, 2) uniform, float64."""
-    stratum, across = _invert(strata, stratum_chance, light[:, None].expand(u.shape[:2]), u[..., 0], STRATA)
+    stratum, across = _invert(tables.strata, tables.stratum_chance, light[:, None].expand(u.shape[:2]), u[..., 0], STRATA)
     row = (stratum - MAX_DISCS).clamp_min(0)
-    column, along = _invert(columns, column_chance, light[:, None] * HEIGHT + row, u[..., 1], WIDTH)
+    column, along = _invert(tables.columns, tables.column_chance, light[:, None] * HEIGHT + row, u[..., 1], WIDTH)
     upper, lower = torch.cos(row * (math.pi / HEIGHT)), torch.cos((row + 1) * (math.pi / HEIGHT))
     z = upper + (lower - upper) * across
     radius = torch.sqrt((1 - z * z).clamp_min(0))
     azimuth = math.pi - (column + along) * (2 * math.pi / WIDTH)
     to_texel = torch.stack([radius * torch.cos(azimuth), radius * torch.sin(azimuth), z], -1)
     which = light[:, None] * MAX_DISCS + stratum.clamp(max=MAX_DISCS - 1)
-    axis, edge = disc_direction.reshape(-1, 3)[which], disc_cosine.reshape(-1)[which][..., None]
+    axis, edge = tables.direction.reshape(-1, 3)[which], tables.cosine.reshape(-1)[which][..., None]
     cos_disc = 1 - across[..., None] * (1 - edge)
     to_disc = _around(axis, cos_disc, u[..., 1:].float())
     return torch.where((stratum < MAX_DISCS)[..., None], to_disc, to_texel)
@@ -139,25 +130,9 @@ def cosine_directions(normal: Tensor, u: Tensor) -> Tensor:
 
 
 def draw_samples(
-    normal: Tensor,
-    view: Tensor,
-    geometric: Tensor,
-    roughness: Tensor,
-    light: Tensor,
-    cosine_rays: Tensor,
-    u_light: Tensor,
-    u_brdf: Tensor,
-    strata: Tensor,
-    stratum_chance: Tensor,
-    columns: Tensor,
-    column_chance: Tensor,
-    radiance: Tensor,
-    density: Tensor,
-    disc_direction: Tensor,
-    disc_cosine: Tensor,
-    disc_emission: Tensor,
-    disc_density: Tensor,
-) -> tuple[Tensor, Tensor, Tensor]:
+    normal: Tensor, view: Tensor, geometric: Tensor, roughness: Tensor, light: Tensor, cosine_rays: Tensor, u_light: Tensor,
+    u_brdf: Tensor, tables: LightTables,
+) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
     """Directions for N points, by cosine, light and BRDF in this order, and what each adds if nothing is in its way.
 
     The arguments are ``normal``, ``view`` and ``geometric`` (N, 3), ``roughness`` (N, 1), ``light`` (N,), ``cosine_rays``
@@ -169,17 +144,17 @@ def draw_samples(
         The cosine over pi, and the specular BRDF times the cosine, (N, A + B + C, 2).
     """
     n, o, r = normal[:, None], view[:, None], roughness[:, None]
-    to_light = sample_lights(light, u_light, strata, stratum_chance, columns, column_chance, disc_direction, disc_cosine)
+    to_light = sample_lights(light, u_light, tables)
     specular = u_brdf.shape[1] > 0
     reflected = [sample_visible_ggx(n, o, r, u_brdf)] if specular else []
     direction = torch.cat([cosine_rays, to_light, *reflected], 1)
 
     texel = light[:, None] * TEXELS + direction_to_texel(direction, HEIGHT, WIDTH)
-    incoming, light_pdf = radiance[texel], density[texel][..., None]
+    incoming, light_pdf = tables.radiance[texel], tables.density[texel][..., None]
     for disc in range(MAX_DISCS):
-        inside = dot(direction, disc_direction[light, disc][:, None]) > disc_cosine[light, disc][:, None, None]
-        incoming = incoming + inside * disc_emission[light, disc][:, None]
-        light_pdf = light_pdf + inside * disc_density[light, disc][:, None, None]
+        inside = dot(direction, tables.direction[light, disc][:, None]) > tables.cosine[light, disc][:, None, None]
+        incoming = incoming + inside * tables.emission[light, disc][:, None]
+        light_pdf = light_pdf + inside * tables.disc_density[light, disc][:, None, None]
     cosine = dot(n, direction)
     pdf = cosine_rays.shape[1] / math.pi * cosine.clamp_min(0) + u_light.shape[1] * light_pdf
     if specular:
@@ -196,25 +171,12 @@ class DirectLight:
     """An estimator of direct light. Compiling it (``compiled``) takes seconds once and makes it faster."""
 
     def __init__(self, *, compiled: bool) -> None:
-        self._draw: Callable[..., tuple[Tensor, Tensor, Tensor]] = (
-            torch.compile(draw_samples, dynamic=False) if compiled else draw_samples
-        )
+        self._draw = torch.compile(draw_samples, dynamic=False) if compiled else draw_samples
 
     def __call__(
-        self,
-        rays: RayCaster,
-        tables: LightTables,
-        light: Tensor,
-        position: Tensor,
-        normal: Tensor,
-        view: Tensor,
-        geometric: Tensor,
-        roughness: Tensor,
-        cosine_rays: Tensor,
-        reaches_sky: Tensor | None,
-        u_light: Tensor,
-        u_brdf: Tensor,
-    ) -> tuple[Tensor, Tensor]:
+        self, rays: RayCaster, tables: LightTables, light: Tensor, position: Tensor, normal: Tensor, view: Tensor, geometric: Tensor,
+        roughness: Tensor, cosine_rays: Tensor, reaches_sky: Tensor | None, u_light: Tensor, u_brdf: Tensor,
+    ) -> tuple[Tensor, Tensor]:  # fmt: skip
         """Direct light at N points: irradiance / pi and specular radiance, both (N, 3).
 
         ``reaches_sky`` (N, A) bool says which cosine rays are known to escape; with None they are traced.
@@ -225,7 +187,7 @@ class DirectLight:
         for start in range(0, len(position), size):
             part = slice(start, start + size)
             chunk = [pad(x[part], size) for x in (normal, view, geometric, roughness, light, cosine_rays, u_light, u_brdf)]
-            found = self._draw(*chunk, *vars(tables).values())
+            found = self._draw(*chunk, tables)
             direction, incoming, factors = (x[: len(position[part])] for x in found)
             lit = incoming[..., 1] > 0
             point, sample = torch.nonzero(lit[:, known:], as_tuple=True)
