@@ -8,6 +8,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ia_bench.scenes.scene import Camera
+from ia_bench.training.draws import direction_of
 
 CROPPED = 0.2
 """Share of the images whose object is larger than the frame."""
@@ -21,8 +22,7 @@ def draw_camera(rng: Generator, vertices: np.ndarray, size: int) -> Camera:
     elevation = math.radians(float(np.clip(rng.normal(22, 24), -30, 85)))
     azimuth, roll = rng.uniform(0, 2 * math.pi), math.radians(rng.normal(0, 4))
     half_angle = math.radians(rng.uniform(6, 28))
-    c = math.cos(elevation)
-    backward = np.array([c * math.cos(azimuth), c * math.sin(azimuth), math.sin(elevation)])
+    backward = direction_of(elevation, azimuth)
     right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
     up = np.cross(backward, right)
     right, up = math.cos(roll) * right + math.sin(roll) * up, math.cos(roll) * up - math.sin(roll) * right

@@ -8,9 +8,8 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -143,36 +142,26 @@ def _render(request: Request, progress: Progress, shards: list[tuple[Path, int, 
 
     compiled = choose_shading(request.shading, progress.note) == "compiled"
     spawn = multiprocessing.get_context("spawn")  # a forked copy of torch's thread pools may hang
-    made: SimpleQueue[int | None] = spawn.SimpleQueue()
-    listener = threading.Thread(target=_listen, args=(made, advance), daemon=True)
-    listener.start()
-    pool = ProcessPoolExecutor(min(request.workers, len(shards)), spawn, _begin_worker, (made, compiled))
+    pool = ProcessPoolExecutor(min(request.workers, len(shards)), spawn, _begin_worker, (compiled,))
     try:
-        jobs = [pool.submit(_work, path, request.seed, first, count, request.size) for path, first, count in shards]
-        for job in jobs:
+        jobs = {pool.submit(_work, path, request.seed, first, count, request.size): count for path, first, count in shards}
+        for job in as_completed(jobs):
             job.result()
+            advance(jobs[job])
     finally:
         pool.shutdown(cancel_futures=True)
-        made.put(None)
-        listener.join()
 
 
-def _listen(made: SimpleQueue[int | None], advance: Callable[[int], None]) -> None:
-    for count in iter(made.get, None):
-        advance(count)
-
-
-_made: SimpleQueue[int | None]
 _direct: DirectLight
 
 
-def _begin_worker(made: SimpleQueue[int | None], compiled: bool) -> None:
+def _begin_worker(compiled: bool) -> None:
     """One thread, one compiled estimator for all shards of this process, and an end when the parent ends."""
-    global _made, _direct
+    global _direct
     limit_threads(1)
     from ia_bench.training.shading import DirectLight
 
-    _made, _direct = made, DirectLight(compiled=compiled)
+    _direct = DirectLight(compiled=compiled)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -186,7 +175,7 @@ def _end_with_parent() -> None:
 def _work(path: Path, seed: int, first: int, count: int, size: int) -> None:
     from ia_bench.training.generate import make_shard
 
-    make_shard(path, seed, first, count, size, _direct, _made.put)
+    make_shard(path, seed, first, count, size, _direct)
 
 
 def _write_sheet(shard: Path, path: Path) -> None:

@@ -5,7 +5,6 @@ Eight consecutive images show one object, each from another side, under another 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -52,26 +51,18 @@ def render_group(seed: int, group: int, views: range, size: int, direct: DirectL
     return {name: torch.stack([finished[k][name] for k in views]) for name in CHANNELS}, rejected
 
 
-def render_images(
-    seed: int, first: int, count: int, size: int, direct: DirectLight, advance: Callable[[int], None] = lambda _: None
-) -> tuple[dict[str, Tensor], int]:
-    """Images ``first .. first + count - 1`` of a seed: tensors by name and the number of rejected draws.
-
-    ``advance`` is called with the number of images just made.
-    """
+def render_images(seed: int, first: int, count: int, size: int, direct: DirectLight) -> tuple[dict[str, Tensor], int]:
+    """Images ``first .. first + count - 1`` of a seed: tensors by name and the number of rejected draws."""
     parts, rejected, last = [], 0, first + count
     for group in range(first // VIEWS, (last - 1) // VIEWS + 1):
         views = range(max(first - group * VIEWS, 0), min(last - group * VIEWS, VIEWS))
         images, again = render_group(seed, group, views, size, direct)
         parts.append(images)
         rejected += again
-        advance(len(views))
     return {name: torch.cat([part[name] for part in parts]) for name in CHANNELS}, rejected
 
 
-def make_shard(
-    path: Path, seed: int, first: int, count: int, size: int, direct: DirectLight, advance: Callable[[int], None]
-) -> None:
+def make_shard(path: Path, seed: int, first: int, count: int, size: int, direct: DirectLight) -> None:
     """Render a shard and write it."""
-    tensors, rejected = render_images(seed, first, count, size, direct, advance)
+    tensors, rejected = render_images(seed, first, count, size, direct)
     write_shard(path, tensors, ShardInfo(seed=seed, first=first, count=count, size=size, redrawn=rejected))

@@ -16,6 +16,7 @@ from numpy.random import Generator
 from torch import Tensor
 
 from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.training.draws import about_z, direction_of, log_uniform, pick
 from ia_bench.training.noise import FIRST, fractal
 
 HEIGHT, WIDTH = 64, 128
@@ -72,11 +73,6 @@ def _tensor(values: np.ndarray) -> Tensor:
     return torch.from_numpy(np.asarray(values, np.float32))
 
 
-def _toward(elevation: float, azimuth: float) -> np.ndarray:
-    c = math.cos(elevation)
-    return np.array([c * math.cos(azimuth), c * math.sin(azimuth), math.sin(elevation)])
-
-
 def _mottle(rng: Generator, frequency: np.ndarray, octaves: int) -> Tensor:
     """Fractal noise over the directions of the map, (H, W, 1)."""
     at = _directions() * _tensor(frequency) + float(rng.uniform(0, 30))
@@ -107,7 +103,7 @@ def sky(canvas: _Canvas) -> None:
     rng, d = canvas.rng, _directions()
     low_sun = rng.random() < 0.4  # dawn and dusk: the strongest colours that daylight has
     elevation, azimuth = math.radians(rng.uniform(2, 20) if low_sun else rng.uniform(10, 80)), rng.uniform(0, 2 * math.pi)
-    toward = _toward(elevation, azimuth)
+    toward = direction_of(elevation, azimuth)
     low = math.exp(-elevation * 4)  # red near the horizon
     zenith = np.array([0.25, 0.45, 1.0]) ** rng.uniform(0.3, 1.3)
     horizon = np.array([0.8, 0.9, 1.0]) ** rng.uniform(0, 1) * rng.uniform(0.8, 2.2)
@@ -122,8 +118,8 @@ def sky(canvas: _Canvas) -> None:
         cover = 0.6 * torch.sigmoid(3 * _mottle(rng, np.array([1.5, 1.5, 4.0]), 4))
         canvas.map = canvas.map * (1 - cover) + rng.uniform(0.5, 2) * cover
     if rng.random() < 0.85:
-        radius = math.radians(float(np.exp(rng.uniform(math.log(0.4), math.log(8)))))
-        canvas.disc(toward, radius, sun * float(np.exp(rng.uniform(math.log(1.5), math.log(20)))))
+        radius = math.radians(log_uniform(rng, 0.4, 8))
+        canvas.disc(toward, radius, sun * log_uniform(rng, 1.5, 20))
     _ground(canvas, _upward(canvas))
 
 
@@ -157,7 +153,7 @@ def studio(canvas: _Canvas) -> None:
     canvas.map = dim * _tensor(_colour(rng, 0.1)) * (1 + 0.5 * _directions()[..., 2:])
     azimuth, colour = rng.uniform(0, 6.3), _colour(rng, 0.12)
     for k in range(int(rng.integers(1, 5))):
-        toward = _toward(math.radians(rng.uniform(-5, 85)), azimuth + k * rng.uniform(1.2, 2.6))
+        toward = direction_of(math.radians(rng.uniform(-5, 85)), azimuth + k * rng.uniform(1.2, 2.6))
         half = (float(rng.uniform(0.12, 0.7)), float(rng.uniform(0.12, 0.7)))
         power = rng.uniform(1, 6) / (half[0] * half[1]) * (1 if k == 0 else rng.uniform(0.05, 0.6))
         _box_light(canvas, toward, half, power * (colour if rng.random() < 0.5 else _colour(rng, 0.4)), 0.06)
@@ -167,20 +163,20 @@ def room(canvas: _Canvas) -> None:
     """A room with differently coloured walls, lit through windows and perhaps by a lamp."""
     rng, d = canvas.rng, _directions()
     turn = rng.uniform(0, 6.3)
-    c, s = math.cos(turn), math.sin(turn)
-    q = d @ torch.tensor([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    q = d @ _tensor(about_z(turn))
     weight = torch.cat([q.clamp_min(0), (-q).clamp_min(0)], -1) ** 6
     weight = weight / weight.sum(-1, keepdim=True)
     walls = np.stack([rng.uniform(0.1, 0.9) * _colour(rng, 0.2) for _ in range(6)]) * _colour(rng, 0.1)
     canvas.map = (weight @ _tensor(walls)) * rng.uniform(0.15, 0.7)
     day = _colour(rng, 0.3) * rng.uniform(6, 40)
     for k in range(int(rng.integers(1, 4))):
-        toward = _toward(math.radians(rng.uniform(-5, 45)), turn + (math.pi / 2) * int(rng.integers(0, 4)) + rng.normal(0, 0.25))
+        elevation, wall = math.radians(rng.uniform(-5, 45)), (math.pi / 2) * int(rng.integers(0, 4))
+        toward = direction_of(elevation, turn + wall + rng.normal(0, 0.25))
         _box_light(canvas, toward, (float(rng.uniform(0.1, 0.4)), float(rng.uniform(0.15, 0.6))), day, 0.05)
         if k == 0 and rng.random() < 0.3:
             canvas.disc(toward, math.radians(rng.uniform(0.5, 2)), _colour(rng, 0.2) * rng.uniform(1, 8))
     if rng.random() < 0.4:
-        toward, radius = _toward(rng.uniform(0.2, 1.5), rng.uniform(0, 6.3)), math.radians(rng.uniform(2, 8))
+        toward, radius = direction_of(rng.uniform(0.2, 1.5), rng.uniform(0, 6.3)), math.radians(rng.uniform(2, 8))
         canvas.disc(toward, radius, _colour(rng, 0.4) * rng.uniform(0.5, 4))
 
 
@@ -190,11 +186,11 @@ def lamps(canvas: _Canvas) -> None:
     canvas.map = rng.uniform(0.02, 0.3) * _tensor(_colour(rng, 0.2)) * (1 + rng.uniform(-0.5, 0.8) * d[..., 2:])
     spread = 0.6 if rng.random() < 0.45 else 0.2
     for _ in range(int(rng.integers(1, MAX_DISCS + 1))):
-        toward = _toward(math.radians(rng.uniform(-15, 85)), rng.uniform(0, 6.3))
+        toward = direction_of(math.radians(rng.uniform(-15, 85)), rng.uniform(0, 6.3))
         colour = _colour(rng, spread)
         if spread > 0.5 and rng.random() < 0.3:  # any hue, not only warm and cool
             colour = colour * np.exp(rng.normal(0, 0.7, 3))
-        canvas.disc(toward, math.radians(float(np.exp(rng.uniform(math.log(1), math.log(14))))), colour * rng.uniform(0.4, 4))
+        canvas.disc(toward, math.radians(log_uniform(rng, 1, 14)), colour * rng.uniform(0.4, 4))
 
 
 def surroundings(canvas: _Canvas) -> None:
@@ -207,19 +203,13 @@ def surroundings(canvas: _Canvas) -> None:
 
 
 LIGHTS: tuple[tuple[Callable[[_Canvas], None], float], ...] = (
-    (sky, 0.38),
-    (overcast, 0.1),
-    (studio, 0.2),
-    (room, 0.14),
-    (lamps, 0.1),
-    (surroundings, 0.08),
-)
+    (sky, 0.38), (overcast, 0.1), (studio, 0.2), (room, 0.14), (lamps, 0.1), (surroundings, 0.08),
+)  # fmt: skip
 
 
 def draw_light(rng: Generator) -> Light:
     """A light of a random family, or two mixed, each under a cast of its own: mild, clear or strong."""
-    weights = np.array([weight for _, weight in LIGHTS])
-    chosen = [LIGHTS[k][0] for k in rng.choice(len(LIGHTS), 1 + (rng.random() < 0.4), p=weights / weights.sum())]
+    chosen = pick(rng, LIGHTS, 1 + (rng.random() < 0.4))
     total, discs = torch.zeros(HEIGHT, WIDTH, 3), []
     for paint in chosen:
         canvas = _Canvas(rng)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 
 from ia_bench.training import primitives
-from ia_bench.training.primitives import rotation
+from ia_bench.training.draws import about_z, pick, rotation
 from ia_bench.training.surfaces import Surface, corner_normals, face_normals, rounded_box, sweep
 
 MAX_TRIANGLES = 24_000
@@ -83,12 +83,6 @@ class Assembly:
         crease = math.radians(1.0 if self.rng.random() < 0.06 else 38.0)
         self.parts.append(_Part(placed, surface.vertices * scale / scale.max(), slot, crease))
         return placed
-
-
-def about_z(angle: float) -> np.ndarray:
-    """Rotation (3, 3) by ``angle`` around z."""
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
 def tilt(rng: Generator, spread: float) -> np.ndarray:
@@ -289,25 +283,16 @@ def shelf(a: Assembly) -> None:
 
 
 ASSEMBLIES: tuple[tuple[Callable[[Assembly], None], float], ...] = (
-    (stack, 1.3),
-    (container, 1.3),
-    (furniture, 1.0),
-    (radial, 1.0),
-    (cluster, 1.2),
-    (still_life, 1.3),
-    (mirrored, 1.2),
-    (architecture, 0.6),
-    (single, 1.2),
-    (shelf, 0.5),
-)
+    (stack, 1.3), (container, 1.3), (furniture, 1.0), (radial, 1.0), (cluster, 1.2), (still_life, 1.3), (mirrored, 1.2),
+    (architecture, 0.6), (single, 1.2), (shelf, 0.5),
+)  # fmt: skip
 
 
 def make_object(rng: Generator) -> SolidObject:
     """Draw an object: an assembly, bent as a whole at times, centred in the unit ball."""
-    weights = np.array([weight for _, weight in ASSEMBLIES])
     while True:
         assembly = Assembly(rng)
-        ASSEMBLIES[rng.choice(len(ASSEMBLIES), p=weights / weights.sum())][0](assembly)
+        pick(rng, ASSEMBLIES)[0](assembly)
         if sum(len(part.surface.faces) for part in assembly.parts) <= MAX_TRIANGLES:
             return _finish(assembly)
 

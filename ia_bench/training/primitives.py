@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.random import Generator
@@ -11,6 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial import ConvexHull
 from skimage.measure import marching_cubes
 
+from ia_bench.training.draws import log_uniform, rotation
 from ia_bench.training.surfaces import Surface, displace, extrude, revolve, rounded_box, superquadric, sweep, weld
 
 
@@ -127,7 +127,7 @@ def outline(rng: Generator, points: int = 48) -> np.ndarray:
 
 def extrusion(rng: Generator) -> Surface:
     """A cookie-cutter shape, badge, gear or twisted column."""
-    half = float(np.exp(rng.uniform(math.log(0.06), math.log(1.2))))
+    half = log_uniform(rng, 0.06, 1.2)
     bevel = min(float(rng.choice([0.01, 0.04, 0.12])), 0.8 * half)
     tall = half > 0.5
     return extrude(
@@ -158,7 +158,7 @@ def curve(rng: Generator, points: int = 40) -> np.ndarray:
 def tube(rng: Generator) -> Surface:
     """A rod, wire, pipe, horn, strap or handle."""
     path = curve(rng)
-    thick = float(np.exp(rng.uniform(math.log(0.03), math.log(0.3))))
+    thick = log_uniform(rng, 0.03, 0.3)
     section = circle(10) if rng.random() < 0.65 else np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [1, rng.uniform(0.3, 2)]
     taper = np.linspace(1, rng.uniform(0.1, 1), len(path)) if rng.random() < 0.4 else 1.0
     return sweep(path, thick * section, taper)
@@ -189,7 +189,7 @@ def lump(rng: Generator) -> Surface:
     """A displaced ball: potato, rock, coral, cloud, fruit."""
     ball = superquadric(1.0, 1.0, 64)
     surface = Surface(ball.vertices * rng.uniform(0.55, 1, 3), ball.faces)
-    frequency = float(np.exp(rng.uniform(math.log(0.8), math.log(4))))
+    frequency = log_uniform(rng, 0.8, 4)
     return displace(surface, frequency, rng.uniform(0.05, 0.22) / frequency**0.7, int(rng.integers(1, 4)), rng.uniform(0, 30, 3))
 
 
@@ -215,20 +215,7 @@ def _distance_ring(rng: Generator, p: np.ndarray) -> np.ndarray:
     return np.hypot(np.hypot(p[..., 0], p[..., 1]) - rng.uniform(0.35, 0.7), p[..., 2]) - rng.uniform(0.1, 0.22)
 
 
-_DISTANCES: tuple[Callable[[Generator, np.ndarray], np.ndarray], ...] = (
-    _distance_ball,
-    _distance_ball,
-    _distance_box,
-    _distance_cylinder,
-    _distance_ring,
-)
-
-
-def rotation(rng: Generator) -> np.ndarray:
-    """A rotation (3, 3), uniform."""
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q if np.linalg.det(q) > 0 else -q
+_DISTANCES = (_distance_ball, _distance_ball, _distance_box, _distance_cylinder, _distance_ring)
 
 
 def carved(rng: Generator) -> Surface:
@@ -259,8 +246,7 @@ def petal(rng: Generator) -> Surface:
     width = rng.uniform(0.2, 0.6) * np.sin(math.pi * t ** rng.uniform(0.6, 1.4)) ** rng.uniform(0.5, 1.2) + 0.01
     path = np.stack([0 * t, rng.uniform(-0.8, 0.8) * t**2, 2 * t - 1], -1)
     section = circle(12) * [1, rng.uniform(0.05, 0.15)] if rng.random() < 0.5 else circle(12) * [rng.uniform(0.05, 0.15), 1]
-    loops = sweep(path, section, width)
-    return loops
+    return sweep(path, section, width)
 
 
 def cushion(rng: Generator) -> Surface:

@@ -8,7 +8,7 @@ is sampled from one luminance table per image, not from tables by surface normal
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -171,11 +171,12 @@ class DirectLight:
     """An estimator of direct light. Compiling it (``compiled``) takes seconds once and makes it faster."""
 
     def __init__(self, *, compiled: bool) -> None:
-        self._draw = torch.compile(draw_samples, dynamic=False) if compiled else draw_samples
+        draw: Callable[..., tuple[Tensor, Tensor, Tensor]] = draw_samples
+        self._draw = torch.compile(draw, dynamic=False) if compiled else draw
 
     def __call__(
-        self, rays: RayCaster, tables: LightTables, light: Tensor, position: Tensor, normal: Tensor, view: Tensor, geometric: Tensor,
-        roughness: Tensor, cosine_rays: Tensor, reaches_sky: Tensor | None, u_light: Tensor, u_brdf: Tensor,
+        self, rays: RayCaster, tables: LightTables, light: Tensor, position: Tensor, normal: Tensor, view: Tensor,
+        geometric: Tensor, roughness: Tensor, cosine_rays: Tensor, reaches_sky: Tensor | None, u_light: Tensor, u_brdf: Tensor,
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
         """Direct light at N points: irradiance / pi and specular radiance, both (N, 3).
 

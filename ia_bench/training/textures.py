@@ -15,16 +15,12 @@ import torch
 from numpy.random import Generator
 from torch import Tensor
 
+from ia_bench.training.draws import log_uniform, pick, rotation
 from ia_bench.training.noise import FIRST, cells, fractal, hashed
 from ia_bench.training.palettes import MAX_ALBEDO, MIN_ALBEDO, palette
-from ia_bench.training.primitives import rotation
 
 Pattern = Callable[[Tensor, Tensor], Tensor]
 """Local points (N, 3) and the dominant axis of the surface there (N,) to values (N,) in [0, 1]."""
-
-
-def _log_uniform(rng: Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(math.log(low), math.log(high))))
 
 
 def _frame(rng: Generator) -> tuple[Tensor, Tensor]:
@@ -45,8 +41,8 @@ def _soft_step(x: Tensor, width: float) -> Tensor:
 def clouds(rng: Generator) -> Pattern:
     """Fractal noise, possibly drawn out along an axis: stains, fur, brushed metal, photographs."""
     turn, shift = _frame(rng)
-    scale, octaves, gain = _log_uniform(rng, 0.7, 5), int(rng.integers(1, 7)), rng.uniform(0.4, 0.75)
-    stretch = torch.tensor([1.0, 1.0, _log_uniform(rng, 0.1, 1) if rng.random() < 0.35 else 1.0]) * scale
+    scale, octaves, gain = log_uniform(rng, 0.7, 5), int(rng.integers(1, 7)), rng.uniform(0.4, 0.75)
+    stretch = torch.tensor([1.0, 1.0, log_uniform(rng, 0.1, 1) if rng.random() < 0.35 else 1.0]) * scale
     ridged = rng.random() < 0.2
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
@@ -59,7 +55,7 @@ def clouds(rng: Generator) -> Pattern:
 def stripes(rng: Generator) -> Pattern:
     """Bands across an axis or around it, even or of random widths, sharp or soft, straight or wavy."""
     turn, shift = _frame(rng)
-    count, wavy = _log_uniform(rng, 1.5, 9), rng.uniform(0, 0.15) * (rng.random() < 0.5)
+    count, wavy = log_uniform(rng, 1.5, 9), rng.uniform(0, 0.15) * (rng.random() < 0.5)
     kind, soft, duty = rng.integers(0, 4), rng.choice([0.05, 0.05, 0.4]), rng.uniform(0.2, 0.8)
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
@@ -78,7 +74,7 @@ def stripes(rng: Generator) -> Pattern:
 def checks(rng: Generator) -> Pattern:
     """A chessboard on the surface, or gingham."""
     turn, shift = _frame(rng)
-    count, gingham = _log_uniform(rng, 1.5, 7), rng.random() < 0.4
+    count, gingham = log_uniform(rng, 1.5, 7), rng.random() < 0.4
 
     def pattern(p: Tensor, axis: Tensor) -> Tensor:
         uv = on_surface(p @ turn, axis) * count + shift[:2]
@@ -91,7 +87,7 @@ def checks(rng: Generator) -> Pattern:
 def wood(rng: Generator) -> Pattern:
     """Rings around an axis, bent by noise, with fibres along it."""
     turn, shift = _frame(rng)
-    rings, bend, fibre = _log_uniform(rng, 3, 14), rng.uniform(0.05, 0.3), rng.uniform(0.05, 0.4)
+    rings, bend, fibre = log_uniform(rng, 3, 14), rng.uniform(0.05, 0.3), rng.uniform(0.05, 0.4)
     off = torch.from_numpy(rng.normal(0, 0.5, 2)).float()
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
@@ -108,7 +104,7 @@ def wood(rng: Generator) -> Pattern:
 def marble(rng: Generator) -> Pattern:
     """Sharp veins in a cloudy ground."""
     turn, shift = _frame(rng)
-    count, turbulence, sharp = _log_uniform(rng, 1, 5), rng.uniform(0.5, 2), rng.uniform(0.15, 0.8)
+    count, turbulence, sharp = log_uniform(rng, 1, 5), rng.uniform(0.5, 2), rng.uniform(0.15, 0.8)
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
         q = p @ turn
@@ -122,8 +118,8 @@ def marble(rng: Generator) -> Pattern:
 def cellular(rng: Generator) -> Pattern:
     """Cells: mosaic of flat patches, cracks between them, pebbles, or spots."""
     turn, shift = _frame(rng)
-    scale, kind, jitter = _log_uniform(rng, 1.5, 7), rng.integers(0, 4), rng.uniform(0.5, 1)
-    stretch = torch.tensor([1.0, 1.0, _log_uniform(rng, 0.4, 1)]) * scale
+    scale, kind, jitter = log_uniform(rng, 1.5, 7), rng.integers(0, 4), rng.uniform(0.5, 1)
+    stretch = torch.tensor([1.0, 1.0, log_uniform(rng, 0.4, 1)]) * scale
     size = rng.uniform(0.2, 0.45)
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
@@ -142,7 +138,7 @@ def cellular(rng: Generator) -> Pattern:
 def weave(rng: Generator) -> Pattern:
     """Threads over and under each other: cloth, baskets, knitting."""
     turn, shift = _frame(rng)
-    count, contrast = _log_uniform(rng, 4, 14), rng.uniform(0.2, 0.6)
+    count, contrast = log_uniform(rng, 4, 14), rng.uniform(0.2, 0.6)
 
     def pattern(p: Tensor, axis: Tensor) -> Tensor:
         uv = on_surface(p @ turn, axis) * count + shift[:2]
@@ -158,7 +154,7 @@ def weave(rng: Generator) -> Pattern:
 def dots(rng: Generator) -> Pattern:
     """Polka dots, rings or rounded squares on a grid, staggered or not."""
     turn, shift = _frame(rng)
-    count, radius, stagger = _log_uniform(rng, 1.5, 8), rng.uniform(0.15, 0.42), 0.5 * (rng.random() < 0.6)
+    count, radius, stagger = log_uniform(rng, 1.5, 8), rng.uniform(0.15, 0.42), 0.5 * (rng.random() < 0.6)
     hollow, power = rng.random() < 0.25, float(rng.choice([2, 2, 6]))
 
     def pattern(p: Tensor, axis: Tensor) -> Tensor:
@@ -175,7 +171,7 @@ def dots(rng: Generator) -> Pattern:
 def bricks(rng: Generator) -> Pattern:
     """Bricks, tiles or planks with joints, every one a little different."""
     turn, shift = _frame(rng)
-    count, long, joint = _log_uniform(rng, 2, 7), rng.uniform(1, 4), rng.uniform(0.04, 0.12)
+    count, long, joint = log_uniform(rng, 2, 7), rng.uniform(1, 4), rng.uniform(0.04, 0.12)
     offset = float(rng.choice([0, 0.5, 0.33]))
 
     def pattern(p: Tensor, axis: Tensor) -> Tensor:
@@ -193,7 +189,7 @@ def bricks(rng: Generator) -> Pattern:
 def glyphs(rng: Generator) -> Pattern:
     """Prints: a grid of small random bitmaps, mirrored at times, that look like letters, signs or ornaments."""
     turn, shift = _frame(rng)
-    count, pixels, mirror = _log_uniform(rng, 0.8, 5), int(rng.integers(4, 7)), rng.random() < 0.6
+    count, pixels, mirror = log_uniform(rng, 0.8, 5), int(rng.integers(4, 7)), rng.random() < 0.6
     fill, sparse = rng.uniform(0.4, 0.65), rng.uniform(0.4, 1)
 
     def pattern(p: Tensor, axis: Tensor) -> Tensor:
@@ -226,7 +222,7 @@ def gradient(rng: Generator) -> Pattern:
 def speckles(rng: Generator) -> Pattern:
     """Granite, terrazzo, sprinkles: thresholded fine noise."""
     _, shift = _frame(rng)
-    scale, level = _log_uniform(rng, 5, 16), rng.uniform(-0.6, 1.2)
+    scale, level = log_uniform(rng, 5, 16), rng.uniform(-0.6, 1.2)
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
         return _soft_step(fractal(p * scale + shift, 2, channels=FIRST)[:, 0] - level, 0.3)
@@ -237,7 +233,7 @@ def speckles(rng: Generator) -> Pattern:
 def patches(rng: Generator) -> Pattern:
     """Camouflage, maps, hides: contours of smooth noise in flat steps."""
     _, shift = _frame(rng)
-    scale, steps, octaves = _log_uniform(rng, 0.8, 3), int(rng.integers(2, 6)), int(rng.integers(1, 4))
+    scale, steps, octaves = log_uniform(rng, 0.8, 3), int(rng.integers(2, 6)), int(rng.integers(1, 4))
 
     def pattern(p: Tensor, _: Tensor) -> Tensor:
         value = _unit(fractal(p * scale + shift, octaves, channels=FIRST)[:, 0])
@@ -247,20 +243,9 @@ def patches(rng: Generator) -> Pattern:
 
 
 PATTERNS: tuple[tuple[Callable[[Generator], Pattern], float], ...] = (
-    (clouds, 1.6),
-    (stripes, 1.2),
-    (checks, 0.6),
-    (wood, 1.2),
-    (marble, 0.9),
-    (cellular, 0.8),
-    (weave, 0.7),
-    (dots, 0.8),
-    (bricks, 0.8),
-    (glyphs, 1.1),
-    (gradient, 0.8),
-    (speckles, 0.7),
-    (patches, 0.8),
-)
+    (clouds, 1.6), (stripes, 1.2), (checks, 0.6), (wood, 1.2), (marble, 0.9), (cellular, 0.8), (weave, 0.7), (dots, 0.8),
+    (bricks, 0.8), (glyphs, 1.1), (gradient, 0.8), (speckles, 0.7), (patches, 0.8),
+)  # fmt: skip
 
 
 def on_surface(p: Tensor, axis: Tensor) -> Tensor:
@@ -272,8 +257,7 @@ def on_surface(p: Tensor, axis: Tensor) -> Tensor:
 
 def draw_pattern(rng: Generator) -> Pattern:
     """A pattern of a random family."""
-    weights = np.array([weight for _, weight in PATTERNS])
-    return PATTERNS[rng.choice(len(PATTERNS), p=weights / weights.sum())][0](rng)
+    return pick(rng, PATTERNS)[0](rng)
 
 
 @dataclass(frozen=True)
@@ -346,7 +330,7 @@ def draw_material(rng: Generator, colours: np.ndarray) -> TexturedMaterial:
         layers.append(_draw_layer(rng, colours, draw_pattern(rng), 0.6))
     return TexturedMaterial(
         layers=tuple(layers),
-        scale=_log_uniform(rng, 0.6, 1.6),
+        scale=log_uniform(rng, 0.6, 1.6),
         variation=float(rng.choice([0.0, 0.04, 0.1, 0.25], p=[0.25, 0.35, 0.25, 0.15])),
         shift=torch.from_numpy(rng.uniform(0, 30, 3)).float(),
         roughness=draw_roughness(rng),

@@ -18,11 +18,11 @@ from ia_bench.training.shards import CHANNELS
 SIZE = 24
 DIRECT = DirectLight(compiled=False)
 GENERATOR = (
-    "cameras", "generate", "lights", "noise", "objects", "palettes", "primitives", "render", "shading", "smooth", "surfaces",
-    "textures",
+    "cameras", "draws", "generate", "lights", "noise", "objects", "palettes", "primitives", "render", "shading", "smooth",
+    "surfaces", "textures",
 )  # fmt: skip
 ALLOWED = {
-    "__future__", "collections.abc", "dataclasses", "functools", "math", "pathlib", "numpy", "numpy.random", "torch",
+    "__future__", "collections.abc", "dataclasses", "functools", "typing", "math", "pathlib", "numpy", "numpy.random", "torch",
     "torch.nn.functional", "scipy.interpolate", "scipy.spatial", "skimage.measure", "ia_bench.light.latlong",
     "ia_bench.material.brdf", "ia_bench.render.estimator", "ia_bench.render.gbuffer", "ia_bench.render.rays",
     "ia_bench.scenes.color", "ia_bench.scenes.scene", "ia_bench.training", "ia_bench.training.shards",
