@@ -22,7 +22,7 @@ import torch
 from stage import run_as_a_run
 
 from benchmarks.work_precision.precision import first_time, without_compilation
-from benchmarks.work_precision.problem import make_problem
+from benchmarks.work_precision.problem import Judge, make_problem
 from ia_bench.common.machine import environment
 from ia_bench.common.paths import scenes_folder
 from ia_bench.methods.asking.sampling import PriorSampler
@@ -33,7 +33,6 @@ from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.readers.native import NativeReader
-from ia_bench.scores.predict import Scorer
 from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
 
 METRICS = ("aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse")
@@ -43,14 +42,14 @@ FIRST_SCORE = 25
 class Clock:
     """A curve of errors over CPU seconds that do not count the scoring."""
 
-    def __init__(self, scorer: Scorer) -> None:
+    def __init__(self, scorer: Judge) -> None:
         self.rows: list[dict[str, float]] = []
         self._scorer, self._off, self._started = scorer, 0.0, time.process_time()
 
     def score(self, step: int, fit: Fit) -> None:
         """Add a row."""
         now = time.process_time()
-        values = self._scorer.quick(fit.material, fit.light)
+        values = self._scorer.quick(fit)
         self.rows.append({"step": step, "seconds": now - self._started - self._off, **{m: values[m] for m in METRICS}})
         self._off += time.process_time() - now
 
@@ -69,7 +68,7 @@ class Nothing:
         """See :class:`ia_bench.methods.contract.Task`."""
 
 
-def our_fit(problem: Problem, prior: Prior, scorer: Scorer, steps: int) -> list[dict[str, float]]:
+def our_fit(problem: Problem, prior: Prior, scorer: Judge, steps: int) -> list[dict[str, float]]:
     """The curve of our two-stage trainer over ``steps``, two thirds of them in stage 1 as by default."""
     torch.compiler.reset()  # the compiler keeps few versions of a function
     first = round(steps * 2 / 3)
@@ -86,7 +85,7 @@ def our_fit(problem: Problem, prior: Prior, scorer: Scorer, steps: int) -> list[
     return clock.finished()
 
 
-def mitsuba_fit(problem: Problem, prior: Prior, scorer: Scorer, steps: int, threads: int) -> list[dict[str, float]]:
+def mitsuba_fit(problem: Problem, prior: Prior, scorer: Judge, steps: int, threads: int) -> list[dict[str, float]]:
     """The curve of the plain loop over ``steps``."""
     clock = Clock(scorer)
     albedo = None

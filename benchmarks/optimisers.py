@@ -31,6 +31,7 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from benchmarks.stiffness.gauss_newton import Jacobian
+from benchmarks.work_precision.problem import Judge
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
@@ -42,14 +43,8 @@ from ia_bench.methods.two_stage.neighbours import find_neighbours
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
 from ia_bench.readers.native import NativeReader
-from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Renderer
 from ia_bench.render.settings import RenderSettings
-from ia_bench.render.visibility import make_visibility
-from ia_bench.runs.composition import compose
-from ia_bench.scores.predict import Scorer
-from ia_bench.scores.protocol import Protocol
+from ia_bench.render.stage import Stage
 
 SCORED = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0)  # of the steps
 INNER = 10  # iterations of conjugate gradients or of L-BFGS a step
@@ -346,7 +341,7 @@ CASES = {
 class Scored:
     """The clock of a case: CPU seconds of its steps, scores beside them, off the clock."""
 
-    def __init__(self, scorer: Scorer, objective: Objective, steps: int) -> None:
+    def __init__(self, scorer: Judge, objective: Objective, steps: int) -> None:
         self._scorer, self._objective, self._due = scorer, objective, {max(1, round(share * steps)) for share in SCORED}
         self.seconds = 0.0
         self.rows: list[dict[str, float]] = []
@@ -360,25 +355,24 @@ class Scored:
             with torch.no_grad():
                 residual, weight = self._objective.residuals(unknowns, self._objective.held, 2**32)
             scores = {
-                **self._scorer.quick(found.material, found.light), "objective": float((residual.abs() * weight).sum())
+                **self._scorer.quick(found), "objective": float((residual.abs() * weight).sum())
             }  # fmt: skip
             values = {name: value for name in COLUMNS if (value := scores.get(name)) is not None}
             self.rows.append({"step": step, "seconds": self.seconds, **values})
         self._started = time.process_time()
 
 
-def load(folder: Path, settings: FitSettings) -> tuple[Problem, Scorer, Fit]:
+def load(folder: Path, settings: FitSettings) -> tuple[Problem, Judge, Fit]:
     """The problem that a run would have, how it would be scored, and where its trainer would start."""
     scene, cpu = NativeReader(folder).read(truth=True), torch.device("cpu")
     blind = scene.blind()
-    surface, rays = SurfaceInterpolator(scene.mesh, cpu), make_rays(scene.mesh, cpu)
-    plan = make_plan(blind, surface, rays, RenderSettings(), NoPrior(), cpu)
-    renderer = Renderer(surface, make_visibility(plan.shadows, surface, rays))
-    problem = Problem(blind, trace_gbuffer([view.camera for view in blind.train], rays, plan.subsamples, cpu), renderer, plan)
-    protocol = Protocol.from_config(compose(["scene=tiny"]).protocol)
+    stage = Stage(scene.mesh, cpu)
+    plan = make_plan(blind, stage.surface, stage.rays, RenderSettings(), NoPrior(), cpu)
+    renderer = stage.renderer(shadows=plan.shadows, coat="added")
+    problem = Problem(blind, stage.gbuffer([view.camera for view in blind.train], plan.subsamples), renderer, plan)
     silent = Monitor(lambda *_: None, print, lambda *_: None, lambda _: None, lambda: None)  # type: ignore[arg-type,return-value]
     start = TwoStage().fit(problem, NoPrior(), replace(settings, stage1_steps=0, stage2_steps=0), seed=0, monitor=silent)
-    return problem, Scorer(scene, renderer, rays, protocol, seed=0), start
+    return problem, Judge(scene, stage), start
 
 
 def plot(path: Path, curves: dict[str, list[dict[str, float]]]) -> None:

@@ -55,8 +55,6 @@ def test_example_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
 @pytest.mark.skipif(not TINY.is_dir(), reason="the scene tiny has not been rendered here")
 def test_example_runs(installed: Path, tmp_path: Path) -> None:
     settings = ["preset=smoke", "scene=tiny", "device=cpu", "threads=1", "out=result"]
-    (tmp_path / "no_network.safetensors").touch()  # leaves LPIPS undefined, so that nothing is downloaded
-    settings.append("protocol.lpips.weights=no_network.safetensors")
     done = call(installed, "ia_bench", "prior=grey_world", "prior.options.highlight=2", *settings, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "result" / "metrics.json").read_text())

@@ -140,7 +140,7 @@ def measure_mitsuba(kind: str, budget: int, threads: int) -> dict[str, Any]:
             fit.advance()
             marks.append((time.perf_counter(), time.process_time()))
         found = fit.snapshot()
-        metrics = scorer.full(found.material, found.light).as_dict()["metrics"]
+        metrics = scorer.full(found).as_dict()["metrics"]
     except Exception as error:  # a failure is a row of the table
         return row | {"failure": f"{type(error).__name__}: {error}"}
     compiled = min(25, steps - 1)

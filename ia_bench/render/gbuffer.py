@@ -12,7 +12,8 @@ from ia_bench.material.brdf import MIN_COSINE, dot, normalize
 from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Camera, Mesh
 
-RAYS_AT_ONCE = 2**20  # primary rays traced together: about 200 MB while they are made
+RAYS_AT_ONCE = 2**18  # primary rays traced together: about 50 MB while they are made
+
 
 @dataclass(frozen=True)
 class SurfacePoints:

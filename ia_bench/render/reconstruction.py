@@ -15,13 +15,10 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import texture_images
+from ia_bench.render.settings import REFERENCE, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh
-
-REFERENCE = "ia_bench reference"
-BOUNCES = 4  # reflections between the parts of the object that the reference renderer follows; what is left is below 1 %
-LIGHT_ROWS = 128  # of the map by which it takes an environment that is no map
 
 
 @dataclass(frozen=True)
@@ -45,15 +42,17 @@ class Assets:
 
 @runtime_checkable
 class Reconstruction(Protocol):
-    """What a method recovered of an object: all that a score, a picture or an export of it is made from.
+    """What a method recovered of an object: all that a score, a picture or an export of it is made from."""
 
-    Attributes:
-        renderer: The name of what draws it, for example "split sum"; :data:`REFERENCE` is the one that every method is compared by.
-        environment: The light that was recovered, None where there is none.
-    """
+    @property
+    def renderer(self) -> str:
+        """The name of what draws it, for example "split sum"; :data:`REFERENCE` is the one that all methods are compared by."""
+        ...
 
-    renderer: str
-    environment: Environment | None
+    @property
+    def environment(self) -> Environment | None:
+        """The light that was recovered, None where there is none."""
+        ...
 
     def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
         """Linear pictures of "albedo" (H, W, 3), "roughness" (H, W) and "metallic" (H, W); what was not recovered is left out.
@@ -92,16 +91,19 @@ class Reconstruction(Protocol):
 class TexturedReconstruction:
     """Textures over a mesh and a lat-long light, drawn by the reference renderer whatever renderer they were fitted with.
 
-    The reference renderer traces every shadow, follows :data:`BOUNCES` reflections and lays the coat over the diffuse lobe.
+    The reference renderer traces every shadow, follows REFERENCE_BOUNCES reflections and lays the coat over the diffuse lobe.
     With ``coat`` "added", the paper's sum of both lobes, it is another renderer and goes by another name.
     """
 
     def __init__(self, stage: Stage, material: Material, light: Tensor | None, *, coat: str = "layered") -> None:
-        """``light`` (H, W, 3) radiance, None where none was recovered; all tensors on the stage's device."""
+        """``light`` (H, W, 3) radiance, None where none was recovered; all tensors on the stage's device.
+
+        What is drawn is drawn on :attr:`Stage.apart`, so that the stage itself counts the rays and points of a fit alone.
+        """
         self.material = material
         self.environment = None if light is None else LatLongEnvironment(light)
         self.renderer = REFERENCE if coat == "layered" else f"{REFERENCE}, coat {coat}"
-        self._stage, self._coat = stage, coat
+        self._stage, self._coat = stage.apart, coat
 
     @classmethod
     def of(cls, assets: Assets, stage: Stage) -> TexturedReconstruction:
@@ -143,9 +145,9 @@ class TexturedReconstruction:
         material, device = self.material, self._stage.device
         if albedo_scale is not None:
             material = replace(material, albedo=material.albedo * albedo_scale.to(material.albedo))
-        texels = chosen.texels if isinstance(chosen, LatLongEnvironment) else chosen.latlong(LIGHT_ROWS)
+        texels = chosen.texels if isinstance(chosen, LatLongEnvironment) else chosen.latlong(REFERENCE_LIGHT_ROWS)
         sampled = SampledLight.of(texels.to(device))
-        renderer = self._stage.renderer(shadows="traced", bounces=BOUNCES, coat=self._coat)
+        renderer = self._stage.renderer(shadows="traced", bounces=REFERENCE_BOUNCES, coat=self._coat)
         generator = torch.Generator(device=device).manual_seed(seed)
 
         def radiance(gbuffer: GBuffer) -> Tensor:

@@ -21,9 +21,9 @@ from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
 from ia_bench.render.visibility import Visibility
 
-POINTS_AT_ONCE = 2**20  # of a textured picture
+POINTS_AT_ONCE = 2**18  # of a textured picture: about 50 MB
 CHUNK = 4096  # pixels at a time where no gradient is needed ...
-PASS_SAMPLES = 32  # ... with this many samples, repeated as often as needed: one shape, so that it compiles once
+PASS_SAMPLES = 128  # ... with at most this many samples, in as many passes as will do
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,11 @@ class Stage:
         """The exact ray tracer of the device."""
         return make_rays(self.mesh, self.device)
 
+    @cached_property
+    def apart(self) -> Stage:
+        """Another stage of the same mesh, for scores and pictures: its rays and points are not counted with those of a fit."""
+        return Stage(self.mesh, self.device, notice=self._notice)
+
     def gbuffer(self, cameras: Sequence[Camera], side: int) -> GBuffer:
         """What ``cameras``, all of one size, see with ``side`` x ``side`` points a pixel; kept while there is room."""
         key = b"".join([side.to_bytes(4, "little"), *map(_key, cameras)])

@@ -19,6 +19,7 @@ from ia_bench.methods.contract import Fit, Monitor, Problem
 from ia_bench.methods.plan import make_plan
 from ia_bench.render.gbuffer import SurfaceInterpolator
 from ia_bench.render.rays import RayCaster
+from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.renderer import choose_shading
 from ia_bench.render.stage import Stage
 from ia_bench.runs.assets import write_assets
@@ -27,8 +28,8 @@ from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.metrics import SCHEMA
 from ia_bench.runs.scene import open_scene
 from ia_bench.runs.truth import tell_truth
-from ia_bench.scores.predict import Scorer
 from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.scorer import Scorer
 
 
 def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, Any]:
@@ -40,10 +41,10 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     started = time.perf_counter()
     # ---- load ------------------------------------------------------------------------------------------------
     device = torch.device(config.device)
-    protocol = Protocol.from_config(config.protocol)
     scene = open_scene(config.scene, config.reader).read(truth=True)
     for note in scene.notes:
         progress.note(note)
+    scorer = Scorer(scene, Protocol.from_config(config.protocol), device)
     blind = scene.blind()
     prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
     check_prior_info(prior)
@@ -66,13 +67,16 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         prior = tell_truth(prior, scene, surface, gbuffer)
 
     # ---- fit -------------------------------------------------------------------------------------------------
-    scorer = Scorer(scene, renderer, rays, protocol, seed=config.seed)
+
+    def recovered(fit: Fit) -> TexturedReconstruction:
+        return TexturedReconstruction(stage, fit.material, fit.light, coat=config.render.coat)
+
     curve = Curve(folder, scorer)
     costs = Costs(rays, surface, started)
     monitor = Monitor(
         task=progress.task,
         note=progress.note,
-        score=curve.score,
+        score=lambda phase, step, spent, fit: curve.score(phase, step, spent, recovered(fit)),
         save=lambda state: folder.save_checkpoint({"fit": state, "curve": curve.rows, "costs": costs.state()}),
         load=lambda: curve.resume(folder.load_checkpoint(), costs),
     )
@@ -88,8 +92,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     # ---- score and save --------------------------------------------------------------------------------------
     with _clock(seconds, "score"):
         steps = config.fit.stage1_steps + config.fit.stage2_steps
-        curve.score(result.stage, steps, sum(result.seconds.values()), result)
-        scores = scorer.full(result.material, result.light)
+        curve.score(result.stage, steps, sum(result.seconds.values()), recovered(result))
+        scores = scorer.full(recovered(result))
     write_assets(folder, scene.mesh, result)
     metrics = {
         "schema": SCHEMA,
@@ -151,9 +155,9 @@ class Curve:
         self._folder, self._scorer = folder, scorer
         self.rows: list[dict[str, Any]] = []
 
-    def score(self, stage: str, step: int, seconds: float, fit: Fit) -> None:
+    def score(self, stage: str, step: int, seconds: float, found: Reconstruction) -> None:
         """Add a row and write the file."""
-        quick = self._scorer.quick(fit.material, fit.light)
+        quick = self._scorer.quick(found)
         quick = {key: value if value is None or math.isfinite(value) else None for key, value in quick.items()}
         self.rows.append({"stage": stage, "step": step, "seconds": seconds, **quick})
         self._folder.write_curve(self.rows)

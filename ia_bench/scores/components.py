@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+import numpy as np
+
 from ia_bench.scores import metrics
 from ia_bench.scores.metrics import Undefined
 from ia_bench.scores.perceptual import lpips
@@ -48,6 +50,24 @@ def image_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]
         return Measured(values, clipped_prediction, clipped_truth)
 
     return Measure(names, of)
+
+
+def whole_image_measure(encoding: Encoding) -> Measure:
+    """PSNR over all pixels, background included, as most papers print it: both images lie over white by their own coverage."""
+
+    def over_white(linear: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+        share = coverage[..., None].clip(0, 1)
+        return share * metrics.encode(linear, encoding, coverage > 0)[0] + (1 - share)
+
+    def of(view: Pair) -> Measured:
+        everywhere = np.ones_like(view.mask)
+        broken = int((~np.isfinite(view.predicted)).any(-1).sum())
+        if broken:
+            return Measured({"psnr": Undefined(f"the prediction is not finite in {broken} pixels")})
+        pair = over_white(view.predicted, view.coverage[0]), over_white(view.true, view.coverage[1])
+        return Measured({"psnr": _value(metrics.psnr, *pair, everywhere)})
+
+    return Measure(("psnr",), of)
 
 
 def _roughness_error(view: Pair) -> Measured:

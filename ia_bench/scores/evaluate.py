@@ -7,13 +7,23 @@ from dataclasses import replace
 
 from ia_bench.scenes.images import Images
 from ia_bench.scores.alignment import ALIGNMENTS, Alignment
-from ia_bench.scores.components import ROUGHNESS_MEASURE, Measure, image_measure
+from ia_bench.scores.components import ROUGHNESS_MEASURE, image_measure, whole_image_measure
 from ia_bench.scores.predictions import Pair, Predictions, pairs, stacked
 from ia_bench.scores.protocol import Encoding, Protocol
-from ia_bench.scores.result import Scores
+from ia_bench.scores.result import COMPONENTS, Scores, Views
 
 IMAGE_METRICS = ("psnr", "ssim", "lpips")
-NOT_PREDICTED = "not predicted"
+NO_TRUTH = {
+    "albedo": "the scene has no true albedo in its test views",
+    "view_synthesis": "the scene has no held-out view under its training light",
+    "relighting": "the scene has no view under a novel light whose map it knows",
+    "roughness": "the scene has no true roughness in its test views",
+}
+
+
+def not_predicted(component: str) -> str:
+    """The reason why a component of a scene that has its truth is undefined."""
+    return f"the method does not predict {component.replace('_', ' ')}"
 
 
 def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> Alignment:
@@ -21,16 +31,24 @@ def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> Alignme
     return ALIGNMENTS[protocol.alignment](*stacked(pairs(predicted, true, protocol.mask_threshold, "albedo")))
 
 
-def score(predictions: Predictions, truth: Predictions, protocol: Protocol) -> Scores:
+def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, renderer: str = "") -> Scores:
     """Compute every number of the protocol, and its variants.
 
-    A component that is not predicted, or not finite in a scored pixel, gets None and a reason. Raises ValueError where
-    predictions and truth differ in views, shapes or lights, or the truth is missing or not finite.
+    A component without truth, one that is not predicted, and one that is not finite in a scored pixel get None and a reason.
+
+    Raises:
+        ValueError: Predictions and truth differ in views, shapes or lights, or the truth is not finite.
     """
-    scores = _score(predictions, truth, protocol, IMAGE_METRICS)
+    scores = Scores(protocol, renderer)
+    views = _record(scores, predictions, truth, IMAGE_METRICS)
     albedo = _paired(predictions.albedo, truth.albedo, "albedo", protocol)
+    for name, of in views.items():
+        if name != "roughness":
+            encoding = protocol.albedo_encoding if "albedo" in name else protocol.radiance_encoding
+            scores.record(f"{name}_whole_image", of, whole_image_measure(encoding))
     other: Encoding = "linear" if protocol.albedo_encoding == "srgb" else "srgb"
-    in_other, as_usual = image_measure(protocol, other, ("psnr",)), _albedo_measure(protocol, IMAGE_METRICS)
+    as_usual, in_other = (image_measure(protocol, one, names) for one, names in (
+        (protocol.albedo_encoding, IMAGE_METRICS), (other, ("psnr",))))  # fmt: skip
     scores.record(f"albedo_{other}", albedo, in_other)
     for name in ALIGNMENTS:
         aligned = _aligned(scores, name, albedo)
@@ -38,69 +56,74 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol) -> S
             scores.record(f"aligned_albedo_{other}", aligned, in_other)
         else:
             scores.record(f"aligned_albedo_{name}", aligned, as_usual)
+            scores.record(f"aligned_albedo_{name}_{other}", aligned, in_other)
     return scores
+
+
+def score_again(scores: Scores, predictions: Predictions, truth: Predictions, suffix: str) -> None:
+    """Record the five components of other pictures of the same reconstruction as variants, named by ``suffix``."""
+    _record(scores, predictions, truth, IMAGE_METRICS, suffix)
 
 
 def score_quick(predictions: Predictions, truth: Predictions, protocol: Protocol) -> dict[str, float | None]:
-    """Return the metric columns of curve.csv, PSNRs and roughness error only, of whichever components are given.
-
-    None stands for a component that is not given, and for an undefined value.
-    """
-    metrics = _score(predictions, truth, protocol, ("psnr",)).metrics
-    return {f"{component}_{name}": value for component, values in metrics.items() for name, value in values.items()}
-
-
-def _score(predictions: Predictions, truth: Predictions, protocol: Protocol, names: tuple[str, ...]) -> Scores:
-    """Score the five components, taking the image metrics ``names``."""
+    """Return the metric columns of curve.csv, PSNRs and roughness error only; None stands for an undefined value."""
     scores = Scores(protocol)
-    of_albedo = _albedo_measure(protocol, names)
-    of_radiance = image_measure(protocol, protocol.radiance_encoding, names)
+    _record(scores, predictions, truth, ("psnr",))
+    return {f"{component}_{name}": value for component, values in scores.metrics.items() for name, value in values.items()}
 
+
+def _record(
+    scores: Scores, predictions: Predictions, truth: Predictions, names: tuple[str, ...], suffix: str = ""
+) -> dict[str, Views]:
+    """Score the five components, taking the image metrics ``names``; return what was compared."""
+    protocol = scores.protocol
     albedo = _paired(predictions.albedo, truth.albedo, "albedo", protocol)
-    scores.record("albedo", albedo, of_albedo)
-    aligned = _aligned(scores, protocol.alignment, albedo)
-    scores.record("aligned_albedo", aligned, of_albedo)
-    rendered = _paired(predictions.view_synthesis, truth.view_synthesis, "view_synthesis", protocol)
-    scores.record("view_synthesis", rendered, of_radiance)
+    aligned = _aligned(scores, protocol.alignment, albedo, suffix)
     relit = _paired_by_light(predictions.relighting, truth.relighting, protocol)
-    # What is relit is the aligned albedo: where there is none, its reason is the reason.
-    scores.record("relighting", aligned if relit == NOT_PREDICTED and isinstance(aligned, str) else relit, of_radiance)
-    rough = _paired(predictions.roughness, truth.roughness, "roughness", protocol)
-    scores.record("roughness", rough, ROUGHNESS_MEASURE)
-    return scores
-
-
-def _albedo_measure(protocol: Protocol, names: tuple[str, ...]) -> Measure:
-    return image_measure(protocol, protocol.albedo_encoding, names)
+    if isinstance(aligned, str) and truth.relighting is not None:
+        relit = aligned  # what is relit is the aligned albedo: where there is none, its reason is the reason
+    views: dict[str, Views] = {
+        "albedo": albedo,
+        "aligned_albedo": aligned,
+        "view_synthesis": _paired(predictions.view_synthesis, truth.view_synthesis, "view_synthesis", protocol),
+        "relighting": relit,
+        "roughness": _paired(predictions.roughness, truth.roughness, "roughness", protocol),
+    }
+    of_albedo = image_measure(protocol, protocol.albedo_encoding, names)
+    of_radiance = image_measure(protocol, protocol.radiance_encoding, names)
+    measures = dict(zip(COMPONENTS, (of_albedo, of_albedo, of_radiance, of_radiance, ROUGHNESS_MEASURE), strict=True))
+    for component, pictures in views.items():
+        scores.record(component + suffix, pictures, measures[component])
+    return views
 
 
 def _paired(predicted: Images | None, true: Images | None, what: str, protocol: Protocol) -> list[Pair] | str:
-    if predicted is None:
-        return NOT_PREDICTED
     if true is None:
-        raise ValueError(f"{what}: predicted, but the scene has no ground truth for it")
-    return pairs(predicted, true, protocol.mask_threshold, what)
+        return NO_TRUTH[what]
+    return not_predicted(what) if predicted is None else pairs(predicted, true, protocol.mask_threshold, what)
 
 
 def _paired_by_light(
     predicted: Mapping[str, Images] | None, true: Mapping[str, Images] | None, protocol: Protocol
 ) -> dict[str, list[Pair]] | str:
+    if not true:
+        return NO_TRUTH["relighting"]
     if predicted is None:
-        return NOT_PREDICTED
-    if true is None or sorted(predicted) != sorted(true):
-        raise ValueError(f"relighting: expected the lights {sorted(true or ())}, found {sorted(predicted)}")
+        return not_predicted("relighting")
+    if sorted(predicted) != sorted(true):
+        raise ValueError(f"relighting: expected the lights {sorted(true)}, found {sorted(predicted)}")
     return {
         light: pairs(predicted[light], true[light], protocol.mask_threshold, f"relighting under {light}")
         for light in sorted(true)
     }
 
 
-def _aligned(scores: Scores, name: str, albedo: list[Pair] | str) -> list[Pair] | str:
+def _aligned(scores: Scores, name: str, albedo: list[Pair] | str, suffix: str = "") -> list[Pair] | str:
     """Scale the predicted albedo by one of the alignments and note the scale."""
     if isinstance(albedo, str):
         return albedo
     alignment = ALIGNMENTS[name](*stacked(albedo))
-    scores.albedo_scales[name] = None if alignment.scale is None else alignment.scale.tolist()
+    scores.albedo_scales[name + suffix] = None if alignment.scale is None else alignment.scale.tolist()
     if alignment.scale is None:
         return f"albedo cannot be aligned: {alignment.reason}"
     return [replace(view, predicted=view.predicted * alignment.scale) for view in albedo]

@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import PACKAGE
 from ia_bench.scores.metrics import NoScoredPixel, Undefined, white_outside
 from ia_bench.scores.protocol import LpipsSettings
 
 if TYPE_CHECKING:
     import lpips as lpips_package
 
+SHIPPED = {"squeeze": PACKAGE / "scores" / "weights" / "lpips_squeeze.safetensors"}  # networks that need no download
 SMALLEST = 32  # pixels; AlexNet's deepest features vanish below 31
 DOWNLOAD_SECONDS = 10.0  # of silence before a download is given up; torch.hub itself would wait for minutes
 
@@ -48,6 +51,12 @@ def lpips(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: L
     return float(distances[0, 0].numpy()[mask].mean(dtype=np.float64))
 
 
+def check_weights(settings: LpipsSettings) -> None:
+    """Raise InputError where ``settings`` names a file that cannot be used: before a run, which would find out at its end."""
+    if settings.weights is not None and isinstance(network := load(settings), str):
+        raise InputError(f"protocol.lpips.weights: {network}")
+
+
 @functools.cache
 def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
     """Return the network, or the reason why there is none. Tried once per process, for a failed download is slow."""
@@ -59,20 +68,21 @@ def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
         import torch
     except Exception as error:  # a broken installation raises anything, and costs this one metric only
         return f"the lpips package cannot be imported: {_first_line(error)}"
-    own = settings.weights is None
+    weights = settings.weights or SHIPPED.get(settings.net)
+    own = weights is None
     try:
         with torch.random.fork_rng(devices=[]), _quiet_and_impatient():  # random weights are drawn before ours are read
             network = package.LPIPS(net=settings.net, spatial=True, pnet_rand=not own, pretrained=own, verbose=False)
     except (OSError, RuntimeError) as error:  # no connection; a download that does not match its checksum
         return f"weights of lpips net {settings.net} are not cached and cannot be downloaded: {_first_line(error)}"
-    if settings.weights is not None:
+    if weights is not None:
         from safetensors import SafetensorError
         from safetensors.torch import load_file
 
         try:
-            network.load_state_dict(load_file(settings.weights), strict=True)
+            network.load_state_dict(load_file(weights), strict=True)
         except (OSError, RuntimeError, SafetensorError) as error:
-            return f"{settings.weights} is no full state dict of lpips net {settings.net}: {_first_line(error)}"
+            return f"{weights} is no full state dict of lpips net {settings.net}: {_first_line(error)}"
     return network.eval().requires_grad_(False)
 
 

@@ -1,4 +1,4 @@
-"""What is compared with what: images with their coverage, and the un-premultiplied pairs that the metrics see."""
+"""What is compared with what: pictures of a reconstruction, and the un-premultiplied pairs that the metrics see."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from ia_bench.scenes.images import Images
 
 @dataclass(frozen=True)
 class Predictions:
-    """Everything that is scored of one scene; ground truth has the same form. None stands for "not predicted".
+    """Everything that is scored of one scene; ground truth has the same form. None stands for what there is not.
 
-    ``albedo`` (H, W, 3) and ``roughness`` (H, W) of the test views; ``view_synthesis`` (H, W, 3) radiance under the
-    training light; ``relighting`` radiance per novel light, rendered by the caller with the *aligned* albedo
-    (:func:`ia_bench.scores.evaluate.albedo_scale`).
+    Attributes:
+        albedo: (H, W, 3) of the test views.
+        roughness: (H, W) of the test views.
+        view_synthesis: (H, W, 3) radiance under the training light.
+        relighting: The same per novel light, rendered with the *aligned* albedo.
     """
 
     albedo: Images | None = None
@@ -27,15 +29,21 @@ class Predictions:
 
 @dataclass(frozen=True)
 class Pair:
-    """One view, un-premultiplied: ``predicted`` and ``true`` linear (H, W[, 3]); ``mask`` (H, W) is True where scored.
+    """One view, un-premultiplied.
 
-    ``uncovered``: scored pixels that the prediction does not cover at all, which count as black.
-    ``broken``: scored pixels with a NaN or an infinity in the prediction.
+    Attributes:
+        predicted: Linear (H, W[, 3]).
+        true: The same of the truth.
+        mask: (H, W), True where scored.
+        coverage: (H, W) each, of prediction and truth.
+        uncovered: Scored pixels that the prediction does not cover at all, which count as black.
+        broken: Scored pixels with a NaN or an infinity in the prediction.
     """
 
     predicted: np.ndarray
     true: np.ndarray
     mask: np.ndarray
+    coverage: tuple[np.ndarray, np.ndarray]
     uncovered: int
     broken: int
 
@@ -59,7 +67,8 @@ def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> 
         guess = _unpremultiplied(ours, predicted.coverage[index])
         broken = ~np.isfinite(guess) if guess.ndim == 2 else ~np.isfinite(guess).all(axis=-1)
         uncovered = predicted.coverage[index] == 0
-        result.append(Pair(guess, truth, mask, int((uncovered & mask).sum()), int((broken & mask).sum())))
+        coverage = predicted.coverage[index], true.coverage[index]
+        result.append(Pair(guess, truth, mask, coverage, int((uncovered & mask).sum()), int((broken & mask).sum())))
     return result
 
 

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
+from ia_bench.render.settings import REFERENCE, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
+
 Encoding = Literal["srgb", "linear"]
 AlignmentName = Literal["mean_rgb", "per_channel", "least_squares"]
 LpipsNet = Literal["alex", "vgg", "squeeze"]
@@ -43,11 +45,11 @@ class SsimSettings:
 class LpipsSettings:
     """LPIPS 0.1 (Zhang et al. 2018) with the backbone ``net``.
 
-    ``weights`` names a safetensors file with the full state dict of that network; None lets the ``lpips`` package
-    download its own.
+    ``weights`` names a safetensors file with the full state dict of that network; None takes the package's own for
+    "squeeze", and lets the ``lpips`` package download the others.
     """
 
-    net: LpipsNet = "alex"
+    net: LpipsNet = "squeeze"
     weights: str | None = None
 
     def __post_init__(self) -> None:
@@ -59,24 +61,36 @@ class LpipsSettings:
 
 @dataclass(frozen=True)
 class Protocol:
-    """How predictions become numbers. The defaults are the protocol ``paper-v1``.
+    """How a reconstruction becomes numbers. The defaults are the protocol ``paper-v2``.
 
-    ``albedo_encoding`` and ``radiance_encoding``: what albedo and rendered images are compared in, after clipping to
-    [0, 1]. ``alignment``: how the one free scale of an albedo is fixed, always in linear values and over the whole test
-    set. ``mask_threshold``: pixels whose true coverage is above it are scored. ``samples_per_pixel``: of the
-    view-synthesis and relighting renders (used by the caller, which renders).
+    Attributes:
+        albedo_encoding: What albedo is compared in, after clipping to [0, 1].
+        radiance_encoding: The same for rendered images.
+        alignment: How the one free scale of an albedo is fixed, always in linear values and over the whole test set.
+        mask_threshold: Pixels whose true coverage is above it are scored.
+        map_points: Points along a side of a pixel of an albedo or roughness map.
+        render_points: Points along a side of a pixel of a view-synthesis or relighting render.
+        samples_per_pixel: Directions of light that a pixel of such a render adds up.
+        curve_stride: The curve during a run looks at every such view ...
+        curve_samples: ... with at most so many samples a pixel.
+        seed: Of the directions; the same for every run, whatever its own seed.
     """
 
-    name: str = "paper-v1"
+    name: str = "paper-v2"
     albedo_encoding: Encoding = "srgb"
     radiance_encoding: Encoding = "srgb"
     alignment: AlignmentName = "mean_rgb"
     mask_threshold: float = 0.5
-    samples_per_pixel: int = 64
+    map_points: int = 8
+    render_points: int = 4
+    samples_per_pixel: int = 128
+    curve_stride: int = 4
+    curve_samples: int = 32
+    seed: int = 0
     ssim: SsimSettings = field(default_factory=SsimSettings)
     lpips: LpipsSettings = field(default_factory=LpipsSettings)
 
-    VERSION = 1  # of the definitions in this package; raised whenever one changes a number
+    VERSION = 2  # of the definitions in this package; raised whenever one changes a number
 
     def __post_init__(self) -> None:
         """Raise :class:`ProtocolError` for a value that the definition does not know."""
@@ -84,11 +98,13 @@ class Protocol:
         _expect_one_of(get_args(Encoding), "radiance_encoding", self.radiance_encoding)
         _expect_one_of(get_args(AlignmentName), "alignment", self.alignment)
         _expect(0 <= self.mask_threshold < 1, "mask_threshold", "a coverage in [0, 1)", self.mask_threshold)
-        _expect(self.samples_per_pixel >= 1, "samples_per_pixel", "at least 1", self.samples_per_pixel)
+        for key in ("map_points", "render_points", "samples_per_pixel", "curve_stride", "curve_samples"):
+            _expect(getattr(self, key) >= 1, key, "at least 1", getattr(self, key))
+        _expect(self.seed >= 0, "seed", "at least 0", self.seed)
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Protocol:
-        """Read a nested mapping such as ``{"name": "paper-v1", "lpips": {"net": "squeeze"}}``.
+        """Read a nested mapping such as ``{"name": "paper-v2", "lpips": {"net": "vgg"}}``.
 
         Keys that are absent keep the default. ``version``, where given, has to be the one that this code computes.
         Raises :class:`ProtocolError` naming an unknown key and the nearest known one, or a value of the wrong type.
@@ -100,15 +116,15 @@ class Protocol:
 
     @property
     def label(self) -> str:
-        """The name, followed by everything that differs from the default protocol: numbers compare under one label.
+        """The name, the LPIPS net, and everything else that differs from the default: numbers compare under one label.
 
-        >>> Protocol(lpips=LpipsSettings(net="squeeze")).label
-        'paper-v1 (lpips.net=squeeze)'
+        >>> Protocol(samples_per_pixel=64).label
+        'paper-v2 (lpips.net=squeeze, samples_per_pixel=64)'
         """
         default, mine = _flat(asdict(Protocol())), _flat(asdict(self))
         decisive = [key for key in mine if key not in ("name", "lpips.weights")]  # where weights lie decides nothing
-        changed = [f"{key}={mine[key]}" for key in decisive if mine[key] != default[key]]
-        return f"{self.name} ({', '.join(changed)})" if changed else self.name
+        changed = [f"{key}={mine[key]}" for key in decisive if mine[key] != default[key] and key != "lpips.net"]
+        return f"{self.name} ({', '.join([f'lpips.net={self.lpips.net}', *changed])})"
 
     def describe(self) -> dict[str, Any]:
         """Everything that decides the numbers, settings and fixed rules alike, for storing beside them (JSON types)."""
@@ -118,11 +134,19 @@ class Protocol:
             "version": self.VERSION,
             "ssim": {**asdict(self.ssim), "window": self.ssim.window, "data_range": 1.0, "sample_covariance": False},
             "lpips": {**asdict(self.lpips), "version": "0.1", "map": "spatial, averaged over scored pixels"},
+            "reference_renderer": {
+                "name": REFERENCE,
+                "shadows": "traced",
+                "bounces": REFERENCE_BOUNCES,
+                "coat": "layered",
+                "light_rows": REFERENCE_LIGHT_ROWS,
+            },
             "value_range": [0.0, 1.0],
             "clipping": "after encoding; clipped values are counted",
             "alignment_space": "linear, over all scored pixels of the test set",
             "mask_rule": "true coverage above mask_threshold; both images divided by their own coverage",
             "background": "white in both images, after encoding",
+            "whole_image": "PSNR over all pixels, both images laid over the background by their own coverage",
             "roughness": "mean squared error of perceptual roughness, not encoded, not clipped",
             "reduction": "per image, then mean over images; views without a scored pixel are left out and counted",
         }

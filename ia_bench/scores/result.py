@@ -23,9 +23,11 @@ class Scores:
     ``metrics``: component -> metric -> mean. ``variants``: the same under other definitions, each named. ``per_image``:
     component (-> light) -> metric -> one value per view. ``reasons``: dotted path -> why it is null in JSON.
     ``counts``: component -> numbers of views, pixels, clipped values. ``albedo_scales``: alignment -> RGB scale.
+    ``renderer``: the name of what drew the pictures.
     """
 
     protocol: Protocol
+    renderer: str = ""
     metrics: dict[str, dict[str, float | None]] = field(default_factory=dict)
     variants: dict[str, dict[str, float | None]] = field(default_factory=dict)
     per_image: dict[str, Any] = field(default_factory=dict)
@@ -76,6 +78,7 @@ class Scores:
         return {
             "protocol": self.protocol.label,
             "protocol_description": self.protocol.describe(),
+            "renderer": self.renderer,
             "metrics": finite_or_none(self.metrics),
             "variants": finite_or_none(self.variants),
             "per_image": finite_or_none(self.per_image),

@@ -80,11 +80,11 @@ def test_the_plain_loop_explains_the_images_better_with_every_step(tiny: Scene):
         pytest.skip(str(error))
     problem, _, scorer = make_problem(tiny, NoPrior())
     fit = MitsubaFit(problem, FitSettings(), 40, threads=1)
-    before = scorer.quick(fit.snapshot().material, fit.snapshot().light)
+    before = scorer.quick(fit.snapshot())
     while fit.step < 40:
         fit.advance()
     found = fit.snapshot()
-    after = scorer.quick(found.material, found.light)
+    after = scorer.quick(found)
     assert after["view_synthesis_psnr"] > before["view_synthesis_psnr"] + 3
     assert after["aligned_albedo_psnr"] > before["aligned_albedo_psnr"]
     assert float(found.material.albedo.min()) >= 0

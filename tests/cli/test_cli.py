@@ -75,7 +75,7 @@ def results() -> list[dict]:
         ("fit.rates.lite=3", "unknown setting 'fit.rates.lite'; did you mean 'fit.rates.light'?"),
         ("protocol.lpips.nett=alex", "unknown setting 'protocol.lpips.nett'; did you mean 'protocol.lpips.net'?"),
         ("protocol.lpips.net=sqeeze", "did you mean squeeze?"),
-        ("protocol=papre-v1", "unknown protocol 'papre-v1'; did you mean 'paper-v1'?"),
+        ("protocol=papre-v2", "unknown protocol 'papre-v2'; did you mean 'paper-v2'?"),
         ("reader=nativ", "unknown reader 'nativ'; did you mean 'native'?"),
         ("reader.options.vu=mesh", "unknown setting 'reader.options.vu'; did you mean 'reader.options.uv'?"),
         ("render.texture=big", "render.texture: expected a positive whole number or auto, found big"),
@@ -119,7 +119,7 @@ def test_debugging_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_run_prints_its_numbers_and_is_never_repeated(capfd: pytest.CaptureFixture[str]) -> None:
     assert call("seed=3") == 0
     first = capfd.readouterr()
-    assert "none, scene hat, seed 3, protocol paper-v1:\n  albedo          psnr 23" in first.out
+    assert "none, scene hat, seed 3, protocol paper-v2 (lpips.net=squeeze):\n  albedo          psnr 23" in first.out
     assert "stage 1: 40/40, loss 0.025" in first.err
     (folder,) = Path("runs/hat").iterdir()
     assert folder.name.startswith("none-")
@@ -258,7 +258,7 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     assert where.stdout.startswith(str(site))
     shown = subprocess.run([python, "-m", "ia_bench", "--help"], **run)
     assert shown.returncode == 0, shown.stderr
-    assert "paper-v1" in shown.stdout
+    assert "paper-v2" in shown.stdout
     settings = subprocess.run([python, "-m", "ia_bench", "prior=oracle", "preset=paper", "--cfg", "job"], **run)
     assert "texture: 2048" in settings.stdout
     Image.new("RGB", (64, 64), (200, 120, 40)).save(elsewhere / "photo.png")

@@ -98,11 +98,13 @@ def test_a_picture_does_not_depend_on_its_chunks(
     assert float(((whole - parts) ** 2).mean().sqrt() / whole.mean()) < 0.3
 
 
-@pytest.mark.parametrize(("samples", "passes"), [(1, [2]), (20, [20]), (32, [32]), (40, [20, 20]), (48, [24, 24]), (100, [24] * 4)])
+@pytest.mark.parametrize(
+    ("samples", "passes"), [(1, [2]), (20, [20]), (128, [128]), (160, [80, 80]), (192, [96, 96]), (420, [104] * 4)]
+)
 def test_samples_of_a_picture_are_those_asked_for(
     monkeypatch: pytest.MonkeyPatch, tiny_material: Material, soft_light: torch.Tensor, samples: int, passes: list[int]
 ) -> None:
-    """Whatever they are, up to the rounding to 2 (two techniques, one point a pixel): 100 are four passes of 24 or 26."""
+    """Whatever they are, up to the rounding to 2 (two techniques, one point a pixel): 420 are four passes of 104 or 106."""
     stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=8)])
     drawn: list[int] = []
     monkeypatch.setattr(

@@ -176,7 +176,7 @@ def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None
         "method=ceiling",
         "reader.options.uv=xatlas",
         "preset=smoke",
-        "protocol.lpips.net=squeeze",
+        "protocol.lpips.net=alex",
         "protocol.ssim.sigma=2",
         "protocol.samples_per_pixel=65",
         "render.shadows=none",

@@ -91,9 +91,15 @@ def test_the_dictionary_has_the_documented_keys_and_is_json(guess: Predictions, 
         "albedo_linear": {"psnr"},
         "aligned_albedo_linear": {"psnr"},
         "aligned_albedo_per_channel": triple,
+        "aligned_albedo_per_channel_linear": {"psnr"},
         "aligned_albedo_least_squares": triple,
+        "aligned_albedo_least_squares_linear": {"psnr"},
+        "albedo_whole_image": {"psnr"},
+        "aligned_albedo_whole_image": {"psnr"},
+        "view_synthesis_whole_image": {"psnr"},
+        "relighting_whole_image": {"psnr"},
     }
-    assert stored["protocol"] == "paper-v1"
+    assert stored["protocol"] == "paper-v2 (lpips.net=squeeze)"
     assert stored["protocol_description"]["alignment"] == "mean_rgb"
     assert stored["reasons"] == {}
     assert [len(stored["per_image"]["relighting"][light]["ssim"]) for light in ("night", "studio")] == [3, 3]
@@ -136,7 +142,16 @@ def test_what_is_outside_the_mask_changes_nothing(guess: Predictions, truth: Pre
 
     lit = {light: littered(images) for light, images in guess.relighting.items()}
     parts = (littered(images) for images in (guess.albedo, guess.roughness, guess.view_synthesis))
-    assert score(Predictions(*parts, lit), truth, PAPER) == score(guess, truth, PAPER)
+    clean, dirty = (score(one, truth, PAPER) for one in (guess, Predictions(*parts, lit)))
+    whole = [name for name in clean.variants if name.endswith("_whole_image")]
+    assert len(whole) == 4
+    for name in whole:  # which look at every pixel
+        assert dirty.variants.pop(name) == {"psnr": None} != clean.variants.pop(name)
+        for scores in (clean, dirty):
+            del scores.per_image[name], scores.counts[name]
+    assert all("_whole_image" in key for key in dirty.reasons)
+    dirty.reasons.clear()
+    assert dirty == clean
 
 
 def test_the_order_of_views_changes_only_the_order_of_values(guess: Predictions, truth: Predictions) -> None:
@@ -234,8 +249,36 @@ def test_clipped_values_are_counted(guess: Predictions, truth: Predictions) -> N
 def test_what_is_not_predicted_is_null_and_the_rest_is_scored(guess: Predictions, truth: Predictions) -> None:
     scores = score(replace(guess, roughness=None, relighting=None), truth, PAPER)
     assert scores.metrics["roughness"] == {"mse": None}
-    assert scores.reasons["roughness.mse"] == scores.reasons["relighting.lpips"] == "not predicted"
+    assert scores.reasons["roughness.mse"] == "the method does not predict roughness"
+    assert scores.reasons["relighting.lpips"] == "the method does not predict relighting"
     assert scores.metrics["albedo"] == score(guess, truth, PAPER).metrics["albedo"]
+
+
+def test_what_has_no_truth_is_null_for_another_reason_whatever_is_predicted(guess: Predictions, truth: Predictions) -> None:
+    without = replace(truth, albedo=None, relighting=None)
+    for predictions in (guess, replace(guess, albedo=None, relighting=None)):
+        scores = score(predictions, without, PAPER)
+        assert scores.metrics["albedo"] == {"psnr": None, "ssim": None, "lpips": None}
+        assert scores.reasons["albedo.psnr"] == "the scene has no true albedo in its test views"
+        assert scores.reasons["aligned_albedo.psnr"] == scores.reasons["albedo.psnr"]
+        assert scores.reasons["relighting.psnr"] == "the scene has no view under a novel light whose map it knows"
+        assert scores.metrics["roughness"] == score(guess, truth, PAPER).metrics["roughness"]
+
+
+def test_the_whole_image_is_psnr_over_white_by_each_ones_own_coverage(guess: Predictions, truth: Predictions) -> None:
+    def over_white(images: Images, view: int) -> np.ndarray:
+        share = images.coverage[view][..., None]
+        linear = np.clip(images.images[view] / np.where(share > 0, share, 1), 0, 1)
+        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        return share * encoded + 1 - share
+
+    smaller = replace(guess, albedo=Images(guess.albedo.images, tuple(np.minimum(1.25 * c, 1) for c in guess.albedo.coverage)))
+    expected = [
+        peak_signal_noise_ratio(over_white(truth.albedo, view), over_white(smaller.albedo, view), data_range=1) for view in range(3)
+    ]
+    scores = score(smaller, truth, PAPER)
+    assert scores.per_image["albedo_whole_image"]["psnr"] == pytest.approx(expected, abs=1e-9)
+    assert scores.variants["albedo_whole_image"]["psnr"] > scores.metrics["albedo"]["psnr"] + 3  # most pixels are background
 
 
 def test_a_view_without_scored_pixels_is_left_out_and_counted(guess: Predictions, truth: Predictions) -> None:
@@ -279,7 +322,7 @@ def test_tiny_images_have_psnr_and_a_reason_for_the_rest() -> None:
             lambda t: replace(t, albedo=Images(t.albedo.images[:2], t.albedo.coverage[:2])),
             "albedo: expected 2 views, found 3",
         ),
-        (lambda t: replace(t, albedo=None), "albedo: predicted, but the scene has no ground truth for it"),
+        (lambda t: replace(t, view_synthesis=t.roughness), r"view_synthesis, view 0: expected shape \(37, 43\)"),
         (lambda t: replace(t, relighting={"night": t.relighting["night"]}), r"expected the lights \['night'\], found"),
         (lambda t: replace(t, roughness=t.albedo), r"roughness, view 0: expected shape \(37, 43, 3\)"),
         (lambda t: replace(t, albedo=mapped(t.albedo, lambda c: c * np.nan)), "view 0: the ground truth is not finite"),

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from skimage.draw import disk
 
+from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.scores import perceptual
 from ia_bench.scores.metrics import NoScoredPixel, Undefined
 from ia_bench.scores.protocol import LpipsSettings
 
 ROOT = Path(__file__).parents[2]
-WEIGHTS = ROOT.parent / "shared" / "weights" / "lpips_squeeze.safetensors"
-needs_weights = pytest.mark.skipif(not WEIGHTS.is_file(), reason="needs ../shared/weights/lpips_squeeze.safetensors")
-SETTINGS = LpipsSettings(net="squeeze", weights=str(WEIGHTS)) if WEIGHTS.is_file() else LpipsSettings(net="squeeze")
+WEIGHTS = perceptual.SHIPPED["squeeze"]
+SETTINGS = LpipsSettings()
 
 HEIGHT, WIDTH = 37, 43  # larger than the smallest image that LPIPS takes, and not square
 RANDOM = np.random.default_rng(0)
@@ -35,7 +35,6 @@ def nothing_remembered() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")  # torchvision deprecates how lpips calls it
-@needs_weights
 def test_a_masked_value_is_the_networks_own_map_averaged_over_the_mask() -> None:
     import torch
 
@@ -51,7 +50,6 @@ def test_a_masked_value_is_the_networks_own_map_averaged_over_the_mask() -> None
     assert perceptual.lpips(GUESS, TRUE, DISC, SETTINGS) == pytest.approx(float(spatial[DISC].mean()), rel=1e-5)
 
 
-@needs_weights
 def test_identical_and_litter_outside_and_order() -> None:
     assert perceptual.lpips(TRUE, TRUE, DISC, SETTINGS) == 0.0
     value = perceptual.lpips(GUESS, TRUE, DISC, SETTINGS)
@@ -62,7 +60,6 @@ def test_identical_and_litter_outside_and_order() -> None:
     assert perceptual.lpips(slight, TRUE, DISC, SETTINGS) < 0.1 * value
 
 
-@needs_weights
 def test_loading_leaves_the_global_random_state_alone() -> None:
     import torch
 
@@ -72,10 +69,17 @@ def test_loading_leaves_the_global_random_state_alone() -> None:
     assert torch.equal(torch.get_rng_state(), before)
 
 
-@needs_weights
 def test_weights_of_another_network_are_named_not_used() -> None:
     with pytest.raises(Undefined, match="lpips_squeeze.safetensors is no full state dict of lpips net alex"):
         perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings(net="alex", weights=str(WEIGHTS)))
+
+
+def test_a_wrong_file_is_an_error_before_a_run_and_none_is_not() -> None:
+    wrong = r"protocol\.lpips\.weights: .*squeeze\.safetensors is no full state dict of lpips net alex"
+    with pytest.raises(InputError, match=wrong):
+        perceptual.check_weights(LpipsSettings(net="alex", weights=str(WEIGHTS)))
+    perceptual.check_weights(LpipsSettings(net="squeeze", weights=str(WEIGHTS)))
+    perceptual.check_weights(LpipsSettings(net="alex"))
 
 
 def test_a_file_that_holds_no_weights_is_named(tmp_path: Path) -> None:

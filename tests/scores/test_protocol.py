@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
+import yaml
 
 from ia_bench.scores.protocol import LpipsSettings, Protocol, ProtocolError, SsimSettings
 
@@ -13,20 +15,27 @@ from ia_bench.scores.protocol import LpipsSettings, Protocol, ProtocolError, Ssi
 def test_an_empty_configuration_is_the_papers_protocol() -> None:
     protocol = Protocol.from_config({})
     assert protocol == Protocol()
-    assert protocol.label == "paper-v1"
-    assert (protocol.alignment, protocol.mask_threshold, protocol.samples_per_pixel) == ("mean_rgb", 0.5, 64)
+    assert protocol.label == "paper-v2 (lpips.net=squeeze)"
+    assert (protocol.alignment, protocol.mask_threshold) == ("mean_rgb", 0.5)
+    assert (protocol.map_points, protocol.render_points, protocol.samples_per_pixel) == (8, 4, 128)
+
+
+def test_the_configuration_file_says_what_the_defaults_are() -> None:
+    shipped = yaml.safe_load((Path(__file__).parents[2] / "conf/protocol/paper-v2.yaml").read_text())
+    assert Protocol.from_config(shipped) == Protocol()
+    assert sorted(shipped) == sorted({"version", *(field.name for field in fields(Protocol))})
 
 
 def test_nested_settings_are_read_and_change_the_label() -> None:
-    protocol = Protocol.from_config({"name": "mine", "version": 1, "lpips": {"net": "squeeze"}, "ssim": {"sigma": 2}})
-    assert protocol == Protocol(name="mine", lpips=LpipsSettings(net="squeeze"), ssim=SsimSettings(sigma=2.0))
-    assert protocol.label == "mine (ssim.sigma=2.0, lpips.net=squeeze)"
+    protocol = Protocol.from_config({"name": "mine", "version": 2, "lpips": {"net": "vgg"}, "ssim": {"sigma": 2}})
+    assert protocol == Protocol(name="mine", lpips=LpipsSettings(net="vgg"), ssim=SsimSettings(sigma=2.0))
+    assert protocol.label == "mine (lpips.net=vgg, ssim.sigma=2.0)"
 
 
 def test_where_the_weights_lie_is_no_part_of_the_label(tmp_path: Path) -> None:
     weights = tmp_path / "weights.safetensors"
     weights.touch()
-    assert Protocol.from_config({"lpips": {"weights": str(weights)}}).label == "paper-v1"
+    assert Protocol.from_config({"lpips": {"weights": str(weights)}}).label == Protocol().label
 
 
 def test_hydra_configuration_is_accepted() -> None:
@@ -53,7 +62,9 @@ def test_hydra_configuration_is_accepted() -> None:
         ({"mask_threshold": 1.0}, r"protocol\.mask_threshold: expected a coverage in \[0, 1\), found 1\.0"),
         ({"mask_threshold": True}, r"protocol\.mask_threshold: expected a number, found True"),
         ({"ssim": {"sigma": 0}}, r"protocol\.ssim\.sigma: expected a positive number of pixels, found 0\.0"),
-        ({"version": 2}, r"protocol\.version: expected 1, .*found 2"),
+        ({"version": 1}, r"protocol\.version: expected 2, .*found 1"),
+        ({"map_points": 0}, r"protocol\.map_points: expected at least 1, found 0"),
+        ({"seed": -1}, r"protocol\.seed: expected at least 0, found -1"),
         ({"name": None}, r"protocol\.name: expected a text, found None"),
     ],
 )
@@ -65,6 +76,7 @@ def test_bad_settings_are_named_with_what_was_expected(config: dict, message: st
 def test_the_description_is_json_and_tells_the_window_and_the_version() -> None:
     described = json.loads(json.dumps(Protocol().describe()))
     assert described["ssim"]["window"] == 11
-    assert described["version"] == 1
-    assert described["label"] == "paper-v1"
-    assert described["lpips"]["net"] == "alex"
+    assert described["version"] == 2
+    assert described["label"] == "paper-v2 (lpips.net=squeeze)"
+    assert described["reference_renderer"]["bounces"] == 4
+    assert described["lpips"]["net"] == "squeeze"

@@ -1,0 +1,128 @@
+"""Score reconstructions of one scene: take pictures of them as the protocol says, and compare these with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.light.environment import Environment, LatLongEnvironment
+from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
+from ia_bench.render.settings import REFERENCE
+from ia_bench.render.stage import Stage
+from ia_bench.scenes.images import Images
+from ia_bench.scenes.scene import Camera, Mesh, Scene, View
+from ia_bench.scores import perceptual
+from ia_bench.scores.evaluate import albedo_scale, score, score_again, score_quick
+from ia_bench.scores.predictions import Predictions
+from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.result import Scores
+
+MAPS = ("albedo", "roughness")
+
+
+class Scorer:
+    """Scores reconstructions of one scene. It knows the truth, a protocol, and nothing of the run that it scores."""
+
+    def __init__(self, scene: Scene, protocol: Protocol, device: torch.device) -> None:
+        """``scene`` must have been loaded with its truth; nothing is rendered yet.
+
+        Raises:
+            InputError: ``protocol.lpips.weights`` names a file that holds no weights of that network.
+        """
+        if scene.truth is None:
+            raise ValueError("scoring needs a scene that was loaded with its ground truth")
+        perceptual.check_weights(protocol.lpips)
+        self._scene, self._protocol, self._device = scene, protocol, device
+        self._stage: Stage | None = None
+        lights = dict.fromkeys(view.light for view in scene.novel)
+        self._novel = {light: tuple(view for view in scene.novel if view.light == light) for light in lights}
+        self._lights: dict[str, Environment] = {
+            name: LatLongEnvironment(torch.from_numpy(scene.truth.lights[name]).to(device))
+            for name in lights
+            if name != "train" and name in scene.truth.lights
+        }
+
+    def full(self, reconstruction: Reconstruction) -> Scores:
+        """Every number of the protocol; and what can be exported is drawn by the reference renderer, too, and scored again."""
+        samples = self._protocol.samples_per_pixel
+        truth = self._truth(1)
+        scores = score(self._predict(reconstruction, truth, 1, samples), truth, self._protocol, renderer=reconstruction.renderer)
+        assets = None if reconstruction.renderer == REFERENCE else reconstruction.assets()
+        if assets is not None:
+            reference = TexturedReconstruction.of(assets, self._stage_of(assets.mesh))
+            score_again(scores, self._predict(reference, truth, 1, samples), truth, "_reference")
+        for name in self._novel:
+            if name != "train" and name not in self._lights:
+                scores.reasons[f"per_image.relighting.{name}"] = "left out: the scene has no environment map of this light"
+        return scores
+
+    def quick(self, reconstruction: Reconstruction) -> dict[str, float | None]:
+        """The metric columns of curve.csv, from a fixed subset of the views."""
+        stride, samples = self._protocol.curve_stride, min(self._protocol.curve_samples, self._protocol.samples_per_pixel)
+        truth = self._truth(stride)
+        return score_quick(self._predict(reconstruction, truth, stride, samples), truth, self._protocol)
+
+    def _truth(self, stride: int) -> Predictions:
+        """The truth of every ``stride``-th view, None for what the scene does not have."""
+        test = self._scene.test[::stride]
+        return Predictions(
+            albedo=_true(test, "albedo"),
+            roughness=_true(test, "roughness"),
+            view_synthesis=_true(self._novel.get("train", ())[::stride], "image"),
+            relighting={name: images for name in self._lights if (images := _true(self._novel[name][::stride], "image"))} or None,
+        )
+
+    def _predict(self, reconstruction: Reconstruction, truth: Predictions, stride: int, samples: int) -> Predictions:
+        """The pictures that ``truth`` is compared with, None for what the reconstruction cannot give."""
+        protocol = self._protocol
+        wanted = [name for name in MAPS if getattr(truth, name) is not None]
+        cameras = [view.camera for view in self._scene.test[::stride]]
+        maps = reconstruction.maps(cameras, wanted, points=protocol.map_points) if wanted else {}
+        albedo, roughness = (_checked(maps.get(name), cameras, f"{name} by {reconstruction.renderer}") for name in MAPS)
+
+        def rendered(light: str, scale: torch.Tensor | None) -> Images | None:
+            cameras = [view.camera for view in self._novel[light][::stride]]
+            images = reconstruction.render(
+                cameras,
+                light=self._lights.get(light),
+                albedo_scale=scale,
+                points=protocol.render_points,
+                samples=samples,
+                seed=protocol.seed,
+            )
+            return _checked(images, cameras, f"render under {light} by {reconstruction.renderer}")
+
+        view_synthesis = rendered("train", None) if truth.view_synthesis is not None else None
+        relighting = None
+        if albedo is not None and truth.albedo is not None and truth.relighting:
+            scale = albedo_scale(albedo, truth.albedo, protocol).scale
+            if scale is not None:
+                factors = torch.from_numpy(scale).float().to(self._device)
+                relit = {name: rendered(name, factors) for name in truth.relighting}
+                relighting = {name: images for name, images in relit.items() if images is not None} or None
+        return Predictions(albedo, roughness, view_synthesis, relighting)
+
+    def _stage_of(self, mesh: Mesh) -> Stage:
+        """The stage of what was exported, kept for the next scores of the same mesh."""
+        if self._stage is None or self._stage.mesh is not mesh:
+            self._stage = Stage(mesh, self._device)
+        return self._stage
+
+
+def _checked(answer: Images | None, cameras: Sequence[Camera], what: str) -> Images | None:
+    """What a reconstruction answered. Raises InputError unless it is nothing, or one image of the right size for every camera."""
+    sizes = [(camera.height, camera.width) for camera in cameras]
+    found = [image.shape[:2] for image in answer.images] if isinstance(answer, Images) else answer
+    if found is not None and found != sizes:
+        raise InputError(f"{what}: expected images of {sizes}, one for every camera, found {found}")
+    return answer
+
+
+def _true(views: Sequence[View], component: str) -> Images | None:
+    """Ground truth (or, for "image", the photographs) of every view; None if there is no view or one lacks it."""
+    values = [getattr(view, component) for view in views]
+    if not values or any(value is None for value in values):
+        return None
+    return Images(tuple(values), tuple(view.mask for view in views))
