@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import sys
 
+from ia_bench.common.files import printable
+
 OK, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
 
 
 def complain(message: str, status: int = MISTAKE) -> int:
     """Print one message on stderr and return the exit status, which is that of a mistake unless said otherwise."""
-    print(f"ia_bench: {message}", file=sys.stderr)
+    print(f"ia_bench: {printable(message)}", file=sys.stderr)
     return status

@@ -25,7 +25,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.report.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.runs.config import SceneConfig
-from ia_bench.runs.scene import open_scene
+from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene, View
 
@@ -55,7 +55,7 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     readers = [reader for _, reader in read.values()]
     if not readers or any(reader != readers[0] for reader in readers):
         raise InputError(f"expected at least one run, all with the same reader, found {readers or 'none'}")
-    scene = open_scene(SceneConfig(path=str(scene_folder)), readers[0]).read(truth=True)
+    scene = read_scene(SceneConfig(path=str(scene_folder)), readers[0], truth=True)
     shown = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     lights = {} if scene.truth is None else scene.truth.lights
     novel = [view for view in scene.novel if view.light != "train" and view.light in lights]

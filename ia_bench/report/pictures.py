@@ -23,7 +23,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.report.panels import exposure, light_exposure, light_map, on_grey, to_image, unmultiplied
 from ia_bench.report.recovered import Recovered, read_run
 from ia_bench.runs.config import SceneConfig
-from ia_bench.runs.scene import open_scene
+from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene, View
 
@@ -44,7 +44,7 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
     if views < 1:
         raise InputError(f"expected at least one view, found {views}")
     recovered, reader = read_run(run_folder, scene_folder)
-    scene = open_scene(SceneConfig(path=str(scene_folder)), reader).read(truth=True)
+    scene = read_scene(SceneConfig(path=str(scene_folder)), reader, truth=True)
     usable = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     if not usable or scene.truth is None or "train" not in scene.truth.lights:
         raise InputError(f"{scene_folder}: expected test views with true albedo and roughness, and the training light")
