@@ -45,6 +45,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     scene = read_scene(config.scene, config.reader, truth=True)
     for note in scene.notes:
         progress.note(note)
+    check_agreement(scene, progress.note)
     scorer = Scorer(scene, Protocol.from_config(config.protocol), device)
     blind = scene.blind()
     prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
