@@ -9,12 +9,10 @@ import numpy as np
 import torch
 
 from ia_bench.readers.native import NativeReader
-from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import EmbreeRays
-from ia_bench.render.renderer import texture_images
+from ia_bench.render.stage import Stage
 from ia_bench.report.collect import Run
-from ia_bench.report.recovered import read_run
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
+from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import View
 
 INSIDE = 0.99  # coverage of a pixel that counts
@@ -36,11 +34,10 @@ def recovered_albedos(runs: Sequence[Run]) -> Iterator[tuple[Run, TestViews, np.
         assert folder is not None
         scene = NativeReader(folder).read(truth=True)
         views = tuple(view for view in scene.test if view.albedo is not None)
-        surface = SurfaceInterpolator(scene.mesh, torch.device("cpu"))
-        gbuffer = trace_gbuffer([view.camera for view in views], EmbreeRays(scene.mesh), 2, torch.device("cpu"))
+        stage = Stage(scene.mesh, torch.device("cpu"))
         true = np.stack([view.albedo for view in views if view.albedo is not None])
-        test = TestViews(views, gbuffer.coverage().numpy(), true)
-        for run in runs:
-            if run.scene == name and run.problem is None:
-                recovered, _ = read_run(run.folder, folder)
-                yield run, test, texture_images(surface, gbuffer, recovered.scale * recovered.material.albedo).numpy()
+        for run in (one for one in runs if one.scene == name and one.problem is None):
+            recovered = Recovered(run.folder)
+            recovered.check_scene(folder)
+            albedo = recovered.reconstruction(stage).maps([view.camera for view in views], ["albedo"], points=2)["albedo"]
+            yield run, TestViews(views, np.stack(albedo.coverage), true), recovered.scale.numpy() * np.stack(albedo.images)

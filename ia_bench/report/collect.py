@@ -43,8 +43,8 @@ class Curve:
 
     @property
     def is_level(self) -> bool:
-        """Whether this is one of the bounds, which have no optimisation: a level, not a curve."""
-        return set(self.phases) <= set(BOUNDS)
+        """Whether nothing was optimised, as of the bounds: a level, not a curve."""
+        return not (self.steps.any() and self.seconds.any())
 
     def measured(self, column: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Steps, seconds and values of one column where it has a finite value."""

@@ -18,15 +18,11 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import SampledLight
-from ia_bench.material.textures import Material
-from ia_bench.render.renderer import texture_images
+from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.stage import Stage
-from ia_bench.report.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey, to_image, unmultiplied
-from ia_bench.report.recovered import Recovered, read_run
-from ia_bench.runs.config import SceneConfig
-from ia_bench.runs.scene import read_scene
-from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.report.panels import cut_out, displayed, exposure, extent, light_exposure, light_map, plain, to_image
+from ia_bench.runs.recovered import Recovered
+from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Scene, View
 
 SAMPLES = 128  # per pixel of the relit picture, twice as many as scores have
@@ -35,9 +31,9 @@ CELL = 192  # pixels of a picture on the sheet; that of a light is half as high
 MARGIN, LINE, LEGEND = 8, 20, 110  # pixels around pictures, of a line of text, and of the words to the left
 PHOTOGRAPH, TRUTH = "photograph", "truth"
 LINES = (
-    ("aligned\nalbedo", "aligned_albedo", "psnr"),
-    ("roughness,\nblack is 0", "roughness", "mse"),
-    ("relit", "relighting", "psnr"),
+    ("aligned\nalbedo", "aligned_albedo.psnr"),
+    ("roughness,\nblack is 0", "roughness.mse"),
+    ("relit", "relighting.psnr"),
 )
 """Pictures of the object from above to below, each with the score of a run that stands below it; the light follows."""
 
@@ -51,11 +47,13 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     for name in (PHOTOGRAPH, TRUTH):
         if name in runs:
             raise InputError(f"expected another name than {name}, which is a column's already, for {runs[name]}")
-    read = {name: read_run(folder, scene_folder) for name, folder in runs.items()}
-    readers = [reader for _, reader in read.values()]
+    read = {name: Recovered(folder) for name, folder in runs.items()}
+    for run in read.values():
+        run.check_scene(scene_folder)
+    readers = [run.reader for run in read.values()]
     if not readers or any(reader != readers[0] for reader in readers):
         raise InputError(f"expected at least one run, all with the same reader, found {readers or 'none'}")
-    scene = read_scene(SceneConfig(path=str(scene_folder)), readers[0], truth=True)
+    scene = run.read_scene(scene_folder)
     shown = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     lights = {} if scene.truth is None else scene.truth.lights
     novel = [view for view in scene.novel if view.light != "train" and view.light in lights]
@@ -63,8 +61,8 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
         raise InputError(f"{scene_folder}: expected a test view with true albedo and roughness, its light, and a novel light")
     shown_by = _Columns(scene, shown[len(shown) // 2], novel[len(novel) // 2])
     columns = {PHOTOGRAPH: shown_by.photograph(), TRUTH: shown_by.truth()}
-    columns |= {name: shown_by.recovered(run) for name, (run, _) in read.items()}
-    scores = [[_score(run, component, metric) for _, component, metric in LINES] for run, _ in read.values()]
+    columns |= {name: shown_by.recovered(run) for name, run in read.items()}
+    scores = [[_score_text(run, key) for _, key in LINES] for run in read.values()]
     out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial:
         _compose(columns, [[], [], *scores], shown_by.relit.light).save(partial, format="PNG")
@@ -80,61 +78,50 @@ class _Columns:
         self._true_light = scene.truth.lights["train"]
         self._light_gain = light_exposure(self._true_light)
         self._stage = Stage(scene.mesh, torch.device("cpu"))
-        self._gbuffer, self._relit_gbuffer = (self._stage.gbuffer([one.camera], SIDE) for one in (view, relit))
-        self._light = SampledLight.of(torch.from_numpy(scene.truth.lights[relit.light]))
+        self._light = LatLongEnvironment(torch.from_numpy(scene.truth.lights[relit.light]))
         self._gain = exposure(relit.image[None], relit.mask[None])
 
     def photograph(self) -> list[np.ndarray]:
         """What the view looks like, (H, W, 3) in [0, 1]; the column has no other picture."""
         image, mask = self.view.image, self.view.mask
-        exposed = exposure(image[None], mask[None]) * image
-        return [self._cut(linear_to_srgb(unmultiplied(exposed, mask)), mask, mask)]
+        return [self._cut(displayed(exposure(image[None], mask[None]) * image, mask), mask)]
 
     def truth(self) -> list[np.ndarray]:
         """Pictures (H, W, 3) in [0, 1] in the order of LINES, and the light."""
         view, relit = self.view, self.relit
-        assert view.albedo is not None
-        assert view.roughness is not None
-        return self._pictures(view.albedo, view.roughness[..., None], view.mask, relit.image, relit.mask, self._true_light)
+        maps = {name: Images((getattr(view, name),), (view.mask,)) for name in ("albedo", "roughness")}
+        return self._pictures(maps, Images((relit.image,), (relit.mask,)), self._true_light)
 
     def recovered(self, run: Recovered) -> list[np.ndarray]:
         """What :meth:`truth` returns, of a run: albedo times its scores' alignment, also before it is relit, light over it."""
-        material = Material(run.scale * run.material.albedo, run.material.roughness, run.material.metallic)
-        renderer = self._stage.renderer(bounces=run.bounces, coat=run.coat)
-        generator = torch.Generator().manual_seed(0)
-        relit = renderer.render_images(self._relit_gbuffer, material, self._light, SAMPLES, generator)["radiance"]
-        surface, textures = self._stage.surface, (material.albedo, material.roughness)
-        albedo, roughness = (texture_images(surface, self._gbuffer, texture)[0].numpy() for texture in textures)
-        coverage, relit_coverage = (part.coverage()[0].numpy() for part in (self._gbuffer, self._relit_gbuffer))
-        light = (run.light / run.scale).numpy()
-        return self._pictures(albedo, roughness, coverage, relit[0].numpy(), relit_coverage, light)
+        found = run.reconstruction(self._stage)
+        maps = found.maps([self.view.camera], ("albedo", "roughness"), points=SIDE)
+        albedo = Images(tuple(run.scale.numpy() * image for image in maps["albedo"].images), maps["albedo"].coverage)
+        relit = found.render(
+            [self.relit.camera], light=self._light, albedo_scale=run.scale, points=SIDE, samples=SAMPLES, seed=0
+        )
+        assert relit is not None
+        assert found.environment is not None
+        return self._pictures({**maps, "albedo": albedo}, relit, (found.environment.texels / run.scale).numpy())
 
-    def _pictures(
-        self,
-        albedo: np.ndarray,
-        roughness: np.ndarray,
-        coverage: np.ndarray,
-        relit: np.ndarray,
-        relit_coverage: np.ndarray,
-        light: np.ndarray,
-    ) -> list[np.ndarray]:
-        view, under = self.view.mask, self.relit.mask
+    def _pictures(self, maps: Mapping[str, Images], relit: Images, light: np.ndarray) -> list[np.ndarray]:
+        coverage = maps["albedo"].coverage[0]
         return [
-            self._cut(linear_to_srgb(unmultiplied(albedo, coverage)), coverage, view),
-            self._cut(unmultiplied(roughness, coverage), coverage, view),
-            self._cut(linear_to_srgb(unmultiplied(self._gain * relit, relit_coverage)), relit_coverage, under),
+            self._cut(displayed(maps["albedo"].images[0], coverage), self.view.mask),
+            self._cut(plain(maps["roughness"].images[0], coverage), self.view.mask),
+            self._cut(displayed(self._gain * relit.images[0], relit.coverage[0]), self.relit.mask),
             light_map(light, self._light_gain),
         ]
 
-    def _cut(self, picture: np.ndarray, coverage: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        return cut_out(on_grey(picture, coverage), mask, self._side)
+    def _cut(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        return cut_out(picture, mask, self._side)
 
 
-def _score(run: Recovered, component: str, metric: str) -> str:
-    value = run.scores[component][metric]
+def _score_text(run: Recovered, key: str) -> str:
+    value = run.score(key)
     if value is None:
         return "-"
-    return f"{value:.1f} dB" if metric == "psnr" else f"MSE {value:.4f}"
+    return f"{value:.1f} dB" if key.endswith("psnr") else f"MSE {value:.4f}"
 
 
 def _compose(columns: Mapping[str, list[np.ndarray]], scores: list[list[str]], relit_under: str) -> Image.Image:
@@ -142,7 +129,7 @@ def _compose(columns: Mapping[str, list[np.ndarray]], scores: list[list[str]], r
     light_top = 2 * LINE + len(LINES) * down
     sheet = Image.new("RGB", (LEGEND + len(columns) * (CELL + MARGIN) + MARGIN, light_top + CELL // 2 + MARGIN), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=14)
-    for line, (words, _, _) in enumerate(LINES):
+    for line, (words, _) in enumerate(LINES):
         under = f"\nunder\n{relit_under}" if words == LINES[-1][0] else ""
         draw.text((MARGIN, 2 * LINE + line * down + CELL // 2), words + under, fill="black", font=font)
     draw.text((MARGIN, light_top + CELL // 4), "light", fill="black", font=font)

@@ -17,20 +17,17 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import SampledLight
-from ia_bench.render.renderer import texture_images
+from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
-from ia_bench.report.panels import exposure, light_exposure, light_map, on_grey, to_image, unmultiplied
-from ia_bench.report.recovered import Recovered, read_run
-from ia_bench.runs.config import SceneConfig
-from ia_bench.runs.scene import read_scene
-from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.report.panels import displayed, exposure, light_exposure, light_map, plain, to_image
+from ia_bench.runs.recovered import Recovered
+from ia_bench.scenes.scene import View
 
 SAMPLES = 64  # per pixel of the re-render
 SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
 CELL = 192  # pixels of a picture on the sheet, at least; smaller images are enlarged by whole factors
 MARGIN, LINE = 8, 24  # pixels around pictures, and of a line of text
+SHOWN = ("aligned_albedo", "view_synthesis", "relighting")  # whose PSNR stands in the title
 COLUMNS = ("photograph", "our render", "true albedo", "recovered albedo", "true roughness", "recovered roughness")
 
 
@@ -43,48 +40,41 @@ def write_contact_sheet(run_folder: Path, scene_folder: Path, out: Path, *, view
     """
     if views < 1:
         raise InputError(f"expected at least one view, found {views}")
-    recovered, reader = read_run(run_folder, scene_folder)
-    scene = read_scene(SceneConfig(path=str(scene_folder)), reader, truth=True)
+    run = Recovered(run_folder)
+    scene = run.read_scene(scene_folder)
     usable = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     if not usable or scene.truth is None or "train" not in scene.truth.lights:
         raise InputError(f"{scene_folder}: expected test views with true albedo and roughness, and the training light")
     chosen = [usable[i] for i in np.linspace(0, len(usable) - 1, min(views, len(usable))).round().astype(int)]
-    rows = _rows(scene, chosen, recovered)
+    found = run.reconstruction(Stage(scene.mesh, torch.device("cpu")))
+    rows = _rows(chosen, found, run.scale)
     true = scene.truth.lights["train"]
-    gain = light_exposure(true)
-    lights = [light_map(light, gain) for light in (true, (recovered.light / recovered.scale).numpy())]
-    sheet = _compose(rows, lights, recovered.title)
+    assert found.environment is not None
+    lights = [light_map(light, light_exposure(true)) for light in (true, (found.environment.texels / run.scale).numpy())]
+    words = [f"{row} {run.metrics.get(row, str | int)}" for row in ("scene", "seed")]
+    values = {name: run.score(f"{name}.psnr") for name in SHOWN}
+    shown = [f"{name.replace('_', ' ')} {value:.1f} dB" for name, value in values.items() if value is not None]
+    sheet = _compose(rows, lights, ", ".join([run.metrics.get("row", str), *words, *shown]))
     out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial:
         sheet.save(partial, format="PNG")
 
 
-def _rows(scene: Scene, views: Sequence[View], recovered: Recovered) -> list[list[np.ndarray]]:
+def _rows(views: Sequence[View], found: TexturedReconstruction, scale: torch.Tensor) -> list[list[np.ndarray]]:
     """Pictures (H, W, 3) in [0, 1], one list per view in the order of COLUMNS."""
-    stage = Stage(scene.mesh, torch.device("cpu"))
-    gbuffer = stage.gbuffer([view.camera for view in views], SIDE)
-    renderer = stage.renderer(bounces=recovered.bounces, coat=recovered.coat)
-    generator = torch.Generator().manual_seed(0)
-    images = renderer.render_images(gbuffer, recovered.material, SampledLight.of(recovered.light), SAMPLES, generator)
-    rendered = images["radiance"].numpy()
-    coverage = gbuffer.coverage().numpy()
-    albedo = texture_images(stage.surface, gbuffer, recovered.scale * recovered.material.albedo).numpy()
-    roughness = texture_images(stage.surface, gbuffer, recovered.material.roughness).numpy()
+    cameras = [view.camera for view in views]
+    maps = found.maps(cameras, ("albedo", "roughness"), points=SIDE)
+    rendered = found.render(cameras, light=None, albedo_scale=None, points=SIDE, samples=SAMPLES, seed=0)
+    assert rendered is not None
     gain = exposure(np.stack([view.image for view in views]), np.stack([view.mask for view in views]))
     rows = []
     for i, view in enumerate(views):
         assert view.albedo is not None
         assert view.roughness is not None
-        rows.append(
-            [
-                on_grey(linear_to_srgb(unmultiplied(gain * view.image, view.mask)), view.mask),
-                on_grey(linear_to_srgb(unmultiplied(gain * rendered[i], coverage[i])), coverage[i]),
-                on_grey(linear_to_srgb(unmultiplied(view.albedo, view.mask)), view.mask),
-                on_grey(linear_to_srgb(unmultiplied(albedo[i], coverage[i])), coverage[i]),
-                on_grey(unmultiplied(view.roughness[..., None], view.mask), view.mask),
-                on_grey(unmultiplied(roughness[i], coverage[i]), coverage[i]),
-            ]
-        )
+        albedo, roughness, coverage = maps["albedo"].images[i], maps["roughness"].images[i], rendered.coverage[i]
+        lit = [displayed(gain * image, cover) for image, cover in ((view.image, view.mask), (rendered.images[i], coverage))]
+        painted = [displayed(view.albedo, view.mask), displayed(scale.numpy() * albedo, coverage)]
+        rows.append([*lit, *painted, plain(view.roughness, view.mask), plain(roughness, coverage)])
     return rows
 
 

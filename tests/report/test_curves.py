@@ -50,7 +50,7 @@ def test_rows_without_an_optimisation_have_no_times(runs: list[Run]) -> None:
 
 
 def test_a_metric_that_was_never_measured_is_not_called_never(write_run: Write) -> None:
-    run = read_run(write_run("ours", "hat", curve="stage1,0,1,20,,,,\n"))
+    run = read_run(write_run("ours", "hat", curve="stage1,5,1,20,,,,\n"))
     assert {one.metric.column for one in time_to_error([run])} == {"albedo_psnr"}
 
 

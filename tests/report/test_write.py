@@ -286,7 +286,7 @@ def test_runs_csv_has_whatever_was_recorded(write_run: Write, tmp_path: Path) ->
 
 def test_floor_and_ceiling_are_called_so(write_run: Write, tmp_path: Path) -> None:
     for row in ("constant", "ceiling", "ours"):
-        write_run(row, "hat", sees_truth=row != "ours", curve=f"{row},0,0,10,10,10,10,0.1\n")
+        write_run(row, "hat", sees_truth=row != "ours", curve=f"{row},{5 * (row == 'ours')},1,10,10,10,10,0.1\n")
     report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
     text = (tmp_path / "out" / "report.md").read_text()
     assert "| constant (floor) † |" in text

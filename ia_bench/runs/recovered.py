@@ -1,0 +1,105 @@
+"""What a run recovered, read back from its folder: for pictures, benchmarks, and scores under another protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import UnionType
+from typing import Any
+
+import numpy as np
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json, user_path
+from ia_bench.material.textures import Material
+from ia_bench.render.reconstruction import TexturedReconstruction
+from ia_bench.render.stage import Stage
+from ia_bench.runs.config import ReaderConfig, SceneConfig, content_of, resolve_scene_folder
+from ia_bench.runs.folder import CONFIG
+from ia_bench.runs.metrics import METRICS
+from ia_bench.runs.scene import open_scene
+from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.scene import Scene
+
+READER = {"name": str, "target": str, "options": dict}
+
+
+class Record:
+    """A JSON file of a run, whose values are asked for by their dotted keys."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises InputError for what is no JSON object."""
+        self.path, self.content = path, read_json(path)
+
+    def get(self, key: str, kind: type | UnionType) -> Any:  # noqa: ANN401 (a value of that kind)
+        """The value of ``key``. Raises InputError where there is none, or one of another kind."""
+        value: Any = self.content
+        words = kind.__name__ if isinstance(kind, type) else str(kind)
+        for part in key.split("."):
+            if not isinstance(value, Mapping) or part not in value:
+                raise InputError(f"{self.path}: {key}: expected {words}, found nothing")
+            value = value[part]
+        if not isinstance(value, kind):
+            raise InputError(f"{self.path}: {key}: expected {words}, found {value!r}")
+        return value
+
+
+class Recovered:
+    """A finished run, also one that an older state of the code has left.
+
+    Attributes:
+        folder: The run's folder.
+        metrics: Its metrics.json.
+        config: Its config.json.
+        reader: Which reader read its scene.
+        scale: (3,), what aligned the albedo in its scores; ones where it cannot be aligned.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Raises InputError for a run without results, or whose files lack a key."""
+        self.folder, self.metrics, self.config = folder, Record(folder / METRICS), Record(folder / CONFIG)
+        status = self.metrics.get("status", str)
+        if status != "ok":
+            raise InputError(f"{folder / METRICS}: expected a finished run, found status {status!r}")
+        alignment = self.metrics.get("protocol_description.alignment", str)
+        self.scale = torch.tensor(self.metrics.get("albedo_scales", dict).get(alignment) or [1.0] * 3)
+        if "geometry" in self.config.get("config", dict):  # before there were readers, there was one
+            self.reader = ReaderConfig(options={"uv": self.config.get("config.geometry.uv", str)})
+        else:
+            self.reader = ReaderConfig(*(self.config.get(f"config.reader.{key}", kind) for key, kind in READER.items()))
+
+    def score(self, key: str) -> float | None:
+        """A metric by its dotted name, None where it is undefined."""
+        value: float | None = self.metrics.get(f"metrics.{key}", float | int | None)
+        return value
+
+    def check_scene(self, folder: Path) -> None:
+        """Raise InputError unless the scene in ``folder`` is the run's, to the byte: maps fit no other mesh."""
+        found = self.config.get("config.scene.content", str)
+        expected = content_of(user_path("scene.path", str(folder), folder=True))
+        if found != expected:
+            name = self.config.get("config.scene.name", str)
+            raise InputError(
+                f"{self.config.path}: config.scene.content: expected {expected[:8]}, the content of {folder}, found {found[:8]}: "
+                f"the run was on another scene ({name}), or a file of the scene has changed since"
+            )
+
+    def read_scene(self, folder: Path | None = None) -> Scene:
+        """The run's scene with its truth: that in ``folder``, or the shipped one. Raises InputError as :meth:`check_scene`."""
+        scene = SceneConfig(self.config.get("config.scene.name", str), None if folder is None else str(folder))
+        place = resolve_scene_folder(scene, self.reader)
+        if place is not None:
+            self.check_scene(place)
+        return open_scene(scene, self.reader).read(truth=True)
+
+    def reconstruction(self, stage: Stage) -> TexturedReconstruction:
+        """What the run recovered, on a stage of its scene's mesh. Raises InputError where a map is missing."""
+        def texture(name: str, channels: int) -> torch.Tensor:
+            image: np.ndarray = read_exr(self.folder / f"{name}.exr", channels)
+            return torch.from_numpy(image).to(stage.device)
+
+        metallic = texture("metallic", 1) if (self.folder / "metallic.exr").is_file() else None
+        material = Material(texture("albedo", 3), texture("roughness", 1), metallic)
+        coat = self.config.get("config.render", dict).get("coat", "added")  # the oldest runs had the paper's sum
+        return TexturedReconstruction(stage, material, texture("light", 3), coat=coat)

@@ -1,0 +1,79 @@
+"""Finished runs scored again, under another protocol: nothing is fitted, what the run left is read back."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.machine import commit
+from ia_bench.render.stage import Stage
+from ia_bench.runs.config import hash_of, slug
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.metrics import SCHEMA, RecordError
+from ia_bench.runs.recovered import Recovered
+from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.scorer import Scorer
+
+ASSETS = ("albedo.exr", "roughness.exr", "metallic.exr", "light.exr", "asset.glb")
+
+
+class Rescorer:
+    """Scores runs under one protocol, each in a new folder below ``out``. Successive runs of one scene share its G-buffers.
+
+    Attributes:
+        protocol: What the new scores follow.
+        out: Where the new run folders are made.
+        scene: Folder of the runs' scene, None for the shipped ones.
+    """
+
+    def __init__(self, protocol: Protocol, out: Path, scene: Path | None = None, note: Callable[[str], None] = print) -> None:
+        """``note`` is told one line at a time."""
+        self.protocol, self.out, self.scene, self._note = protocol, out, scene, note
+        self._key: object = None
+
+    def rescore(self, folder: Path) -> Path:
+        """Score the run in ``folder`` and return its new folder, in which it may be finished already.
+
+        Scores are new; all that the run took (seconds, rays, memory, machine) is what it was, and ``rescored_from`` says
+        which run that is. A curve cannot be scored again, so there is none.
+
+        Raises:
+            InputError: The run has not finished, is of another scene, or has left no textures.
+        """
+        run = Recovered(folder)
+        fit = run.metrics.content
+        row, scene, seed = (run.metrics.get(key, kind) for key, kind in {"row": str, "scene": str, "seed": int}.items())
+        origin = {"config_hash": run.metrics.get("config_hash", str), "protocol": run.metrics.get("protocol", str)}
+        content = {**run.config.get("config", dict), "protocol": self.protocol.describe(), "rescored_from": origin["config_hash"]}
+        new_hash = hash_of(content)
+        place = self.out / slug(scene) / f"{slug(row)}-seed{seed}-{new_hash[:8]}"
+        with RunFolder.open(place, content, new_hash, self._note) as kept:
+            if kept.finished() is not None:
+                return place
+            stage, scorer = self._scene_of(run)
+            scores = scorer.full(run.reconstruction(stage)).as_dict()
+            for name in ASSETS:
+                if (folder / name).is_file():
+                    with kept.path_for(name) as path:
+                        shutil.copyfile(folder / name, path)
+            origin |= {"commit": run.metrics.get("environment", dict).get("commit"), "scored_by_commit": commit()}
+            try:
+                kept.write_metrics({**fit, "schema": SCHEMA, "config_hash": new_hash, **scores, "rescored_from": origin})
+            except RecordError as error:
+                raise InputError(f"{run.metrics.path}: {error}") from None
+        return place
+
+    def _scene_of(self, run: Recovered) -> tuple[Stage, Scorer]:
+        """The stage and the scorer of the run's scene; those of the run before where that is the same."""
+        key: tuple[Any, ...] = (run.config.get("config.scene.content", str | None), run.reader)
+        if key != self._key:
+            scene = run.read_scene(self.scene)
+            device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+            self._stage, self._scorer = Stage(scene.mesh, device, notice=self._note), Scorer(scene, self.protocol, device)
+            self._key = key
+        return self._stage, self._scorer

@@ -1,0 +1,90 @@
+"""A run scored again from its folder: the same protocol gives the same scores, and runs of older code are read."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from ia_bench.cli.rescore import main
+from ia_bench.common.errors import InputError
+from ia_bench.report.collect import collect, find_run_folders
+from ia_bench.runs.composition import compose
+from ia_bench.runs.execute import execute
+from ia_bench.runs.rescore import Rescorer
+from ia_bench.scores.protocol import Protocol
+
+SCORES = ("metrics", "variants", "per_image", "reasons", "counts", "albedo_scales", "protocol", "protocol_description", "renderer")
+SMALL = ["protocol.map_points=2", "protocol.render_points=2", "protocol.samples_per_pixel=8"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of the ceiling on tiny."""
+    folder = tmp_path_factory.mktemp("runs") / "ceiling"
+    execute(compose(["scene=tiny", "method=ceiling", "threads=1", "seed=3", *SMALL, f"out={folder}"]))
+    return folder
+
+
+@pytest.fixture
+def old_run(run: Path, tmp_path: Path) -> Path:
+    """The same as the code before readers and paper-v2 wrote it."""
+    folder = shutil.copytree(run, tmp_path / "old" / "ceiling")
+    config, metrics = (json.loads((folder / name).read_text()) for name in ("config.json", "metrics.json"))
+    config["config"]["geometry"] = config["config"].pop("reader")["options"] | {"uv": "mesh"}
+    config["config"]["scene"]["reader"] = "ia_bench.scenes.native:load_scene"
+    for key in ("files", "renderer"):
+        del metrics[key]
+    metrics |= {"schema": 1, "protocol": "paper-v1", "environment": {**metrics["environment"], "commit": "c9028e5"}}
+    (folder / "config.json").write_text(json.dumps(config))
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    return folder
+
+
+def small() -> Protocol:
+    return Protocol.from_config(compose(["scene=tiny", *SMALL]).protocol)
+
+
+def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> None:
+    rescorer = Rescorer(small(), tmp_path)
+    again = rescorer.rescore(run)
+    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (run, again))
+    assert {key: after[key] for key in SCORES} == {key: before[key] for key in SCORES}
+    for key in ("row", "scene", "seed", "time_s", "rays", "network_calls", "environment", "plan", "sees_truth"):
+        assert after[key] == before[key]
+    assert after["config_hash"] != before["config_hash"]
+    assert after["rescored_from"]["config_hash"] == before["config_hash"]
+    assert again.name == f"ceiling-seed3-{after['config_hash'][:8]}"
+    assert (again / "albedo.exr").read_bytes() == (run / "albedo.exr").read_bytes()
+    written = (again / "metrics.json").stat().st_mtime_ns
+    assert rescorer.rescore(run) == again
+    assert (again / "metrics.json").stat().st_mtime_ns == written  # nothing is scored twice
+
+
+def test_a_run_of_older_code_is_scored_and_reported(run: Path, old_run: Path, tmp_path: Path) -> None:
+    again = Rescorer(small(), tmp_path / "new").rescore(old_run)
+    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (run, again))
+    assert after["metrics"] == before["metrics"]
+    assert after["schema"] == before["schema"]
+    assert (after["rescored_from"]["commit"], after["rescored_from"]["protocol"]) == ("c9028e5", "paper-v1")
+    (reported,) = collect(find_run_folders(tmp_path / "new")).runs
+    assert (reported.problem, reported.curve, reported.protocol) == (None, None, after["protocol"])
+    assert reported.about["rescored_from_commit"] == "c9028e5"
+
+
+def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (old_run / "roughness.exr").unlink()
+    with pytest.raises(InputError, match="roughness.exr: no such image"):
+        Rescorer(small(), tmp_path / "new").rescore(old_run)
+    config = json.loads((old_run / "config.json").read_text())
+    config["config"]["scene"]["content"] = "0" * 64
+    (old_run / "config.json").write_text(json.dumps(config))
+    with pytest.raises(InputError, match="the run was on another scene"):
+        Rescorer(small(), tmp_path / "new").rescore(old_run)
+    assert main([str(old_run), "--out", str(tmp_path / "new")]) == 1
+    assert "the run was on another scene" in capsys.readouterr().err
+    assert main([str(tmp_path / "nothing"), "--out", str(tmp_path / "new")]) == 2
+    assert main([str(old_run), "--out", str(tmp_path / "new"), "--protocol", "papr"]) == 2
+    assert not list((tmp_path / "new").rglob("metrics.json"))
