@@ -48,7 +48,7 @@ def test_example_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
     done = call(installed, "ia_bench.check", "prior=grey_world", folder=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert " 0 failed, " in done.stdout.splitlines()[-1]
-    assert done.stdout.count("✓") > 25
+    assert done.stdout.count("✓") > 12
     assert "\x1b" not in done.stdout
 
 

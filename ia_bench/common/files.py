@@ -54,6 +54,8 @@ def user_path(key: str, text: str, *, folder: bool = False) -> Path:
     try:
         text.encode()  # what is no UTF-8 could be opened, but neither hashed nor recorded
         path = Path(text).expanduser().resolve(strict=True)
+        if not text:
+            raise InputError(f"{key}: expected a {what}, found nothing")
         if not (path.is_dir() if folder else path.is_file()):
             raise InputError(f"{key}={shown(text)}: expected a {what}, found {'a file' if folder else 'none'}")
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a loop of links, or no home folder
@@ -83,10 +85,23 @@ def file_below(folder: Path, value: object, where: str) -> Path:
     return folder / value
 
 
+def is_file(path: Path) -> bool:
+    """Whether ``path`` is a file; no path is too long, too deep or too strange to be asked about."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def shown(name: object) -> str:
-    """A path or value as one short line that every terminal can print: what is not printable is written as an escape."""
-    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(name))
+    """A path or value as one short line that every terminal can print."""
+    text = printable(str(name))
     return text if len(text) <= 300 else f"{text[:120]}...{text[-120:]} ({len(text)} characters)"
+
+
+def printable(text: str) -> str:
+    """``text`` with an escape for every character that no terminal prints, line breaks and lone surrogates among them."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _read_text(path: Path, what: str) -> str:

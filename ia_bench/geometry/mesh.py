@@ -8,6 +8,7 @@ import numpy as np
 import trimesh
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.scene import Mesh
 
 
@@ -17,8 +18,8 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     ``uv``: "mesh" uses the file's texture coordinates, "xatlas" makes new ones. Raises InputError for a file without
     triangles, with NaN or Inf vertices, or (with "mesh") without UV, or with UV outside [0, 1].
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such mesh")
+    if not is_file(path):
+        raise InputError(f"{shown(path)}: no such mesh")
     try:
         loaded = trimesh.load(path, process=False, fix_texture=_uv_per_face(path))
         if isinstance(loaded, trimesh.Scene):  # a file of several parts

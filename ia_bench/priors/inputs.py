@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterable, Mapping
 
 import torch
@@ -54,6 +55,13 @@ def check_truth(name: str, observations: Observations, components: Iterable[str]
         if truth is None or truth.shape != observations.images.shape:
             shape = tuple(observations.images.shape)
             raise InputError(f"prior={name}: expected the true {component} of images of shape {shape}, found {found}")
+
+
+def finite_option(name: str, value: float) -> float:
+    """``value``, if it is a finite number >= 0; else InputError."""
+    if not (math.isfinite(value) and value >= 0):
+        raise InputError(f"prior.options.{name}: expected a finite number >= 0, found {value}")
+    return value
 
 
 def content_number(image: Tensor, mask: Tensor) -> int:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, ClassVar
@@ -141,10 +141,10 @@ class LearnedPrior(ABC):
         samples = {name: torch.zeros_like(images, dtype=torch.float32) for name in sorted(self.info.provides)}
         ceiling, cost = torch.full((len(images),), torch.inf), Counter(network_calls=0)
         for network in self._loaded():
-            config = network.config
+            config, encode = network.config, partial(encoding.encode, specular=network.config.specular)
             for framed in self._framed(observed, seed, config.geometry, reduced=reduced):
                 encoded = {
-                    name: self._encode(network, name, self._cut(render, framed), framed.masks, framed.factor).to(self._device)
+                    name: encode(name, self._cut(render, framed), framed.masks, framed.factor).to(self._device)
                     for name, render in renders.items()
                     if name in config.components
                 }
@@ -156,14 +156,14 @@ class LearnedPrior(ABC):
                         mask, factor = masks[view].float()[None], framed.factor[row : row + 1]
                         place, known = (framed.frames[row], _display(part[row])), (framed.masks[row] > 0).float()
                         if name in encoded:
-                            full = self._encode(network, name, renders[name][view][None].float(), mask, factor)[0]
+                            full = encode(name, renders[name][view][None].float(), mask, factor)[0]
                             shown = enlarge_by_difference(*place, _display(encoded[name][row]), _display(full), known)
                         elif name == "albedo":
                             full = encoding.encode_image(images[view][None].float(), mask, factor)[0, :3]
                             shown = enlarge_by_gain(*place, _display(framed.condition[row, :3]), _display(full), known)
                         else:
                             shown = enlarge(*place, known, mask[0].shape)
-                        samples[name][view] = self._decode(network, name, _undisplay(shown)[None], mask, factor)[0]
+                        samples[name][view] = encoding.decode(name, _undisplay(shown)[None], mask, factor, config.specular)[0]
         return Samples(samples, {"specular": ceiling} if "specular" in samples else {}, dict(cost))
 
     def _loaded(self) -> list[MaterialNetwork]:
@@ -209,23 +209,6 @@ class LearnedPrior(ABC):
 
     def _cut(self, values: Tensor, framed: Framed) -> Tensor:
         return torch.stack([frame.cut(values[view]) for view, frame in zip(framed.views, framed.frames, strict=True)])
-
-    def _encode(self, network: MaterialNetwork, component: str, linear: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
-        if component == "albedo":
-            return encoding.encode_albedo(linear, masks)
-        return encoding.encode_specular(linear, masks, factor, network.config.specular)
-
-    def _decode(self, network: MaterialNetwork, component: str, encoded: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
-        if component == "albedo":
-            return encoding.decode_albedo(encoded, masks)
-        return encoding.decode_specular(encoded, masks, factor, network.config.specular)
-
-
-def finite_option(name: str, value: float) -> float:
-    """``value``, if it is a finite number >= 0; else InputError."""
-    if not (math.isfinite(value) and value >= 0):
-        raise InputError(f"prior.options.{name}: expected a finite number >= 0, found {value}")
-    return value
 
 
 def _display(encoded: Tensor) -> Tensor:

@@ -1,10 +1,26 @@
-"""What a reader of scenes is, and the check of what it returns, where it enters: one file per format of others' data."""
+"""What a reader of scenes is, and the check of what it returns, where it enters. One file per format of others' data."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
 
-from ia_bench.scenes.scene import Scene
+import numpy as np
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import shown
+from ia_bench.scenes.scene import Camera, Mesh, Scene, Truth, View
+
+SPLITS = ("train", "test", "novel")
+TRUTH_OF_VIEWS: dict[str, tuple[int, float, float]] = {
+    "albedo": (3, 0.0, 1.0),
+    "roughness": (1, 0.0, 1.0),
+    "specular": (3, 0.0, np.inf),
+    "normal": (3, -1.0, 1.0),
+    "depth": (1, 0.0, np.inf),
+}
+"""The truth that a view may have: channels, least and largest value."""
+ROUNDING = 0.01  # which lossy images may go beyond the ends of a range
 
 
 @runtime_checkable
@@ -18,3 +34,123 @@ class SceneReader(Protocol):
     def read(self, truth: bool) -> Scene:
         """The scene, equal at every call; without ``truth``, no file that only truth needs is opened."""
         ...
+
+
+def check_scene(scene: object, *, truth: bool) -> Scene:
+    """The ``scene``, as a reader returned it. Raises InputError for the first thing in it that is not as Scene describes it."""
+    if not isinstance(scene, Scene):
+        raise InputError(f"expected a Scene, found {type(scene).__name__}")
+    if not (isinstance(scene.name, str) and 0 < len(scene.name) <= 200 and scene.name.isprintable()):
+        raise InputError(f"{scene.source}: name: expected one line of text, found {shown(repr(scene.name))}")
+    _check_mesh(f"{scene.source}: mesh", scene.mesh)
+    if not scene.train:
+        raise InputError(f"{scene.source}: expected at least one training view, found none")
+    for where, split, view in _views(scene):
+        _check_view(where, view, truth)
+        first = getattr(scene, split)[0]
+        if view.mask.shape != first.mask.shape:
+            raise InputError(f"{where}: expected {_size(first.mask)} pixels like the split's first image, found {_size(view.mask)}")
+        if split != "novel" and view.light != "train":
+            raise InputError(f"{where}: expected the training light, which is called 'train', found {shown(repr(view.light))}")
+    if scene.truth is not None:
+        if not truth:
+            raise InputError(f"{scene.source}: expected no truth, which was not asked for, found some")
+        _check_truth(scene.source, scene.truth)
+    return scene
+
+
+def unscored(scene: Scene) -> dict[str, str]:
+    """What cannot be scored on a scene that was read with its truth: the component and what the scene lacks for it."""
+    lights = scene.truth.lights if scene.truth is not None else {}
+    lacking = {}
+    for component in ("albedo", "roughness"):
+        without = sum(getattr(view, component) is None for view in scene.test)
+        if not scene.test or without:
+            views = f"{without} of {len(scene.test)} test views have no true {component}"
+            lacking[component] = views if scene.test else "no test views"
+    if not any(view.light == "train" for view in scene.novel):
+        lacking["view_synthesis"] = "no novel views under the training light"
+    others = {view.light for view in scene.novel} - {"train"}
+    if not others:
+        lacking["relighting"] = "no novel views under another light"
+    elif not others & lights.keys():
+        lacking["relighting"] = f"no environment map of {', '.join(sorted(others))}"
+    elif "albedo" in lacking:
+        lacking["relighting"] = f"relit albedo is aligned to the truth first, and {lacking['albedo']}"
+    return lacking
+
+
+def _views(scene: Scene) -> Iterator[tuple[str, str, View]]:
+    for split in SPLITS:
+        for view in getattr(scene, split):
+            yield f"{scene.source}: {split} view {shown(getattr(view, 'name', view))}", split, view
+
+
+def _check_view(where: str, view: object, truth: bool) -> None:
+    if not isinstance(view, View) or not isinstance(view.camera, Camera):
+        raise InputError(f"{where}: expected a View with a Camera, found {type(view).__name__}")
+    camera = view.camera
+    matrix = np.asarray(camera.to_world)
+    rotation = matrix[:3, :3] if matrix.shape == (4, 4) and np.isfinite(matrix).all() else np.zeros((3, 3))
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 2e-3 or np.linalg.det(rotation) < 0 or matrix[3].tolist() != [0, 0, 0, 1]:
+        raise InputError(f"{where}: camera: expected a rotation and a translation, camera-to-world, found {matrix.tolist()}")
+    if not (min(camera.focal) > 0 and np.isfinite([*camera.focal, *camera.centre]).all()):
+        found = f"{camera.focal}, {camera.centre}"
+        raise InputError(f"{where}: camera: expected a positive focal length and a finite centre, found {found}")
+    shape = camera.height, camera.width
+    _check_array(f"{where}: image", view.image, (*shape, 3), 0, np.inf)
+    _check_array(f"{where}: mask", view.mask, shape, 0, 1, slack=0)
+    if not (view.mask > 0.5).any():
+        raise InputError(f"{where}: mask: expected a pixel above 0.5, found none")
+    if view.image[view.mask == 0].any():
+        raise InputError(f"{where}: image: expected radiance premultiplied by the mask, found some where the mask is 0")
+    for name, (channels, least, most) in TRUTH_OF_VIEWS.items():
+        values = getattr(view, name)
+        if values is not None and not truth:
+            raise InputError(f"{where}: {name}: expected no truth, which was not asked for, found some")
+        if values is not None:
+            _check_array(f"{where}: {name}", values, (*shape, 3) if channels == 3 else shape, least, most)
+
+
+def _check_mesh(where: str, mesh: object) -> None:
+    if not isinstance(mesh, Mesh):
+        raise InputError(f"{where}: expected a Mesh, found {type(mesh).__name__}")
+    count = len(mesh.vertices)
+    _check_array(f"{where}: vertices", mesh.vertices, (count, 3), -np.inf, np.inf)
+    _check_array(f"{where}: normals", mesh.normals, (count, 3), -1, 1)
+    _check_array(f"{where}: uv", mesh.uv, (count, 2), 0, 1)
+    faces = mesh.faces
+    if faces.dtype != np.int32 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+        raise InputError(f"{where}: faces: expected (F, 3) int32, found {faces.shape} {faces.dtype}")
+    if faces.min() < 0 or faces.max() >= count:
+        raise InputError(f"{where}: faces: expected vertices 0 to {count - 1}, found {faces.min()} to {faces.max()}")
+
+
+def _check_truth(where: str, truth: Truth) -> None:
+    for name, light in truth.lights.items():
+        height = light.shape[0] if light.ndim == 3 else 0
+        _check_array(f"{where}: light {shown(name)}", light, (height, 2 * height, 3), 0, np.inf, slack=0)
+        if not light.any():
+            raise InputError(f"{where}: light {shown(name)}: expected radiance above 0 somewhere, found none")
+    for name, channels in (("albedo", 3), ("roughness", 1)):
+        texture = getattr(truth, name)
+        if texture is not None:
+            shape = texture.shape[:2]
+            _check_array(f"{where}: true {name} texture", texture, (*shape, 3) if channels == 3 else shape, 0, 1)
+
+
+def _check_array(
+    where: str, values: object, shape: tuple[int, ...], least: float, most: float, *, slack: float = ROUNDING
+) -> None:
+    """Raise InputError for other shapes, types or values; ``slack`` is what rounding may add to a range, of 1 or the maximum."""
+    if not isinstance(values, np.ndarray) or values.dtype != np.float32 or values.shape != shape or not values.size:
+        found = f"{values.shape} {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
+        raise InputError(f"{where}: expected {shape} float32, found {found}")
+    low, high = values.min(), values.max()
+    slack *= 1 if np.isfinite(most) else high
+    if not (np.isfinite(low) and np.isfinite(high) and least - slack <= low and high <= most + slack):
+        raise InputError(f"{where}: expected finite values from {least:g} to {most:g}, found {low:g} to {high:g}")
+
+
+def _size(mask: np.ndarray) -> str:
+    return f"{mask.shape[0]} x {mask.shape[1]}"

@@ -21,6 +21,14 @@ def number(where: str, fields: Mapping[str, Any], key: str) -> float:
     return float(value)
 
 
+def text(where: str, fields: Mapping[str, Any], key: str, default: str) -> str:
+    """``fields[key]`` as text, ``default`` where it is absent. Raises InputError, naming ``where`` and the key."""
+    value = fields.get(key, default)
+    if not isinstance(value, str):
+        raise InputError(f"{where}: {key}: expected text, found {shown(repr(value))}")
+    return value
+
+
 def camera(where: str, frame: Mapping[str, Any], width: int, height: int) -> Camera:
     """The camera of a frame of transforms.json: transform_matrix and camera_angle_x, or fl_x, fl_y, and cx, cy, in pixels."""
     to_world = _rigid(where, frame.get("transform_matrix"))

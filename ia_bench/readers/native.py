@@ -12,15 +12,14 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
 from ia_bench.geometry.mesh import load_mesh
-from ia_bench.readers.fields import camera, number
+from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
+from ia_bench.readers.fields import camera, number, text
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import HIGH_BIT_MODES, greyscale, open_picture
 from ia_bench.scenes.scene import Scene, Truth, View
 
 SCHEMA = 1
-SPLITS = ("train", "test", "novel")
-TRUTH_CHANNELS = {"albedo": 3, "roughness": 1, "specular": 3, "normal": 3, "depth": 1}
 DESCRIPTION = "scene.json"
 Views = dict[str, tuple[View, ...]]
 
@@ -55,7 +54,7 @@ class NativeReader:
         for name in ("image", "specular"):
             views, notes = _without_ringing(views, name, notes)
         return Scene(
-            name=str(description.get("name", folder.name)),
+            name=text(str(folder / DESCRIPTION), description, "name", folder.name),
             source=str(folder),
             mesh=mesh,
             truth=self._truth(description) if truth else None,
@@ -81,11 +80,6 @@ class NativeReader:
             if image in views:
                 raise InputError(f"{where}: file_path: expected every image once, found {frame['file_path']} again")
             views[image] = self._view(where, image, {**transforms, **frame}, truth)
-            size, first = views[image].mask.shape, next(iter(views.values())).mask.shape
-            if size != first:
-                raise InputError(
-                    f"{image}: expected {first[0]} x {first[1]} pixels like the split's first image, found {size[0]} x {size[1]}"
-                )
         return tuple(views.values())
 
     def _view(self, where: str, path: Path, frame: Mapping[str, Any], truth: bool) -> View:
@@ -97,14 +91,9 @@ class NativeReader:
         radiance, mask = image[..., :3], image[..., 3]
         if mask.min() < 0 or mask.max() > 1 + 1e-3:
             raise InputError(f"{path}: alpha: expected values in [0, 1], found {mask.min():g} ... {mask.max():g}")
-        if not (mask > 0.5).any():
-            raise InputError(f"{path}: the mask (alpha) has no pixel above 0.5")
         refuse_negative(path, radiance)
-        light = frame.get("light", "train")
-        if not isinstance(light, str):
-            raise InputError(f"{where}: light: expected the name of a light, found {light!r}")
         known: dict[str, np.ndarray] = {}
-        for name, channels in TRUTH_CHANNELS.items():
+        for name, (channels, _, _) in TRUTH_OF_VIEWS.items():
             if truth and f"{name}_path" in frame:
                 file = file_below(self._folder, frame[f"{name}_path"], f"{where}: {name}_path")
                 values = read_exr(file, channels)
@@ -117,7 +106,7 @@ class NativeReader:
             camera=camera(where, frame, width, height),
             image=np.ascontiguousarray(radiance),
             mask=mask.clip(0, 1),
-            light=light,
+            light=text(where, frame, "light", "train"),
             **known,
         )
 

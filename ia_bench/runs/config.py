@@ -253,10 +253,18 @@ def slug(text: str) -> str:
 
 
 def run_folder(config: RunConfig) -> Path:
-    """Where a resolved run leaves its results: ``out``, or ``runs/<scene>/<row>-<hash>`` below the current folder."""
+    """Where a resolved run leaves its results: ``out``, or ``runs/<scene>/<row>-<hash>`` below the current folder.
+
+    Raises InputError for a place in the scene's folder, whose content is part of a run's identity.
+    """
     if config.out is not None:
-        return Path(config.out).expanduser()
-    return Path("runs", slug(config.scene.name), f"{slug(config.row_name)}-{config_hash(config)[:8]}")
+        folder = Path(config.out).expanduser()
+    else:
+        folder = Path("runs", slug(config.scene.name), f"{slug(config.row_name)}-{config_hash(config)[:8]}")
+    scene = resolve_scene_folder(config.scene, config.reader)
+    if scene is not None and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(scene)):
+        raise InputError(f"out={folder}: expected a folder outside of the scene's, found one in {scene}")
+    return folder
 
 
 def _device(wanted: str) -> str:

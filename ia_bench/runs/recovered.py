@@ -18,7 +18,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.runs.config import ReaderConfig, SceneConfig, content_of, resolve_scene_folder
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.metrics import METRICS
-from ia_bench.runs.scene import open_scene
+from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
 
@@ -91,7 +91,7 @@ class Recovered:
         place = resolve_scene_folder(scene, self.reader)
         if place is not None:
             self.check_scene(place)
-        return open_scene(scene, self.reader).read(truth=True)
+        return read_scene(scene, self.reader, truth=True)
 
     def reconstruction(self, stage: Stage) -> TexturedReconstruction:
         """What the run recovered, on a stage of its scene's mesh. Raises InputError where a map is missing."""

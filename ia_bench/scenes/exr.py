@@ -9,6 +9,7 @@ import OpenEXR
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import is_file, shown
 
 RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
 
@@ -18,8 +19,8 @@ def read_exr(path: Path, channels: int) -> np.ndarray:
 
     Raises InputError, naming the file, when it is missing, unreadable, of another channel layout, or holds NaN or Inf.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such image")
+    if not is_file(path):
+        raise InputError(f"{shown(path)}: no such image")
     if path.suffix.lower() != ".exr":
         raise InputError(f"{path}: expected a linear OpenEXR image, got a {path.suffix or 'suffixless'} file (LDR is not linear)")
     try:

@@ -11,6 +11,7 @@ import OpenEXR
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 
@@ -43,8 +44,8 @@ def read_photograph(
 
 
 def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such image")
+    if not is_file(path):
+        raise InputError(f"{shown(path)}: no such image")
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             alpha = "A" in file.channels()
@@ -97,8 +98,8 @@ def greyscale(path: Path, picture: Image.Image) -> np.ndarray:
 
 def open_picture(path: Path) -> Image.Image:
     """A picture that Pillow reads, whole and upright. Raises InputError, naming the file, for what is none."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such image")
+    if not is_file(path):
+        raise InputError(f"{shown(path)}: no such image")
     try:
         with Image.open(path) as file:
             upright = ImageOps.exif_transpose(file)

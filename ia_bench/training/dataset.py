@@ -13,13 +13,8 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.encoding import (
-    encode_albedo,
-    encode_geometry,
-    encode_image,
-    encode_specular,
-    exposure,
-)
+from ia_bench.priors.diffusion import encoding
+from ia_bench.priors.diffusion.encoding import encode_geometry, encode_image, exposure
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench.training.shards import CHANNELS, load_shard, shard_paths
 
@@ -141,9 +136,5 @@ def encode(images: dict[str, Tensor], config: NetworkConfig, settings: Augmentat
     if config.geometry:
         geometry = encode_geometry(images["normal"], images["visibility"])
         condition = torch.cat([condition, geometry * ~withheld[:, None, None, None]], 1)
-    encoded = {
-        "albedo": lambda: encode_albedo(images["albedo"], masks),
-        "specular": lambda: encode_specular(images["specular"], masks, factor, config.specular),
-    }
-    target = torch.cat([encoded[name]() for name in config.components], 1)
+    target = torch.cat([encoding.encode(name, images[name], masks, factor, config.specular) for name in config.components], 1)
     return Batch(condition, target, masks, factor)

@@ -1,7 +1,7 @@
 """The training loop of the priors: ``accelerate`` for devices and processes, every draw a function of (seed, step).
 
-Because nothing depends on a running generator, a run that resumes from any checkpoint meets the same batches, the same
-noise and the same dropped conditions as one that was never stopped.
+Because nothing depends on a running generator, a run that resumes from any checkpoint meets the same batches and the same
+noise as one that was never stopped.
 """
 
 from __future__ import annotations
@@ -161,13 +161,9 @@ class _Training:
         generator = torch.Generator().manual_seed(_stream(settings.seed, step, self.accelerator.process_index))
         batch = self.images.batch(share, settings.network, settings.augmentation, generator)
         count = len(share)
-        choice = torch.rand(count, generator=generator)
-        no_channels, no_tokens = dropped_conditions(choice, settings.drop_channels, settings.drop_tokens, settings.drop_both)
         draws = {
             "noise": torch.randn(batch.target.shape, generator=generator),
             "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (count,), generator=generator),
-            "drop_channels": no_channels,
-            "drop_tokens": no_tokens,
         }
         return batch, draws
 
@@ -177,12 +173,11 @@ class _Training:
         draws = {name: value.to(device) for name, value in draws.items()}
         if self.schedule is None:  # the regressor always sees its image
             timestep = torch.full_like(draws["timestep"], self.settings.network.last_timestep)
-            return self.predict(None, timestep, batch.condition, None), batch.target
+            return self.predict(None, timestep, batch.condition), batch.target
         level = self.schedule.to(device)[draws["timestep"]][:, None, None, None]
         noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
         wanted = ideal_output(self.settings.network.prediction_type, batch.target, draws["noise"], level)
-        dropped = (draws["drop_channels"], draws["drop_tokens"])
-        return self.predict(noisy, draws["timestep"], batch.condition, dropped), wanted
+        return self.predict(noisy, draws["timestep"], batch.condition), wanted
 
     def _agree(self, mine: bool) -> bool:
         """The main process decides for all, since clocks differ."""
@@ -280,16 +275,6 @@ def rate_factor(step: int, steps: int, warmup: int) -> float:
     rise = min(1.0, (step + 1) / max(warmup, 1))
     fall = FINAL_RATE + (1 - FINAL_RATE) * 0.5 * (1 + math.cos(math.pi * step / max(steps, 1)))
     return rise * fall
-
-
-def dropped_conditions(choice: Tensor, channels: float, tokens: float, both: float) -> tuple[Tensor, Tensor]:
-    """Tell which images are trained without their channels and which without their tokens, (N,) bool each.
-
-    ``choice`` (N,) is uniform in [0, 1); ``channels`` of the images lose these alone, ``tokens`` those alone, ``both`` both.
-    """
-    edges = torch.tensor([channels, tokens, both]).cumsum(0)
-    neither = (choice >= edges[1]) & (choice < edges[2])
-    return (choice < edges[0]) | neither, ((choice >= edges[0]) & (choice < edges[1])) | neither
 
 
 def batch_index(images: int, batch: int, seed: int, step: int) -> Tensor:

@@ -25,7 +25,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("steps", "batch", "threads", "validate_steps", "validation_images"), (1, math.inf)),
     **dict.fromkeys(("minutes", "checkpoint_minutes", "warmup"), (0, math.inf)),
     **dict.fromkeys(("rate", "muon_rate", "weight_decay", "clip_gradient"), (0, math.inf)),
-    **dict.fromkeys(("ema", "drop_channels", "drop_tokens", "drop_both", "background", "level"), (0, 1)),
+    **dict.fromkeys(("ema", "background", "level"), (0, 1)),
     **dict.fromkeys(("augmentation.mirror", "augmentation.permute", "augmentation.no_geometry"), (0, 1)),
     **dict.fromkeys(("augmentation.cast", "augmentation.exposure", "augmentation.noise"), (0, math.inf)),
     "seed": (0, 2**32 - 1),  # validation multiplies it and stays within 64 bits
@@ -51,9 +51,6 @@ class TrainSettings:
         weight_decay: Of both optimisers.
         clip_gradient: Largest norm of the gradient; 0 for no limit.
         ema: Decay of the averaged weights, which are the ones that are kept.
-        drop_channels: Share of the images whose condition is withheld as channels, for classifier-free guidance.
-        drop_tokens: Share of the images whose condition is withheld as tokens. The original code has 0.05 for all three.
-        drop_both: Share of the images whose condition is withheld altogether.
         background: Weight in the loss of pixels outside the mask.
         level: Weight in the loss of an image's mean error. It is most of the error, and one image hardly tells it, because
             light and paint can share any colour.
@@ -82,9 +79,6 @@ class TrainSettings:
     weight_decay: float = 0.01
     clip_gradient: float = 1.0
     ema: float = 0.999
-    drop_channels: float = 0.05
-    drop_tokens: float = 0.05
-    drop_both: float = 0.05
     background: float = 0.1
     level: float = 0.25
     precision: str = "auto"
@@ -132,9 +126,6 @@ def parse(arguments: Sequence[str]) -> TrainSettings:
     )
     steps = settings.network.timesteps if settings.network.kind == "diffusion" else math.inf
     check_ranges(settings, {**LIMITS, "validation_sampler_steps": (1, steps)})
-    dropped = settings.drop_channels + settings.drop_tokens + settings.drop_both
-    if dropped > 1:
-        raise InputError(f"drop_channels + drop_tokens + drop_both: expected at most 1, found {dropped:g}")
     if settings.precision not in PRECISIONS:
         raise InputError(unknown("value of precision", settings.precision, PRECISIONS))
     return settings

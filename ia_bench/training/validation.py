@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.priors.diffusion.conditioned import Conditioned
-from ia_bench.priors.diffusion.encoding import decode_albedo, decode_specular
+from ia_bench.priors.diffusion.encoding import decode
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
@@ -80,13 +80,7 @@ def predict(network: MaterialNetwork, batch: Batch, *, samples: int, steps: int,
         encoded = drawn.reshape(samples, count, *shape[1:])
     found = {}
     for part, component in zip(encoded.cpu().split(3, 2), config.components, strict=True):
-        decoded = [
-            decode_albedo(one, batch.masks)
-            if component == "albedo"
-            else decode_specular(one, batch.masks, batch.factor, config.specular)
-            for one in part
-        ]
-        found[component] = torch.stack(decoded)
+        found[component] = torch.stack([decode(component, one, batch.masks, batch.factor, config.specular) for one in part])
     return found
 
 

@@ -30,4 +30,5 @@ def test_the_readme_shows_the_published_table() -> None:
     with (ROOT / "docs" / "results" / "table.csv").open(encoding="utf-8") as file:
         expected = "\n".join(line(row) for row in csv.DictReader(file) if row["scene"] == "mean over scenes")
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert expected and expected in readme, f"README.md: expected the rows\n\n{expected}\n"
+    assert expected
+    assert expected in readme, f"README.md: expected the rows\n\n{expected}\n"

@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 
 from ia_bench.common.errors import InputError
+from ia_bench.readers.contract import check_scene
 from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.exr import read_exr, write_exr
 from ia_bench.scenes.scene import Scene, View
@@ -50,7 +51,7 @@ def write_unchecked(path: Path, image: np.ndarray) -> None:
 def refused(folder: Path, *parts: str, truth: bool = False) -> None:
     """The scene is refused in one line that holds all of ``parts`` (regular expressions)."""
     with pytest.raises(InputError) as caught:
-        NativeReader(folder).read(truth=truth)
+        check_scene(NativeReader(folder).read(truth=truth), truth=truth)
     message = str(caught.value)
     assert "\n" not in message
     for part in parts:
@@ -200,7 +201,7 @@ def test_refuses_images_of_two_sizes(tiny_copy: Path) -> None:
     """Nothing is declared, but the views of a split are stacked."""
     edit_json(tiny_copy / TRAIN, lambda content: [content.pop(key) for key in ("w", "h")])
     write_exr(tiny_copy / IMAGE, read_exr(tiny_copy / IMAGE, 4)[:31])
-    refused(tiny_copy, re.escape(IMAGE), "expected 32 x 32", "found 31 x 32")
+    refused(tiny_copy, "train view 0003: expected 32 x 32", "found 31 x 32")
 
 
 def test_refuses_an_image_without_alpha(tiny_copy: Path) -> None:
@@ -210,7 +211,7 @@ def test_refuses_an_image_without_alpha(tiny_copy: Path) -> None:
 
 def test_refuses_a_mask_without_a_pixel(tiny_copy: Path) -> None:
     edit_image(tiny_copy / IMAGE, lambda image: image.fill(0))
-    refused(tiny_copy, re.escape(IMAGE), "mask.*no pixel")
+    refused(tiny_copy, "train view 0003: mask: expected a pixel above 0.5, found none")
 
 
 def test_refuses_alpha_above_one(tiny_copy: Path) -> None:

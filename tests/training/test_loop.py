@@ -20,7 +20,6 @@ from ia_bench.training.loop import (
     _forget_validations_after,
     _load_state,
     batch_index,
-    dropped_conditions,
     rate_factor,
     weighted_error,
 )
@@ -73,15 +72,6 @@ def test_every_image_is_seen_once_in_every_pass():
 
 def test_a_batch_larger_than_the_data_takes_several_passes():
     assert torch.bincount(batch_index(3, 8, 0, 0), minlength=3).tolist() in ([3, 3, 2], [3, 2, 3], [2, 3, 3])
-
-
-def test_conditions_are_dropped_in_the_shares_that_were_asked_for():
-    choice = (torch.arange(1000) + 0.5) / 1000
-    channels, tokens = dropped_conditions(choice, 0.05, 0.1, 0.2)
-    assert int((channels & ~tokens).sum()) == 50
-    assert int((tokens & ~channels).sum()) == 100
-    assert int((tokens & channels).sum()) == 200
-    assert not torch.cat(dropped_conditions(choice, 0, 0, 0)).any()
 
 
 def test_the_loss_weighs_an_images_mean_error_apart():
@@ -301,7 +291,6 @@ def test_arguments_are_typed():
         ("rate=true", "rate: expected a number, found 'true'"),
         ("rate=2026-13-01", "rate: expected a number, found '2026-13-01'"),
         ("ema=2", r"ema: expected a finite number from 0 to 1, found 2"),
-        ("drop_both=0.95", r"drop_channels \+ drop_tokens \+ drop_both: expected at most 1, found 1.05"),
         ("augmentation.mirror=1.5", r"augmentation.mirror: expected a finite number from 0 to 1, found 1.5"),
         ("validation_sampler_steps=1001", r"validation_sampler_steps: expected a finite number from 1 to 1000, found 1001"),
         ("network.channels=48", r"network.channels: expected a list \(a whole number each\), found '48'"),

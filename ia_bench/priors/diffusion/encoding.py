@@ -47,6 +47,16 @@ def encode_image(images: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
     return torch.cat([colour, masks[:, None]], 1)
 
 
+def encode(component: str, linear: Tensor, masks: Tensor, factor: Tensor, specular: SpecularEncoding) -> Tensor:
+    """Linear images (N, H, W, 3) of ``component``, premultiplied, as (N, 3, H, W) in [-1, 1]."""
+    return encode_albedo(linear, masks) if component == "albedo" else encode_specular(linear, masks, factor, specular)
+
+
+def decode(component: str, encoded: Tensor, masks: Tensor, factor: Tensor, specular: SpecularEncoding) -> Tensor:
+    """The inverse of :func:`encode`."""
+    return decode_albedo(encoded, masks) if component == "albedo" else decode_specular(encoded, masks, factor, specular)
+
+
 def encode_albedo(albedo: Tensor, masks: Tensor) -> Tensor:
     """Linear albedo (N, H, W, 3), premultiplied, as (N, 3, H, W) in [-1, 1]; 0 outside the mask."""
     return _encode(_straight(albedo, masks), masks)

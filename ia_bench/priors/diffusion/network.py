@@ -160,24 +160,15 @@ class MaterialNetwork(nn.Module):
         elif attends:
             self.encoder = ClipEncoder(Path(config.encoder), config.tokens)
 
-    def forward(
-        self, noisy: Tensor | None, timestep: Tensor, condition: Tensor, dropped: tuple[Tensor, Tensor] | None = None
-    ) -> Tensor:
+    def forward(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor) -> Tensor:
         """Raw output (N, 3 C, H, W), whose meaning is ``config.prediction_type`` ("sample" for a regressor).
 
         Args:
             noisy: (N, 3 C, H, W), None for a regressor. H and W are multiples of fold x down-sampling.
             timestep: (N,).
             condition: (N, condition_channels, H, W); geometry channels are zero where unknown.
-            dropped: Two (N,) bool, the images whose channels and whose tokens are replaced by zeros, for classifier-free
-                guidance.
         """
-        tokens = self.tokens(condition)
-        if dropped is not None:
-            keep_channels, keep_tokens = (~drop for drop in dropped)
-            condition = condition * keep_channels[:, None, None, None]
-            tokens = None if tokens is None else tokens * keep_tokens[:, None, None]
-        return self.denoise(noisy, timestep, condition, tokens)
+        return self.denoise(noisy, timestep, condition, self.tokens(condition))
 
     def tokens(self, condition: Tensor) -> Tensor | None:
         """What the image encoder makes of the condition, (N, tokens, width): once per image, not once per step."""

@@ -19,8 +19,8 @@ from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, PatchSettings, sa
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE
-from ia_bench.priors.inputs import check_views
-from ia_bench.priors.learned import Framed, LearnedPrior, finite_option
+from ia_bench.priors.inputs import check_views, finite_option
+from ia_bench.priors.learned import Framed, LearnedPrior
 
 DISTILLED_LEVELS = (0.02, 0.98)
 """Share of the schedule from which score distillation draws its noise level; the ends teach nothing (DreamFusion)."""

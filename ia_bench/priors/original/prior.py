@@ -6,7 +6,6 @@ docs/original_weights.md lists where this departs from that code, and why.
 from __future__ import annotations
 
 import json
-import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -19,7 +18,7 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion.guidance import GuidanceReport
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
-from ia_bench.priors.inputs import check_views, choose_device, content_number
+from ia_bench.priors.inputs import check_views, choose_device, content_number, finite_option
 from ia_bench.priors.original.convert import RECORD
 from ia_bench.priors.original.guidance import pull
 from ia_bench.priors.original.networks import Networks
@@ -59,8 +58,6 @@ class IntrinsicAnythingPrior:
         self._records = _records(self._folder, components)
         self._side = _resolution(self._folder, sorted(self._records))
         self.info = PriorInfo(frozenset(self._records), stochastic=True, guidable=True, resolution=self._side)
-        if not (math.isfinite(guidance_strength) and guidance_strength >= 0):
-            raise InputError(f"prior.options.guidance_strength: expected a finite number >= 0, found {guidance_strength}")
         for name, value in (("steps", steps), ("batch", batch)):
             if value < 1:
                 raise InputError(f"prior.options.{name}: expected at least 1, found {value}")
@@ -68,7 +65,7 @@ class IntrinsicAnythingPrior:
         self._settings = SamplerSettings(steps, eta, "leading", LATENT_RANGE)
         self._batch = batch
         self._loaded: dict[str, Networks] = {}
-        self.guidance_strength = guidance_strength
+        self.guidance_strength = finite_option("guidance_strength", guidance_strength)
 
     @property
     def fingerprint(self) -> str:

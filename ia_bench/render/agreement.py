@@ -1,0 +1,76 @@
+"""Do mesh, cameras and images belong together? What cameras see of the mesh is compared with the masks of their images.
+
+Agreement = sum min(mask, coverage) / sum max(mask, coverage) over the pixels of a few training views: the intersection over
+the union where both are 0 or 1. A mesh in another place or unit, and cameras in another convention, have next to none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.render.gbuffer import trace_gbuffer
+from ia_bench.render.rays import RayCaster, make_rays
+from ia_bench.scenes.scene import Scene, View
+
+VIEWS = 8
+SIDE = 64  # pixels of the larger side, at most: larger images are looked at in blocks
+GOOD, LEAST = 0.9, 0.3
+Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # turns +y into +z
+FLIPPED = np.diag([1.0, -1, -1, 1])
+MISTAKES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "transform_matrix taken as OpenCV's (+z forward, +y down)": lambda matrix: matrix @ FLIPPED,
+    "transform_matrix taken as world-to-camera": np.linalg.inv,
+    "transform_matrix taken as OpenCV's world-to-camera": lambda matrix: np.linalg.inv(matrix) @ FLIPPED,
+    "the mesh taken as one with +y up": lambda matrix: Y_UP.T @ matrix,
+    "the cameras taken as those of a world with +y up": lambda matrix: Y_UP @ matrix,
+}
+"""Conventions of others: what would have to be done to a camera for it to be in ours."""
+
+
+def check_agreement(scene: Scene, note: Callable[[str], None]) -> float:
+    """Tell how far the mesh covers the masks of the training views, and below GOOD the likely cause. Below LEAST: InputError."""
+    views = [_small(view) for view in scene.train[:: max(1, len(scene.train) // VIEWS)][:VIEWS]]
+    rays = make_rays(scene.mesh, torch.device("cpu"))  # not those of a run, which counts its rays
+    found = _agreement(rays, views)
+    said = f"intersection over union {found:.2f} over {len(views)} training views"
+    if found >= GOOD:
+        note(f"mesh and masks: {said}")
+        return found
+    cause = (
+        "transform_matrix has to be camera-to-world in the OpenGL convention (the camera looks along its -z axis, +y is up), "
+        "in the units and at the place of the mesh, and the masks those of the whole mesh"
+    )
+    for mistake, mended in MISTAKES.items():
+        cameras = [replace(view.camera, to_world=mended(view.camera.to_world)) for view in views]
+        otherwise = _agreement(rays, [replace(view, camera=camera) for view, camera in zip(views, cameras, strict=True)])
+        if otherwise > max(GOOD, found + 0.1):
+            cause = f"with {mistake} it would be {otherwise:.2f}"
+    message = f"{scene.source}: expected the mesh to cover the masks of the images, found {said}; {cause}"
+    if found < LEAST:
+        raise InputError(message)
+    note(f"warning: {message}")
+    return found
+
+
+def _agreement(rays: RayCaster, views: Sequence[View]) -> float:
+    both = either = 0.0
+    for view in views:
+        coverage = trace_gbuffer([view.camera], rays, 2, torch.device("cpu")).coverage()[0].numpy()
+        both += float(np.minimum(view.mask, coverage).sum())
+        either += float(np.maximum(view.mask, coverage).sum())
+    return both / either
+
+
+def _small(view: View) -> View:
+    """The view in blocks of pixels, so that it has no more than SIDE x SIDE; incomplete blocks at the edges are left out."""
+    camera = view.camera
+    block = -(-max(camera.width, camera.height) // SIDE)
+    height, width = camera.height // block, camera.width // block
+    mask = view.mask[: height * block, : width * block].reshape(height, block, width, block).mean((1, 3))
+    focal, centre = ((pair[0] / block, pair[1] / block) for pair in (camera.focal, camera.centre))
+    return replace(view, mask=mask, camera=replace(camera, focal=focal, centre=centre, width=width, height=height))

@@ -1,0 +1,272 @@
+"""Every kind of wrong file that a scene can have, through the real command line: exit status 2, one line, no traceback.
+
+A case is a name, what is done to a copy of the scene `tiny` of few views, and what the line has to say besides the folder. To add
+one, add it to the table of its kind; mistakes of one kind are mended in one place (`common/files.py`, `readers/contract.py`).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ia_bench.cli.run import main
+from ia_bench.runs.config import ReaderConfig, SceneConfig
+from ia_bench.runs.scene import read_scene
+from ia_bench.scenes.exr import read_exr, write_exr
+
+Spoil = Callable[[Path], Any]
+Case = tuple[str, Spoil, str]
+SCENE, TRAIN, NOVEL = "scene.json", "transforms_train.json", "transforms_novel.json"
+IMAGE, LIGHT, TEXTURE = "images/train/0001.exr", "lights/train.exr", "truth/albedo.png"
+ALBEDO, ROUGHNESS = "truth/test/albedo/0000.exr", "truth/test/roughness/0000.exr"
+
+
+# ---------------------------------------------------------------- how files are spoiled
+def write(name: str, content: bytes) -> Spoil:
+    return lambda folder: (folder / name).write_bytes(content)
+
+
+def cut(name: str, share: float) -> Spoil:
+    def spoil(folder: Path) -> None:
+        content = (folder / name).read_bytes()
+        (folder / name).write_bytes(content[: int(share * len(content))])
+
+    return spoil
+
+
+def into_folder(name: str) -> Spoil:
+    return lambda folder: [(folder / name).unlink(), (folder / name).mkdir()]
+
+
+def into_loop(name: str) -> Spoil:
+    return lambda folder: [(folder / name).unlink(), (folder / name).symlink_to((folder / name).name)]
+
+
+def into_nowhere(name: str) -> Spoil:
+    return lambda folder: [(folder / name).unlink(), (folder / name).symlink_to("nowhere")]
+
+
+def out_of_folder(name: str) -> Spoil:
+    return lambda folder: [(folder / name).rename(folder.parent / "moved"), (folder / name).symlink_to(folder.parent / "moved")]
+
+
+def edit(name: str, *keys: str | int, value: Any) -> Spoil:
+    """Put ``value`` at a place of a JSON file; bytes are put there as they are, whatever they are."""
+
+    def spoil(folder: Path) -> None:
+        content = place = json.loads((folder / name).read_text())
+        for key in keys[:-1]:
+            place = place[key]
+        place[keys[-1]] = "HERE" if isinstance(value, bytes) else value
+        text = json.dumps(content).encode()
+        (folder / name).write_bytes(text.replace(b'"HERE"', value) if isinstance(value, bytes) else text)
+
+    return spoil
+
+
+def change(name: str, channels: int, to: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    return lambda folder: write_exr(folder / name, to(read_exr(folder / name, channels)), half=False)
+
+
+def fill(value: float) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda image: np.full_like(image, value)
+
+
+# ---------------------------------------------------------------- the table
+NO_JSON: dict[str, bytes] = {
+    "utf-16": '{"name": "ü"}'.encode("utf-16"),
+    "utf-16 without a mark": '{"name": "ü"}'.encode("utf-16-le"),
+    "latin-1": '{"name": "ü"}'.encode("latin-1"),
+    "binary": bytes(range(256)),
+    "zeros": bytes(100),
+    "empty": b"",
+    "half": b'{"name": "tin',
+    "a list": b"[1]",
+    "a number": b"3",
+    "nested brackets": b"[" * 100_000,
+    "nested objects": b'{"a":' * 100_000,
+    "a comma too many": b'{"a": 1,}',
+    "NaN": b'{"a": NaN}',
+    "5000 digits": b'{"a": ' + b"9" * 5000 + b"}",
+    "beyond a float": b'{"a": ' + b"9" * 400 + b"}",
+    "two byte order marks": b"\xef\xbb\xbf\xef\xbb\xbf{}",
+}
+NO_PATH: dict[str, Any] = {
+    "number": 5,
+    "null": None,
+    "list": ["a"],
+    "true": True,
+    "nothing": "",
+    "5000 characters": "a" * 5000,
+    "many folders": "a/" * 3000,
+    "surrogate": b'"\\ud800"',
+    "zero byte": "images/\0.exr",
+    "line break": "images/\n.exr",
+    "above": "../../../../../../../../etc/hostname",
+    "absolute": "/etc/hostname",
+    "home": "~/image.exr",
+    "folder": "images",
+    "the scene": ".",
+    "below a file": "mesh.ply/image.exr",
+}
+PATHS = {
+    "file_path": (TRAIN, "frames", 1, "file_path"),
+    "albedo_path": (TRAIN, "frames", 1, "albedo_path"),
+    "lights.train": (SCENE, "lights", "train"),
+    "truth_textures.albedo": (SCENE, "truth_textures", "albedo"),
+}
+TWISTED = {name: (into(IMAGE), into(LIGHT)) for name, into in
+           {"folder": into_folder, "loop": into_loop, "nowhere": into_nowhere, "outside": out_of_folder}.items()}  # fmt: skip
+
+
+def cases() -> Iterator[Case]:
+    for name, content in NO_JSON.items():
+        yield f"{SCENE}: {name}", write(SCENE, content), SCENE
+    for name in ("utf-16", "binary", "nested brackets", "5000 digits"):
+        yield f"{TRAIN}: {name}", write(TRAIN, NO_JSON[name]), TRAIN
+    for file in (SCENE, TRAIN, "mesh.ply"):
+        yield f"{file}: folder", into_folder(file), file
+        yield f"{file}: loop", into_loop(file), file
+    for key, place in PATHS.items():
+        for name in NO_PATH if key == "file_path" else ("number", "null", "5000 characters", "surrogate", "above", "folder"):
+            yield f"{key}: {name}", edit(*place, value=NO_PATH[name]), f"{place[0]}: .*{key}"
+    for name, (image, light) in TWISTED.items():
+        yield f"image: {name}", image, r"frames\[1\]: file_path: images/train/0001.exr: "
+        yield f"light: {name}", light, "lights.train: lights/train.exr: "
+    for file in (IMAGE, LIGHT, TEXTURE, "mesh.ply"):
+        yield f"{file}: empty", write(file, b""), file
+        yield f"{file}: text", write(file, b"ply, or is it?\n" * 99), file
+        yield f"{file}: half", cut(file, 0.5), file
+        yield f"{file}: all but the end", cut(file, 0.99), file
+    bomb = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\3\0\0\0\3\0\0\x08\2\0\0\0"
+    yield "texture: too many pixels", write(TEXTURE, bomb), TEXTURE
+    yield "texture: an EXR file", lambda folder: shutil.copy(folder / LIGHT, folder / TEXTURE), TEXTURE
+    yield "image: a PNG file", lambda folder: Image.new("RGBA", (32, 32)).save(folder / IMAGE, format="png"), IMAGE
+    for name, to in {"zero": fill(0), "negative": lambda light: light - 1, "square": lambda light: light[:, ::2]}.items():
+        yield f"light: {name}", change(LIGHT, 3, to), "light train: expected"
+        yield f"novel light: {name}", change("lights/night.exr", 3, to), "light night: expected"
+    for value in (100, -1):
+        yield f"albedo: {value}", change(ALBEDO, 3, fill(value)), f"test view 0000: albedo: expected.* from 0 to 1, found {value}"
+        yield f"roughness: {value}", change(ROUGHNESS, 1, fill(value)), f"test view 0000: roughness: expected.*found {value}"
+    yield "schema", edit(SCENE, "schema", value=99), "schema: expected 1, found 99"
+    yield "name", edit(SCENE, "name", value=5), "name: expected text, found 5"
+    yield "surrogate in the name", edit(SCENE, "name", value=b'"\\ud800"'), "name: expected one line of text"
+    yield "splits: more", edit(SCENE, "splits", "train", value=5), "splits: expected 5 train views, found 2"
+    yield "splits: others", edit(SCENE, "splits", value={"validation": 3}), "splits: expected 3 validation views, found 0"
+    yield "twice", edit(TRAIN, "frames", 1, "file_path", value="images/train/0000.exr"), "every image once"
+    yield "train: light", edit(TRAIN, "frames", 1, "light", value="night"), "train view 0001: expected the training light"
+    yield "light: number", edit(NOVEL, "frames", 0, "light", value=5), r"frames\[0\]: light: expected text"
+    yield "light: list", edit(NOVEL, "frames", 0, "light", value=["night"]), r"frames\[0\]: light: expected text"
+    matrix = (TRAIN, "frames", 1, "transform_matrix")
+    yield "matrix: text", edit(*matrix, value="[[1]]"), r"frames\[1\]: transform_matrix"
+    yield "matrix: beyond a float", edit(*matrix, 0, 0, value=b"9" * 310), TRAIN
+    yield "matrix: infinite", edit(*matrix, 0, 0, value=b"1e999"), r"frames\[1\]: transform_matrix"
+    yield "matrix: large", edit(*matrix, 0, 0, value=1e300), r"frames\[1\]: transform_matrix"
+    yield "matrix: nested", edit(*matrix, 0, 0, value=b"[" * 500 + b"]" * 500), r"frames\[1\]: transform_matrix"
+    yield "matrix: objects", edit(*matrix, 0, 0, value={"a": 1}), r"frames\[1\]: transform_matrix"
+    yield "cx: beyond", edit(TRAIN, "cx", value=b"1e999"), r"frames\[0\]: cx"
+
+
+CASES = list(cases())
+
+
+@pytest.fixture(scope="module")
+def small(tiny_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scene `tiny` with two training views, one test view and two novel views; read only."""
+    folder = tmp_path_factory.mktemp("small") / "scene"
+    shutil.copytree(tiny_folder, folder)
+    for split, chosen in (("train", (0, 1)), ("test", (0,)), ("novel", (0, -1))):
+        path = folder / f"transforms_{split}.json"
+        content = json.loads(path.read_text())
+        path.write_text(json.dumps({**content, "frames": [content["frames"][i] for i in chosen]}))
+    (folder / SCENE).write_text(json.dumps({**json.loads((folder / SCENE).read_text()), "splits": {"train": 2, "test": 1}}))
+    return folder
+
+
+@pytest.fixture
+def scene(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(sys, "argv", ["ia_bench"])
+    monkeypatch.delenv("IA_BENCH_DEBUG", raising=False)
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copytree(small, tmp_path / "scene"))
+
+
+def one_line(*arguments: str, capfd: pytest.CaptureFixture[str]) -> str:
+    """The one line that a mistake ends with; notes of how far the run had come may stand before it."""
+    assert main(["device=cpu", "threads=1", "preset=smoke", *arguments]) == 2
+    out, err = capfd.readouterr()
+    assert "Traceback" not in out + err  # libraries may say more of a file before
+    lines = [line for line in err.splitlines() if line.startswith("ia_bench: ")]
+    assert lines == [err.splitlines()[-1]]
+    assert len(lines[0]) < 1000
+    return lines[0]
+
+
+def test_the_small_scene_is_sound(small: Path) -> None:
+    assert len(read_scene(SceneConfig(path=str(small)), ReaderConfig(), truth=True).train) == 2
+
+
+@pytest.mark.parametrize(("spoil", "says"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
+def test_a_wrong_file_is_one_line(scene: Path, spoil: Spoil, says: str, capfd: pytest.CaptureFixture[str]) -> None:
+    spoil(scene)
+    line = one_line("scene.path=scene", "out=out", capfd=capfd)
+    assert str(scene) in line
+    assert re.search(says, line), line
+    assert len(CASES) > 100
+
+
+@pytest.mark.parametrize(
+    ("path", "says"),
+    [
+        ("5", "no such folder"),
+        ("'a\nb'", "no such folder"),
+        ("a" * 5000, "no such folder"),
+        ("a/" * 3000, "no such folder"),
+        ("scene/scene.json", "expected a folder, found a file"),
+        ("scene/scene.json/a", "no such folder"),
+        ("loop", "no such folder"),
+        ("'~nobody-at-all/scene'", "no such folder"),
+        ("'\udcff'", "no such folder"),
+        ("''", "expected a folder, found nothing"),
+    ],
+    ids=range(10),
+)
+def test_a_path_that_is_no_scene_is_one_line(scene: Path, path: str, says: str, capfd: pytest.CaptureFixture[str]) -> None:
+    Path("loop").symlink_to("loop")
+    assert re.search(f"scene.path.*: {says}", one_line(f"scene.path={path}", capfd=capfd))
+
+
+@pytest.mark.parametrize("out", ["scene", "scene/out", "scene/../scene/out", "link/out"])
+def test_results_do_not_go_into_the_scene(scene: Path, out: str, capfd: pytest.CaptureFixture[str]) -> None:
+    Path("link").symlink_to("scene")
+    before = sorted(scene.rglob("*"))
+    assert "expected a folder outside of the scene's" in one_line("scene.path=scene", f"out={out}", capfd=capfd)
+    assert sorted(scene.rglob("*")) == before
+
+
+def test_nor_do_they_where_the_current_folder_is_the_scene(
+    scene: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(scene)
+    assert "out=runs/scene/none-" in one_line("scene.path=.", capfd=capfd)
+
+
+def test_a_mesh_beside_the_images_is_refused_with_the_likely_cause(scene: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for split in ("train", "test", "novel"):
+        path = scene / f"transforms_{split}.json"
+        content = json.loads(path.read_text())
+        for frame in content["frames"]:
+            frame["transform_matrix"] = (np.array(frame["transform_matrix"]) @ np.diag([1, -1, -1, 1])).tolist()
+        path.write_text(json.dumps(content))
+    line = one_line("scene.path=scene", "out=out", capfd=capfd)
+    assert re.search(r"found intersection over union 0\.\d+ over 2 .* OpenCV's .* it would be 0\.9\d$", line)

@@ -1,0 +1,71 @@
+"""Mesh and masks: how far they agree, and what is said of the mistakes that others' conventions lead to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ia_bench.common.errors import InputError
+from ia_bench.render.agreement import GOOD, MISTAKES, check_agreement
+from ia_bench.scenes.scene import Scene
+
+
+def with_cameras(scene: Scene, matrices: list[np.ndarray]) -> Scene:
+    views = [replace(v, camera=replace(v.camera, to_world=m)) for v, m in zip(scene.train, matrices, strict=True)]
+    return replace(scene, train=tuple(views))
+
+
+def test_a_scene_in_our_conventions_agrees(tiny: Scene) -> None:
+    notes: list[str] = []
+    assert check_agreement(tiny, notes.append) > 0.97
+    assert notes == ["mesh and masks: intersection over union 0.98 over 8 training views"]
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_convention_of_others_is_named(tiny: Scene, mistake: str) -> None:
+    """Cameras that the named change would mend; the changes that are not their own inverse are undone by solving."""
+    identity = np.eye(4)
+    matrices = [view.camera.to_world for view in tiny.train]
+    mend = MISTAKES[mistake]
+    if "world-to-camera" in mistake:
+        wrong = [np.linalg.inv(matrix @ np.linalg.inv(mend(identity))) for matrix in matrices]
+    else:
+        at_identity = mend(identity)  # multiplied from one side or the other
+        left = np.allclose(mend(matrices[0]), at_identity @ matrices[0])
+        wrong = [np.linalg.inv(at_identity) @ m if left else m @ np.linalg.inv(at_identity) for m in matrices]
+    np.testing.assert_allclose(mend(wrong[0]), matrices[0], atol=1e-6)
+    said: list[str] = []
+    try:
+        check_agreement(with_cameras(tiny, wrong), said.append)  # a round object looks alike from another side: a warning
+    except InputError as error:
+        said.append(str(error))
+    assert said[-1].endswith(f"with {mistake} it would be 0.98")
+
+
+def test_a_mesh_elsewhere_has_no_such_cause(tiny: Scene) -> None:
+    mesh = replace(tiny.mesh, vertices=tiny.mesh.vertices + np.float32(1.5))
+    with pytest.raises(InputError, match=r"found intersection over union 0\.\d+ .* in the units and at the place of the mesh"):
+        check_agreement(replace(tiny, mesh=mesh), print)
+
+
+def test_a_mesh_of_another_size_is_warned_of(tiny: Scene) -> None:
+    notes: list[str] = []
+    found = check_agreement(replace(tiny, mesh=replace(tiny.mesh, vertices=0.9 * tiny.mesh.vertices)), notes.append)
+    assert 0.6 < found < GOOD
+    assert notes[0].startswith("warning: ")
+    assert f"found intersection over union {found:.2f} over 8 training views; transform_matrix has to be" in notes[0]
+
+
+def test_large_images_are_looked_at_in_blocks(tiny: Scene) -> None:
+    """Every pixel six times: blocks of three, so the edge, 2 x 2 points to 4 masks of one value, agrees a little less."""
+    views = []
+    for view in tiny.train:
+        camera = view.camera
+        focal, centre = ((6 * pair[0], 6 * pair[1]) for pair in (camera.focal, camera.centre))
+        camera = replace(camera, focal=focal, centre=centre, width=6 * camera.width, height=6 * camera.height)
+        mask = view.mask.repeat(6, 0).repeat(6, 1)
+        views.append(replace(view, camera=camera, mask=mask, image=np.zeros((*mask.shape, 3), np.float32)))
+    notes: list[str] = []
+    assert check_agreement(replace(tiny, train=tuple(views)), notes.append) == pytest.approx(0.95, abs=0.01)
