@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -37,7 +38,10 @@ class SceneReader(Protocol):
 
 
 def check_scene(scene: object, *, truth: bool) -> Scene:
-    """The ``scene``, as a reader returned it. Raises InputError for the first thing in it that is not as Scene describes it."""
+    """The ``scene``, as a reader returned it, with an empty truth where there is none but it was asked for.
+
+    Raises InputError for the first thing in it that is not as Scene describes it.
+    """
     if not isinstance(scene, Scene):
         raise InputError(f"expected a Scene, found {type(scene).__name__}")
     if not (isinstance(scene.name, str) and 0 < len(scene.name) <= 200 and scene.name.isprintable()):
@@ -52,10 +56,11 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
             raise InputError(f"{where}: expected {_size(first.mask)} pixels like the split's first image, found {_size(view.mask)}")
         if split != "novel" and view.light != "train":
             raise InputError(f"{where}: expected the training light, which is called 'train', found {shown(repr(view.light))}")
-    if scene.truth is not None:
-        if not truth:
-            raise InputError(f"{scene.source}: expected no truth, which was not asked for, found some")
-        _check_truth(scene.source, scene.truth)
+    if scene.truth is None:
+        return replace(scene, truth=Truth(lights={})) if truth else scene
+    if not truth:
+        raise InputError(f"{scene.source}: expected no truth, which was not asked for, found some")
+    _check_truth(scene.source, scene.truth)
     return scene
 
 

@@ -17,7 +17,6 @@ from ia_bench.common.registry import create
 from ia_bench.methods.asking.border import check_prior_info
 from ia_bench.methods.contract import Fit, Monitor, Problem
 from ia_bench.methods.plan import make_plan
-from ia_bench.render.agreement import check_agreement
 from ia_bench.render.gbuffer import SurfaceInterpolator
 from ia_bench.render.rays import RayCaster
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
@@ -27,7 +26,7 @@ from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.metrics import SCHEMA
-from ia_bench.runs.scene import read_scene
+from ia_bench.runs.scene import read_scene, tell
 from ia_bench.runs.truth import tell_truth
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
@@ -43,9 +42,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     # ---- load ------------------------------------------------------------------------------------------------
     device = torch.device(config.device)
     scene = read_scene(config.scene, config.reader, truth=True)
-    for note in scene.notes:
-        progress.note(note)
-    check_agreement(scene, progress.note)
+    tell(scene, progress.note)
     scorer = Scorer(scene, Protocol.from_config(config.protocol), device)
     blind = scene.blind()
     prior = create("prior", config.prior.name, config.prior.target, config.prior.options)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from ia_bench.common.errors import InputError
-from ia_bench.common.registry import create
-from ia_bench.readers.contract import SceneReader, check_scene
+from ia_bench.common.registry import at_work, create
+from ia_bench.readers.contract import SceneReader, check_scene, unscored
+from ia_bench.render.agreement import check_agreement
 from ia_bench.runs.config import NATIVE_READER, ReaderConfig, SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene
 
@@ -19,7 +22,9 @@ def open_scene(scene: SceneConfig, reader: ReaderConfig) -> SceneReader:
 
 def read_scene(scene: SceneConfig, reader: ReaderConfig, *, truth: bool) -> Scene:
     """The scene, checked. Raises InputError for what is wrong with it, naming a reader that is not ours."""
-    found = open_scene(scene, reader).read(truth)
+    opened = open_scene(scene, reader)
+    with at_work("reader", reader.name):
+        found = opened.read(truth)
     try:
         return check_scene(found, truth=truth)
     except (InputError, AttributeError, TypeError, ValueError, IndexError) as error:  # all but the first: parts that are no arrays
@@ -27,3 +32,12 @@ def read_scene(scene: SceneConfig, reader: ReaderConfig, *, truth: bool) -> Scen
             raise
         said = error if isinstance(error, InputError) else f"expected what a Scene describes, found other parts ({error})"
         raise InputError(f"reader={reader.name}: {said}") from error
+
+
+def tell(scene: Scene, note: Callable[[str], None]) -> None:
+    """Note what the reader mended, whether mesh and images agree, and what cannot be scored. Raises InputError if they do not."""
+    for line in scene.notes:
+        note(line)
+    check_agreement(scene, note)
+    for component, reason in unscored(scene).items():
+        note(f"{component} will not be scored: {reason}")

@@ -136,6 +136,10 @@ def test_mistake_is_one_message_before_anything_runs(
     assert started() == []
 
 
+BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
+"""Nine aliases of nine aliases of ...: a thousand bytes that stand for thirty thousand million values."""
+
+
 def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
     (tmp_path / "table").mkdir()
@@ -148,9 +152,18 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
         ("rows: [{name: a, overrides: [], seeds: []}]", "rows: a: seeds: expected at least one, found none"),
         ("seeds: []", "seeds: expected at least one, found none"),
-        ("rows: [", "bad.yaml: "),
+        ("rows: [", r"bad\.yaml: not valid YAML"),
+        ("[1]", r"bad\.yaml: expected a YAML table, found list"),
+        ("rows: []".encode("utf-16"), r"bad\.yaml: expected YAML as UTF-8 text"),
+        ("note: ü".encode("latin-1"), r"bad\.yaml: expected YAML as UTF-8 text"),
+        (bytes(range(256)), r"bad\.yaml: expected YAML as UTF-8 text"),
+        (bytes(9), r"bad\.yaml: not valid YAML"),
+        (b"a: " + b"[" * 100_000, r"bad\.yaml: not valid YAML \(nested too deeply\)"),
+        ("seeds: [2001-13-45]", r"bad\.yaml: not valid YAML|seeds"),
+        (BOMB, r"bad\.yaml: expected at most 100000 values, aliases written out, found more"),
+        ("a: &a [*a]", r"bad\.yaml: expected at most 100000 values"),
     ]:
-        (tmp_path / "table" / "bad.yaml").write_text(content)
+        (tmp_path / "table" / "bad.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
         with pytest.raises(InputError, match=f"(?s){message}"):
             load_table("bad")
 

@@ -1,0 +1,182 @@
+"""The check of readers: a sound one passes, and everything that a reader can get wrong is one cross that says so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ia_bench.checks.readers import check_reader, difference
+from ia_bench.cli.check import main
+from ia_bench.common.errors import InputError
+from ia_bench.readers.contract import check_scene, unscored
+from ia_bench.scenes.scene import Camera, Scene, Truth, View
+
+
+class Reading:
+    """A reader of a scene that is there already, spoiled at every call by ``spoil``."""
+
+    def __init__(self, scene: Scene, spoil: Callable[[Scene], object] = lambda scene: scene) -> None:
+        self.scene, self.spoil = scene, spoil
+
+    def read(self, truth: bool) -> object:
+        return self.spoil(self.scene if truth else without_truth(self.scene))
+
+
+def without_truth(scene: Scene) -> Scene:
+    def views(split: tuple[View, ...]) -> tuple[View, ...]:
+        return tuple(View(v.name, v.camera, v.image, v.mask, v.light) for v in split)
+
+    return replace(scene, train=views(scene.train), test=views(scene.test), novel=views(scene.novel), truth=None)
+
+
+def first(scene: Scene, split: str = "test", **changes: object) -> Scene:
+    """The scene with other values in the first view of a split."""
+    views = getattr(scene, split)
+    return replace(scene, **{split: (replace(views[0], **changes), *views[1:])})
+
+
+def camera(scene: Scene, **changes: object) -> Scene:
+    return first(scene, camera=replace(scene.test[0].camera, **changes))
+
+
+def lights(scene: Scene, **changed: np.ndarray) -> Scene:
+    assert scene.truth is not None
+    return replace(scene, truth=replace(scene.truth, lights={**scene.truth.lights, **changed}))
+
+
+ODD = np.zeros((31, 37), np.float32)
+WRONG: dict[str, tuple[Callable[[Scene], object], str]] = {
+    "nothing": (lambda s: None, "expected a Scene, found NoneType"),
+    "dict": (vars, "expected a Scene, found dict"),
+    "name": (lambda s: replace(s, name=5), "name: expected one line of text, found 5"),
+    "no views": (lambda s: replace(s, train=()), "expected at least one training view"),
+    "view": (lambda s: replace(s, test=("0000",)), "test view 0000: expected a View with a Camera, found str"),
+    "image type": (lambda s: first(s, image=s.test[0].image.astype(float)), r"image: expected \(32, 32, 3\) float32, found.*64"),
+    "image is a list": (lambda s: first(s, image=s.test[0].image.tolist()), "image: expected.*, found list"),
+    "image shape": (lambda s: first(s, image=ODD), r"image: expected \(32, 32, 3\) float32, found \(31, 37\)"),
+    "nan": (lambda s: first(s, image=s.test[0].image * np.float32(np.nan)), "image: expected finite values from 0 to inf"),
+    "negative": (lambda s: first(s, image=s.test[0].image - 1), "image: expected finite values from 0 to inf, found -1"),
+    "straight alpha": (lambda s: first(s, image=s.test[0].image + 1), "expected radiance premultiplied by the mask"),
+    "mask of 255": (lambda s: first(s, mask=255 * s.test[0].mask), "mask: expected finite values from 0 to 1, found 0 to 255"),
+    "no object": (lambda s: first(s, mask=0 * s.test[0].mask), "mask: expected a pixel above 0.5"),
+    "albedo": (lambda s: first(s, albedo=100 * s.test[0].albedo), "albedo: expected finite values from 0 to 1"),
+    "roughness": (lambda s: first(s, roughness=s.test[0].roughness - 1), "roughness: expected.* from 0 to 1, found -1"),
+    "roughness shape": (lambda s: first(s, roughness=s.test[0].roughness[..., None]), r"roughness: expected \(32, 32\)"),
+    "normals": (lambda s: first(s, normal=2 * s.test[0].normal), "normal: expected finite values from -1 to 1"),
+    "focal": (lambda s: camera(s, focal=(0.0, 1.0)), "camera: expected a positive focal length"),
+    "centre": (lambda s: camera(s, centre=(np.nan, 1.0)), "camera: expected.*a finite centre"),
+    "world": (lambda s: camera(s, to_world=2 * np.eye(4)), "camera: expected a rotation and a translation"),
+    "3 x 4": (lambda s: camera(s, to_world=np.eye(4)[:3]), "camera: expected a rotation and a translation"),
+    "camera": (lambda s: camera(s, width=31), r"image: expected \(32, 31, 3\)"),
+    "light of a test view": (lambda s: first(s, light="night"), "expected the training light"),
+    "light": (lambda s: lights(s, night=np.zeros((4, 8, 3), np.float32)), "light night: expected radiance above 0"),
+    "light shape": (lambda s: lights(s, night=np.ones((4, 4, 3), np.float32)), r"light night: expected \(4, 8, 3\)"),
+    "light below 0": (lambda s: lights(s, night=-np.ones((4, 8, 3), np.float32)), "light night: expected finite values from 0"),
+    "faces": (lambda s: replace(s, mesh=replace(s.mesh, faces=s.mesh.faces + 1)), "faces: expected vertices 0 to"),
+    "face type": (lambda s: replace(s, mesh=replace(s.mesh, faces=s.mesh.faces.astype(float))), r"expected \(F, 3\) int32"),
+    "uv": (lambda s: replace(s, mesh=replace(s.mesh, uv=2 * s.mesh.uv)), "uv: expected finite values from 0 to 1"),
+    "mesh": (lambda s: replace(s, mesh=None), "mesh: expected a Mesh, found NoneType"),
+}  # fmt: skip
+
+
+def crosses(reader: object) -> list[str]:
+    findings = list(check_reader(lambda: reader))  # type: ignore[arg-type,return-value]
+    return [f"{finding.what}: {finding.found}" for finding in findings if finding.status == "fail"]
+
+
+def test_a_sound_reader_passes(tiny: Scene) -> None:
+    assert crosses(Reading(tiny)) == []
+    assert unscored(tiny) == {}
+
+
+@pytest.mark.parametrize(("spoil", "says"), WRONG.values(), ids=WRONG)
+def test_a_scene_that_is_wrong_is_told(tiny: Scene, spoil: Callable[[Scene], object], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        check_scene(spoil(tiny), truth=True)
+    found = list(check_reader(lambda: Reading(tiny, spoil)))  # type: ignore[arg-type,return-value]
+    assert [finding.status for finding in found] == ["fail", "skip"]
+
+
+def test_truth_that_nobody_asked_for(tiny: Scene) -> None:
+    class Telling(Reading):
+        def read(self, truth: bool) -> object:
+            return self.scene
+
+    (cross,) = crosses(Telling(tiny))
+    assert "train view 0000: albedo: expected no truth, which was not asked for" in cross
+
+
+def test_another_scene_at_every_call(tiny: Scene) -> None:
+    calls: list[int] = []
+
+    def brighter(scene: Scene) -> Scene:
+        calls.append(1)
+        return first(scene, "train", image=scene.train[0].image * np.float32(1 + len(calls)))
+
+    found = crosses(Reading(tiny, brighter))
+    assert [line.partition(":")[0] for line in found] == ["without truth", "reading again"]
+    assert "train[0].image" in found[0]
+
+
+def test_held_out_views_and_cameras(tiny: Scene) -> None:
+    trained = first(tiny, image=tiny.train[0].image, mask=tiny.train[0].mask)
+    assert crosses(Reading(trained)) == ["held-out views: 0000"]
+    turned = tuple(replace(v, camera=replace(v.camera, to_world=v.camera.to_world @ np.diag([1, -1, -1, 1]))) for v in tiny.train)
+    (cross,) = crosses(Reading(replace(tiny, train=turned)))
+    assert cross.startswith("mesh, cameras and masks")
+    assert "OpenCV" in cross
+
+
+def test_a_reader_that_raises(tiny: Scene) -> None:
+    def leave(scene: Scene) -> object:
+        raise SystemExit(0)
+
+    assert crosses(Reading(tiny, leave)) == ["scene: SystemExit: 0"]
+
+
+def test_differences_are_found_wherever_they_are(tiny: Scene) -> None:
+    assert difference(tiny, tiny) is None
+    assert difference(tiny, replace(tiny, name="other")) == "scene.name"
+    assert difference(tiny, replace(tiny, test=tiny.test[1:])) == "scene.test"
+    assert difference(tiny, lights(tiny, other=np.ones(3))) == "scene.truth.lights['other']"
+    assert difference(Camera(np.eye(4), (1, 1), (1, 1), 2, 2), Camera(np.ones((4, 4)), (1, 1), (1, 1), 2, 2)) == "scene.to_world"
+
+
+def test_what_cannot_be_scored_has_its_reason(tiny: Scene) -> None:
+    bare = check_scene(without_truth(tiny), truth=True)
+    assert bare.truth == Truth(lights={})
+    assert unscored(bare) == {
+        "albedo": "4 of 4 test views have no true albedo",
+        "roughness": "4 of 4 test views have no true roughness",
+        "relighting": "no environment map of night, studio, sunset",
+    }
+    assert unscored(replace(bare, test=(), novel=())) == {
+        "albedo": "no test views",
+        "roughness": "no test views",
+        "view_synthesis": "no novel views under the training light",
+        "relighting": "no novel views under another light",
+    }
+    assert unscored(first(tiny, albedo=None)) == {
+        "albedo": "1 of 4 test views have no true albedo",
+        "relighting": "relit albedo is aligned to the truth first, and 1 of 4 test views have no true albedo",
+    }
+
+
+def test_the_command(tiny_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reader=native", f"scene.path={tiny_folder}"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
+    assert main(["reader=native", f"scene.path={tmp_path}"]) == 1
+    assert "scene.json: no such file" in capsys.readouterr().out
+    for words, message in [
+        (["reader=native", "prior=none"], "unknown setting of ia_bench.check 'prior'"),
+        (["reader=nativ"], "unknown reader 'nativ'; did you mean 'native'?"),
+        (["reader=native", "scene.path=nowhere"], "no such folder"),
+        (["reader=native", "reader.options.uv=mash"], "reader.options.uv: expected mesh or xatlas, found 'mash'"),
+        (["reader=collections:Counter"], "expected a class with read"),
+    ]:
+        assert main(words) == 2
+        assert message in capsys.readouterr().err
