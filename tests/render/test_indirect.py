@@ -186,7 +186,7 @@ def test_the_operators_are_kept_and_reused(bowl_stage: Stage, tmp_path: Path, mo
     again = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8).radiance
     assert torch.equal(first, again)
     assert bowl_stage.rays.rays - traced < 20_000  # the bake alone takes a hundred thousand
-    assert len(list(tmp_path.glob("interreflection-*.npz"))) == 1
+    assert len(list(tmp_path.glob("interreflection-*.safetensors"))) == 1
 
 
 def test_a_mesh_without_an_atlas_is_refused(tmp_path: Path) -> None:
