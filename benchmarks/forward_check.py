@@ -20,18 +20,13 @@ import numpy as np
 import torch
 
 from ia_bench.common.arguments import at_least
-from ia_bench.common.cache import cache_folder
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
-from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.indirect import bake_interreflection
-from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import TracedShadows
+from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene, View
@@ -58,7 +53,7 @@ def check_scene(folder: Path, *, samples: int = SAMPLES) -> ForwardCheck:
     views = [view for view in scene.test if view.name in direct]
     reference = [direct[view.name] for view in views]
     full = [view.image for view in views]
-    stage = _Stage(scene, samples)
+    stage = _Truth(scene, samples)
 
     ours = stage.render(views)
     added = stage.render(views, coat="added")
@@ -85,7 +80,7 @@ def check_scene(folder: Path, *, samples: int = SAMPLES) -> ForwardCheck:
     return ForwardCheck(scene.name, gaps, float(brightness[0] / brightness[1]))
 
 
-class _Stage:
+class _Truth:
     """The true material and light of a scene, ready to be rendered in several ways."""
 
     def __init__(self, scene: Scene, samples: int) -> None:
@@ -93,11 +88,7 @@ class _Stage:
         albedo, roughness = scene.truth.albedo, scene.truth.roughness
         if albedo is None or roughness is None:
             raise InputError(f"{scene.source}: the forward check needs the true textures")
-        device = torch.device("cpu")
-        self._rays: RayCaster = make_rays(scene.mesh, device)
-        self._surface = SurfaceInterpolator(scene.mesh, device)
-        self._shadows = TracedShadows(self._rays, self._surface.offset)
-        self._bounced = bake_interreflection(scene.mesh, self._surface, self._rays, BOUNCES, cache_folder())
+        self._stage = Stage(scene.mesh, torch.device("cpu"))
         self._light = scene.truth.lights["train"]
         rough = torch.from_numpy(roughness)[..., None].clamp(MIN_ROUGHNESS, 1)
         self._material = Material(torch.from_numpy(albedo).float(), rough)
@@ -107,9 +98,9 @@ class _Stage:
         self, views: list[View], *, side: int = 2, light_rows: int | None = None, coat: str = "layered", bounces: int = 0
     ) -> dict[str, np.ndarray]:
         """Images (V, H, W, 3) of "radiance" and its parts; ``bounces``: none or those of :data:`BOUNCES`."""
-        gbuffer = trace_gbuffer([view.camera for view in views], self._rays, side, torch.device("cpu"))
+        gbuffer = self._stage.gbuffer([view.camera for view in views], side)
         radiance = self._light if light_rows is None else resize_light(self._light, light_rows)
-        renderer = Renderer(self._surface, self._shadows, interreflection=self._bounced if bounces else None, coat=coat)
+        renderer = self._stage.renderer(bounces=bounces, coat=coat)
         generator = torch.Generator().manual_seed(0)
         light = SampledLight.of(torch.from_numpy(radiance))
         images = renderer.render_images(gbuffer, self._material, light, self._samples, generator)

@@ -367,7 +367,7 @@ def load(folder: Path, settings: FitSettings) -> tuple[Problem, Judge, Fit]:
     scene, cpu = NativeReader(folder).read(truth=True), torch.device("cpu")
     blind = scene.blind()
     stage = Stage(scene.mesh, cpu)
-    plan = make_plan(blind, stage.surface, stage.rays, RenderSettings(), NoPrior(), cpu)
+    plan = make_plan(blind, stage, RenderSettings(), NoPrior())
     renderer = stage.renderer(shadows=plan.shadows, coat="added")
     problem = Problem(blind, stage.gbuffer([view.camera for view in blind.train], plan.subsamples), renderer, plan)
     silent = Monitor(lambda *_: None, print, lambda *_: None, lambda _: None, lambda: None)  # type: ignore[arg-type,return-value]

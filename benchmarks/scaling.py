@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stage import CPU, POINTS, Stage, resized
+from stage import POINTS, Stage, resized
 
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.plan import make_plan
@@ -68,7 +68,7 @@ def measure(case: dict[str, int], name: str, threads: int) -> dict[str, float]:
     scene = enlarged(stage.scene, case["views"], case["size"])
     sizes = {"subsamples": POINTS, "texture": case["texture"], "light_height": case["light_rows"]}
     settings = RenderSettings(case["samples"], **sizes, shadows="traced", bounces=0, shading="compiled")
-    plan = make_plan(scene, stage.geometry.surface, stage.geometry.rays, settings, NoPrior(), CPU)
+    plan = make_plan(scene, stage.geometry, settings, NoPrior())
     started = time.process_time()
     gbuffer = stage.geometry.gbuffer([view.camera for view in scene.train], POINTS)
     baked = time.process_time() - started

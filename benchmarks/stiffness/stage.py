@@ -56,7 +56,7 @@ class Stage:
             raise InputError(f"{folder}: stiffness is measured at the truth, and this scene ships no true textures and light")
         stage = render.Stage(scene.mesh, cpu)
         settings = RenderSettings(bounces=bounces)
-        plan = make_plan(scene.blind(), stage.surface, stage.rays, settings, NoPrior(), cpu)
+        plan = make_plan(scene.blind(), stage, settings, NoPrior())
         renderer = stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat)
         gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
         albedo = _resized(torch.from_numpy(truth.albedo).float(), plan.texture)

@@ -44,7 +44,7 @@ def make_problem(scene: Scene, prior: Prior, *, shading: str = "eager") -> tuple
     device = torch.device("cpu")
     blind = scene.blind()
     stage = Stage(scene.mesh, device)
-    plan = make_plan(blind, stage.surface, stage.rays, RenderSettings(bounces=0, coat="added"), prior, device)
+    plan = make_plan(blind, stage, RenderSettings(bounces=0, coat="added"), prior)
     gbuffer = stage.gbuffer([view.camera for view in blind.train], plan.subsamples)
     problem = Problem(blind, gbuffer, stage.renderer(shadows=plan.shadows, coat="added", shading=shading), plan)
     return problem, tell_truth(prior, scene, stage.surface, gbuffer), Judge(scene, stage)

@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from ia_bench.common.errors import InputError
 from ia_bench.common.paths import PACKAGE
 
 PACKAGES = ("ia_bench", "torch", "numpy", "scipy", "scikit-image", "lpips", "embreex", "warp-lang", "trimesh", "xatlas")
@@ -38,6 +39,26 @@ def total_memory() -> int:
     limit = Path("/sys/fs/cgroup/memory.max")
     text = limit.read_text().strip() if limit.is_file() else "max"
     return total if text == "max" else min(total, int(text))
+
+
+def available_memory() -> int:
+    """Bytes that this process may still take: what the machine has free, or what is left of its control group's limit."""
+    meminfo, group = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
+    lines = meminfo.read_text().splitlines() if meminfo.is_file() else []
+    free = next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), total_memory())
+    current, stat = group / "memory.current", group / "memory.stat"
+    if not (current.is_file() and stat.is_file()):
+        return free
+    cached = next((int(line.split()[1]) for line in stat.read_text().splitlines() if line.startswith("file ")), 0)
+    return min(free, total_memory() - int(current.read_text()) + cached)
+
+
+def expect_memory(setting: str, needed: float) -> None:
+    """Raise InputError, before anything is allocated, where ``needed`` bytes for a ``setting`` ("key=value") are not to be had."""
+    free = available_memory()
+    if needed > free:
+        room = f"the {free / 1e9:.1f} GB of memory that are free"
+        raise InputError(f"{setting}: expected to fit into {room}, found a need for {needed / 1e9:.3g} GB")
 
 
 def commit() -> str | None:

@@ -13,17 +13,21 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.machine import expect_memory
 from ia_bench.material.brdf import dot, normalize
 from ia_bench.methods.asking.views import sees, spreading_order, views_needed
 from ia_bench.priors.contract import Prior
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints, trace_gbuffer
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.rays import RayCaster
+from ia_bench.render.renderer import samples_taken
 from ia_bench.render.settings import RenderSettings
+from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 
 PROBE_VIEWS = 8
 PROBE_RAYS = 20_000
 PROBE_POINTS = 2_000
+PROBE_PIXELS = 4096  # of a usual step
 VIEWS_A_POINT = 4  # views that show a point to the prior
 SEEN_SHARE = 0.95
 TEXTURE_SIZES = (64, 128, 256, 512, 1024, 2048)
@@ -75,22 +79,16 @@ class Plan:
 
 @torch.no_grad()
 def make_plan(
-    scene: Scene,
-    surface: SurfaceInterpolator,
-    rays: RayCaster,
-    settings: RenderSettings,
-    prior: Prior,
-    device: torch.device,
-    *,
-    prior_views: int | str = "all",
+    scene: Scene, stage: Stage, settings: RenderSettings, prior: Prior, *, prior_views: int | str = "all"
 ) -> Plan:
-    """Measure a few training views and decide. ``rays`` must be able to trace the real mesh.
+    """Measure a few training views on the ``stage`` of the scene's mesh, and decide.
 
     ``prior_views``: the setting prior.supervision.views.
     """
+    surface, rays, device = stage.surface, stage.rays, stage.device
     step = max(1, len(scene.train) // PROBE_VIEWS)
     views = scene.train[::step]
-    gbuffer = trace_gbuffer([view.camera for view in views], rays, 2, device)
+    gbuffer = stage.gbuffer([view.camera for view in views], 2)
     if not bool((gbuffer.face[:, 0] >= 0).any()):
         raise InputError(
             f"{scene.source}: no training camera sees the mesh: expected transform_matrix to be camera-to-world in the "
@@ -108,6 +106,7 @@ def make_plan(
     if prior.info.provides:
         decisions.append(_prior_views(scene, surface, rays, prior_views, gbuffer, device))
     by_name = {decision.what: decision.value for decision in decisions}
+    _check_memory(settings.samples, **{name: by_name[f"render.{name}"] for name in ("subsamples", "texture", "light_height")})
     return Plan(
         samples=settings.samples,
         subsamples=by_name["render.subsamples"],
@@ -119,6 +118,15 @@ def make_plan(
         prior_views=by_name.get("prior.supervision.views", "all"),
         decisions=tuple(decisions),
     )
+
+
+def _check_memory(samples: int, *, subsamples: int, texture: int, light_height: int) -> None:
+    """Raise InputError for sizes that this machine cannot hold; measured on fits, rounded up."""
+    taken = samples_taken(samples, subsamples**2)
+    asked = f"render.samples={samples}" + (f" (at least 2 x {subsamples} x {subsamples})" if taken > samples + 2 else "")
+    expect_memory(f"render.texture={texture}", 128 * texture**2)  # 4 to 5 channels, with gradient, optimiser and copies
+    expect_memory(f"render.light_height={light_height}", 2000 * 2 * light_height**2)  # most of it the tables that sample it
+    expect_memory(asked, 300 * PROBE_PIXELS * taken)
 
 
 def _users(what: str, value: int | str | bool) -> Decision:

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import shutil
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -16,9 +14,10 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import dot
 from ia_bench.material.coat import passed_by_coat
 from ia_bench.material.textures import Material, fetch
-from ia_bench.render.estimator import lattice, sample_directions, shade_directions
+from ia_bench.render.estimator import lattice
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
+from ia_bench.render.shading import Shading
 from ia_bench.render.visibility import Visibility
 
 POINTS_AT_ONCE = 2**18  # of a textured picture: about 50 MB
@@ -77,16 +76,12 @@ class Renderer:
         self.visibility = visibility
         self.interreflection = interreflection
         self.coat = coat
-        self._notice = notice
-        self._sample: Callable[..., Any] = sample_directions
-        self._shade: Callable[..., Any] = shade_directions
-        self.shading = shading
-        if shading == "compiled":
-            try:
-                self._sample = torch.compile(sample_directions, dynamic=False)
-                self._shade = torch.compile(shade_directions, dynamic=False)
-            except RuntimeError as error:  # a Python or a platform that torch cannot compile for
-                self._fall_back(error)
+        self._shading = Shading(shading, notice)
+
+    @property
+    def shading(self) -> str:
+        """What it runs as: "compiled" or "eager"."""
+        return self._shading.kind
 
     def render_pixels(
         self, gbuffer: GBuffer, pixels: Tensor, material: Material, light: SampledLight, samples: int, generator: torch.Generator
@@ -117,6 +112,8 @@ class Renderer:
         """As :meth:`render_pixels`, for one of several parts of the lattices that start at ``shift`` (2, P, 3)."""
         points = gbuffer.subsamples
         count = samples_taken(samples, points) // (2 * points)
+
+        # ---- surface points, (N = P S, ...) -------------------------------------------------------------------
         face, barycentric = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1), gbuffer.barycentric[pixels]
         hit = (face >= 0).reshape(-1)
         camera = gbuffer.origin[gbuffer.pixel[pixels] // (gbuffer.shape[1] * gbuffer.shape[2])]
@@ -126,19 +123,17 @@ class Renderer:
                 barycentric.reshape(-1, 2),
                 camera[:, None].expand(-1, points, -1).reshape(-1, 3),
             )
-            light_lattice, brdf_lattice = (lattice(s, points, count, part, parts).reshape(-1, count, 3) for s in shift)
-            direction, texel, weight = self._run(
-                "_sample",
-                surface.normal,
-                surface.view,
-                fetch(material.roughness.detach(), surface.uv),
-                light_lattice,
-                brdf_lattice,
-                light.sampler,
+
+            # ---- directions by light and by BRDF, (N, 2 count, 3), and whether they see the light --------------
+            lattices = (lattice(start, points, count, part, parts).reshape(-1, count, 3) for start in shift)
+            roughness = fetch(material.roughness.detach(), surface.uv)
+            direction, texel, weight = self._shading.sample(
+                surface.normal, surface.view, roughness, *lattices, light.sampler
             )
             visible, blocked = self._visible(surface, direction, weight, hit)
-        diffuse, specular, albedo = self._run(
-            "_shade",
+
+        # ---- direct light, (N, 3) ---------------------------------------------------------------------------
+        diffuse, specular, albedo = self._shading.shade(
             surface.normal,
             surface.view,
             surface.uv,
@@ -150,6 +145,8 @@ class Renderer:
             light.radiance.reshape(-1, 3),
             material.metallic,
         )
+
+        # ---- light that the object throws onto itself ---------------------------------------------------------
         mirrored: list[Tensor] = []
         if indirect is not None:
             assert self.interreflection is not None
@@ -158,8 +155,12 @@ class Renderer:
             onto_itself = blocked[blocked % (2 * count) >= count]  # of a point's directions the second half follows the BRDF
             index, toward = onto_itself // (2 * count), direction.reshape(-1, 3)[onto_itself]
             mirrored.append(self.interreflection.mirrored(indirect, surface, index, toward, material, count))
+
+        # ---- coat: the diffuse lobe gets what the specular one leaves --------------------------------------------
         if self.coat == "layered":
             diffuse = diffuse * passed_by_coat(fetch(material.roughness, surface.uv), dot(surface.normal, surface.view))
+
+        # ---- mean over the points of a pixel, (P, 3); a miss is black ----------------------------------------------
         pool = hit.reshape(-1, points, 1) / points
         return PixelRadiance(*((part.reshape(-1, points, 3) * pool).sum(1) for part in (diffuse, specular, albedo, *mirrored)))
 
@@ -171,21 +172,6 @@ class Renderer:
         visible = torch.zeros(counts.numel(), dtype=direction.dtype, device=direction.device)
         visible[index] = (~blocked).to(direction.dtype)
         return visible.reshape(*counts.shape, 1), index[blocked]
-
-    def _run(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 (two functions of different signatures)
-        if self.shading != "compiled":
-            return getattr(self, name)(*arguments)
-        try:
-            return getattr(self, name)(*arguments)
-        except compiler_errors() as error:
-            self._fall_back(error)
-            return getattr(self, name)(*arguments)
-
-    def _fall_back(self, error: Exception) -> None:
-        self.shading = "eager"
-        self._sample, self._shade = sample_directions, shade_directions
-        reason = (str(error).strip() or "no message").splitlines()[0]
-        self._notice(f"shading runs eagerly: torch.compile failed ({type(error).__name__}: {reason})")
 
     @torch.no_grad()
     def render_images(
@@ -228,24 +214,6 @@ def texture_images(surface: SurfaceInterpolator, gbuffer: GBuffer, texture: Tens
     return image.reshape(*gbuffer.shape, -1)
 
 
-def compiler_errors() -> tuple[type[Exception], ...]:
-    """What torch.compile raises when it, or the C++ compiler it calls, fails; errors of the compiled code are not among it."""
-    from torch._dynamo.exc import InternalTorchDynamoError, ShortenTraceback, Unsupported
-    from torch._inductor.exc import CppCompileError, InvalidCxxCompiler
-
-    return InternalTorchDynamoError, ShortenTraceback, Unsupported, CppCompileError, InvalidCxxCompiler
-
-
 def samples_taken(samples: int, points: int) -> int:
     """How many of ``samples`` directions a pixel of ``points`` points takes: each point as many of the light as of the BRDF."""
     return 2 * points * max(1, round(samples / (2 * points)))
-
-
-def choose_shading(wanted: str, notice: Callable[[str], None]) -> str:
-    """Resolve ``render.shading``: "auto" compiles where a C++ compiler is found, else says so in one line."""
-    if wanted != "auto":
-        return wanted
-    if shutil.which("g++") or shutil.which("clang++") or torch.cuda.is_available():
-        return "compiled"
-    notice("shading runs eagerly: no C++ compiler found for torch.compile")
-    return "eager"

@@ -96,7 +96,7 @@ def score(prior: Prior, examples: Examples, *, samples: int, seed: int) -> dict[
 def _geometry(scene: Scene) -> tuple[Tensor, Tensor]:
     """Normals and visibility of the training views, as a run gives them to a prior."""
     stage = Stage(scene.mesh, torch.device("cpu"))
-    plan = make_plan(scene, stage.surface, stage.rays, RenderSettings(bounces=0), NoPrior(), stage.device)
+    plan = make_plan(scene, stage, RenderSettings(bounces=0), NoPrior())
     gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
     problem = Problem(scene, gbuffer, stage.renderer(shadows=plan.shadows), plan)
     return view_geometry(problem, tuple(range(len(scene.train))))

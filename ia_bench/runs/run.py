@@ -20,7 +20,7 @@ from ia_bench.methods.plan import make_plan
 from ia_bench.render.gbuffer import SurfaceInterpolator
 from ia_bench.render.rays import RayCaster
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
-from ia_bench.render.renderer import choose_shading
+from ia_bench.render.shading import choose_shading
 from ia_bench.render.stage import Stage
 from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig
@@ -55,9 +55,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     with _clock(seconds, "bake"):
         stage = Stage(scene.mesh, device, notice=progress.note)
         surface, rays = stage.surface, stage.rays
-        plan = make_plan(
-            blind, surface, rays, config.render, prior, device, prior_views=config.prior.supervision.views
-        )
+        plan = make_plan(blind, stage, config.render, prior, prior_views=config.prior.supervision.views)
         for line in plan.lines():
             progress.note(line)
         shading = choose_shading(config.render.shading, progress.note)

@@ -16,6 +16,7 @@ from ia_bench.render.settings import REFERENCE, REFERENCE_BOUNCES, REFERENCE_LIG
 Encoding = Literal["srgb", "linear"]
 AlignmentName = Literal["mean_rgb", "per_channel", "least_squares"]
 LpipsNet = Literal["alex", "vgg", "squeeze"]
+MOST = 2**16  # points or samples: more would never end
 
 
 class ProtocolError(ValueError):
@@ -99,7 +100,7 @@ class Protocol:
         _expect_one_of(get_args(AlignmentName), "alignment", self.alignment)
         _expect(0 <= self.mask_threshold < 1, "mask_threshold", "a coverage in [0, 1)", self.mask_threshold)
         for key in ("map_points", "render_points", "samples_per_pixel", "curve_stride", "curve_samples"):
-            _expect(getattr(self, key) >= 1, key, "at least 1", getattr(self, key))
+            _expect(1 <= getattr(self, key) <= MOST, key, f"at least 1 and at most {MOST}", getattr(self, key))
         _expect(self.seed >= 0, "seed", "at least 0", self.seed)
 
     @classmethod

@@ -138,7 +138,7 @@ def _finished(path: Path, request: Request, first: int, count: int) -> bool:
 
 def _render(request: Request, progress: Progress, shards: list[tuple[Path, int, int]], advance: Callable[[int], None]) -> None:
     """Share the shards among worker processes."""
-    from ia_bench.render.renderer import choose_shading  # brings in torch
+    from ia_bench.render.shading import choose_shading  # brings in torch
 
     compiled = choose_shading(request.shading, progress.note) == "compiled"
     spawn = multiprocessing.get_context("spawn")  # a forked copy of torch's thread pools may hang

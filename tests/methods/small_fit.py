@@ -13,19 +13,16 @@ from ia_bench.methods.plan import Plan
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
-from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import EmbreeRays
-from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import TracedShadows
+from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 
 PLAN = Plan(samples=16, subsamples=2, texture=64, light_height=16, shadows="traced")
 
 
 def make_problem(scene: Scene) -> Problem:
-    surface, rays = SurfaceInterpolator(scene.mesh, torch.device("cpu")), EmbreeRays(scene.mesh)
-    gbuffer = trace_gbuffer([view.camera for view in scene.train], rays, PLAN.subsamples, torch.device("cpu"))
-    return Problem(scene, gbuffer, Renderer(surface, TracedShadows(rays, surface.offset)), PLAN)
+    stage = Stage(scene.mesh, torch.device("cpu"))
+    gbuffer = stage.gbuffer([view.camera for view in scene.train], PLAN.subsamples)
+    return Problem(scene, gbuffer, stage.renderer(shadows=PLAN.shadows, coat="added"), PLAN)
 
 
 @dataclass

@@ -24,9 +24,8 @@ from ia_bench.methods.plan import (
 )
 from ia_bench.priors.contract import PriorInfo
 from ia_bench.priors.none import NoPrior
-from ia_bench.render.gbuffer import SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.rays import make_rays
 from ia_bench.render.settings import RenderSettings
+from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View
 
 CPU = torch.device("cpu")
@@ -50,9 +49,8 @@ def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
 
 
 def plan_of(mesh: Mesh, *cameras: Camera, prior: object = None, prior_views: int | str = "all", **settings: object) -> Plan:
-    surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
     scene, wanted = scene_of(mesh, *cameras), RenderSettings(**settings)  # type: ignore[arg-type]
-    return make_plan(scene, surface, rays, wanted, prior or NoPrior(), CPU, prior_views=prior_views)  # type: ignore[arg-type]
+    return make_plan(scene, Stage(mesh, CPU), wanted, prior or NoPrior(), prior_views=prior_views)  # type: ignore[arg-type]
 
 
 def decision(plan: Plan, what: str) -> Decision:
@@ -142,23 +140,23 @@ def test_edges_need_more() -> None:
 
 def test_the_expected_error_of_a_mean_normal_is_the_one_against_many_points(tiny: Scene) -> None:
     """Within a factor of 1.5 of that against 8 x 8 points, for 1 to 4 points a side of the shipped scene `tiny`."""
-    surface, rays = SurfaceInterpolator(tiny.mesh, CPU), make_rays(tiny.mesh, CPU)
+    stage = Stage(tiny.mesh, CPU)
     cameras = [view.camera for view in tiny.train[::4]]
 
     def mean_normals(side: int) -> torch.Tensor:
-        gbuffer = trace_gbuffer(cameras, rays, side, CPU)
+        gbuffer = stage.gbuffer(cameras, side)
         hit = gbuffer.face >= 0
         camera = gbuffer.origin[gbuffer.pixel // (32 * 32)][:, None].expand(*hit.shape, 3)
         normal = torch.zeros(*hit.shape, 3)
-        normal[hit] = surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit]).normal
+        normal[hit] = stage.surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit]).normal
         image = torch.zeros(len(cameras) * 32 * 32, 3)
         image[gbuffer.pixel] = normal.mean(1)
         return image
 
-    many, two = mean_normals(8), trace_gbuffer(cameras, rays, 2, CPU)
+    many, two = mean_normals(8), stage.gbuffer(cameras, 2)
     for side in (1, 2, 3, 4):
         true = float((mean_normals(side) - many)[two.pixel].square().sum(-1).mean().sqrt())
-        assert true / 1.5 < normal_error(_normal_spread(surface, two), side) < 1.5 * true
+        assert true / 1.5 < normal_error(_normal_spread(stage.surface, two), side) < 1.5 * true
 
 
 def test_thin_parts_need_more_still() -> None:
@@ -318,3 +316,11 @@ def test_the_number_of_views_may_be_set(wanted: int | str) -> None:
     plan = plan_of(sphere(2), *around(12), prior=Limited(), prior_views=wanted)
     assert plan.prior_views == wanted
     assert plan_of(sphere(2), *around(12)).prior_views == "all"  # nobody to ask
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("texture", 100_000), ("light_height", 1_000_000), ("samples", 10**12), ("subsamples", 2000)]
+)
+def test_what_the_machine_cannot_hold_is_told_before_it_is_allocated(name: str, value: int) -> None:
+    with pytest.raises(InputError, match=rf"render\.(samples|{name})=.*: expected to fit into the .* GB of memory that are free"):
+        plan_of(plate(FILLING), FROM_ABOVE, **{name: value})

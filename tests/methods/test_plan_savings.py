@@ -19,8 +19,6 @@ from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Plan, make_plan
 from ia_bench.priors.none import NoPrior
-from ia_bench.render.gbuffer import SurfaceInterpolator
-from ia_bench.render.rays import make_rays
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import linear_to_srgb
@@ -47,7 +45,7 @@ def plan_of(mesh: Mesh, cameras: list[Camera]) -> Plan:
         for i, camera in enumerate(cameras)
     )
     scene = Scene("made-up", "made-up", mesh, views)
-    return make_plan(scene, SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU), RenderSettings(), NoPrior(), CPU)
+    return make_plan(scene, Stage(mesh, CPU), RenderSettings(), NoPrior())
 
 
 def render(

@@ -17,7 +17,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import sample_directions
-from ia_bench.render.renderer import PixelRadiance, Renderer, choose_shading, texture_images
+from ia_bench.render.renderer import PixelRadiance, Renderer, texture_images
+from ia_bench.render.shading import choose_shading
 from ia_bench.render.visibility import NoShadows
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_exr
@@ -108,7 +109,7 @@ def test_samples_of_a_picture_are_those_asked_for(
     stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=8)])
     drawn: list[int] = []
     monkeypatch.setattr(
-        "ia_bench.render.renderer.sample_directions",
+        "ia_bench.render.shading.sample_directions",
         lambda *a: drawn.append(2 * a[3].shape[1]) or sample_directions(*a),  # type: ignore[func-returns-value]
     )
     rng = torch.Generator().manual_seed(1)

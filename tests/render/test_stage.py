@@ -6,6 +6,7 @@ import pytest
 import torch
 from shapes import camera_at, plate, sphere
 
+from ia_bench.common.errors import InputError
 from ia_bench.render import stage as stage_module
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import make_rays
@@ -53,3 +54,10 @@ def test_a_renderer_is_made_once_for_its_settings() -> None:
     assert stage.renderer(coat="added") is renderer
     assert stage.renderer(coat="layered") is not renderer
     assert (renderer.coat, renderer.interreflection) == ("added", None)
+
+
+def test_points_that_do_not_fit_into_memory_are_told_before_a_ray_is_traced() -> None:
+    stage = Stage(sphere(2), CPU)
+    with pytest.raises(InputError, match=r"^100000 x 100000 points a pixel: expected to fit into the"):
+        stage.gbuffer(CAMERAS[:1], 100_000)
+    assert "rays" not in vars(stage)

@@ -17,11 +17,11 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS, dot
 from ia_bench.material.coat import passed_by_coat
 from ia_bench.material.textures import Material
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
+from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.indirect import bake_interreflection
-from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import PixelRadiance, Renderer
-from ia_bench.render.visibility import make_visibility
+from ia_bench.render.stage import Stage
+from ia_bench.render.visibility import TracedShadows
 from ia_bench.scenes.scene import Camera, Mesh
 
 GROUP = "rendering"
@@ -110,8 +110,8 @@ def _scene(setup: Setup, toward: float = -1.0) -> tuple[Renderer, GBuffer]:
     focal = 0.5 * setup.pixels * DISTANCE / 1.2  # the ball fills five sixths of the image
     centre = 0.5 * setup.pixels
     camera = Camera(to_world, (focal, focal), (centre, centre), setup.pixels, setup.pixels)
-    rays, surface = make_rays(mesh, CPU), SurfaceInterpolator(mesh, CPU)
-    return Renderer(surface, make_visibility(setup.shadows, surface, rays)), trace_gbuffer([camera], rays, 2, CPU)
+    stage = Stage(mesh, CPU)
+    return stage.renderer(shadows=setup.shadows, coat="added"), stage.gbuffer([camera], 2)
 
 
 def _render(setup: Setup, material: Material | None = None, radiance: Tensor | None = None) -> PixelRadiance:
@@ -203,11 +203,11 @@ def _box(radiance: Tensor, albedo: Tensor, bounces: int) -> Tensor:
     to_world = np.eye(4)
     to_world[2, 3] = 6.0
     camera = Camera(to_world, (3.0 * PIXELS, 3.0 * PIXELS), (0.5 * PIXELS, 0.5 * PIXELS), PIXELS, PIXELS)
-    rays, surface = make_rays(mesh, CPU), SurfaceInterpolator(mesh, CPU)
+    stage = Stage(mesh, CPU)
     with tempfile.TemporaryDirectory() as cache:
-        operators = bake_interreflection(mesh, surface, rays, bounces, Path(cache))
-    renderer = Renderer(surface, make_visibility("traced", surface, rays), interreflection=operators)
-    gbuffer = trace_gbuffer([camera], rays, 1, CPU)
+        operators = bake_interreflection(mesh, stage.surface, stage.rays, bounces, Path(cache))
+    shadows = TracedShadows(stage.rays, stage.surface.offset)
+    renderer, gbuffer = Renderer(stage.surface, shadows, interreflection=operators), stage.gbuffer([camera], 1)
     material = Material(albedo, torch.full((1, 1, 1), 0.5))
     generator = torch.Generator().manual_seed(0)
     pixels = torch.arange(len(gbuffer.pixel))

@@ -32,6 +32,7 @@ from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render import renderer as renderer_module
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import RenderSettings
+from ia_bench.render.stage import Stage
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import RunFolder
@@ -324,9 +325,7 @@ def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Reco
     with pytest.raises(AssertionError, match="training read scene.truth"):
         _ = blind.truth
     trapped = make_problem(blind)  # type: ignore[arg-type]
-    rays = trapped.renderer.visibility._rays  # type: ignore[attr-defined]
-    surface = trapped.renderer.surface
-    plan = make_plan(blind, surface, rays, RenderSettings(), NoPrior(), torch.device("cpu"))  # type: ignore[arg-type]
+    plan = make_plan(blind, Stage(scene.mesh, torch.device("cpu")), RenderSettings(), NoPrior())  # type: ignore[arg-type]
     assert plan.decisions
     found = fit(trapped, oracle(scene, noise=0.1), SETTINGS, record)
     expected = fit(make_problem(scene.blind()), oracle(scene, noise=0.1), SETTINGS, Record())
