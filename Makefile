@@ -66,7 +66,7 @@ scenes: $(BLENDER_READY) ## render the shipped scenes again, below results/ (SIZ
 	done
 
 prior-data: setup ## render training images of the priors (ARGS="out=FOLDER images=20000 seed=1 ...")
-	$(PY) -m ia_bench.training.data out=results/prior-data $(ARGS)
+	$(PY) -m ia_bench.cli.prior_data out=results/prior-data $(ARGS)
 
 # Blender as a module pins an older numpy, hence an environment of its own.
 $(BLENDER_READY): datasets/recipes/requirements.txt

@@ -5,14 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from hydra.errors import HydraException
-from omegaconf.errors import OmegaConfBaseException
 from rich.console import Console
 from rich.text import Text
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, OK, complain
+from ia_bench.common.exit_codes import FAULT, OK, status_of
 from ia_bench.common.suggestions import unknown
 from ia_bench.readers.contract import SceneReader
 from ia_bench.runs.composition import compose
@@ -44,10 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not {"-h", "--help"}.isdisjoint(arguments):
         print(USAGE.format(priors=_plugins("prior"), readers=_plugins("reader")), end="")
         return OK
-    try:
-        return check(*_read(arguments), Console(highlight=False, soft_wrap=True))
-    except InputError as error:
-        return complain(str(error))
+    return status_of(lambda: check(*_read(arguments), Console(highlight=False, soft_wrap=True)))
 
 
 def check(config: RunConfig, kind: registry.Kind, console: Console) -> int:
@@ -93,10 +88,7 @@ def _read(arguments: Sequence[str]) -> tuple[RunConfig, registry.Kind]:
             raise InputError(unknown("setting of ia_bench.check", key.lstrip("+~").split(".")[0], about))
     if kind not in keys:
         raise InputError("expected prior=NAME or reader=NAME; --help lists them")
-    try:
-        return compose(arguments), kind
-    except (HydraException, OmegaConfBaseException) as error:
-        raise InputError(str(error)) from error
+    return compose(arguments), kind
 
 
 def _plugins(kind: registry.Kind) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import INTERRUPTED, OK, complain
+from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.runs.decomposition import check_numbers, decompose_with, make_prior, reduced, write_decomposition
 from ia_bench.scenes.photograph import read_photograph
@@ -26,24 +28,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--size", type=int, default=512, help="reduce larger images to this many pixels (default: 512)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the samples (default: 0)")
     wanted = parser.parse_args(arguments)
-    try:
-        check_numbers("--", samples=wanted.samples, size=wanted.size, seed=wanted.seed)
-        if wanted.mask is not None and len(wanted.images) > 1:
-            raise InputError(f"--mask: expected one image with it, found {len(wanted.images)}")
-        stems = [path.stem for path in wanted.images]
-        twice = next((stem for stem in stems if stems.count(stem) > 1), None)
-        if twice is not None:
-            raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
-        read = [read_photograph(path, wanted.mask, notice=print) for path in wanted.images]  # all mistakes come before any work
-        maker = make_prior(wanted.prior, wanted.option)
-        make_writable(wanted.out, "--out")
-        for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
-            parts = decompose_with(maker, *reduced(radiance, coverage, wanted.size), samples=wanted.samples, seed=wanted.seed)
-            print(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations")
-            for written in write_decomposition(parts, wanted.out, path.stem):
-                print(f"  {written}")
-    except InputError as error:
-        return complain(str(error))
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    return status_of(lambda: _decompose(wanted))
+
+
+def _decompose(wanted: argparse.Namespace) -> int:
+    check_numbers("--", samples=wanted.samples, size=wanted.size, seed=wanted.seed)
+    if wanted.mask is not None and len(wanted.images) > 1:
+        raise InputError(f"--mask: expected one image with it, found {len(wanted.images)}")
+    stems = [path.stem for path in wanted.images]
+    twice = next((stem for stem in stems if stems.count(stem) > 1), None)
+    if twice is not None:
+        raise InputError(f"expected images of different names, found {stems.count(twice)} called {twice}: give them one by one")
+    # all mistakes come before any work
+    read = [read_photograph(path, wanted.mask, notice=lambda text: say(text, sys.stdout)) for path in wanted.images]
+    maker = make_prior(wanted.prior, wanted.option)
+    make_writable(wanted.out, "--out")
+    for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
+        parts = decompose_with(maker, *reduced(radiance, coverage, wanted.size), samples=wanted.samples, seed=wanted.seed)
+        say(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations", sys.stdout)
+        for written in write_decomposition(parts, wanted.out, path.stem):
+            say(f"  {written}", sys.stdout)
     return OK

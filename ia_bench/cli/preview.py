@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, complain
+from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.output import say
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -17,12 +18,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--views", type=int, default=4, help="angles around the object (default 4)")
     parser.add_argument("--size", type=int, default=512, help="pixels along a side (default 512)")
     wanted = parser.parse_args(arguments)
+    return status_of(lambda: _render(wanted))
+
+
+def _render(wanted: argparse.Namespace) -> int:
     from ia_bench.render.preview import render_preview  # brings in trimesh
 
-    try:
-        asset = wanted.run_folder / "asset.glb"
-        for path in render_preview(asset, wanted.run_folder, views=wanted.views, size=wanted.size):
-            print(path)
-    except InputError as error:
-        return complain(str(error))
+    for path in render_preview(wanted.run_folder / "asset.glb", wanted.run_folder, views=wanted.views, size=wanted.size):
+        say(str(path), sys.stdout)
     return OK

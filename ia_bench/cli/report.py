@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, complain
+from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.report.collect import find_run_folders
 from ia_bench.report.texts import markdown_block
@@ -23,36 +25,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--table", help="a table of conf/table: order of rows and scenes, reference, claims")
     parser.add_argument("--reference", help="the row that the others are compared with (default: the table's)")
     wanted = parser.parse_args(arguments)
+    return status_of(lambda: _report(wanted))
+
+
+def _report(wanted: argparse.Namespace) -> int:
+    for folder in wanted.runs:
+        if not folder.is_dir():
+            raise InputError(f"{folder}: expected a folder with runs, found none")
+    table = load_table(wanted.table) if wanted.table else Table()
+    make_writable(wanted.out, "--out")
     try:
-        for folder in wanted.runs:
-            if not folder.is_dir():
-                raise InputError(f"{folder}: expected a folder with runs, found none")
-        table = load_table(wanted.table) if wanted.table else Table()
-        make_writable(wanted.out, "--out")
-        tell(
-            write_report(
-                find_run_folders(*wanted.runs),
-                wanted.out,
-                [row.name for row in table.rows],
-                scenes_order=table.scenes,
-                reference=wanted.reference or table.reference,
-                claims=table.claims,
-            ),
-            table,
+        report = write_report(
+            find_run_folders(*wanted.runs),
+            wanted.out,
+            [row.name for row in table.rows],
+            scenes_order=table.scenes,
+            reference=wanted.reference or table.reference,
+            claims=table.claims,
         )
     except ValueError as error:
-        return complain(str(error))
+        raise InputError(str(error)) from error
+    tell(report, table)
     return OK
 
 
 def tell(report: Report, table: Table) -> None:
     """Print the means over scenes, what a reader has to know of the rows, and where the files are."""
     findings = report.findings
-    print(f"Protocol {findings.protocol}, mean over scenes\n")
-    print(markdown_block(findings.overall, findings.footnotes))
-    print("\n".join(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()))
-    print("\n".join(f"{row.name}: {row.note}" for row in table.rows if row.note))
-    print("\n" + "\n".join(map(str, report.files)))
+    lines = [
+        f"Protocol {findings.protocol}, mean over scenes\n",
+        markdown_block(findings.overall, findings.footnotes),
+        *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
+        *(f"{row.name}: {row.note}" for row in table.rows if row.note),
+        "",
+        *map(str, report.files),
+    ]
+    say("\n".join(lines), sys.stdout)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import traceback
 from typing import Any
 
 import hydra
@@ -16,22 +15,29 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ia_bench.cli.usage import usage
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, INTERRUPTED, OK, complain
+from ia_bench.common.exit_codes import FAULT, INTERRUPTED, OK, TERMINATED, status_of
+from ia_bench.common.output import say
 from ia_bench.common.paths import conf_folder
 from ia_bench.runs.composition import CONFIG_NAME, HYDRA_VERSION, explain, register, to_run_config, written_out
 from ia_bench.runs.execute import execute
 
 
-def job(composed: DictConfig) -> dict[str, Any]:
+class JobFailed(RuntimeError):
+    """A job of a sweep has said what went wrong; the others go on. The argument is its exit status."""
+
+
+def job(composed: DictConfig) -> None:
     """One job of Hydra: a single run, or one of a sweep."""
-    try:
-        metrics = execute(to_run_config(composed))
-        print(summary(metrics))
-        return metrics
-    except InputError as error:
-        if HydraConfig.get().mode is RunMode.RUN and not _debugging():
-            raise SystemExit(complain(str(error))) from None  # past Hydra, which would put a line of its own before it
-        raise
+
+    def work() -> int:
+        say(summary(execute(to_run_config(composed))), sys.stdout)
+        return OK
+
+    status = status_of(work)
+    if status in (INTERRUPTED, TERMINATED) or (status != OK and HydraConfig.get().mode is RunMode.RUN):
+        raise SystemExit(status)  # past Hydra, which would put a line of its own before it
+    if status != OK:
+        raise JobFailed(status)
 
 
 def summary(metrics: dict[str, Any]) -> str:
@@ -47,32 +53,24 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     arguments = written_out(sys.argv[1:] if arguments is None else arguments)
     if not {"-h", "--help"}.isdisjoint(arguments):
-        print(usage(), end="")
+        say(usage().rstrip(), sys.stdout)
         return OK
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors on instead of printing them and exiting
     # argparse wants its own options together, wherever among the overrides -m was written
     sys.argv[1:] = sorted(arguments, key=lambda text: "=" in text and not text.startswith("-"))
+    return status_of(lambda: _compose_and_run(arguments))
+
+
+def _compose_and_run(arguments: list[str]) -> int:
     try:
         register(arguments)
         hydra.main(str(conf_folder()), CONFIG_NAME, version_base=HYDRA_VERSION)(job)()
-    except (InputError, HydraException, OmegaConfBaseException) as error:
-        if _debugging():
-            raise
-        return complain(str(error) if isinstance(error, InputError) else explain(error))
+    except JobFailed as failed:
+        return int(failed.args[0])
     except SystemExit as stop:  # from argparse, or from a job that has said why
         return stop.code if isinstance(stop.code, int) else FAULT
-    except FloatingPointError as error:  # a fit that gave up has said what was not finite, and metrics.json says where
-        if _debugging():
+    except (HydraException, OmegaConfBaseException, OSError, ValueError) as error:  # the last two of settings of Hydra itself
+        if isinstance(error, InputError):
             raise
-        return complain(str(error), FAULT)
-    except KeyboardInterrupt:
-        print("ia_bench: interrupted; the same command resumes", file=sys.stderr)
-        return INTERRUPTED
-    except Exception:
-        traceback.print_exc()
-        return FAULT
+        raise InputError(explain(error)) from error
     return OK
-
-
-def _debugging() -> bool:
-    return os.environ.get("IA_BENCH_DEBUG") == "1"

@@ -8,15 +8,14 @@ ones are tried again, shown and counted. All other overrides go to every cell. E
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, INTERRUPTED, MISTAKE, OK
+from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
+from ia_bench.common.output import say
 from ia_bench.common.progress import Progress
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolve_scene_folder, slug
@@ -52,19 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the table's command line and return its exit status: 1 if a cell failed, otherwise as ``ia_bench``."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if not {"-h", "--help"}.isdisjoint(arguments):
-        print(__doc__, end="")
+        say(__doc__.rstrip(), sys.stdout)
         return OK
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        return make_table(parse(arguments))
-    except InputError as error:
-        if os.environ.get("IA_BENCH_DEBUG") == "1":
-            raise
-        print(f"ia_bench.table: {error}", file=sys.stderr)
-        return MISTAKE
-    except KeyboardInterrupt:
-        print("ia_bench.table: interrupted; the same command resumes", file=sys.stderr)
-        return INTERRUPTED
+    return status_of(lambda: make_table(parse(arguments)))
 
 
 def make_table(request: Request) -> int:
@@ -73,8 +62,7 @@ def make_table(request: Request) -> int:
     from ia_bench.report.write import write_report
 
     table = load_table(request.table)
-    base = compose(request.overrides)  # a mistake in what goes to every cell is best told before the first
-    jobs, threads = jobs_and_threads(request.jobs, base.device)
+    jobs, threads = jobs_and_threads(request.jobs, compose(request.overrides).device)
     results = Path("results", slug(request.table))
     cells = make_cells(table, request, threads, results)
     with Progress() as progress:
@@ -89,10 +77,8 @@ def make_table(request: Request) -> int:
         claims=table.claims,
     )
     tell(report, table)
-    print("\n".join(map(str, _write_pictures(table.pictured, cells, results))))
-    if failed:
-        print(f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why", file=sys.stderr)
-    return FAULT if failed else OK
+    say("\n".join(map(str, _write_pictures(table.pictured, cells, results))), sys.stdout)
+    return complain(f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why", FAULT) if failed else OK
 
 
 def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -> list[Path]:
@@ -116,7 +102,7 @@ def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -
             try:
                 write_comparison({row: cell.folder for row, cell in shown.items()}, folder, picture)
             except InputError as error:
-                print(f"ia_bench.table: no picture of {scene}: {error}", file=sys.stderr)
+                complain(f"no picture of {scene}: {error}")
             else:
                 written.append(picture)
     return written

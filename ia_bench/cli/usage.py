@@ -49,8 +49,9 @@ Results
   from its last checkpoint. Its folder holds metrics.json, curve.csv, config.json, albedo.exr, roughness.exr, light.exr
   and asset.glb.
 
-Exit status: 0 done, 1 a fault of the program (with traceback), 2 a mistake in what was asked (with one message),
-130 interrupted. IA_BENCH_DEBUG=1 shows the traceback of mistakes too. Hydra's own options: --hydra-help.
+Exit status: 0 done, 1 it could not be done (one line where a disk or a plugin is to blame, else a traceback),
+2 a mistake in what was asked (one line), 130 or 143 interrupted by Ctrl-C or SIGTERM, with the state saved.
+IA_BENCH_DEBUG=1 shows every traceback. Hydra's own options: --hydra-help.
 """
 
 

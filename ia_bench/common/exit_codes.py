@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 import traceback
+from collections.abc import Callable
+from types import FrameType
 
+from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.files import printable
+from ia_bench.common.output import say
 
-OK, FAULT, MISTAKE, INTERRUPTED = 0, 1, 2, 130
+OK, FAULT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, which a cluster sends before it takes the machine: it ends a command as Ctrl-C does."""
 
 
 def complain(message: str, status: int = MISTAKE) -> int:
@@ -17,6 +27,33 @@ def complain(message: str, status: int = MISTAKE) -> int:
     IA_BENCH_DEBUG=1 shows the traceback of the exception that it is about, and of its causes.
     """
     if os.environ.get("IA_BENCH_DEBUG") == "1" and sys.exc_info()[0] is not None:
-        traceback.print_exc()
-    print(f"ia_bench: {printable(message)}", file=sys.stderr)
+        say(traceback.format_exc(), sys.stderr)
+    say(f"ia_bench: {printable(message)}", sys.stderr)
     return status
+
+
+def status_of(work: Callable[[], int]) -> int:
+    """Do a command's work and return its exit status; what ended it early is said in one line.
+
+    A fault of the program has its traceback, and so has everything else under IA_BENCH_DEBUG=1. A command that is interrupted
+    leaves everything such that the same command goes on.
+    """
+    in_main_thread = threading.current_thread() is threading.main_thread()  # nobody else may set what a signal does
+    before = signal.signal(signal.SIGTERM, _terminate) if in_main_thread else None
+    try:
+        return work()
+    except KeyboardInterrupt as stop:
+        status = TERMINATED if isinstance(stop, Terminated) else INTERRUPTED
+        return complain("interrupted; the same command resumes", status)
+    except (InputError, Fault, FloatingPointError) as error:  # the last: numbers of which the one who raised it has said where
+        return complain(str(error), MISTAKE if isinstance(error, InputError) else FAULT)
+    except Exception:
+        say(traceback.format_exc(), sys.stderr)
+        return FAULT
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise Terminated

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from types import TracebackType
 from typing import TextIO
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TaskID, TextColumn
 from rich.progress import Progress as RichProgress
+
+from ia_bench.common.output import say
 
 LINE_SECONDS = 5.0
 """Piped output gets at most one line of progress in this time."""
@@ -56,11 +59,11 @@ class Progress:
 
     def __init__(self, stream: TextIO | None = None) -> None:
         """Bars if ``stream`` is a terminal, else lines."""
-        self._stream = stream if stream is not None else sys.stderr
+        self._stream: TextIO | None = sys.stderr if stream is None else stream
         self._rich: RichProgress | None = None
         self._bars: dict[Task, TaskID] = {}
         self._last_line = -LINE_SECONDS
-        if self._stream.isatty():
+        if self._stream is not None and self._stream.isatty():
             columns = (
                 SpinnerColumn(),
                 TextColumn("{task.description}", markup=False),
@@ -81,7 +84,8 @@ class Progress:
     ) -> None:
         """Leave the last state of every bar on the screen."""
         if self._rich is not None:
-            self._rich.stop()
+            with suppress(OSError):
+                self._rich.stop()
 
     def task(self, name: str, total: int, done: int = 0) -> Task:
         """Begin a task of ``total`` steps, of which ``done`` are made already."""
@@ -93,9 +97,10 @@ class Progress:
     def note(self, text: str) -> None:
         """Say something in one line: a decision of the plan, a fallback."""
         if self._rich is not None:
-            self._rich.console.print(text, markup=False, highlight=False, soft_wrap=True)
+            with suppress(OSError):  # of a terminal that is gone
+                self._rich.console.print(text, markup=False, highlight=False, soft_wrap=True)
         else:
-            print(text, file=self._stream, flush=True)
+            say(text, self._stream)
 
     def _show(self, task: Task) -> None:
         if self._rich is not None:

@@ -16,6 +16,7 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -63,6 +64,12 @@ def installed(kind: Kind) -> dict[str, Plugin]:
 
     A name that is built in, or that two distributions claim, belongs to the first (built in, then alphabetical).
     """
+    return _installed(kind, tuple(sys.path))
+
+
+@cache
+def _installed(kind: Kind, path: tuple[str, ...]) -> dict[str, Plugin]:
+    """What :func:`installed` finds while Python looks for modules in ``path``; a table asks for every cell."""
     found: dict[str, Plugin] = {}
     taken = built_in(kind)
     for entry in sorted(entry_points(group=f"ia_bench.{kind}s"), key=lambda e: (e.name, e.value)):

@@ -70,6 +70,9 @@ class Monitor:
 
     ``score(stage, step, seconds, fit)`` is called at geometrically spaced steps; its own time is not counted.
     ``save(state)`` and ``load()`` keep the state of an interrupted fit (tensors, numbers, strings, nested dicts and lists).
+    A method that raises before it begins a task with what it has loaded starts over without it. ``stopping()`` says that the
+    run is to end: the method saves at its next step, and ``save`` does not return. ``keep(name, state)`` writes a part of the
+    state that does not change, once, instead of in every ``save``; ``kept(name)`` is that part after a ``load``, or None.
     """
 
     task: Callable[[str, int, int], Task]  # name, steps in all, steps already done
@@ -77,6 +80,9 @@ class Monitor:
     score: Callable[[str, int, float, Fit], None]
     save: Callable[[dict[str, Any]], None]
     load: Callable[[], dict[str, Any] | None]
+    stopping: Callable[[], bool] = lambda: False
+    keep: Callable[[str, dict[str, Any]], None] = lambda name, state: None
+    kept: Callable[[str], dict[str, Any] | None] = lambda name: None
 
 
 class Method(Protocol):

@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
 from ia_bench.runs.metrics import METRICS as METRICS_FILE
-from ia_bench.runs.metrics import RecordError, check_metrics, read_object
+from ia_bench.runs.metrics import RecordError, check_metrics
 from ia_bench.scores.columns import CURVE_METRICS, METRICS
 
 BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
@@ -151,8 +152,8 @@ def read_run(folder: Path) -> Run:
     """
     path = folder / METRICS_FILE
     try:
-        data = read_object(path)
-    except (OSError, InputError) as error:
+        data = read_json(path)
+    except InputError as error:
         raise BadRecord(f"{path}: expected a run's record, found none ({error})") from error
     for key, kind in {"row": str, "scene": str, "seed": int}.items():
         if type(data.get(key)) is not kind:

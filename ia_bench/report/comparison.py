@@ -1,15 +1,13 @@
-"""``python -m ia_bench.report.comparison --scene FOLDER --out PNG [NAME=]RUN_FOLDER...``: runs beside each other and the truth.
+"""Runs beside each other and the truth: one sheet of one scene.
 
-One sheet of one scene: a photograph; then a column for the truth and for every run, with aligned albedo and roughness of that
+A photograph; then a column for the truth and for every run, with aligned albedo and roughness of that
 view, the object under a light that no run has seen, and the light of the photographs. Below the pictures stand a run's scores,
 which are means over all views of the scene.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -143,28 +141,3 @@ def _compose(columns: Mapping[str, list[np.ndarray]], scores: list[list[str]], r
         for line, score in enumerate(scores[column]):
             draw.text((left, 2 * LINE + line * down + CELL), score, fill="black", font=font)
     return sheet
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    from ia_bench.common.exit_codes import OK, complain
-
-    parser = argparse.ArgumentParser(prog="python -m ia_bench.report.comparison", allow_abbrev=False)
-    parser.add_argument("runs", nargs="+", help="[NAME=]RUN_FOLDER; without a name the folder's")
-    parser.add_argument("--scene", type=Path, required=True, help="folder of their scene")
-    parser.add_argument("--out", type=Path, required=True, help="PNG file to write")
-    wanted = parser.parse_args(arguments)
-    pairs = [text.split("=", 1) if "=" in text else (Path(text).name, text) for text in wanted.runs]
-    names = [name for name, _ in pairs]
-    try:
-        if len(set(names)) < len(names):
-            raise InputError(f"expected different names of the runs, found {', '.join(names)}; write NAME=RUN_FOLDER")
-        write_comparison({name: Path(folder) for name, folder in pairs}, wanted.scene, wanted.out)
-    except InputError as error:
-        return complain(str(error))
-    print(wanted.out)
-    return OK
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,13 +1,11 @@
-"""``python -m ia_bench.report.pictures RUN_FOLDER --scene FOLDER --out PNG``: what a run recovered, beside the truth.
+"""What a run recovered, beside the truth: one sheet.
 
-One sheet: a few test views in rows (photograph and our render of the recovered asset, true and recovered albedo and
+A few test views in rows (photograph and our render of the recovered asset, true and recovered albedo and
 roughness), and the true and the recovered light below. No OpenGL: the saved maps go through our own renderer.
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -102,25 +100,3 @@ def _compose(rows: list[list[np.ndarray]], lights: list[np.ndarray], title: str)
         kind = Image.Resampling.NEAREST if light.shape[1] < light_width else Image.Resampling.BOX
         sheet.paste(to_image(light).resize((light_width, light_height), kind), (left, top + LINE))
     return sheet
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    from ia_bench.common.exit_codes import OK, complain
-
-    parser = argparse.ArgumentParser(prog="python -m ia_bench.report.pictures", allow_abbrev=False)
-    parser.add_argument("run_folder", type=Path, help="folder of a finished run")
-    parser.add_argument("--scene", type=Path, required=True, help="folder of its scene")
-    parser.add_argument("--out", type=Path, required=True, help="PNG file to write")
-    parser.add_argument("--views", type=int, default=3, help="test views, evenly chosen (default 3)")
-    wanted = parser.parse_args(arguments)
-    try:
-        write_contact_sheet(wanted.run_folder, wanted.scene, wanted.out, views=wanted.views)
-    except InputError as error:
-        return complain(str(error))
-    print(wanted.out)
-    return OK
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -30,8 +30,12 @@ SHORT = {"prior.supervision": "prior.supervision.kind"}
 def register(overrides: Sequence[str]) -> None:
     """Tell Hydra the types of a run and every plugin that has no YAML file of its own.
 
-    Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``).
+    Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``). Raises InputError for a
+    group that is set to nothing.
     """
+    for key, _, value in (text.partition("=") for text in overrides):
+        if value in ("", "null", "~") and (conf_folder() / key).is_dir():
+            raise InputError(unknown(key, value, sorted(path.stem for path in (conf_folder() / key).glob("*.yaml"))))
     store = ConfigStore.instance()
     schema = _writable(OmegaConf.structured(RunConfig))
     store.store(name="schema", node=schema)

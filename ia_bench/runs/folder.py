@@ -19,7 +19,9 @@ from typing import Any, BinaryIO
 
 from ia_bench.common.atomic_file import LEFTOVERS, whole_file
 from ia_bench.common.errors import Fault, InputError
+from ia_bench.common.files import read_json
 from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
+from ia_bench.runs.interruption import end_if_asked
 from ia_bench.runs.lock import lock_folder
 from ia_bench.runs.metrics import (
     METRICS,
@@ -30,7 +32,6 @@ from ia_bench.runs.metrics import (
     digest_of,
     finished_metrics,
     json_bytes,
-    read_object,
     refuse_non_finite,
 )
 
@@ -51,6 +52,8 @@ class RunFolder:
         self._written: set[str] = set()
         self._kept: dict[str, str] = {}  # name of a part that stays -> its checksum
         self._told_unsaved = False
+        self.restoring = False
+        """Whether a checkpoint was handed out and nobody has gone on from it yet: what fails now is the checkpoint's fault."""
 
     @classmethod
     def open(
@@ -94,11 +97,13 @@ class RunFolder:
     def save_checkpoint(self, state: dict[str, Any]) -> None:
         """Write a checkpoint of tensors, numbers, texts, lists and dicts, durable once this returns.
 
-        A disk that cannot take it costs what an interruption would lose, not the run: that is said once.
+        A disk that cannot take it costs what an interruption would lose, not the run: that is said once. A run that was
+        asked to end does so here.
         """
         content, _ = pack({"kept": dict(self._kept), "state": state}, self.config_hash)
         if self._try_to_write(CHECKPOINT, content):
             self._remove_checkpoints({CHECKPOINT, *map(_kept_file, self._kept.values())})  # parts that nothing names any more
+        end_if_asked()
 
     def load_checkpoint(self) -> dict[str, Any] | None:
         """The last checkpoint, or None. One that is not whole is reported and ignored: the run starts over."""
@@ -114,6 +119,7 @@ class RunFolder:
             return None
         self._kept = saved["kept"]
         state: dict[str, Any] = saved["state"]
+        self.restoring = True
         return state
 
     def keep(self, name: str, state: dict[str, Any]) -> None:
@@ -129,7 +135,7 @@ class RunFolder:
 
     def drop_checkpoint(self) -> None:
         """Remove the checkpoint and all that it refers to."""
-        self._kept = {}
+        self._kept, self.restoring = {}, False
         self._remove_checkpoints(set())
 
     def _try_to_write(self, name: str, content: bytes) -> bool:
@@ -224,7 +230,7 @@ class RunFolder:
     def _claim(self, config: Mapping[str, Any]) -> None:
         path = self.path / CONFIG
         if path.exists():
-            held = read_object(path)
+            held = read_json(path)
             if not isinstance(held.get("config_hash"), str) or not isinstance(held.get("config"), dict):
                 raise InputError(f"{path}: expected a run's config_hash and config, found {', '.join(held) or 'nothing'}")
             if held["config_hash"] != self.config_hash:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
 
 METRICS = "metrics.json"
 SCHEMA = 2
@@ -49,7 +51,9 @@ def read_metrics(folder: Path) -> dict[str, Any]:
     Raises FileNotFoundError where there is none, and InputError, naming file and key, for what is none.
     """
     path = folder / METRICS
-    metrics = read_object(path)
+    if not os.path.lexists(path):
+        raise FileNotFoundError(path)
+    metrics = read_json(path)
     try:
         check_metrics(metrics)
     except RecordError as error:
@@ -133,21 +137,6 @@ def refuse_non_finite(value: Any, where: str) -> None:  # noqa: ANN401 (any JSON
     elif isinstance(value, list | tuple):
         for number, item in enumerate(value):
             refuse_non_finite(item, f"{where}[{number}]")
-
-
-def read_object(path: Path) -> dict[str, Any]:
-    """A JSON object. Raises FileNotFoundError, and InputError for what is something else."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise InputError(f"{path}: expected a file that can be read, found: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:  # no JSON, no text, or nested beyond all measure
-        raise InputError(f"{path}: not valid JSON ({error}); delete its folder to run again") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: expected a JSON object, found {type(content).__name__}; delete its folder to run again")
-    return content
 
 
 def _check_table(key: str, table: Any, kind: Any) -> None:  # noqa: ANN401 (whatever stands there, and any type)

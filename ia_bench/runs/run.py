@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from ia_bench.common.machine import environment
-from ia_bench.common.progress import Progress
+from ia_bench.common.progress import Progress, Task
 from ia_bench.common.registry import create
 from ia_bench.methods.asking.border import check_prior_info
 from ia_bench.methods.contract import Fit, Monitor, Problem
@@ -22,6 +22,7 @@ from ia_bench.render.rays import RayCaster
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.shading import choose_shading
 from ia_bench.render.stage import Stage
+from ia_bench.runs import interruption
 from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig
 from ia_bench.runs.folder import RunFolder
@@ -70,12 +71,20 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
 
     curve = Curve(folder, scorer)
     costs = Costs(rays, surface, started)
+
+    def begin(name: str, total: int, done: int = 0) -> Task:
+        folder.restoring = False  # a method that goes on has taken over what it loaded
+        return progress.task(name, total, done)
+
     monitor = Monitor(
-        task=progress.task,
+        task=begin,
         note=progress.note,
         score=lambda phase, step, spent, fit: curve.score(phase, step, spent, recovered(fit)),
         save=lambda state: folder.save_checkpoint({"fit": state, "curve": curve.rows, "costs": costs.state()}),
         load=lambda: curve.resume(folder.load_checkpoint(), costs),
+        stopping=interruption.asked,
+        keep=folder.keep,
+        kept=folder.kept,
     )
     result: Fit = method.fit(
         Problem(blind, gbuffer, renderer, plan, config.prior.supervision),

@@ -28,9 +28,12 @@ def jobs_and_threads(jobs: int | None, device: str) -> tuple[int, int]:
     """How many cells run side by side, and on how many threads each.
 
     Depends on the machine alone, never on what is left to do: threads are part of a run's identity, and a table that is
-    resumed or extended has to find its finished cells again. One GPU does one cell at a time.
+    resumed or extended has to find its finished cells again. One GPU does one cell at a time. Raises InputError for more jobs
+    than cores.
     """
     cores = len(os.sched_getaffinity(0))
+    if jobs is not None and jobs > cores:
+        raise InputError(f"jobs={jobs}: expected at most {cores}, the cores that this process may use")
     if jobs is None:
         jobs = 1 if device == "cuda" else max(1, min(cores, total_memory() // MEMORY_PER_JOB))
     return jobs, max(1, cores // jobs)

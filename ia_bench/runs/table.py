@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -128,9 +129,16 @@ def make_cells(table: Table, request: Request, threads: int, results: Path) -> l
     is no cell, or one twice.
     """
     seeds = table.seeds if request.seeds is None else request.seeds
+
+    @cache
+    def composed(place: int, scene: str) -> RunConfig:
+        """A cell of any seed: composing takes long, and nothing of a configuration depends on its seed."""
+        row = table.rows[place]
+        return compose([*row.overrides, *_own(row, scene, 0, threads), *request.overrides])
+
     cells = [
-        _cell(row, scene, seed, request, threads, results)
-        for row in table.rows
+        _cell(row, replace(composed(place, scene), seed=seed), _own(row, scene, seed, threads), request, results)
+        for place, row in enumerate(table.rows)
         for seed in (seeds if row.seeds is None else row.seeds)
         for scene in (request.scenes if request.scenes is not None else table.scenes)
     ]
@@ -142,14 +150,16 @@ def make_cells(table: Table, request: Request, threads: int, results: Path) -> l
     return cells
 
 
-def _cell(row: Row, scene: str, seed: int, request: Request, threads: int, results: Path) -> Cell:
-    own = [f"scene={scene}", f"seed={seed}", f"threads={threads}", f"row={_quoted(row.name)}"]
-    overrides = [*row.overrides, *own, *request.overrides]
-    config = compose(overrides)
+def _own(row: Row, scene: str, seed: int, threads: int) -> list[str]:
+    """The overrides that the table sets for a cell."""
+    return [f"scene={scene}", f"seed={seed}", f"threads={threads}", f"row={_quoted(row.name)}"]
+
+
+def _cell(row: Row, config: RunConfig, own: list[str], request: Request, results: Path) -> Cell:
     content = identity(config)
-    folder = results / "runs" / slug(scene) / f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
-    overrides.append(f"out={_quoted(str(folder))}")
-    return Cell(row, replace(config, out=str(folder)), content, tuple(overrides))
+    folder = results / "runs" / slug(config.scene.name) / f"{slug(row.name)}-seed{config.seed}-{hash_of(content)[:8]}"
+    overrides = (*row.overrides, *own, *request.overrides, f"out={_quoted(str(folder))}")
+    return Cell(row, replace(config, out=str(folder)), content, overrides)
 
 
 def _quoted(text: str) -> str:

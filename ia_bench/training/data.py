@@ -1,44 +1,27 @@
-"""``python -m ia_bench.training.data``: renders the procedural training images of the priors into a folder of shards."""
+"""The procedural training images of the priors, rendered into a folder of shards by several processes."""
 
 from __future__ import annotations
 
 import fcntl
+import math
 import multiprocessing
 import os
-import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import INTERRUPTED, OK, complain
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
-from ia_bench.common.suggestions import unknown
+from ia_bench.common.typed import check_ranges
 from ia_bench.training.shards import SHARD_IMAGES, SHARDS, load_shard, read_info, shard_path
 
 if TYPE_CHECKING:
     from ia_bench.training.shading import DirectLight
-
-USAGE = """\
-python -m ia_bench.training.data out=FOLDER [images=20000] [size=64] [seed=0] [workers=CORES] [shading=auto]
-
-Renders procedural objects under procedural lights, with albedo, specular shading, normals and sky visibility beside
-each image, into FOLDER/shard_00000.safetensors, ... (256 images each) and FOLDER/contact_sheet.png.
-Image i of a seed is always the same image. Finished shards are kept, so that the command can be stopped and repeated,
-or repeated with more images. Held-out images: another seed.
-
-  out      folder; made where it is missing
-  images   how many images the folder shall hold
-  size     pixels a side
-  seed     which of the endless sets
-  workers  processes, one thread each
-  shading  compiled (several seconds once, then faster; needs a C++ compiler), eager, or auto
-"""
 
 CONTACT_SHEET = "contact_sheet.png"
 _SHEET_IMAGES = 48
@@ -46,46 +29,26 @@ _SHEET_IMAGES = 48
 
 @dataclass(frozen=True)
 class Request:
-    """The command line. ``size`` in pixels; ``shading`` as in ``render.shading``."""
+    """Which images, and how they are made.
+
+    Attributes:
+        out: Folder of the shards; made where it is missing.
+        images: How many images the folder shall hold.
+        size: Pixels a side.
+        seed: Which of the endless sets.
+        workers: Processes, one thread each.
+        shading: As ``render.shading``.
+    """
 
     out: Path
     images: int = 20_000
     size: int = 64
     seed: int = 0
-    workers: int = 1
-    shading: str = "auto"
+    workers: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    shading: Literal["auto", "compiled", "eager"] = "auto"
 
-
-def parse(arguments: Sequence[str]) -> Request:
-    """Read KEY=VALUE arguments. Raises InputError naming the key at fault, with the nearest known one."""
-    values: dict[str, str] = {}
-    for argument in arguments:
-        key, separator, value = argument.partition("=")
-        if key not in Request.__dataclass_fields__:
-            raise InputError(unknown("setting of ia_bench.training.data", key, Request.__dataclass_fields__))
-        if not separator or not value:
-            raise InputError(f"{key}: expected {key}=VALUE, found '{argument}'")
-        values[key] = value
-    if "out" not in values:
-        raise InputError("expected out=FOLDER, where the images go; --help says more")
-    shading = values.get("shading", "auto")
-    if shading not in ("auto", "compiled", "eager"):
-        raise InputError(unknown("value of shading", shading, ["auto", "compiled", "eager"]))
-    return Request(
-        out=Path(values["out"]),
-        images=_whole(values, "images", Request.images, 1),
-        size=_whole(values, "size", Request.size, 8),
-        seed=_whole(values, "seed", Request.seed, 0),
-        workers=_whole(values, "workers", len(os.sched_getaffinity(0)), 1),
-        shading=shading,
-    )
-
-
-def _whole(values: dict[str, str], key: str, default: int, least: int) -> int:
-    text = values.get(key, str(default))
-    if not text.isdecimal() or int(text) < least:
-        raise InputError(f"{key}: expected a whole number, at least {least}, found '{text}'")
-    return int(text)
+    def __post_init__(self) -> None:
+        check_ranges(self, {"images": (1, math.inf), "size": (8, math.inf), "seed": (0, math.inf), "workers": (1, math.inf)})
 
 
 def make_data(request: Request, progress: Progress) -> list[Path]:
@@ -184,24 +147,3 @@ def _write_sheet(shard: Path, path: Path) -> None:
     tensors, info = load_shard(shard)
     step = max(1, info.count // _SHEET_IMAGES)
     contact_sheet(path, tensors, list(range(0, info.count, step))[:_SHEET_IMAGES])
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
-    if not {"-h", "--help"}.isdisjoint(arguments):
-        print(USAGE, end="")
-        return OK
-    try:
-        request = parse(arguments)
-        with Progress() as progress:
-            make_data(request, progress)
-        return OK
-    except InputError as error:
-        return complain(str(error))
-    except KeyboardInterrupt:
-        return INTERRUPTED
-
-
-if __name__ == "__main__":
-    sys.exit(main())

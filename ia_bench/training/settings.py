@@ -9,14 +9,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import NoneType
-from typing import Any, get_args, get_type_hints
 
-import yaml
-
+from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.suggestions import unknown
-from ia_bench.common.typed import check_ranges, fits, named
+from ia_bench.common.typed import check_ranges
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench.priors.diffusion.precision import PRECISIONS
 from ia_bench.training.dataset import Augmentation
@@ -105,87 +102,9 @@ class TrainSettings:
 
 def parse(arguments: Sequence[str]) -> TrainSettings:
     """Read KEY=VALUE arguments; keys of the parts are dotted (network.size=128). Raises InputError naming the key."""
-    known = _keys(TrainSettings)
-    flat: dict[str, Any] = {}
-    for argument in arguments:
-        key, separator, text = argument.partition("=")
-        if key not in known:
-            raise InputError(unknown("setting of ia_bench.training.train", key, known))
-        if not separator or not text:
-            raise InputError(f"{key}: expected {key}=VALUE, found {argument!r}")
-        flat[key] = _value(key, text, known[key])
-    for key in ("data", "validation", "out"):
-        if key not in flat:
-            raise InputError(f"expected {key}=FOLDER; --help says more")
-    parts: dict[str, dict[str, Any]] = {"network": {}, "augmentation": {}}
-    for key in [key for key in flat if "." in key]:
-        part, _, name = key.partition(".")
-        parts[part][name] = flat.pop(key)
-    settings = TrainSettings(
-        **flat, network=NetworkConfig(**parts["network"]), augmentation=Augmentation(**parts["augmentation"])
-    )
+    settings = read_arguments(TrainSettings, arguments, "ia_bench.cli.train")
     steps = settings.network.timesteps if settings.network.kind == "diffusion" else math.inf
     check_ranges(settings, {**LIMITS, "validation_sampler_steps": (1, steps)})
     if settings.precision not in PRECISIONS:
         raise InputError(unknown("value of precision", settings.precision, PRECISIONS))
     return settings
-
-
-def _keys(kind: type, prefix: str = "") -> dict[str, Any]:
-    hints = get_type_hints(kind)
-    found: dict[str, Any] = {}
-    for item in dataclasses.fields(kind):
-        if dataclasses.is_dataclass(hints[item.name]):
-            found |= _keys(hints[item.name], f"{item.name}.")
-        else:
-            found[prefix + item.name] = hints[item.name]
-    return found
-
-
-def _value(key: str, text: str, kind: Any) -> Any:  # noqa: ANN401 (any field's type and value)
-    """Read ``text`` as YAML does, if the value fits ``kind``; a path is taken as it is."""
-    kinds = get_args(kind) or (kind,)
-    try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError):  # of a date that does not exist
-        value = text  # which fits nothing but text
-    if Path in kinds:
-        return None if value is None and NoneType in kinds else Path(text)
-    if float in kinds and isinstance(value, int | str) and not isinstance(value, bool):
-        try:
-            value = float(value)  # YAML 1.1 reads 5e-4 as text
-        except (OverflowError, ValueError):
-            value = text
-    choices = [choice for choice in kinds if isinstance(choice, str)]
-    if choices and value not in choices:
-        raise InputError(unknown(f"value of {key}", text, choices))
-    if not fits(value, kind):
-        raise InputError(f"{key}: expected {named(kind)}, found {text!r}")
-    return tuple(value) if isinstance(value, list) else value
-
-
-USAGE = """\
-python -m ia_bench.training.train data=FOLDER validation=FOLDER out=FOLDER [KEY=VALUE ...]
-torchrun --nproc_per_node 2 -m ia_bench.training.train ...                (several processes or GPUs)
-
-Trains a prior on shards made by python -m ia_bench.training.data. The same command resumes a run that was stopped.
-network.kind=regressor trains the deterministic alternative of the same size. out/weights holds the averaged weights
-(prior.options.weights=out/weights uses them), out/tensorboard the curves and pictures.
-
-Settings and their defaults
-{settings}
-"""
-
-
-def usage() -> str:
-    """The help text, with every setting."""
-    lines = []
-    for prefix, instance in (("", TrainSettings), ("network.", NetworkConfig), ("augmentation.", Augmentation)):
-        for item in dataclasses.fields(instance):
-            if item.name in ("network", "augmentation"):
-                continue
-            default = "(required)" if item.default is item.default_factory is dataclasses.MISSING else item.default
-            if item.default is dataclasses.MISSING and item.default_factory is not dataclasses.MISSING:
-                default = item.default_factory()
-            lines.append(f"  {prefix + item.name:<28}{default}")
-    return USAGE.format(settings="\n".join(lines))

@@ -71,7 +71,7 @@ def shard_paths(folder: Path) -> list[Path]:
     """The finished shards in ``folder``, in order. Raises InputError if there is none."""
     paths = sorted(folder.glob(SHARDS))
     if not paths:
-        raise InputError(f"{folder}: expected shard_*.safetensors (python -m ia_bench.training.data makes them), found none")
+        raise InputError(f"{folder}: expected shard_*.safetensors (python -m ia_bench.cli.prior_data makes them), found none")
     return paths
 
 

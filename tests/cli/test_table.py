@@ -17,7 +17,7 @@ import pytest
 
 from ia_bench.cli.table import main, parse
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import INTERRUPTED
+from ia_bench.common.exit_codes import TERMINATED
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.progress import Progress
 from ia_bench.runs import schedule
@@ -115,6 +115,8 @@ def test_command_line_is_told_apart() -> None:
         ("table=papper", "unknown table 'papper'; did you mean 'paper'?"),
         ("seeds=0,x", "seeds=x: expected whole numbers from 0"),
         ("jobs=0", "jobs=0: expected whole numbers from 1"),
+        ("jobs=999999", f"jobs=999999: expected at most {len(os.sched_getaffinity(0))}, the cores that this process may use"),
+        ("preset=smok", "unknown preset 'smok'; did you mean 'smoke'?"),
         ("scenes=hatt", "unknown scene 'hatt'; did you mean 'hat'?"),
         ("seed=1", "it has scenes=, seeds= and table="),
         ("++seed=1", "it has scenes=, seeds= and table="),
@@ -180,6 +182,16 @@ def test_threads_share_the_cores_and_depend_on_the_machine_alone(monkeypatch: py
     assert jobs_and_threads(None, "cpu") == (1, 8)
 
 
+def test_what_is_wrong_in_the_last_row_is_told_before_the_first_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    table = Table(scenes=["hat"], rows=[Row("good", ["prior=none"]), Row("bad", ["prior=none", "preset=smok"])])
+    monkeypatch.setattr("ia_bench.cli.table.load_table", lambda name: table)
+    assert main(["device=cpu"]) == 2
+    assert "unknown preset 'smok'" in capfd.readouterr().err
+    assert started() == []
+
+
 def test_crash_stays_in_its_cell_and_finished_cells_are_skipped(capfd: pytest.CaptureFixture[str]) -> None:
     rows = [Row("good", ["prior=none"]), Row("crash", ["prior=oracle"]), Row("raise", ["method=ceiling"])]
     cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=rows))
@@ -213,7 +225,7 @@ def test_an_interrupted_table_records_no_failure(monkeypatch: pytest.MonkeyPatch
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == INTERRUPTED, said
+    assert process.returncode == TERMINATED, said
     assert "interrupted; the same command resumes" in said
     assert list(Path("results").rglob("checkpoint.pt"))
     assert list(Path("results").rglob("metrics.json")) == []

@@ -17,7 +17,7 @@ def tiny_config(kind="diffusion", **changes):
 
 
 def tiny_weights(folder: Path, kind="diffusion", seed=0, **changes) -> Path:
-    """A folder of random weights, as ia_bench.training.train writes them."""
+    """A folder of random weights, as ia_bench.cli.train writes them."""
     torch.manual_seed(seed)
     network = MaterialNetwork(tiny_config(kind, **changes))
     if network.head is not None:

@@ -74,7 +74,7 @@ def test_the_ceiling_is_known_by_its_only_stage(write_run: Write) -> None:
         ({"variants": {"albedo_linear": [1]}}, r"metrics\.json: variants\.albedo_linear: expected dict, found \[1\]"),
         ({"environment": "here"}, r"metrics\.json: environment: expected dict, found 'here'"),
         ({"protocol_description": "mine"}, r"metrics\.json: protocol_description: expected dict, found 'mine'"),
-        ({"peak_memory_bytes": float("nan")}, r"metrics\.json: peak_memory_bytes: expected int, found nan"),
+        ({"peak_memory_bytes": 1.5}, r"metrics\.json: peak_memory_bytes: expected int, found 1.5"),
         ({"reasons": []}, r"metrics\.json: reasons: expected dict, found \[\]"),
     ],
 )

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ia_bench.cli.comparison import main
 from ia_bench.common.errors import InputError
-from ia_bench.report.comparison import CELL, LEGEND, LINE, LINES, MARGIN, main, write_comparison
+from ia_bench.report.comparison import CELL, LEGEND, LINE, LINES, MARGIN, write_comparison
 from ia_bench.scenes.exr import read_exr, write_exr
 
 

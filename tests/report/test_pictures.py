@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ia_bench.cli.pictures import main
 from ia_bench.common.errors import InputError
-from ia_bench.report.pictures import CELL, COLUMNS, LINE, MARGIN, main, write_contact_sheet
+from ia_bench.report.pictures import CELL, COLUMNS, LINE, MARGIN, write_contact_sheet
 
 
 def cells(sheet: Path, row: int) -> list[np.ndarray]:

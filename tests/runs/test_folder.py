@@ -312,7 +312,7 @@ def test_folders_where_files_are_expected_are_plain_errors_or_in_nobodys_way(tmp
         if name == METRICS:
             RunFolder.open(tmp_path / name, CONFIG, HASH).__exit__(None, None, None)
         (tmp_path / name / name).mkdir(parents=True)
-        with pytest.raises((InputError, Fault), match=rf"{name}: .*Is a directory"):
+        with pytest.raises((InputError, Fault), match=rf"{name}: .*(Is a directory|found a folder)"):
             _use(tmp_path / name)
     for name in ("checkpoint.pt", ".tmp-albedo.exr"):
         (tmp_path / name / name).mkdir(parents=True)
@@ -390,7 +390,7 @@ def test_a_record_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str,
     for name in ("config.json", "metrics.json"):
         with RunFolder.open(tmp_path / name, CONFIG, HASH) as folder:
             (tmp_path / name / name).write_bytes(content.encode(encoding, "replace"))
-            with pytest.raises(InputError, match=rf"{name}: (not valid JSON|expected a |status: )"):
+            with pytest.raises(InputError, match=rf"{name}: (not valid JSON|expected JSON|expected a |status: )"):
                 folder._claim(CONFIG) if name == "config.json" else folder.finished()
 
 
@@ -404,7 +404,7 @@ def test_a_record_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str,
         ({"time_s": 3}, "time_s: expected dict, found 3"),
         ({"sees_truth": 1}, "sees_truth: expected bool, found 1"),
         ({"files": {"albedo.exr": None}}, r"files\.albedo\.exr: expected str, found None"),
-        ({"per_image": {"psnr": [1e999]}}, "is inf"),
+        ({"per_image": {"psnr": [1e999]}}, "Infinity is no number of JSON"),
     ],
 )
 def test_metrics_of_others_are_named_by_file_and_key(tmp_path: Path, change: dict, message: str) -> None:

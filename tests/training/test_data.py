@@ -1,4 +1,4 @@
-"""``python -m ia_bench.training.data``: its arguments, what it refuses, and that a kill loses no finished shard."""
+"""``python -m ia_bench.cli.prior_data``: its arguments, what it refuses, and that a kill loses no finished shard."""
 
 import subprocess
 import sys
@@ -7,28 +7,30 @@ import time
 import pytest
 import torch
 
+from ia_bench.cli.prior_data import main
+from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.training import data
-from ia_bench.training.data import Request, main, make_data, parse
+from ia_bench.training.data import Request, make_data
 from ia_bench.training.shards import CHANNELS, ShardInfo, load_shard, shard_path, write_shard
 
 
 def test_arguments(tmp_path):
-    found = parse([f"out={tmp_path}", "images=300", "seed=4", "workers=2", "size=32", "shading=eager"])
+    found = read_arguments(Request, [f"out={tmp_path}", "images=300", "seed=4", "workers=2", "size=32", "shading=eager"], "here")
     assert found == Request(tmp_path, images=300, size=32, seed=4, workers=2, shading="eager")
-    assert parse(["out=a"]).images == 20_000
+    assert read_arguments(Request, ["out=a"], "here").images == 20_000
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["out=a", "image=3"], "unknown setting of ia_bench.training.data 'image'; did you mean 'images'"),
-        (["out=a", "images=0"], "images: expected a whole number, at least 1, found '0'"),
-        (["out=a", "seed=x"], "seed: expected a whole number, at least 0, found 'x'"),
+        (["out=a", "image=3"], "unknown setting of ia_bench.cli.prior_data 'image'; did you mean 'images'"),
+        (["out=a", "images=0"], "images: expected a finite number >= 1, found 0"),
+        (["out=a", "seed=x"], "seed: expected a whole number, found 'x'"),
         (["out=a", "size"], "size: expected size=VALUE"),
         (["out=a", "shading=eagre"], "did you mean 'eager'"),
-        (["images=3"], "expected out=FOLDER"),
+        (["images=3"], "expected out=VALUE"),
     ],
 )
 def test_mistakes_are_named(arguments, message, capsys):
@@ -71,7 +73,7 @@ def test_finished_shards_are_kept_and_others_refused(tmp_path, monkeypatch):
 
 
 def arguments(folder):
-    return [sys.executable, "-m", "ia_bench.training.data", f"out={folder}", "images=264", "size=8", "workers=2", "shading=eager"]
+    return [sys.executable, "-m", "ia_bench.cli.prior_data", f"out={folder}", "images=264", "size=8", "workers=2", "shading=eager"]
 
 
 @pytest.mark.slow

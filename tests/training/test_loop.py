@@ -12,6 +12,7 @@ from priors.tiny_network import tiny_weights
 from safetensors.torch import load_file
 from training.test_dataset import shard
 
+from ia_bench.cli.train import usage
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
@@ -23,7 +24,7 @@ from ia_bench.training.loop import (
     rate_factor,
     weighted_error,
 )
-from ia_bench.training.settings import TrainSettings, parse, usage
+from ia_bench.training.settings import TrainSettings, parse
 from ia_bench.training.shards import ShardInfo, shard_path, write_shard
 
 SMALL = ["network.size=16", "network.channels=[16,32]", "network.tokens=16", "batch=4", "warmup=2", "compile=false"]
@@ -45,7 +46,7 @@ def command(folders, out, *more):
 
 def start(arguments, launcher=()):
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "ACCELERATE_USE_CPU": "true"}
-    line = [sys.executable, "-m", *launcher, "ia_bench.training.train", *arguments]
+    line = [sys.executable, "-m", *launcher, "ia_bench.cli.train", *arguments]
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
 
 

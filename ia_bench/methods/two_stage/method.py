@@ -309,7 +309,8 @@ class _Run:
         ratio = self.step / FIRST_SCORE
         if self.step < self.steps and ratio >= 1 and math.log2(ratio).is_integer():
             self.monitor.score(stage, self.step, sum(self.seconds.values()), self._snapshot(final=False))
-        if time.monotonic() - self.saved >= self.settings.checkpoint_seconds and self.step < self.steps:
+        due = time.monotonic() - self.saved >= self.settings.checkpoint_seconds and self.step < self.steps
+        if due or self.monitor.stopping():
             self.monitor.save(self._state())
             self.saved = time.monotonic()
 
@@ -340,6 +341,9 @@ class _Run:
         }
 
     def _restore(self, state: dict[str, Any]) -> None:
+        shapes = {name: tensor.shape for name, tensor in state["parameters"].items()}
+        if state["step"] not in range(self.steps + 1) or shapes != {name: p.shape for name, p in self.parameters.items()}:
+            raise ValueError(f"step {state['step']} of {self.steps}, parameters of shapes {shapes}")
         self.step, self.seconds = state["step"], state["seconds"]
         self.generator.set_state(state["generator"])
         with torch.no_grad():

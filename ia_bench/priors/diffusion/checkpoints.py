@@ -82,7 +82,7 @@ def read_description(folder: Path) -> dict[str, Any]:
     try:
         described: Any = json.loads(path.read_text())
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.training.train") from None
+        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.cli.train") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected JSON, found {error}") from None
     if not isinstance(described, dict):

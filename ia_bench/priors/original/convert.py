@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,41 +15,41 @@ from torch import Tensor
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import INTERRUPTED, OK, complain
 from ia_bench.common.paths import make_writable
-from ia_bench.common.suggestions import unknown
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.contract import COMPONENTS
+from ia_bench.common.typed import check_ranges
 from ia_bench.priors.original import layout
 from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
 from ia_bench.priors.original.names import Source, clip_source, ema, unet_source, vae_source
 
-USAGE = """\
-python -m ia_bench.priors.original.convert [albedo=CKPT] [specular=CKPT] out=FOLDER
-                                           [albedo_sha256=HEX] [specular_sha256=HEX] [resolution=256]
-
-Reads last.ckpt of the albedo and / or the specular model of IntrinsicAnything and writes, per component,
-FOLDER/<component>/{unet,vae,image_encoder,scheduler}: safetensors in half precision, the moving average of the weights
-alone. Nothing in the checkpoint is executed. Then: prior=intrinsicanything prior.options.weights=FOLDER
-
-*_sha256     refuse a checkpoint with any other hash; without it the hash is printed and recorded as not verified
-resolution   side in pixels of the images that the model was trained on
-"""
-
 RECORD = "source.json"
 """Written last, so that a folder which holds it is complete: where the weights come from."""
 
-OPTIONS = (*COMPONENTS, "out", *(f"{component}_sha256" for component in COMPONENTS), "resolution")
-
-
 @dataclass(frozen=True)
 class Request:
-    """What the command line asks for: checkpoint and expected SHA-256 (None: any) per component."""
+    """Which checkpoints, with the SHA-256 that each must have (None: any), and where the converted weights go."""
 
-    checkpoints: Mapping[str, Path]
-    hashes: Mapping[str, str | None]
     out: Path
+    albedo: Path | None = None
+    specular: Path | None = None
+    albedo_sha256: str | None = None
+    specular_sha256: str | None = None
     resolution: int = layout.RESOLUTION
+
+    def __post_init__(self) -> None:
+        if not self.checkpoints:
+            raise InputError("expected albedo=CKPT or specular=CKPT or both, found neither; --help says more")
+        check_ranges(self, {"resolution": (1, math.inf)})
+
+    @property
+    def checkpoints(self) -> dict[str, Path]:
+        """The files by component."""
+        return {name: path for name, path in (("albedo", self.albedo), ("specular", self.specular)) if path is not None}
+
+    @property
+    def hashes(self) -> dict[str, str | None]:
+        """The SHA-256 asked for by component."""
+        return {"albedo": self.albedo_sha256, "specular": self.specular_sha256}
 
 
 def convert(request: Request, tell: Callable[[str], None] = print) -> None:
@@ -171,42 +171,3 @@ def half_precision(
             raise InputError(f"{checkpoint.path}: {key}: expected numbers below 65504 (half precision), found {largest:.4g}")
         parameters[name] = half.contiguous()
     return parameters
-
-
-def read(arguments: Sequence[str]) -> Request:
-    """The request on a command line. Raises InputError for an unknown or missing option."""
-    given: dict[str, str] = {}
-    for text in arguments:
-        key, separator, value = text.partition("=")
-        if key not in OPTIONS:
-            raise InputError(unknown("option of the converter", key, OPTIONS))
-        if not (separator and value):
-            raise InputError(f"{key}: expected {key}=VALUE, found '{text}'")
-        given[key] = value
-    checkpoints = {component: Path(given[component]).expanduser() for component in COMPONENTS if component in given}
-    if not checkpoints or "out" not in given:
-        raise InputError("expected albedo=CKPT or specular=CKPT or both, and out=FOLDER; --help says more")
-    resolution = given.get("resolution", str(layout.RESOLUTION))
-    if not resolution.isdecimal() or int(resolution) < 1:
-        raise InputError(f"resolution: expected a positive whole number, found '{resolution}'")
-    hashes = {component: given.get(f"{component}_sha256") for component in COMPONENTS}
-    return Request(checkpoints, hashes, Path(given["out"]).expanduser(), int(resolution))
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status: 0 done, 2 a mistake in what was asked."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    if not {"-h", "--help"}.isdisjoint(arguments):
-        print(USAGE, end="")
-        return 0
-    try:
-        convert(read(arguments))
-    except InputError as error:
-        return complain(str(error))
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    return OK
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -18,7 +18,7 @@ def run(config, folder, progress):
     """A fit of 40 steps with a checkpoint after each; its result depends on every step having been made once.
 
     FAKE_STEP_SECONDS makes it slow; FAKE_LOG is a file that gets a line whenever it starts. The row "crash" dies by
-    signal, "raise" raises.
+    signal, "raise" raises, "stuck" never comes to a step.
     """
     from ia_bench.runs.config import labels
 
@@ -26,11 +26,14 @@ def run(config, folder, progress):
         log.write(f"{config.scene.name} {config.row_name} {config.seed}\n")
     if config.row == "crash":
         os.kill(os.getpid(), signal.SIGKILL)
+    if config.row == "stuck":
+        time.sleep(60)
     if config.row == "raise":
         raise RuntimeError("boom")
     state = folder.load_checkpoint() or {"step": 0, "value": config.seed}
     if state["step"]:
         progress.note(f"resumed at {state['step']}")
+    folder.restoring = False
     task = progress.task("stage 1", total=40, done=state["step"])
     while state["step"] < 40:
         time.sleep(float(os.environ.get("FAKE_STEP_SECONDS", "0")))

@@ -14,11 +14,13 @@ import torch
 from ldm import LatentDiffusion, save
 from torch import Tensor
 
+from ia_bench.cli.convert_weights import main
+from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.original import layout, names
 from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
-from ia_bench.priors.original.convert import convert, half_precision, main, read
+from ia_bench.priors.original.convert import Request, convert, half_precision
 
 TOLERANCE = 2e-5  # two orders of summation in float32; a wrong tensor differs by 0.1 and more
 
@@ -179,7 +181,7 @@ def test_numpy_scalars_of_either_spelling_are_stood_in_for(release: Path, tmp_pa
 
 def test_wrong_hash_stops_before_the_file_is_opened(release: Path, tmp_path: Path) -> None:
     checkpoint = release / "albedo" / "checkpoints" / "last.ckpt"
-    request = read([f"albedo={checkpoint}", f"out={tmp_path / 'out'}", f"albedo_sha256={'0' * 64}"])
+    request = read_arguments(Request, [f"albedo={checkpoint}", f"out={tmp_path / 'out'}", f"albedo_sha256={'0' * 64}"], "here")
     with pytest.raises(InputError, match=rf"last.ckpt: expected SHA-256 0{{64}}, found {sha256(checkpoint)}"):
         convert(request, lambda text: None)
     assert not (tmp_path / "out").exists()
@@ -237,7 +239,7 @@ def test_errors_name_file_and_key(
 ) -> None:
     path = edited(release, tmp_path / "broken.ckpt", edit)
     with pytest.raises(InputError, match=f"broken.ckpt: {message}"):
-        convert(read([f"albedo={path}", f"out={tmp_path / 'out'}", "resolution=32"]), lambda text: None)
+        convert(read_arguments(Request, [f"albedo={path}", f"out={tmp_path / 'out'}", "resolution=32"], "here"), lambda text: None)
     assert not (tmp_path / "out" / "albedo" / "source.json").exists()  # nobody takes it for a whole conversion
 
 
@@ -251,11 +253,11 @@ def test_number_beyond_half_precision_is_an_error() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "expected albedo=CKPT or specular=CKPT or both, and out=FOLDER"),
-        (["albedo=a.ckpt"], "and out=FOLDER"),
-        (["albdo=a.ckpt", "out=x"], "unknown option of the converter 'albdo'; did you mean 'albedo'?"),
+        (["out=x"], "expected albedo=CKPT or specular=CKPT or both, found neither"),
+        (["albedo=a.ckpt"], "expected out=VALUE"),
+        (["albdo=a.ckpt", "out=x"], "unknown setting of ia_bench.cli.convert_weights 'albdo'; did you mean 'albedo'?"),
         (["albedo", "out=x"], "albedo: expected albedo=VALUE, found 'albedo'"),
-        (["albedo=a.ckpt", "out=x", "resolution=-1"], "resolution: expected a positive whole number, found '-1'"),
+        (["albedo=a.ckpt", "out=x", "resolution=-1"], "resolution: expected a finite number >= 1, found -1"),
         (["albedo=no.ckpt", "out=x"], "albedo=no.ckpt: no such file"),
     ],
 )

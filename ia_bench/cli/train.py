@@ -1,0 +1,55 @@
+"""``python -m ia_bench.cli.train``: trains the diffusion prior, or the regressor of the same size."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from collections.abc import Sequence
+
+from ia_bench.common.arguments import settings_of
+from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.output import say
+from ia_bench.common.progress import Progress
+
+USAGE = """\
+python -m ia_bench.cli.train data=FOLDER validation=FOLDER out=FOLDER [KEY=VALUE ...]
+torchrun --nproc_per_node 2 -m ia_bench.cli.train ...                (several processes or GPUs)
+
+Trains a prior on shards made by python -m ia_bench.cli.prior_data. The same command resumes a run that was stopped.
+network.kind=regressor trains the deterministic alternative of the same size. out/weights holds the averaged weights
+(prior.options.weights=out/weights uses them), out/tensorboard the curves and pictures.
+
+Settings and their defaults
+"""
+
+
+def usage() -> str:
+    """The help text, with every setting."""
+    from ia_bench.training.settings import TrainSettings  # brings in torch
+
+    settings = ((key, "(required)" if value is dataclasses.MISSING else value) for key, value in settings_of(TrainSettings))
+    return USAGE + "\n".join(f"  {key:<28}{value}" for key, value in settings)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    if not {"-h", "--help"}.isdisjoint(arguments):
+        say(usage(), sys.stdout)
+        return OK
+    return status_of(lambda: _train(arguments))
+
+
+def _train(arguments: Sequence[str]) -> int:
+    from ia_bench.training.loop import train  # brings in diffusers
+    from ia_bench.training.settings import parse
+
+    settings = parse(arguments)
+    with Progress() as progress:
+        figures = train(settings, progress)
+        progress.note(f"weights in {settings.out / 'weights'}: {figures}")
+    return OK
+
+
+if __name__ == "__main__":
+    sys.exit(main())

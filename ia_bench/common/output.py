@@ -1,0 +1,18 @@
+"""What a command says, on streams that may be closed, full, or read by nobody: no work is lost for want of a listener."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from typing import TextIO
+
+
+def say(text: str, stream: TextIO | None) -> None:
+    """Print a line; where that fails, this and all that follows is dropped. ``stream``: None in a process that has none."""
+    if stream is None:
+        return
+    try:
+        print(text, file=stream, flush=True)
+    except (OSError, ValueError):  # a full disk, a pipe that is closed at the other end, a closed file
+        with suppress(OSError, ValueError):  # else Python tries again when it ends, and ends with a status of its own
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

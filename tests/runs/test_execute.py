@@ -1,0 +1,86 @@
+"""What is behind a run that fails: a plugin is named, nothing that it does ends the process with a status of its own."""
+
+from __future__ import annotations
+
+import json
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+from ia_bench.cli.run import main
+
+PLUGIN = """
+import json, sys
+
+def raises():
+    raise KeyError("no such view")
+
+def raises_below():
+    return json.loads("{")
+
+def leaves():
+    sys.exit(0)
+
+def leaves_with_a_word():
+    raise SystemExit("I have seen enough")
+
+def floats():
+    raise FloatingPointError("my own")
+"""
+
+
+@pytest.fixture
+def outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
+    """Exit status, stderr and record of a run whose method is ``shaky_plugin:NAME``."""
+    (tmp_path / "shaky_plugin.py").write_text(PLUGIN)
+    (tmp_path / "scene").mkdir()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["ia_bench"])
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+
+    def run(config, folder, progress):
+        module, _, name = config.method.target.partition(":")
+        getattr(__import__(module), name)()
+
+    fake = types.ModuleType("ia_bench.runs.run")
+    fake.run = run  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "ia_bench.runs.run", fake)
+
+    def call(name: str) -> tuple[int, str, dict]:
+        out = tmp_path / "out"
+        given = [f"method=shaky_plugin:{name}", f"scene.path={tmp_path / 'scene'}", f"out={out}", "device=cpu", "threads=1"]
+        status = main(given)
+        return status, capfd.readouterr().err, json.loads((out / "metrics.json").read_text())
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("raises", "KeyError: 'no such view'"),
+        ("raises_below", "JSONDecodeError: Expecting property name enclosed in double quotes: line 1 column 2 (char 1)"),
+        ("leaves", "sys.exit(0) was called in the middle of a run"),
+        ("leaves_with_a_word", "sys.exit('I have seen enough') was called in the middle of a run"),
+        ("floats", "FloatingPointError: my own"),
+    ],
+)
+def test_a_plugin_that_fails_is_named_in_one_line(outcome, name: str, message: str) -> None:
+    status, said, record = outcome(name)
+    assert status == 1
+    assert said.splitlines()[-1] == f"ia_bench: method=shaky_plugin:{name}: {message}"
+    assert "Traceback" not in said
+    assert (record["status"], record["error"]) == ("failed", f"method=shaky_plugin:{name}: {message}")
+    assert "shaky_plugin.py" in record["traceback"]
+
+
+def test_debugging_shows_where_a_plugin_failed(outcome, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_DEBUG", "1")
+    status, said, _ = outcome("raises")
+    assert status == 1
+    assert "Traceback" in said
+    assert "in raises\n" in said
+    assert said.splitlines()[-1] == "ia_bench: method=shaky_plugin:raises: KeyError: 'no such view'"
