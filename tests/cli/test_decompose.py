@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -205,6 +206,26 @@ def test_what_is_no_picture_is_refused_by_name(tmp_path, content, message):
         path.write_bytes(content)
     with pytest.raises(InputError, match=f"photo.jpg.*{message}"):
         read_photograph(path)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a" * 5000, "a/" * 3000, "\udcff.png", "line\nbreak.png", "folder.png", "loop.png", "folder.exr", "loop.exr"],
+    ids=["long", "deep", "surrogate", "two lines", "folder.png", "loop.png", "folder.exr", "loop.exr"],
+)
+@pytest.mark.parametrize("role", ["photograph", "mask"])
+def test_a_path_that_is_no_picture_is_one_line(tmp_path, picture, monkeypatch, capsys, name, role):
+    monkeypatch.chdir(tmp_path)
+    Image.fromarray(picture).save("disc.png")
+    for suffix in ("png", "exr"):
+        Path(f"folder.{suffix}").mkdir()
+        Path(f"loop.{suffix}").symlink_to(f"loop.{suffix}")
+    assert main([name] if role == "photograph" else ["disc.png", "--mask", name]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "no such image" in err
+    err.encode()  # what a terminal can print
+    assert len(err) < 500
 
 
 def test_masks_of_another_size_and_empty_ones_are_refused(tmp_path, picture):

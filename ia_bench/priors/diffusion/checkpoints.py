@@ -22,6 +22,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import is_file, read_json
 from ia_bench.common.suggestions import unknown
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.common.typed import fits, named
@@ -79,14 +80,9 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
 def read_description(folder: Path) -> dict[str, Any]:
     """What ``prior.json`` says. Raises InputError where there is none or one of another format."""
     path = folder / "prior.json"
-    try:
-        described: Any = json.loads(path.read_text())
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.cli.train") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: expected JSON, found {error}") from None
-    if not isinstance(described, dict):
-        raise InputError(f"{path}: expected a table, found {described!r:.100}")
+    if not is_file(path):
+        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.cli.train")
+    described = read_json(path)
     if described.get("format") != FORMAT:
         raise InputError(f"{path}: format: expected {FORMAT}, found {described.get('format')}")
     for key in ("network", "provenance"):

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
 from ia_bench.common.paths import make_writable
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.common.typed import check_ranges
@@ -139,11 +140,8 @@ def _checked_digest(request: Request, component: str) -> str:
 
 
 def _read_record(path: Path) -> dict[str, Any]:
-    try:
-        record: Any = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: expected JSON, found {error}") from None
-    if not isinstance(record, dict) or not {"sha256", "resolution"} <= record.keys():
+    record = read_json(path)
+    if not {"sha256", "resolution"} <= record.keys():
         raise InputError(f"{path}: expected a record with sha256 and resolution; delete the folder to convert again")
     return record
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import CLIP_DEVIATION, CLIP_MEAN
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
@@ -46,7 +46,7 @@ class Networks:
             self.clip = _load(CLIPVisionModelWithProjection, folder / "image_encoder", dtype=self.dtype).to(device)
         path = folder / "scheduler" / "scheduler_config.json"
         try:
-            self.schedule = NoiseSchedule.from_diffusers(json.loads(path.read_text(encoding="utf-8")))
+            self.schedule = NoiseSchedule.from_diffusers(read_json(path))
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read: {error}") from None
 

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion.guidance import GuidanceReport
@@ -150,8 +151,8 @@ def _records(folder: Path, components: Iterable[str] | None) -> dict[str, str]:
     for component in present:
         path = folder / component / RECORD
         try:
-            records[component] = str(json.loads(path.read_text(encoding="utf-8"))["sha256"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            records[component] = str(read_json(path)["sha256"])
+        except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: expected JSON with the key sha256, found {error}") from None
     return records
 
@@ -161,8 +162,8 @@ def _resolution(folder: Path, components: list[str]) -> int:
     for component in components:
         path = folder / component / "vae" / "config.json"
         try:
-            sides[component] = int(json.loads(path.read_text(encoding="utf-8"))["sample_size"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            sides[component] = int(read_json(path)["sample_size"])
+        except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: expected JSON with the key sample_size, found {error}") from None
     if len(set(sides.values())) != 1:
         raise InputError(f"prior.options.weights={folder}: expected models of one resolution, found {sides}")
