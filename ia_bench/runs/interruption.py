@@ -10,7 +10,7 @@ from types import FrameType
 
 from ia_bench.common.exit_codes import Terminated
 
-GRACE_SECONDS = 5
+GRACE_SECONDS = 10
 """A method that has not saved its state in this time after it was asked is interrupted where it stands."""
 
 _asked: type[KeyboardInterrupt] | None = None
