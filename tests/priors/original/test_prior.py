@@ -110,7 +110,7 @@ def test_provides_what_was_converted(weights: Path, tmp_path: Path) -> None:
     prior = IntrinsicAnythingPrior(weights=str(tmp_path))
     assert prior.info.provides == {"albedo"}
     assert prior.info.resolution == 32
-    with pytest.raises(InputError, match=r"weights=.*: expected specular as .*convert writes it, found no source.json"):
+    with pytest.raises(InputError, match=r"weights=.*: expected specular as .*convert_weights writes it, found no source.json"):
         IntrinsicAnythingPrior(weights=str(tmp_path), components=["albedo", "specular"])
 
 
