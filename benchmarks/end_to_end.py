@@ -22,17 +22,19 @@ import torch
 from stage import run_as_a_run
 
 from benchmarks.work_precision.precision import first_time, without_compilation
-from benchmarks.work_precision.problem import Judge, make_problem
+from benchmarks.work_precision.problem import make_problem
 from ia_bench.common.machine import environment
 from ia_bench.common.paths import scenes_folder
 from ia_bench.methods.asking.sampling import PriorSampler
-from ia_bench.methods.contract import Fit, Monitor, Problem
+from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.readers.native import NativeReader
+from ia_bench.render.reconstruction import Reconstruction
+from ia_bench.scores.scorer import Scorer
 from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
 
 METRICS = ("aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse")
@@ -42,14 +44,14 @@ FIRST_SCORE = 25
 class Clock:
     """A curve of errors over CPU seconds that do not count the scoring."""
 
-    def __init__(self, scorer: Judge) -> None:
+    def __init__(self, scorer: Scorer) -> None:
         self.rows: list[dict[str, float]] = []
         self._scorer, self._off, self._started = scorer, 0.0, time.process_time()
 
-    def score(self, step: int, fit: Fit) -> None:
+    def score(self, step: int, found: Reconstruction) -> None:
         """Add a row."""
         now = time.process_time()
-        values = self._scorer.quick(fit)
+        values = self._scorer.quick(found)
         self.rows.append({"step": step, "seconds": now - self._started - self._off, **{m: values[m] for m in METRICS}})
         self._off += time.process_time() - now
 
@@ -61,33 +63,20 @@ class Clock:
         return self.rows
 
 
-class Nothing:
-    """A progress bar that shows nothing."""
-
-    def advance(self, amount: int = 1, **values: float) -> None:
-        """See :class:`ia_bench.methods.contract.Task`."""
-
-
-def our_fit(problem: Problem, prior: Prior, scorer: Judge, steps: int) -> list[dict[str, float]]:
+def our_fit(problem: Problem, scorer: Scorer, steps: int) -> list[dict[str, float]]:
     """The curve of our two-stage trainer over ``steps``, two thirds of them in stage 1 as by default."""
     torch.compiler.reset()  # the compiler keeps few versions of a function
     first = round(steps * 2 / 3)
     clock = Clock(scorer)
-    monitor = Monitor(
-        task=lambda *_: Nothing(),
-        note=print,
-        score=lambda _, step, __, fit: clock.score(step, fit),
-        save=lambda _: None,
-        load=lambda: None,
-    )
+    monitor = Monitor.silent(note=print, score=lambda _, step, __, found: clock.score(step, found))
     settings = FitSettings(stage1_steps=first, stage2_steps=steps - first, guided=False)
-    clock.score(steps, TwoStage().fit(problem, prior, settings, seed=0, monitor=monitor))
+    clock.score(steps, TwoStage(settings).fit(problem, seed=0, monitor=monitor).reconstruction)
     return clock.finished()
 
 
-def mitsuba_fit(problem: Problem, prior: Prior, scorer: Judge, steps: int, threads: int) -> list[dict[str, float]]:
+def mitsuba_fit(problem: Problem, scorer: Scorer, steps: int, threads: int) -> list[dict[str, float]]:
     """The curve of the plain loop over ``steps``."""
-    clock = Clock(scorer)
+    clock, prior = Clock(scorer), problem.prior
     albedo = None
     if "albedo" in prior.info.provides:
         albedo = list(PriorSampler(problem, prior, 0, print).draw(None).values["albedo"].numpy())
@@ -130,11 +119,11 @@ def main() -> None:
     run_as_a_run(arguments.threads)
     prior: Prior = OraclePrior(components=["albedo"]) if arguments.prior == "oracle" else NoPrior()
     scene = NativeReader(scenes_folder() / arguments.scene).read(truth=True)
-    problem, prior, scorer = make_problem(scene, prior, shading="compiled")
+    problem, scorer = make_problem(scene, prior, shading="compiled")
     curves = {
-        "ours": {steps: our_fit(problem, prior, scorer, steps) for steps in arguments.steps},
+        "ours": {steps: our_fit(problem, scorer, steps) for steps in arguments.steps},
         "Mitsuba 3": {
-            steps: mitsuba_fit(problem, prior, scorer, steps, arguments.threads) for steps in arguments.mitsuba_steps
+            steps: mitsuba_fit(problem, scorer, steps, arguments.threads) for steps in arguments.mitsuba_steps
         },
     }
     print(f"| {arguments.scene}, prior {arguments.prior}: steps | CPU s | " + " | ".join(METRICS) + " |")

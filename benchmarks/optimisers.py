@@ -31,20 +31,20 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from benchmarks.stiffness.gauss_newton import Jacobian
-from benchmarks.work_precision.problem import Judge
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fetch
-from ia_bench.methods.contract import Fit, Monitor, Problem
-from ia_bench.methods.plan import make_plan
+from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.neighbours import find_neighbours
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.none import NoPrior
 from ia_bench.readers.native import NativeReader
+from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
+from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.scorer import Scorer
 
 SCORED = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0)  # of the steps
 INNER = 10  # iterations of conjugate gradients or of L-BFGS a step
@@ -93,9 +93,11 @@ FORMS = {
 class Unknowns:
     """The leaves of one case, and the material and light that they stand for."""
 
-    def __init__(self, start: Fit, form: LightForm) -> None:
-        self._form, self._mean = form, float(start.light.mean())
-        self.light = {name: leaf.clone().requires_grad_() for name, leaf in form.leaves(start.light).items()}
+    def __init__(self, start: TexturedReconstruction, form: LightForm) -> None:
+        assert start.environment is not None
+        light = start.environment.texels
+        self._form, self._mean = form, float(light.mean())
+        self.light = {name: leaf.clone().requires_grad_() for name, leaf in form.leaves(light).items()}
         self.textures = {
             "albedo": start.material.albedo.clone().requires_grad_(), "roughness": start.material.roughness.clone().requires_grad_()
         }  # fmt: skip
@@ -121,16 +123,17 @@ class Unknowns:
         for leaf in self.light.values():
             leaf.clamp_(min=self._form.least)
 
-    def fit(self) -> Fit:
+    def reconstruction(self, stage: Stage) -> TexturedReconstruction:
         """As they stand now."""
-        return Fit(Material(*(leaf.detach() for leaf in self.textures.values())), self.radiance().detach())
+        material = Material(*(leaf.detach() for leaf in self.textures.values()))
+        return TexturedReconstruction(stage, material, self.radiance().detach(), coat="added")
 
 
 class Objective:
     """The trainer's objective without a prior: sums of weighted absolute residuals."""
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
-        self._problem, self._settings = problem, settings
+        self.problem, self._settings = problem, settings
         self._images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]))
         self._neighbours = find_neighbours(problem, self._images, settings.smooth_scale)
         self.pixel_count = len(problem.gbuffer.pixel)
@@ -140,7 +143,7 @@ class Objective:
         self, unknowns: Unknowns, pixels: Tensor, seed: int, sampled: SampledLight | None = None
     ) -> tuple[Tensor, Tensor]:
         """Signed residuals (M,) and their weights (M,); ``seed`` fixes the samples, ``sampled`` the light they follow."""
-        problem, weights, near = self._problem, self._settings.weights, self._neighbours
+        problem, weights, near = self.problem, self._settings.weights, self._neighbours
         radiance = unknowns.radiance()
         light = (
             SampledLight.of(radiance, uniform_fraction=self._settings.light_uniform)
@@ -341,7 +344,7 @@ CASES = {
 class Scored:
     """The clock of a case: CPU seconds of its steps, scores beside them, off the clock."""
 
-    def __init__(self, scorer: Judge, objective: Objective, steps: int) -> None:
+    def __init__(self, scorer: Scorer, objective: Objective, steps: int) -> None:
         self._scorer, self._objective, self._due = scorer, objective, {max(1, round(share * steps)) for share in SCORED}
         self.seconds = 0.0
         self.rows: list[dict[str, float]] = []
@@ -351,7 +354,7 @@ class Scored:
         """Stop the clock, score where it is due, go on."""
         self.seconds += time.process_time() - self._started
         if step in self._due:
-            found = unknowns.fit()
+            found = unknowns.reconstruction(self._objective.problem.stage)
             with torch.no_grad():
                 residual, weight = self._objective.residuals(unknowns, self._objective.held, 2**32)
             scores = {
@@ -362,17 +365,14 @@ class Scored:
         self._started = time.process_time()
 
 
-def load(folder: Path, settings: FitSettings) -> tuple[Problem, Judge, Fit]:
+def load(folder: Path, settings: FitSettings) -> tuple[Problem, Scorer, TexturedReconstruction]:
     """The problem that a run would have, how it would be scored, and where its trainer would start."""
-    scene, cpu = NativeReader(folder).read(truth=True), torch.device("cpu")
-    blind = scene.blind()
-    stage = Stage(scene.mesh, cpu)
-    plan = make_plan(blind, stage, RenderSettings(), NoPrior())
-    renderer = stage.renderer(shadows=plan.shadows, coat="added")
-    problem = Problem(blind, stage.gbuffer([view.camera for view in blind.train], plan.subsamples), renderer, plan)
-    silent = Monitor(lambda *_: None, print, lambda *_: None, lambda _: None, lambda: None)  # type: ignore[arg-type,return-value]
-    start = TwoStage().fit(problem, NoPrior(), replace(settings, stage1_steps=0, stage2_steps=0), seed=0, monitor=silent)
-    return problem, Judge(scene, stage), start
+    scene = NativeReader(folder).read(truth=True)
+    problem = Problem(scene.blind(), RenderSettings(bounces=0, coat="added", shading="eager"), note=print)
+    method = TwoStage(replace(settings, stage1_steps=0, stage2_steps=0))
+    start = method.fit(problem, seed=0, monitor=Monitor.silent()).reconstruction
+    assert isinstance(start, TexturedReconstruction)
+    return problem, Scorer(scene, Protocol(), problem.device), start
 
 
 def plot(path: Path, curves: dict[str, list[dict[str, float]]]) -> None:

@@ -26,10 +26,8 @@ import numpy as np
 from stage import POINTS, Stage, resized
 
 from ia_bench.methods.contract import Monitor, Problem
-from ia_bench.methods.plan import make_plan
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.none import NoPrior
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Scene
 
@@ -67,18 +65,15 @@ def measure(case: dict[str, int], name: str, threads: int) -> dict[str, float]:
     stage = Stage.of(name, light_rows=case["light_rows"], threads=threads)
     scene = enlarged(stage.scene, case["views"], case["size"])
     sizes = {"subsamples": POINTS, "texture": case["texture"], "light_height": case["light_rows"]}
-    settings = RenderSettings(case["samples"], **sizes, shadows="traced", bounces=0, shading="compiled")
-    plan = make_plan(scene, stage.geometry, settings, NoPrior())
+    settings = RenderSettings(case["samples"], **sizes, shadows="traced", bounces=0, coat="added", shading="compiled")
+    problem = Problem(scene, settings, note=print)
+    _ = problem.plan, problem.stage.rays
     started = time.process_time()
-    gbuffer = stage.geometry.gbuffer([view.camera for view in scene.train], POINTS)
+    gbuffer = problem.gbuffer
     baked = time.process_time() - started
-    renderer = stage.geometry.renderer(coat="added", shading="compiled")
     clock = StepClock()
-    monitor = Monitor(
-        task=lambda *_: clock, note=print, score=lambda *_: None, save=lambda _: None, load=lambda: None
-    )
     fit = FitSettings(stage1_steps=STEPS, stage2_steps=0, pixels=case["pixels"])
-    TwoStage().fit(Problem(scene, gbuffer, renderer, plan), NoPrior(), fit, seed=0, monitor=monitor)
+    TwoStage(fit).fit(problem, seed=0, monitor=Monitor.silent(task=lambda *_: clock, note=print))
     return {
         "bake_s": baked,
         "step_ms": 1e3 * statistics.median(np.diff(clock.times)[COMPILING:]),

@@ -17,7 +17,7 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name in options.scenes:
             folder = resolve_scene_folder(SceneConfig(name=name, path=name if Path(name).is_dir() else None))
             assert folder is not None
-            bounces = "auto" if options.bounces is None else options.bounces
+            bounces: int | Literal["auto"] = "auto" if options.bounces is None else options.bounces
             stage = Stage.at_truth(folder, samples=options.samples, bounces=bounces)
             found = measure(stage, Grids(options.pixels, options.texture, options.light), options.directions)
             if not measured:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import torch
 import torch.nn.functional as F
@@ -45,7 +46,7 @@ class Stage:
     floored: int
 
     @classmethod
-    def at_truth(cls, folder: Path, *, samples: int | None = None, bounces: int | str = "auto") -> Stage:
+    def at_truth(cls, folder: Path, *, samples: int | None = None, bounces: int | Literal["auto"] = "auto") -> Stage:
         """Load a scene folder that ships true textures and its training light; sizes are those of a run's plan.
 
         ``samples``: per pixel, the fit's by default; ``bounces`` as render.bounces. Raises InputError where the truth is missing.

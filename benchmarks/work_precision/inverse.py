@@ -124,15 +124,15 @@ def measure_one(setting: Setting, budget: int, folder: Path, threads: int) -> di
 def measure_mitsuba(kind: str, budget: int, threads: int) -> dict[str, Any]:
     """The plain loop with as many samples on the object as ``budget`` steps of the default split draw."""
     prior: Prior = OraclePrior(components=["albedo"]) if kind == "oracle" else NoPrior()
-    problem, prior, scorer = make_problem(NativeReader(scenes_folder() / SCENE).read(truth=True), prior)
+    problem, scorer = make_problem(NativeReader(scenes_folder() / SCENE).read(truth=True), prior)
     views = problem.scene.train
     pixels = round(len(problem.gbuffer.pixel) / len(views))
     steps = round(budget * DEFAULT[0] * DEFAULT[1] / (pixels * MITSUBA_SAMPLES))
     row: dict[str, Any] = {"case": MITSUBA, "prior": kind, "pixels": pixels, "samples": MITSUBA_SAMPLES, "steps": steps}
     row |= {"budget": budget, "seconds": None, "cpu_s": None} | dict.fromkeys(METRICS) | {"failure": ""}
     albedo = None
-    if prior.info.provides:
-        albedo = list(PriorSampler(problem, prior, 0, print).draw(None).values["albedo"].numpy())
+    if problem.prior.info.provides:
+        albedo = list(PriorSampler(problem, problem.prior, 0, print).draw(None).values["albedo"].numpy())
     try:
         fit = MitsubaFit(problem, FitSettings(), steps, albedo=albedo, samples=MITSUBA_SAMPLES, threads=threads)
         marks: list[tuple[float, float]] = []

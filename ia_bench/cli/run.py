@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import asdict
 from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from ia_bench.cli.usage import usage
@@ -18,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, INTERRUPTED, OK, TERMINATED, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import conf_folder
-from ia_bench.runs.composition import CONFIG_NAME, HYDRA_VERSION, explain, register, to_run_config, written_out
+from ia_bench.runs.composition import CONFIG_NAME, HYDRA_VERSION, compose, explain, register, to_run_config, written_out
 from ia_bench.runs.execute import execute
 
 
@@ -55,10 +56,17 @@ def main(arguments: list[str] | None = None) -> int:
     if not {"-h", "--help"}.isdisjoint(arguments):
         say(usage().rstrip(), sys.stdout)
         return OK
+    if arguments[-2:] == ["--cfg", "job"]:  # as it will be checked, with the options of the method and its preset in it
+        return status_of(lambda: _show(arguments[:-2]))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors on instead of printing them and exiting
     # argparse wants its own options together, wherever among the overrides -m was written
     sys.argv[1:] = sorted(arguments, key=lambda text: "=" in text and not text.startswith("-"))
     return status_of(lambda: _compose_and_run(arguments))
+
+
+def _show(arguments: list[str]) -> int:
+    say(OmegaConf.to_yaml(OmegaConf.create(asdict(compose(arguments)))).rstrip(), sys.stdout)
+    return OK
 
 
 def _compose_and_run(arguments: list[str]) -> int:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import importlib.util
-import inspect
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -23,17 +22,19 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Literal, get_args, get_type_hints
+from typing import Any, Literal, get_args
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
+from ia_bench.common.settings import check_arguments
 from ia_bench.common.suggestions import unknown
-from ia_bench.common.typed import fits, named
 
 Kind = Literal["prior", "method", "reader"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 BUILT_IN = "ia_bench"
+MEMBERS = {"prior": ("sample",), "method": ("Options", "presets", "info", "fit"), "reader": ("read",)}
+"""What the class of a plugin must have, by kind; the contracts say what these are."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,12 @@ def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None
     return f"{plugin.distribution}, {source}"
 
 
+def named(kind: Kind, name: str, target: str) -> Plugin:
+    """The plugin that a configuration names, with the distribution that offers it."""
+    known = {**built_in(kind), **installed(kind)}.get(name)
+    return known if known is not None and known.target == target else Plugin(kind, name, target, "the command line")
+
+
 def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author put there)
     """Import what a plugin points to. Raises InputError with the plugin, its distribution and the cause in one line."""
     broken = _try_load(plugin)
@@ -151,10 +158,8 @@ def create(kind: Kind, name: str, target: str, options: Mapping[str, Any], *give
     Raises InputError for a plugin that cannot be imported, for an option that its signature does not have or that lacks a
     value, naming the closest option, for a value that its annotation does not take, and for what is raised inside the call.
     """
-    known = {**built_in(kind), **installed(kind)}
-    distribution = known[name].distribution if name in known and known[name].target == target else "the command line"
-    factory = load(Plugin(kind, name, target, distribution))
-    _check_options(kind, name, factory, options, len(given))
+    factory = load(named(kind, name, target))
+    check_arguments(factory, options, f"{kind}.options", len(given))
     with at_work(kind, name):
         return factory(*given, **options)
 
@@ -185,31 +190,7 @@ def _try_load(plugin: Plugin) -> Any:  # noqa: ANN401 (as load)
     except (Exception, SystemExit) as error:  # whatever foreign code does on import stays with that plugin
         reason = str(error).splitlines()[0] if str(error) else "no message"
         return BrokenPlugin(plugin, f"importing {plugin.target} raised {type(error).__name__}: {reason}")
+    members = MEMBERS[plugin.kind]
+    if not all(hasattr(found, member) for member in members) or not callable(found):
+        return BrokenPlugin(plugin, f"expected a class with {', '.join(members)}, found that {plugin.target} is none")
     return found
-
-
-def _check_options(kind: Kind, name: str, factory: Any, options: Mapping[str, Any], given: int) -> None:  # noqa: ANN401 (as load)
-    parameters = list(inspect.signature(factory).parameters.values())[given:]
-    if any(p.kind is p.VAR_KEYWORD for p in parameters):
-        return
-    known = {p.name: p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
-    for key in options:
-        if key not in known:
-            raise InputError(unknown(f"option of {kind} '{name}'", key, known))
-    missing = [p.name for p in known.values() if p.default is p.empty and p.name not in options]
-    if missing:
-        keys = ", ".join(f"{kind}.options.{key}=..." for key in missing)
-        raise InputError(f"{kind} '{name}' needs {keys}")
-    annotations = _annotations(factory)
-    for key, value in options.items():
-        default = value is None and known[key].default is None  # which annotations often leave out
-        if key in annotations and not default and not fits(value, annotations[key]):
-            raise InputError(f"{kind}.options.{key}: expected {named(annotations[key])}, found {value!r}")
-
-
-def _annotations(factory: Any) -> dict[str, Any]:  # noqa: ANN401 (as load)
-    """The types of a factory's parameters; none where they cannot be told."""
-    try:
-        return get_type_hints(factory.__init__ if isinstance(factory, type) else factory)  # type: ignore[misc]  # its own
-    except Exception:  # foreign annotations may name what only a type checker imports
-        return {}

@@ -5,38 +5,49 @@ The gap between this row and a perfect score is the renderer's (indirect light, 
 
 from __future__ import annotations
 
-import torch
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ia_bench.common.errors import InputError
-from ia_bench.material.brdf import MIN_ROUGHNESS
-from ia_bench.material.textures import Material
-from ia_bench.methods.contract import Fit, Monitor, Problem
-from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.contract import Prior
-from ia_bench.scenes.scene import Truth
+from ia_bench.methods.info import MethodInfo
+
+if TYPE_CHECKING:
+    from ia_bench.methods.contract import Monitor, Problem, Result
+
+
+@dataclass(frozen=True)
+class NoOptions:
+    """There is nothing to be set."""
 
 
 class Ceiling:
-    """Returns the true textures and the true light; every table marks it, because it sees ground truth."""
+    """Returns the true textures and the true light."""
 
-    sees_truth = True
+    Options: ClassVar[type] = NoOptions
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    info = MethodInfo(uses_prior=False, sees_truth=True)
 
-    def __init__(self) -> None:
-        self._truth: Truth | None = None
+    def __init__(self, options: NoOptions) -> None:
+        """There is nothing to be set."""
 
-    def reveal_scene(self, truth: Truth) -> None:
-        """Receive the scene's textures and lights from run.py."""
-        self._truth = truth
-
-    def fit(self, problem: Problem, prior: Prior, settings: FitSettings, *, seed: int, monitor: Monitor) -> Fit:
+    def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
         """Nothing is optimised. Raises InputError when the scene does not ship its truth, or has metal, which it does not tell."""
-        if problem.plan.metallic:
-            raise InputError(f"method=ceiling: {problem.scene.source}: expected no metal, which truth does not tell, found some")
-        truth = self._truth
+        import torch
+
+        from ia_bench.material.brdf import MIN_ROUGHNESS
+        from ia_bench.material.textures import Material
+        from ia_bench.methods.contract import Result
+        from ia_bench.render.reconstruction import TexturedReconstruction
+
+        scene = problem.truth
+        truth = None if scene is None else scene.truth
+        who = f"method=ceiling: scene {problem.scene.name}"
+        if problem.scene.metallic:
+            raise InputError(f"{who}: expected no metal, which truth does not tell, found some")
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
-            raise InputError(f"method=ceiling: {problem.scene.source} ships no true textures and training light")
-        device = problem.gbuffer.face.device
-        albedo = torch.from_numpy(truth.albedo).float().to(device)
-        roughness = torch.from_numpy(truth.roughness).float().clamp(MIN_ROUGHNESS, 1)[..., None].to(device)
-        light = torch.from_numpy(truth.lights["train"]).to(device)
-        return Fit(Material(albedo, roughness), light, stage="ceiling")
+            raise InputError(f"{who}: expected true textures and the true training light, found that they are not shipped")
+        albedo = torch.from_numpy(truth.albedo).float().to(problem.device)
+        roughness = torch.from_numpy(truth.roughness).float().clamp(MIN_ROUGHNESS, 1)[..., None].to(problem.device)
+        light = torch.from_numpy(truth.lights["train"]).to(problem.device)
+        return Result(TexturedReconstruction(problem.stage, Material(albedo, roughness), light, coat=problem.render.coat))

@@ -3,6 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ia_bench.common.ranges import Number, NumberOrAuto
+
+BYTES_PER_TEXEL = 100  # five channels, each with gradient, Adam's two moments and a copy to go back to
+BYTES_PER_LIGHT_TEXEL = 120  # three channels likewise, and tables to sample it
 
 REFERENCE = "ia_bench reference"
 REFERENCE_BOUNCES = 4  # reflections between the parts of the object; what more would add is below 1 % of the light
@@ -14,25 +22,34 @@ REFERENCE_LIGHT_ROWS = 128  # of the map by which an environment that is no map 
 class RenderSettings:
     """How much work one pixel gets.
 
-    ``samples``: light-plus-BRDF samples per pixel in an optimisation step. The lattices want whole numbers: each half of the
-    crossed loss (all, of the L1) is rounded to the nearest multiple of twice the G-buffer points of a pixel, at least one;
-    ``counters.samples_per_pixel`` of metrics.json says how many were taken. ``subsamples``: G-buffer points along one
-    side of a pixel (2 means 2 x 2) or "auto". ``texture``: side of the material textures in texels or "auto".
-    ``light_height``: rows of the lat-long light (it has twice as many columns) or "auto".
-    ``shadows``: "traced" (exact), "none" or "auto".
-    ``bounces``: how often light may be reflected between the parts of the object before it is seen: 0 is direct light only,
-    "auto" as often as a probe finds to matter. ``coat``: "layered", the specular lobe takes its share of the light before
-    the diffuse one, as in a Principled BSDF; "added", both get all of it, as in the paper's equation 2.
-    ``metallic``: whether a metallic texture is recovered too; "auto" where the scene's description says that parts are metal.
-    ``shading``: "compiled" (torch.compile), "eager" or "auto" (compiled where a C++ compiler is found).
+    Attributes:
+        samples: Light-plus-BRDF samples per pixel in an optimisation step. The lattices want whole numbers: each half of the
+            crossed loss (all, of the L1) is rounded to the nearest multiple of twice the G-buffer points of a pixel, at least
+            one; ``counters.samples_per_pixel`` of metrics.json says how many were taken.
+        subsamples: G-buffer points along one side of a pixel (2 means 2 x 2) or "auto".
+        texture: Side of the material textures in texels or "auto".
+        light_height: Rows of the lat-long light (it has twice as many columns) or "auto".
+        shadows: "traced" (exact), "none" or "auto".
+        bounces: How often light may be reflected between the parts of the object before it is seen: 0 is direct light only,
+            "auto" as often as a probe finds to matter.
+        coat: "layered", the specular lobe takes its share of the light before the diffuse one, as in a Principled BSDF;
+            "added", both get all of it, as in the paper's equation 2.
+        metallic: Whether a metallic texture is recovered too; "auto" where the scene's description says that parts are metal.
+        shading: "compiled" (torch.compile), "eager" or "auto" (compiled where a C++ compiler is found).
     """
 
-    samples: int = 32
-    subsamples: int | str = "auto"
-    texture: int | str = "auto"
-    light_height: int | str = "auto"
-    shadows: str = "auto"
-    bounces: int | str = "auto"
-    coat: str = "layered"
-    metallic: bool | str = "auto"
-    shading: str = "auto"
+    samples: Number = 32
+    subsamples: Annotated[int, Field(ge=1, le=16)] | Literal["auto"] = "auto"
+    texture: NumberOrAuto = "auto"
+    light_height: NumberOrAuto = "auto"
+    shadows: Literal["auto", "traced", "none"] = "auto"
+    bounces: Annotated[int, Field(ge=0, le=64)] | Literal["auto"] = "auto"
+    coat: Literal["layered", "added"] = "layered"
+    metallic: bool | Literal["auto"] = "auto"
+    shading: Literal["auto", "compiled", "eager"] = "auto"
+
+    def memory(self) -> dict[str, int]:
+        """Bytes that a fit takes, by the key that decides them."""
+        texture = 0 if self.texture == "auto" else self.texture**2 * BYTES_PER_TEXEL
+        light = 0 if self.light_height == "auto" else 2 * self.light_height**2 * BYTES_PER_LIGHT_TEXEL
+        return {"texture": texture, "light_height": light}

@@ -52,6 +52,13 @@ class Stage:
         """Another stage of the same mesh, for scores and pictures: its rays and points are not counted with those of a fit."""
         return Stage(self.mesh, self.device, notice=self._notice)
 
+    def counts(self) -> dict[str, int]:
+        """What was asked of the mesh so far: rays, points, and normals that had to be bent toward the camera."""
+        rays: RayCaster | None = vars(self).get("rays")
+        surface: SurfaceInterpolator | None = vars(self).get("surface")
+        points, bent = (0, 0) if surface is None else (surface.points, surface.bent_normals)
+        return {"rays": 0 if rays is None else rays.rays, "points": points, "bent_normals": bent}
+
     def gbuffer(self, cameras: Sequence[Camera], side: int) -> GBuffer:
         """What ``cameras``, all of one size, see with ``side`` x ``side`` points a pixel; kept while there is room."""
         key = b"".join([side.to_bytes(4, "little"), *map(_key, cameras)])

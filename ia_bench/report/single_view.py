@@ -13,13 +13,10 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.methods.asking.border import ask
 from ia_bench.methods.asking.geometry import view_geometry
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.plan import make_plan
 from ia_bench.priors.contract import Observations, Prior
 from ia_bench.priors.diffusion.encoding import exposure
-from ia_bench.priors.none import NoPrior
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.settings import RenderSettings
-from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene
 from ia_bench.training.dataset import TrainingImages
@@ -95,8 +92,5 @@ def score(prior: Prior, examples: Examples, *, samples: int, seed: int) -> dict[
 
 def _geometry(scene: Scene) -> tuple[Tensor, Tensor]:
     """Normals and visibility of the training views, as a run gives them to a prior."""
-    stage = Stage(scene.mesh, torch.device("cpu"))
-    plan = make_plan(scene, stage, RenderSettings(bounces=0), NoPrior())
-    gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
-    problem = Problem(scene, gbuffer, stage.renderer(shadows=plan.shadows), plan)
+    problem = Problem(scene, RenderSettings(bounces=0, shading="eager"), note=lambda _: None)
     return view_geometry(problem, tuple(range(len(scene.train))))

@@ -7,27 +7,27 @@ import trimesh
 from PIL import Image
 from trimesh.visual.material import PBRMaterial
 
-from ia_bench.methods.contract import Fit
+from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.runs.folder import RunFolder
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.scene import Mesh
 
 
-def write_assets(folder: RunFolder, mesh: Mesh, fit: Fit) -> None:
+def write_assets(folder: RunFolder, reconstruction: Reconstruction) -> None:
     """Write albedo.exr (T, T, 3), roughness.exr (T, T), light.exr (H, W, 3), all linear, and asset.glb.
 
-    And metallic.exr (T, T) where the fit has it.
+    And metallic.exr (T, T) where it was recovered. Nothing of a reconstruction that has no textures.
     """
-    albedo = fit.material.albedo.cpu().numpy()
-    roughness = fit.material.roughness.cpu().numpy()[..., 0]
-    metallic = None if fit.material.metallic is None else fit.material.metallic.cpu().numpy()[..., 0]
-    images = {"albedo.exr": albedo, "roughness.exr": roughness, "metallic.exr": metallic, "light.exr": fit.light.cpu().numpy()}
-    for name, image in images.items():
+    assets = reconstruction.assets()
+    if assets is None:
+        return
+    for name in ("albedo", "roughness", "metallic", "light"):
+        image = getattr(assets, name)
         if image is not None:
-            with folder.path_for(name) as path:
+            with folder.path_for(f"{name}.exr") as path:
                 write_exr(path, image, half=False)
-    folder.write_bytes("asset.glb", glb(mesh, albedo, roughness, metallic))
+    folder.write_bytes("asset.glb", glb(assets.mesh, assets.albedo, assets.roughness, assets.metallic))
 
 
 def glb(mesh: Mesh, albedo: np.ndarray, roughness: np.ndarray, metallic: np.ndarray | None = None) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, asdict, fields
 from typing import Any
 
 from hydra import compose as hydra_compose
@@ -18,36 +18,49 @@ from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.suggestions import unknown
-from ia_bench.runs.config import MethodConfig, PriorConfig, ReaderConfig, RunConfig, resolved
+from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.render.settings import RenderSettings
+from ia_bench.runs.config import RunConfig, resolved
 
 HYDRA_VERSION = "1.3"
 CONFIG_NAME = "config"
 LAUNCHER_EXTRAS = ("ray", "submitit")
 SHORT = {"prior.supervision": "prior.supervision.kind"}
 """Settings that may be named by what is chosen first in them."""
+OPTIONS = ("fit.", "method.options.", "prior.options.", "reader.options.")
+"""What begins the names of settings that belong to a plugin."""
 
 
 def register(overrides: Sequence[str]) -> None:
-    """Tell Hydra the types of a run and every plugin that has no YAML file of its own.
+    """Tell Hydra the settings of a run, with their defaults, and every plugin that has no YAML file of its own.
 
-    Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``). Raises InputError for a
-    group that is set to nothing.
+    Plugins are the installed ones and those that ``overrides`` spell out (``prior=module:Class``). Types and ranges are checked
+    once all is composed (:func:`ia_bench.runs.config.resolved`). Raises InputError for a group that is set to nothing.
     """
     for key, _, value in (text.partition("=") for text in overrides):
         if value in ("", "null", "~") and (conf_folder() / key).is_dir():
             raise InputError(unknown(key, value, sorted(path.stem for path in (conf_folder() / key).glob("*.yaml"))))
     store = ConfigStore.instance()
-    schema = _writable(OmegaConf.structured(RunConfig))
-    store.store(name="schema", node=schema)
+    defaults: dict[str, Any] = {f.name: None for f in fields(RunConfig) if f.default is not MISSING} | {
+        "scene": {"path": None},
+        "reader": {"options": {}},
+        "prior": {"options": {}, "supervision": asdict(SupervisionSettings())},
+        "method": {"options": {}},
+        "preset": None,
+        "protocol": {},
+        "render": asdict(RenderSettings()),
+    }
+    store.store(name="schema", node=OmegaConf.create(defaults))
     for kind in registry.KINDS:
         for plugin in [*registry.installed(kind).values(), *_named_plugins(kind, overrides)]:
-            store.store(group=kind, name=plugin.name, node=_node(plugin))
+            store.store(group=kind, name=plugin.name, node=OmegaConf.create({"name": plugin.name, "target": plugin.target}))
 
 
 def written_out(overrides: Sequence[str]) -> list[str]:
-    """``overrides`` with the short names written out."""
+    """``overrides`` with the short names written out, and options marked as keys that no file needs to have."""
     parts = [text.partition("=") for text in overrides]
-    return [SHORT.get(key, key) + separator + value for key, separator, value in parts]
+    named = [SHORT.get(key, key) + separator + value for key, separator, value in parts]
+    return [f"++{text}" if text.startswith(OPTIONS) else text for text in named]
 
 
 def compose(overrides: Sequence[str]) -> RunConfig:
@@ -62,11 +75,10 @@ def compose(overrides: Sequence[str]) -> RunConfig:
 
 
 def to_run_config(composed: DictConfig) -> RunConfig:
-    """Hydra's result as the dataclasses, resolved for this machine. Raises InputError for a key that does not exist."""
-    _refuse_added_keys(composed, RunConfig, "")
-    config = OmegaConf.to_object(composed)
-    assert isinstance(config, RunConfig)
-    return resolved(config)
+    """Hydra's result, checked and resolved for this machine. Raises InputError for what it cannot mean."""
+    content = OmegaConf.to_container(composed, resolve=True)
+    assert isinstance(content, dict)
+    return resolved({str(key): value for key, value in content.items()})
 
 
 def explain(error: Exception) -> str:
@@ -79,7 +91,8 @@ def explain(error: Exception) -> str:
         return unknown(group or "configuration", name, sorted(error.options or ()))
     if isinstance(error, OverrideParseException):
         first = str(error.message).splitlines()[0]
-        return f"cannot read '{error.override}': {first}. Expected key=value; quote values that contain , = : or spaces"
+        written = str(error.override).removeprefix("++")
+        return f"cannot read '{written}': {first}. Expected key=value; quote values that contain , = : or spaces"
     if isinstance(cause, ConfigKeyError | ConfigAttributeError) and cause.full_key:
         return _unknown_key(cause)
     if isinstance(cause, OmegaConfBaseException):
@@ -98,37 +111,8 @@ def _unknown_key(cause: ConfigKeyError | ConfigAttributeError) -> str:
     return unknown("setting", last, names, prefix=f"{parent}." if parent else "")
 
 
-def _refuse_added_keys(node: Any, schema: type, prefix: str) -> None:  # noqa: ANN401 (a configuration value)
-    """Hydra's ``+key=value`` adds keys even to typed nodes; a run has none that could use them."""
-    types = {f.name: f for f in fields(schema)}
-    for name in node:
-        if name not in types:
-            raise InputError(unknown("setting", str(name), types, prefix))
-        kind = OmegaConf.get_type(node, name)
-        if kind is not None and is_dataclass(kind) and isinstance(kind, type):
-            _refuse_added_keys(node[name], kind, f"{prefix}{name}.")
-
-
 def _named_plugins(kind: registry.Kind, overrides: Sequence[str]) -> list[registry.Plugin]:
     """Plugins written as ``kind=module:attribute``, also as one of several values of a sweep."""
     values = [text.partition("=")[2] for text in overrides if text.partition("=")[0] == kind]
     targets = [target.strip("'\" ") for value in values for target in value.split(",")]
     return [registry.find(kind, target) for target in targets if ":" in target]
-
-
-def _node(plugin: registry.Plugin) -> DictConfig:
-    """What ``conf/<kind>/<name>.yaml`` would say of a plugin; its options are checked against its signature later."""
-    config: type = {"prior": PriorConfig, "method": MethodConfig, "reader": ReaderConfig}[plugin.kind]
-    node = _writable(OmegaConf.structured(config(name=plugin.name, target=plugin.target)))
-    OmegaConf.set_struct(node.options, False)
-    return node
-
-
-def _writable(node: DictConfig) -> DictConfig:
-    """OmegaConf marks frozen dataclasses read-only; overrides have to reach them (the result is frozen again)."""
-    OmegaConf.set_readonly(node, None)
-    for name in node:
-        child = node._get_node(name)  # plain access raises for values that are still missing
-        if isinstance(child, DictConfig):
-            _writable(child)
-    return node

@@ -1,64 +1,41 @@
-"""What one run is made of, checked by name and type, and the hash that is its identity."""
+"""What one run is made of, checked by name, type and range, and completed for this machine."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
-from functools import cache
-from operator import attrgetter
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from omegaconf import MISSING
+from pydantic import Field
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import shown, user_path
-from ia_bench.common.paths import PACKAGE, scenes_folder
+from ia_bench.common.files import user_path
+from ia_bench.common.machine import expect_memory
+from ia_bench.common.paths import scenes_folder
+from ia_bench.common.settings import check_arguments, merged, parsed
 from ia_bench.common.suggestions import unknown
-from ia_bench.methods.two_stage.settings import (
-    FIT_CHOICES,
-    KINDS,
-    FitSettings,
-    SupervisionSettings,
-    check_fit,
-    check_supervision,
-)
+from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
 
-IDENTITY_VERSION = 3
-"""Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
-
-PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
 NATIVE_READER = "ia_bench.readers.native:NativeReader"
-
-CHOICES: dict[str, tuple[str, ...]] = {
-    "render.shadows": ("auto", "traced", "none"),
-    "render.coat": ("layered", "added"),
-    "render.shading": ("auto", "compiled", "eager"),
-    **{f"fit.{key}": choices for key, choices in FIT_CHOICES.items()},
-    "prior.supervision.kind": KINDS,
-    "device": ("auto", "cpu", "cuda"),
-}
-"""Settings that are one of a few words."""
-
-NUMBER_OR_AUTO = ("render.subsamples", "render.texture", "render.light_height")
+DEFAULT_METHOD = "two_stage"  # of conf/config.yaml
+THREADS_A_CORE = 32  # more threads than that a core, which computes as a larger machine would, are a slip
 
 
-@dataclass
+@dataclass(frozen=True)
 class SceneConfig:
     """A scene: ``path`` is the folder that the reader is given, None for the shipped scene ``name``."""
 
-    name: str = MISSING
+    name: str = ""
     path: str | None = None
 
 
-@dataclass
+@dataclass(frozen=True)
 class ReaderConfig:
     """A reader of scenes: the class ``target`` (``"module:Class"``) called with the scene's folder and ``options``."""
 
@@ -67,116 +44,110 @@ class ReaderConfig:
     options: dict[str, Any] = field(default_factory=dict)
 
 
-@dataclass
+@dataclass(frozen=True)
 class PriorConfig:
     """A prior: the class ``target`` (``"module:Class"``) called with ``options``, and how it supervises the fit."""
 
-    name: str = MISSING
-    target: str = MISSING
+    name: str
+    target: str
     options: dict[str, Any] = field(default_factory=dict)
     supervision: SupervisionSettings = field(default_factory=SupervisionSettings)
 
 
-@dataclass
+@dataclass(frozen=True)
 class MethodConfig:
-    """A method that reconstructs: the class ``target`` (``"module:Class"``) called with ``options``."""
+    """A method: the class ``target`` (``"module:Class"``), whose ``Options`` say what ``options`` may be.
 
-    name: str = MISSING
-    target: str = MISSING
+    In a resolved configuration, ``options`` are complete: those of the command line over those of the preset over the defaults.
+    """
+
+    name: str
+    target: str
     options: dict[str, Any] = field(default_factory=dict)
 
 
-@dataclass
+@dataclass(frozen=True)
 class RunConfig:
     """One cell of a table. ``conf/config.yaml`` composes it; every field can be overridden on the command line.
 
-    ``device``: "auto", "cpu" or "cuda". ``threads``: CPU threads, None for all that this process may use. ``row``: its
-    label in tables, None for the prior's or method's name. ``out``: its folder, None for ``runs/<scene>/<row>-<hash>``.
+    Attributes:
+        scene: What is reconstructed.
+        reader: The format of its files.
+        prior: What is known beforehand.
+        method: Who reconstructs.
+        fit: Short form of ``method.options``, over which it goes; a method without options ignores it. None once resolved.
+        preset: How much work: render and protocol settings of ``conf/preset``, and what the method makes of the name.
+        protocol: How results are scored, see :meth:`ia_bench.scores.protocol.Protocol.from_config`.
+        render: The renderer.
+        seed: Every random draw depends on it.
+        device: "auto", "cpu" or "cuda".
+        threads: CPU threads, None for all that this process may use.
+        row: Label in tables, None for the prior's or the method's name.
+        out: The run's folder, None for ``runs/<scene>/<row>-<hash>``.
     """
 
-    scene: SceneConfig = field(default_factory=SceneConfig)
-    reader: ReaderConfig = field(default_factory=ReaderConfig)
-    prior: PriorConfig = field(default_factory=PriorConfig)
-    method: MethodConfig = field(default_factory=MethodConfig)
-    preset: str = MISSING
+    scene: SceneConfig
+    reader: ReaderConfig
+    prior: PriorConfig
+    method: MethodConfig
+    preset: str
+    protocol: dict[str, Any]
     render: RenderSettings = field(default_factory=RenderSettings)
-    fit: FitSettings = field(default_factory=FitSettings)
-    protocol: dict[str, Any] = field(default_factory=dict)
-    seed: int = 0
-    device: str = "auto"
-    threads: int | None = None
+    fit: dict[str, Any] | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    threads: Annotated[int, Field(ge=1)] | None = None
     row: str | None = None
     out: str | None = None
 
     @property
     def row_name(self) -> str:
-        """Label in tables and folder names: ``row``, or what distinguishes this run (its prior, else its method)."""
+        """Label in tables and folder names: ``row``, or what distinguishes this run, its prior or its method."""
         if self.row is not None:
             return self.row
-        return self.prior.name if self.method.name == "two_stage" else self.method.name
+        if self.method.name == DEFAULT_METHOD:
+            return self.prior.name
+        return self.method.name if self.prior.name == "none" else f"{self.method.name}, {self.prior.name}"
 
 
-def resolved(config: RunConfig) -> RunConfig:
-    """The same run with everything filled in that depends on this machine: device, threads, the scene's name.
+def resolved(content: Mapping[str, Any]) -> RunConfig:
+    """The run that ``content``, JSON types, describes, with everything filled in that depends on this machine.
 
-    Raises InputError for a value that its setting cannot take.
+    Nothing is allocated or started yet. Raises InputError for what is no such setting, for a value that its setting cannot take,
+    for a plugin that is none, and for what this machine has not got.
     """
-    for key, choices in CHOICES.items():
-        value = attrgetter(key)(config)
-        if value not in choices:
-            raise InputError(unknown(f"value of {key}", str(value), choices))
-    for key in NUMBER_OR_AUTO:
-        value = attrgetter(key)(config)
-        if value != "auto" and not (isinstance(value, int) and value > 0):
-            raise InputError(f"{key}: expected a positive whole number or auto, found {value}")
-    bounces = config.render.bounces
-    if bounces != "auto" and not (isinstance(bounces, int) and bounces >= 0):
-        raise InputError(f"render.bounces: expected a whole number >= 0 or auto, found {bounces}")
-    if config.render.metallic not in (True, False, "auto"):
-        raise InputError(f"render.metallic: expected true, false or auto, found {config.render.metallic}")
-    if config.render.samples < 1:
-        raise InputError(f"render.samples: expected at least 1, found {config.render.samples}")
-    check_fit(config.fit)
-    check_supervision(config.prior.supervision)
-    if config.threads is not None and config.threads < 1:
-        raise InputError(f"threads: expected at least 1, found {config.threads}")
-    if not 0 <= config.seed < 2**63:
-        raise InputError(f"seed: expected 0 to 2^63 - 1, found {config.seed}")
-    _check_options(config.prior.options)
-    _check_finite("method.options", config.method.options)
-    _check_finite("reader.options", config.reader.options)
+    config = parsed(RunConfig, content)
     try:
         Protocol.from_config(config.protocol)
     except ValueError as error:
         raise InputError(str(error)) from None
+    config = replace(config, prior=_prior(config.prior), method=_method(config), fit=None)
     scene = config.scene
     if scene.path is not None:
         folder = user_path("scene.path", scene.path, folder=True)
         scene = replace(scene, name=folder.name, path=str(folder))
     elif config.reader.target != NATIVE_READER:  # which reads something else than the shipped scene of that name
         scene = replace(scene, name=config.reader.name)
+    _check_finite("reader.options", config.reader.options)
+    reader = registry.load(registry.named("reader", config.reader.name, config.reader.target))
+    check_arguments(reader, config.reader.options, "reader.options", 1)
+    most = THREADS_A_CORE * (os.cpu_count() or 1)
+    if config.threads is not None and config.threads > most:
+        raise InputError(f"threads: expected 1 to {most} on this machine of {os.cpu_count()} cores, found {config.threads}")
     threads = config.threads or len(os.sched_getaffinity(0))
     return replace(config, scene=scene, threads=threads, device=_device(config.device))
 
 
-def _check_options(options: dict[str, Any]) -> None:
-    """Raise InputError for what no prior can take: NaN or infinity, or options of another prior that are no table."""
-    nested = options.get("of_options") or {}
-    if not isinstance(nested, Mapping):
-        raise InputError(f"prior.options.of_options: expected a table of options, found {nested!r}")
-    _check_finite("prior.options", options)
+def options_class(method: MethodConfig) -> type:
+    """The dataclass of a method's options."""
+    kind: type = registry.load(registry.named("method", method.name, method.target)).Options
+    return kind
 
 
-def _check_finite(key: str, value: Any) -> None:  # noqa: ANN401 (an option, whatever it is)
-    """Raise InputError, naming the key, for NaN or infinity anywhere in a table of options."""
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            _check_finite(f"{key}.{name}", part)
-    elif isinstance(value, (list, tuple)):
-        for place, part in enumerate(value):
-            _check_finite(f"{key}[{place}]", part)
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{key}: expected a finite number, found {value}")
+def method_of(config: RunConfig) -> Any:  # noqa: ANN401 (a Method, whose contract imports torch)
+    """The method of a resolved run, made with its options."""
+    kind = registry.load(registry.named("method", config.method.name, config.method.target))
+    return kind(parsed(kind.Options, config.method.options, "method.options"))
 
 
 def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None) -> Path | None:
@@ -194,53 +165,6 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
     return root / scene.name
 
 
-def identity(config: RunConfig) -> dict[str, Any]:
-    """Everything that decides the numbers of a resolved run, as JSON types.
-
-    Left out: where results go, the row's label, the preset's name (its values are in), how often checkpoints are
-    written, whether samples are kept, and where files lie. Instead of the path of the scene, or of a prior's weights, there
-    is a hash of the content; the weights of the package count for every prior that takes some. Priors, methods and readers of
-    other distributions, or of the command line, count with their code (:func:`ia_bench.common.registry.foreign_code`).
-    """
-    content = asdict(config)
-    for label in ("out", "row", "preset"):
-        del content[label]
-    del content["fit"]["checkpoint_seconds"]
-    del content["prior"]["supervision"]["cache"]
-    content["prior"]["options"] = {key: _without_paths(key, value) for key, value in config.prior.options.items()}
-    options = config.prior.options
-    weights = (options.get("of_options") or {}).get("weights") if "of_options" in options else options.get("weights", "none")
-    if weights is None:
-        content["prior"]["packaged_weights"] = content_of(PACKAGED_WEIGHTS)
-    foreign = {
-        "prior": registry.foreign_code("prior", config.prior.name, config.prior.target),
-        "prior.options.of": registry.foreign_code("prior", options["of"]) if isinstance(options.get("of"), str) else None,
-        "method": registry.foreign_code("method", config.method.name, config.method.target),
-        "reader": registry.foreign_code("reader", config.reader.name, config.reader.target),
-    }
-    if any(foreign.values()):
-        content["foreign_code"] = {key: code for key, code in foreign.items() if code is not None}
-    content["reader"]["options"] = {key: _without_paths(key, value) for key, value in config.reader.options.items()}
-    folder = resolve_scene_folder(config.scene, config.reader)
-    content["scene"] = {"name": config.scene.name, "content": None if folder is None else content_of(folder)}
-    protocol = Protocol.from_config(config.protocol).describe()
-    protocol["lpips"]["weights"] = _without_paths("weights", protocol["lpips"]["weights"])
-    content["protocol"] = protocol
-    content["identity_version"] = IDENTITY_VERSION
-    return content
-
-
-def config_hash(config: RunConfig) -> str:
-    """The run's identity: SHA-256 (hex) over the canonical JSON of :func:`identity`."""
-    return hash_of(identity(config))
-
-
-def hash_of(content: dict[str, Any]) -> str:
-    """SHA-256 (hex) over canonical JSON: sorted keys, no spaces."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def labels(config: RunConfig) -> dict[str, Any]:
     """What names a run in its metrics: row, scene, seed and the protocol's label."""
     protocol = Protocol.from_config(config.protocol).label
@@ -252,57 +176,51 @@ def slug(text: str) -> str:
     return "-".join("".join(c if c.isalnum() or c in "_." else " " for c in text).split())
 
 
-def run_folder(config: RunConfig) -> Path:
-    """Where a resolved run leaves its results: ``out``, or ``runs/<scene>/<row>-<hash>`` below the current folder.
-
-    Raises InputError for a place in the scene's folder, whose content is part of a run's identity.
-    """
-    if config.out is not None:
-        folder = Path(config.out).expanduser()
-    else:
-        folder = Path("runs", slug(config.scene.name), f"{slug(config.row_name)}-{config_hash(config)[:8]}")
-    scene = resolve_scene_folder(config.scene, config.reader)
-    if scene is not None and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(scene)):
-        raise InputError(f"out={folder}: expected a folder outside of the scene's, found one in {scene}")
-    return folder
+def _prior(prior: PriorConfig) -> PriorConfig:
+    """The prior with its options checked against its class, and made explicit where they depend on this machine."""
+    _check_finite("prior.options", prior.options)
+    kind = registry.load(registry.named("prior", prior.name, prior.target))
+    check_arguments(kind, prior.options, "prior.options")
+    resolve = getattr(kind, "resolved_options", None)
+    return prior if resolve is None else replace(prior, options=resolve(prior.options))
 
 
-def _device(wanted: str) -> str:
+def _method(config: RunConfig) -> MethodConfig:
+    """The method with all its options, those of the preset among them."""
+    method = config.method
+    kind = registry.load(registry.named("method", method.name, method.target))
+    defaults = fields(kind.Options)
+    key = "method.options" if config.fit is None else "fit"
+    given = merged(kind.presets.get(config.preset, {}), method.options)
+    options = parsed(kind.Options, merged(given, config.fit or {}) if defaults else given, key)
+    demand = {f"render.{name}": size for name, size in config.render.memory().items()}
+    if hasattr(options, "memory"):
+        demand |= {f"{key}.{name}": size for name, size in options.memory(config.render).items()}
+    for name, size in demand.items():
+        expect_memory(name, size)
+    if not kind.info.uses_prior and config.prior.name != "none":
+        raise InputError(f"prior={config.prior.name}: expected prior=none with method={method.name}, which asks no prior")
+    return replace(method, options=asdict(options))
+
+
+def _check_finite(key: str, value: Any) -> None:  # noqa: ANN401 (an option, whatever it is)
+    """Raise InputError, naming the key, for NaN or infinity anywhere in a table of options."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            _check_finite(f"{key}.{name}", part)
+    elif isinstance(value, (list, tuple)):
+        for place, part in enumerate(value):
+            _check_finite(f"{key}[{place}]", part)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise InputError(f"{key}: expected a finite number, found {value}")
+
+
+def _device(wanted: str) -> Literal["cpu", "cuda"]:
     if wanted == "cpu":
-        return wanted
+        return "cpu"
     import torch  # takes a second or two; a run on the CPU by choice can be told apart without it
 
     available = torch.cuda.is_available()
     if wanted == "cuda" and not available:
         raise InputError("device=cuda: torch finds no CUDA device here; use device=cpu or device=auto")
     return "cuda" if available else "cpu"
-
-
-def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (a prior's option, whatever it is)
-    """``value`` with a hash of the content in place of every file or folder that it names."""
-    if isinstance(value, dict):
-        return {inner: _without_paths(inner, part) for inner, part in value.items()}
-    if isinstance(value, str) and (key == "weights" or os.sep in value) and Path(value).expanduser().exists():
-        return f"content {content_of(Path(value).expanduser().resolve())}"
-    return value
-
-
-def content_of(path: Path) -> str:
-    """SHA-256 (hex) over the names and bytes of a file, or of all files of a folder but its documents (a card decides nothing)."""
-    try:
-        files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file() and part.suffix != ".md")
-        return _hash_files(path, tuple((file, file.stat().st_size, file.stat().st_mtime_ns) for file in files))
-    except OSError as error:
-        raise InputError(f"{shown(error.filename or path)}: expected a file that can be read, found: {error.strerror}") from None
-
-
-@cache
-def _hash_files(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str:
-    """Kept for as long as no size and no time of change differs: a table asks once for every cell."""
-    digest = hashlib.sha256()
-    for path, size, _ in files:
-        digest.update(f"{path.relative_to(root).as_posix()}\0{size}\n".encode())
-        with path.open("rb") as opened:
-            while block := opened.read(1 << 20):
-                digest.update(block)
-    return digest.hexdigest()

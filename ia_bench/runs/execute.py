@@ -9,8 +9,9 @@ from ia_bench.common import registry
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.progress import Progress
-from ia_bench.runs.config import RunConfig, hash_of, identity, labels, run_folder
+from ia_bench.runs.config import RunConfig, labels
 from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.identity import hash_of, identity, run_folder
 from ia_bench.runs.interruption import deferred
 from ia_bench.runs.metrics import METRICS
 

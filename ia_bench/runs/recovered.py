@@ -15,8 +15,9 @@ from ia_bench.common.files import read_json, user_path
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
-from ia_bench.runs.config import ReaderConfig, SceneConfig, content_of, resolve_scene_folder
+from ia_bench.runs.config import ReaderConfig, SceneConfig, resolve_scene_folder
 from ia_bench.runs.folder import CONFIG
+from ia_bench.runs.identity import content_of
 from ia_bench.runs.metrics import METRICS
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr

@@ -12,8 +12,9 @@ import torch
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import commit
 from ia_bench.render.stage import Stage
-from ia_bench.runs.config import hash_of, slug
+from ia_bench.runs.config import slug
 from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.identity import hash_of
 from ia_bench.runs.metrics import SCHEMA, RecordError
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scores.protocol import Protocol

@@ -16,7 +16,8 @@ from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import RunConfig, hash_of, identity, slug
+from ia_bench.runs.config import RunConfig, slug
+from ia_bench.runs.identity import hash_of, identity
 from ia_bench.scores.columns import METRIC_OF
 
 

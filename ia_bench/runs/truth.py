@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.methods.contract import Problem
 from ia_bench.priors.contract import Observations, Prior
 from ia_bench.priors.wrapped import WrappedPrior
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene, View
 
@@ -19,7 +22,7 @@ from ia_bench.scenes.scene import Scene, View
 class ToldPrior(WrappedPrior):
     """``prior`` with the truth of ``views``, all training views, filled in wherever it is asked about some of them."""
 
-    def __init__(self, prior: Prior, views: tuple[View, ...]) -> None:
+    def __init__(self, prior: Prior, views: Sequence[View]) -> None:
         super().__init__(prior)
         self.stands_for = type(prior).__qualname__  # in messages
         self._views = views
@@ -40,20 +43,36 @@ class ToldPrior(WrappedPrior):
         return torch.from_numpy(np.stack(images)).float()
 
 
-def tell_truth(prior: Prior, scene: Scene, surface: SurfaceInterpolator, gbuffer: GBuffer) -> Prior:
-    """``prior``, told the truth of the ``scene`` if it wants that; ``gbuffer``: of the training views.
+class TrueViews(Sequence[View]):
+    """The training views with their truth, from when the first of them is asked for.
 
-    Where the views have no true albedo, it is that of the true texture as they see it.
+    Where they have no true albedo, it is that of the true texture as they see it.
     """
-    if "truth" not in prior.info.wants:
-        return prior
-    views = scene.train
-    if scene.truth is not None and scene.truth.albedo is not None and any(view.albedo is None for view in views):
-        texture = torch.from_numpy(scene.truth.albedo).float().to(surface.device)
-        share = gbuffer.coverage().clamp_min(1e-6)[..., None]
-        albedo = (texture_images(surface, gbuffer, texture) / share).cpu().numpy()
-        views = tuple(
+
+    def __init__(self, scene: Scene, problem: Problem) -> None:
+        """``scene``: that of the problem, with its truth."""
+        self._scene, self._problem = scene, problem
+
+    def __len__(self) -> int:
+        return len(self._scene.train)
+
+    def __getitem__(self, number: Any) -> Any:  # noqa: ANN401 (an index or a slice)
+        return self._views[number]
+
+    @cached_property
+    def _views(self) -> tuple[View, ...]:
+        scene, problem = self._scene, self._problem
+        if scene.truth is None or scene.truth.albedo is None or all(view.albedo is not None for view in scene.train):
+            return scene.train
+        texture = torch.from_numpy(scene.truth.albedo).float().to(problem.device)
+        share = problem.gbuffer.coverage().clamp_min(1e-6)[..., None]
+        albedo = (texture_images(problem.stage.surface, problem.gbuffer, texture) / share).cpu().numpy()
+        return tuple(
             view if view.albedo is not None else replace(view, albedo=image * view.mask[..., None])
-            for view, image in zip(views, albedo, strict=True)
+            for view, image in zip(scene.train, albedo, strict=True)
         )
-    return ToldPrior(prior, views)
+
+
+def tell_truth(prior: Prior, scene: Scene, problem: Problem) -> Prior:
+    """``prior``, told the truth of the ``scene`` if it wants that."""
+    return ToldPrior(prior, TrueViews(scene, problem)) if "truth" in prior.info.wants else prior

@@ -69,7 +69,7 @@ def results() -> list[dict]:
         ("preset=quik", "unknown preset 'quik'; did you mean 'quick'? There are: full, paper, quick, smoke"),
         ("scene=hatt", "unknown scene 'hatt'; did you mean 'hat'? There are: console, "),
         ("prior=orcale", "unknown prior 'orcale'; did you mean 'oracle'?"),
-        ("sed=1", "unknown setting 'sed'; did you mean 'seed'? There are: device, fit, "),
+        ("sed=1", "unknown setting 'sed'; did you mean 'seed'? There are: device, "),
         ("presett=quick", "unknown setting 'presett'; did you mean 'preset'?"),
         ("fit.pixls=3", "unknown setting 'fit.pixls'; did you mean 'fit.pixels'? There are: "),
         ("+fit.pixls=3", "unknown setting 'fit.pixls'; did you mean 'fit.pixels'?"),
@@ -79,10 +79,10 @@ def results() -> list[dict]:
         ("protocol=papre-v2", "unknown protocol 'papre-v2'; did you mean 'paper-v2'?"),
         ("reader=nativ", "unknown reader 'nativ'; did you mean 'native'?"),
         ("reader.options.vu=mesh", "unknown setting 'reader.options.vu'; did you mean 'reader.options.uv'?"),
-        ("render.texture=big", "render.texture: expected a positive whole number or auto, found big"),
-        ("seed=abc", "seed: Value 'abc' of type 'str' could not be converted to Integer"),
-        ("seed=-1", "seed: expected 0 to 2^63 - 1, found -1"),
-        ("threads=0", "threads: expected at least 1, found 0"),
+        ("render.texture=big", "unknown value of render.texture: 'big'"),
+        ("seed=abc", "seed: expected a whole number, found 'abc'"),
+        ("seed=-1", "seed: expected 0 or more, found -1"),
+        ("threads=0", "threads: expected 1 or more, found 0"),
         ("fit=3", "fit: "),
         ("seed=1,2", "To sweep over it, add --multirun"),
         ("fit.pixels=[", "cannot read 'fit.pixels=['"),
@@ -93,15 +93,12 @@ def results() -> list[dict]:
         ("protocol=", "unknown protocol ''. There are: "),
         ("--resolve", "--resolve flag can only be used"),
         ("hydra.run.dir=/dev/null/x", "Not a directory: '/dev/null/x'"),
-        ("prior=nowhere:Thing", None),  # only the run imports it
+        ("prior=nowhere:Thing", "importing nowhere:Thing raised ModuleNotFoundError: No module named 'nowhere'"),
     ],
 )
-def test_mistake_is_one_message(mistake: str, expected: str | None, capfd: pytest.CaptureFixture[str]) -> None:
+def test_mistake_is_one_message(mistake: str, expected: str, capfd: pytest.CaptureFixture[str]) -> None:
     status = call(mistake)
     out, err = capfd.readouterr()
-    if expected is None:
-        assert status == 0
-        return
     assert (status, out) == (2, "")
     assert expected in err
     assert err.startswith("ia_bench: ")
@@ -152,7 +149,7 @@ def test_folder_of_another_configuration_is_refused(capfd: pytest.CaptureFixture
     assert call("out=here") == 0
     capfd.readouterr()
     assert call("out=here", "fit.pixels=7") == 2
-    assert "here: holds the results of another configuration; these differ: fit.pixels (4096 there, 7 here)" in (
+    assert "here: holds the results of another configuration; these differ: method.options.pixels (4096 there, 7 here)" in (
         capfd.readouterr().err
     )
 
@@ -172,6 +169,9 @@ def test_prior_of_another_distribution_needs_no_yaml(tmp_path: Path, monkeypatch
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: third\nVersion: 1.2\n")
     (info / "entry_points.txt").write_text("[ia_bench.priors]\nmine = third_module:Mine\n")
+    prior = "class {}:\n    def __init__(self, strength=1): ...\n    def sample(self, observations, *, seed, guidance=None): ...\n"
+    for module, name in (("third_module", "Mine"), ("their_module", "Theirs")):
+        (tmp_path / "site" / f"{module}.py").write_text(prior.format(name))
     monkeypatch.syspath_prepend(tmp_path / "site")
     assert call("prior=mine", "prior.options.strength=2") == 0
     assert call("-m", "prior=none,mine,their_module:Theirs") == 0

@@ -3,26 +3,40 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import torch
+from torch import Tensor
 
-from ia_bench.methods.contract import Fit, Monitor, Problem
-from ia_bench.methods.plan import Plan
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
-from ia_bench.render.stage import Stage
+from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
+from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Scene
 
-PLAN = Plan(samples=16, subsamples=2, texture=64, light_height=16, shadows="traced")
+RENDER = RenderSettings(
+    samples=16, subsamples=2, texture=64, light_height=16, shadows="traced", bounces=0, coat="added", metallic=False,
+    shading="eager",
+)
+OF_THE_PRIOR = ("prior",)
 
 
 def make_problem(scene: Scene) -> Problem:
-    stage = Stage(scene.mesh, torch.device("cpu"))
-    gbuffer = stage.gbuffer([view.camera for view in scene.train], PLAN.subsamples)
-    return Problem(scene, gbuffer, stage.renderer(shadows=PLAN.shadows, coat="added"), PLAN)
+    return Problem(scene, RENDER, note=lambda _: None)
+
+
+def altered(problem: Problem, **parts: Any) -> Problem:
+    """The same problem with some attributes replaced, those that it makes on demand as well; all others stay as they are."""
+    made = ("stage", "plan", "gbuffer", "renderer", *OF_THE_PRIOR)
+    changed = replace(problem, **{name: part for name, part in parts.items() if name not in made})
+    kept = {name: getattr(problem, name) for name in made if name not in OF_THE_PRIOR}
+    vars(changed).update(kept | {name: part for name, part in parts.items() if name in made})
+    return changed
 
 
 @dataclass
@@ -33,19 +47,23 @@ class Record:
     scores: list[tuple[str, int, float]] = field(default_factory=list)
     states: dict[int, bytes] = field(default_factory=dict)
     losses: list[float] = field(default_factory=list)
+    kept: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def monitor(self, resume: bytes | None = None) -> Monitor:
         """A monitor that writes here and hands out the state ``resume``."""
+        if resume is not None:
+            resumed = torch.load(io.BytesIO(resume), weights_only=True)
+            self.kept = dict(resumed["kept"])
 
         def save(state: dict[str, Any]) -> None:
             file = io.BytesIO()
-            torch.save(state, file)
+            torch.save({"state": state, "kept": self.kept}, file)
             self.states[state["step"]] = file.getvalue()
 
         def load() -> dict[str, Any] | None:
-            return None if resume is None else torch.load(io.BytesIO(resume), weights_only=True)
+            return None if resume is None else resumed["state"]
 
-        def score(stage: str, step: int, seconds: float, fit: Fit) -> None:
+        def score(stage: str, step: int, seconds: float, reconstruction: Reconstruction) -> None:
             self.scores.append((stage, step, seconds))
 
         record = self
@@ -54,13 +72,31 @@ class Record:
             def advance(self, amount: int = 1, **values: Any) -> None:
                 record.losses.append(values["loss"])
 
-        return Monitor(lambda name, total, done: Task(), self.notes.append, score, save, load)
+        return Monitor(
+            lambda name, total, done: Task(), self.notes.append, score, save, load, keep=self.kept.__setitem__, kept=self.kept.get
+        )
 
 
-def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, seed: int = 0, **resume: bytes) -> Fit:
-    return TwoStage().fit(problem, prior, settings, seed=seed, monitor=record.monitor(**resume))
+@dataclass(frozen=True)
+class Found:
+    """What a fit found, its reconstruction taken apart."""
+
+    material: Material
+    light: Tensor
+    seconds: Mapping[str, float]
+    counters: Mapping[str, int]
+    steps: int
 
 
-def same(a: Fit, b: Fit) -> bool:
+def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, seed: int = 0, **resume: bytes) -> Found:
+    asked = altered(problem, make_prior=lambda _: prior)
+    result = TwoStage(settings).fit(asked, seed=seed, monitor=record.monitor(**resume))
+    found = result.reconstruction
+    assert isinstance(found, TexturedReconstruction)
+    assert found.environment is not None
+    return Found(found.material, found.environment.texels, result.seconds, result.counters, result.steps)
+
+
+def same(a: Found, b: Found) -> bool:
     pairs = (a.material.albedo, b.material.albedo), (a.material.roughness, b.material.roughness), (a.light, b.light)
     return all(torch.equal(x, y) for x, y in pairs)

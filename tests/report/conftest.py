@@ -11,7 +11,8 @@ import pytest
 
 from ia_bench.common.paths import scenes_folder
 from ia_bench.readers.native import NativeReader
-from ia_bench.runs.config import NATIVE_READER, content_of
+from ia_bench.runs.config import NATIVE_READER
+from ia_bench.runs.identity import content_of
 from ia_bench.scenes.exr import write_exr
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")

@@ -15,7 +15,8 @@ import trimesh
 from PIL import Image
 
 from ia_bench.material.textures import Material, fetch
-from ia_bench.methods.contract import Fit
+from ia_bench.render.reconstruction import TexturedReconstruction
+from ia_bench.render.stage import Stage
 from ia_bench.runs.assets import glb, write_assets
 from ia_bench.runs.folder import RunFolder
 from ia_bench.scenes.color import linear_to_srgb
@@ -33,10 +34,11 @@ def mesh() -> Mesh:
 
 
 @pytest.fixture
-def fitted() -> Fit:
+def fitted(mesh: Mesh) -> TexturedReconstruction:
     generator = torch.Generator().manual_seed(0)
     albedo, roughness = torch.rand(16, 16, 3, generator=generator), torch.rand(16, 16, 1, generator=generator)
-    return Fit(Material(albedo, roughness), 1e5 * torch.rand(8, 16, 3, generator=generator) ** 4)
+    light = 1e5 * torch.rand(8, 16, 3, generator=generator) ** 4
+    return TexturedReconstruction(Stage(mesh, torch.device("cpu")), Material(albedo, roughness), light)
 
 
 def chunks(binary: bytes) -> tuple[dict, bytes]:
@@ -69,19 +71,19 @@ def texture(description: dict, data: bytes, index: int) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(data[start : start + view["byteLength"]])).convert("RGB"))
 
 
-def test_exr_maps_are_the_textures(tmp_path: Path, mesh: Mesh, fitted: Fit) -> None:
+def test_exr_maps_are_the_textures(tmp_path: Path, mesh: Mesh, fitted: TexturedReconstruction) -> None:
     with RunFolder.open(tmp_path / "run", {"a": 1}, "0") as folder:
-        write_assets(folder, mesh, fitted)
+        write_assets(folder, fitted)
     channels = {"albedo": 3, "roughness": 1, "light": 3}
     read = {name: read_exr(tmp_path / "run" / f"{name}.exr", count) for name, count in channels.items()}
     np.testing.assert_array_equal(read["albedo"], fitted.material.albedo)
     np.testing.assert_array_equal(read["roughness"], fitted.material.roughness)
-    np.testing.assert_array_equal(read["light"], fitted.light)  # beyond half float's 65504
-    assert fitted.light.max() > 65504
+    np.testing.assert_array_equal(read["light"], fitted.environment.texels)  # beyond half float's 65504
+    assert fitted.environment.texels.max() > 65504
     assert (tmp_path / "run" / "asset.glb").read_bytes()[:4] == b"glTF"
 
 
-def test_glb_by_its_specification(mesh: Mesh, fitted: Fit) -> None:
+def test_glb_by_its_specification(mesh: Mesh, fitted: TexturedReconstruction) -> None:
     albedo, roughness = fitted.material.albedo.numpy(), fitted.material.roughness.numpy()[..., 0]
     description, data = chunks(glb(mesh, albedo, roughness))
     assert description["asset"]["version"] == "2.0"
@@ -110,7 +112,7 @@ def test_glb_by_its_specification(mesh: Mesh, fitted: Fit) -> None:
     np.testing.assert_allclose(base[row, column] / 255, shown, atol=0.6 / 255)
 
 
-def test_glb_read_back_by_trimesh(mesh: Mesh, fitted: Fit) -> None:
+def test_glb_read_back_by_trimesh(mesh: Mesh, fitted: TexturedReconstruction) -> None:
     binary = glb(mesh, fitted.material.albedo.numpy(), fitted.material.roughness.numpy()[..., 0])
     loaded = trimesh.load(io.BytesIO(binary), file_type="glb", process=False)
     (solid,) = loaded.geometry.values()
@@ -131,10 +133,11 @@ def test_out_of_range_albedo_is_shown_at_the_limit(mesh: Mesh) -> None:
     assert (texture(description, data, base) == 255).all()
 
 
-def test_metal_has_a_map_and_the_blue_channel(tmp_path: Path, mesh: Mesh, fitted: Fit) -> None:
+def test_metal_has_a_map_and_the_blue_channel(tmp_path: Path, mesh: Mesh, fitted: TexturedReconstruction) -> None:
     metallic = torch.linspace(0, 1, 256).reshape(16, 16, 1)
     with RunFolder.open(tmp_path / "run", {"a": 1}, "0") as folder:
-        write_assets(folder, mesh, replace(fitted, material=replace(fitted.material, metallic=metallic)))
+        fitted.material = replace(fitted.material, metallic=metallic)
+        write_assets(folder, fitted)
     np.testing.assert_array_equal(read_exr(tmp_path / "run" / "metallic.exr", 1), metallic)
     description, data = chunks((tmp_path / "run" / "asset.glb").read_bytes())
     found = description["materials"][0]["pbrMetallicRoughness"]

@@ -10,18 +10,24 @@ import json
 import os
 import re
 import shlex
+import sys
+import textwrap
 from pathlib import Path
+from types import UnionType
+from typing import Annotated, Union, get_args, get_origin, get_type_hints
 
 import pytest
 import yaml
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import conf_folder
-from ia_bench.methods.two_stage.settings import FIT_RANGES, FitSettings, SupervisionSettings
+from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.methods.two_stage.settings import FitSettings, LearningRates, LossWeights
 from ia_bench.render.settings import RenderSettings
-from ia_bench.runs import config as configuration
+from ia_bench.runs import identity as identities
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import RunConfig, SceneConfig, config_hash, identity, resolve_scene_folder, run_folder, slug
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder, slug
+from ia_bench.runs.identity import config_hash, identity, run_folder
 from ia_bench.scores.protocol import Protocol
 
 CONF = conf_folder()
@@ -57,7 +63,7 @@ def test_shipped_choice_composes_and_says_how(path: Path) -> None:
     compose([*overrides, "device=cpu"])
 
 
-@pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "method", "reader")], ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "reader")], ids=lambda p: p.stem)
 def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
     settings = yaml.safe_load(path.read_text())
     module, _, name = settings["target"].partition(":")
@@ -75,33 +81,43 @@ def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
 
 def test_quick_is_the_defaults_and_paper_is_the_paper() -> None:
     quick = compose(["device=cpu", "preset=quick"])
-    assert (quick.fit, quick.render) == (FitSettings(), RenderSettings())
+    assert (quick.method.options, quick.render) == (dataclasses.asdict(FitSettings()), RenderSettings())
     assert Protocol.from_config(quick.protocol) == Protocol()
     paper = compose(["device=cpu", "preset=paper"])
     assert (paper.render.texture, paper.render.light_height, paper.render.samples) == (2048, 256, 144)
-    assert (paper.fit.stage1_steps, paper.fit.stage2_steps) == (20_000, 15_000)
+    assert (paper.method.options["stage1_steps"], paper.method.options["stage2_steps"]) == (20_000, 15_000)
 
 
-def test_result_is_typed_and_frozen_again() -> None:
-    fit = compose(["device=cpu", "fit.weights.albedo=2"]).fit
-    assert fit.weights.albedo == 2.0
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        fit.pixels = 1  # type: ignore[misc]
+def test_fit_is_short_for_the_options_of_a_method_that_has_some() -> None:
+    short, long = ("fit.weights.albedo=2", "fit.pixels=7"), ("method.options.weights.albedo=2", "method.options.pixels=7")
+    config = compose(["device=cpu", *short])
+    assert config == compose(["device=cpu", *long])
+    assert (config.method.options["weights"]["albedo"], config.method.options["pixels"], config.fit) == (2.0, 7, None)
+    assert config.method.options["rates"] == dataclasses.asdict(FitSettings().rates)
+    assert compose(["device=cpu", "method=ceiling", *short]).method.options == {}  # so that a table may have a ceiling
+    with pytest.raises(InputError, match="unknown setting 'method.options.pixels'"):
+        compose(["device=cpu", "method=ceiling", "method.options.pixels=7"])
+
+
+def test_options_go_over_the_preset_which_goes_over_the_defaults() -> None:
+    options = compose(["device=cpu", "preset=smoke", "fit.pixels=7"]).method.options
+    assert (options["stage1_steps"], options["pixels"], options["ssi"]) == (12, 7, FitSettings().ssi)
+    assert compose(["device=cpu", "preset=smoke", "method=ceiling"]).method.options == {}
 
 
 @pytest.mark.parametrize(
     ("override", "expected"),
     [
-        ("render.samples=0", "render.samples: expected at least 1, found 0"),
-        ("fit.smooth_scale=0", r"fit.smooth_scale: expected a finite number >= 1e-06, found 0"),
-        ("fit.rates.albedo=-1", r"fit.rates.albedo: expected a finite number >= 0, found -1"),
-        ("fit.rates.final=-1", r"fit.rates.final: expected a finite number >= 1e-06, found -1"),
-        ("fit.light_uniform=2", r"fit.light_uniform: expected a finite number from 0 to 1, found 2"),
-        ("fit.roughness_initial=7", r"fit.roughness_initial: expected a finite number from 0 to 1, found 7"),
-        ("fit.weights.image=nan", r"fit.weights.image: expected a finite number >= 0, found nan"),
-        ("fit.residual_cut=0", r"fit.residual_cut: expected a finite number >= 1e-06, found 0"),
-        ("fit.pixels=0", r"fit.pixels: expected a finite number >= 1, found 0"),
-        ("seed=9223372036854775808", r"seed: expected 0 to 2\^63 - 1, found 9223372036854775808"),
+        ("render.samples=0", "render.samples: expected 1 or more, found 0"),
+        ("fit.smooth_scale=0", r"fit.smooth_scale: expected 1e-06 or more, found 0"),
+        ("fit.rates.albedo=-1", r"fit.rates.albedo: expected 0 or more, found -1"),
+        ("fit.rates.final=-1", r"fit.rates.final: expected 1e-06 or more, found -1"),
+        ("fit.light_uniform=2", r"fit.light_uniform: expected 1 or less, found 2"),
+        ("fit.roughness_initial=7", r"fit.roughness_initial: expected 1 or less, found 7"),
+        ("fit.weights.image=nan", r"fit.weights.image: expected a finite number, found nan"),
+        ("fit.residual_cut=0", r"fit.residual_cut: expected 1e-06 or more, found 0"),
+        ("fit.pixels=0", r"fit.pixels: expected 1 or more, found 0"),
+        ("seed=9223372036854775808", r"seed: expected less than 9223372036854775808, found 9223372036854775808"),
     ],
 )
 def test_numbers_out_of_range_are_refused(override: str, expected: str) -> None:
@@ -115,8 +131,8 @@ def test_numbers_out_of_range_are_refused(override: str, expected: str) -> None:
         ("oracle", "prior.options.noise=nan", "prior.options.noise: expected a finite number, found nan"),
         ("corrected", "prior.options.of_options={eta: nan}", "prior.options.of_options.eta: expected a finite number, found nan"),
         ("oracle", "prior.options.components=[inf]", r"prior.options.components\[0\]: expected a finite number, found inf"),
-        ("none", "+method.options.rate=nan", "method.options.rate: expected a finite number, found nan"),
-        ("corrected", "prior.options.of_options=abc", "prior.options.of_options: expected a table of options, found 'abc'"),
+        ("none", "method.options.residual_cut=nan", "method.options.residual_cut: expected a finite number, found nan"),
+        ("corrected", "prior.options.of_options=abc", "prior.options.of_options: expected a table, found 'abc'"),
     ],
 )
 def test_options_that_no_prior_can_take_are_refused(prior: str, override: str, expected: str) -> None:
@@ -124,13 +140,49 @@ def test_options_that_no_prior_can_take_are_refused(prior: str, override: str, e
         compose(["device=cpu", f"prior={prior}", override])
 
 
-def test_every_number_of_the_fit_has_a_range() -> None:
-    flat = {}
-    for name, value in dataclasses.asdict(FitSettings()).items():
-        flat |= {f"{name}.{part}": inner for part, inner in value.items()} if isinstance(value, dict) else {name: value}
-    assert FIT_RANGES.keys() == {key for key, value in flat.items() if type(value) in (int, float)}
-    for key, (least, most) in FIT_RANGES.items():
-        assert least <= flat[key] <= most
+@pytest.mark.parametrize("kind", [FitSettings, LossWeights, LearningRates, SupervisionSettings, RenderSettings])
+def test_every_number_has_a_least_and_a_largest_value(kind: type) -> None:
+    """Of a union, the branch that is a number."""
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        parts = [hint, *get_args(hint)] if get_origin(hint) is Union or isinstance(hint, UnionType) else [hint]
+        for part in parts:
+            if get_origin(part) is Annotated:
+                bounds = " ".join(map(str, part.__metadata__[0].metadata))
+                assert "Ge(" in bounds
+                assert "Le(" in bounds
+            else:
+                assert part not in (int, float), name
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("method=null", "unknown method 'null'"),
+        ("prior=null", "unknown prior 'null'"),
+        ("protocol=null", "unknown protocol 'null'"),
+        ("prior=json:loads", "prior 'json:loads' .* expected a class with sample"),
+        ("method=collections:OrderedDict", "method 'collections:OrderedDict' .* expected a class with Options, presets, info, fit"),
+        ("fit.pixels=1e12", "fit.pixels: expected a whole number, found 1000000000000.0"),
+        ("fit.pixels=1000000000", "fit.pixels: expected to fit into the .* GB of memory that are free, found a need for"),
+        ("render.samples=1000000000", "method.options.pixels: expected to fit into"),
+        ("render.texture=100000", "render.texture: expected to fit into the .* GB of memory that are free, found a need for"),
+        ("render.light_height=1000000", "render.light_height: expected to fit into"),
+        ("render.subsamples=100", "render.subsamples: expected 16 or less or auto, found 100"),
+        ("fit.rates.albedo=1e30", r"fit.rates.albedo: expected 10 or less, found 1e\+30"),
+        ("threads=999", "threads: expected 1 to .* on this machine of .* cores, found 999"),
+        ("threads=100000", "threads: expected 1 to .*, found 100000"),
+        ("preset=smok", "unknown preset 'smok'; did you mean 'smoke'"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_sentence_before_anything_starts(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=f"^{message}") as said:
+        compose(["device=cpu", override])
+    assert "\n" not in str(said.value)
+
+
+def test_a_method_that_asks_no_prior_is_given_none() -> None:
+    with pytest.raises(InputError, match="prior=oracle: expected prior=none with method=ceiling, which asks no prior"):
+        compose(["device=cpu", "method=ceiling", "prior=oracle"])
 
 
 def test_the_kind_of_supervision_may_be_named_alone() -> None:
@@ -190,10 +242,12 @@ def test_hash_changes_with_what_decides_numbers(override: str) -> None:
 def test_hash_changes_with_every_setting_of_fit_and_render() -> None:
     config = compose(["device=cpu"])
     hashes = [config_hash(config)]
-    for section in ("fit", "render"):
-        for changed in _variations(getattr(config, section)):
-            hashes.append(config_hash(dataclasses.replace(config, **{section: changed})))
-    assert len(hashes) > 15
+    for changed in _variations(config.render):
+        hashes.append(config_hash(dataclasses.replace(config, render=changed)))
+    for changed in _variations(FitSettings()):
+        method = dataclasses.replace(config.method, options=dataclasses.asdict(changed))
+        hashes.append(config_hash(dataclasses.replace(config, method=method)))
+    assert len(hashes) > 30
     assert len(set(hashes)) == len(hashes)
 
 
@@ -221,7 +275,7 @@ def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
     [
         ("kind=similarty", "did you mean 'similarity'"),
         ("knd=sds", "unknown setting 'prior.supervision.knd'"),
-        ("views=some", "prior.supervision.views: expected a number of views >= 1, all or auto, found some"),
+        ("views=some", "unknown value of prior.supervision.views: 'some'"),
         ("sds_views=many", "prior.supervision.sds_views"),
     ],
 )
@@ -265,7 +319,7 @@ def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path)
 def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     before = {name: hash_with(f"prior={name}") for name in ("none", "diffusion", "corrected")}
     (tmp_path / "weights").write_bytes(b"others")
-    monkeypatch.setattr(configuration, "PACKAGED_WEIGHTS", tmp_path)
+    monkeypatch.setattr(identities, "PACKAGED_WEIGHTS", tmp_path)
     after = {name: hash_with(f"prior={name}") for name in before}
     assert {name: after[name] == before[name] for name in before} == {"none": True, "diffusion": False, "corrected": False}
 
@@ -278,10 +332,20 @@ def test_hash_follows_the_code_of_what_is_not_built_in(
     overrides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "mine.py").write_text("class Mine: value = 1")
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    body = """
+        from ia_bench.methods.ceiling import NoOptions
+        from ia_bench.methods.info import MethodInfo
+        class Mine:
+            Options, presets, info, value = NoOptions, {}, MethodInfo(uses_prior=True), 1
+            def __init__(self, options=None): ...
+            def read(self, truth): ...
+            sample = fit = read
+    """
+    (tmp_path / "mine.py").write_text(textwrap.dedent(body))
     before = hash_with(*overrides)
     assert hash_with(*overrides) == before
-    (tmp_path / "mine.py").write_text("class Mine: value = 2")
+    (tmp_path / "mine.py").write_text(textwrap.dedent(body).replace("), 1", "), 2"))
     assert hash_with(*overrides) != before
 
 
@@ -316,8 +380,10 @@ def test_no_shipped_scenes_names_both_ways_out(tmp_path: Path, monkeypatch: pyte
         resolve_scene_folder(SceneConfig(name="hat"))
 
 
-def test_another_reader_needs_no_folder() -> None:
+def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Its scene is none of the shipped ones, whose name is there by default: it is called after its reader."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "their_package.py").write_text("class Read:\n    def __init__(self, path): ...\n    def read(self, truth): ...\n")
     config = compose(["device=cpu", "reader=their_package:Read"])
     assert config.scene.name == "their_package:Read"
     assert resolve_scene_folder(config.scene, config.reader) is None
@@ -326,7 +392,7 @@ def test_another_reader_needs_no_folder() -> None:
 
 def test_device_auto_is_resolved() -> None:
     assert compose([]).device in ("cpu", "cuda")
-    assert configuration.resolved(compose(["device=cpu"])).device == "cpu"
+    assert compose(["device=cpu"]).device == "cpu"
 
 
 def _variations(settings):
@@ -343,4 +409,4 @@ def _variations(settings):
 
 
 def test_variations_cover_a_nested_setting() -> None:
-    assert len(_variations(RunConfig().fit)) >= 10
+    assert len(_variations(FitSettings())) >= 10

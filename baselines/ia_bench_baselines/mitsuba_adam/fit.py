@@ -17,8 +17,9 @@ from torch import Tensor
 
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
-from ia_bench.methods.contract import Fit, Problem
+from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 
 START_RAYS = 16  # camera rays a pixel of the renders that set the initial light
@@ -46,7 +47,7 @@ class MitsubaFit:
         """
         self.step, self._steps, self._final = 0, steps, settings.rates.final
         self._random = np.random.default_rng(seed)
-        views, rows = problem.scene.train, problem.plan.light_height
+        views, rows, self._stage = problem.scene.train, problem.plan.light_height, problem.stage
         self._scene = MitsubaScene(
             problem.scene.mesh,
             [view.camera for view in views],
@@ -91,12 +92,13 @@ class MitsubaFit:
         dr.sync_thread()
         self.step += 1
 
-    def snapshot(self) -> Fit:
+    def snapshot(self) -> TexturedReconstruction:
         """What has been found so far, in our conventions."""
         names, parameters = self._scene.names, self._scene.parameters
         albedo, roughness = (torch.from_numpy(np.array(parameters[names[k]])) for k in ("albedo", "roughness"))
         light = np.exp(np.array(self._optimizer["log_light"]))[:, 1:-1, :3]
-        return Fit(Material(albedo, roughness.reshape(*roughness.shape[:2], 1)), torch.from_numpy(light.copy()))
+        material = Material(albedo, roughness.reshape(*roughness.shape[:2], 1))
+        return TexturedReconstruction(self._stage, material, torch.from_numpy(light.copy()), coat="added")
 
     def _show(self) -> None:
         """Give the optimiser's values to the scene."""

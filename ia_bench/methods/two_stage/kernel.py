@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.textures import fetch
+from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.settings import SupervisionSettings
 from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.scenes.tensor_color import linear_to_srgb
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 from torch import Tensor
 
@@ -67,17 +65,19 @@ class Supervision:
                 self._ssi,
             )
 
-    def state(self) -> dict[str, Any]:
-        """What a checkpoint must keep: the targets, and the alignment between two updates."""
-        aligned = self._alignment
-        return {
-            "targets": self.targets.state(),
-            "alignment": {} if aligned is None else {"scale": aligned.scale, "shift": aligned.shift},
-        }
+    def alignment(self) -> dict[str, Tensor]:
+        """What a checkpoint must keep besides the targets: the alignment between two updates, nothing before the first."""
+        return {} if self._alignment is None else dict(vars(self._alignment))
+
+    def form_of_alignment(self) -> dict[str, Tensor]:
+        """What :meth:`alignment` looks like where there is one."""
+        each = torch.zeros(self._problem.gbuffer.shape[0])
+        return {"scale": each, "shift": each}
 
     def restore_alignment(self, state: dict[str, Tensor]) -> None:
-        """Take over the ``alignment`` of :meth:`state`."""
-        self._alignment = Alignment(**state) if state else None
+        """Take over an :meth:`alignment`."""
+        device = self._problem.device  # checkpoints are read on the CPU
+        self._alignment = Alignment(**{name: value.to(device) for name, value in state.items()}) if state else None
 
     def albedo_loss(self, prediction: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
         """Loss of (B, 3) predictions, rendered from the albedo ``texture``, at G-buffer entries (B,)."""

@@ -31,6 +31,10 @@ class Targets:
     weights: dict[str, Tensor]
     at_least: dict[str, Tensor] = field(default_factory=dict)
 
+    def to(self, device: torch.device) -> Targets:
+        """The same on a device."""
+        return Targets(*({name: tensor.to(device) for name, tensor in part.items()} for part in self.state().values()))
+
     def state(self) -> dict[str, Any]:
         """For a checkpoint; ``Targets(**state)`` is the inverse."""
         return {name: getattr(self, name) for name in ("values", "weights", "at_least")}

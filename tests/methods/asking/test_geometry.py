@@ -10,24 +10,20 @@ from shapes import camera_at, disk, plate, sphere, together
 
 from ia_bench.methods.asking.geometry import cosine_directions, view_geometry
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.plan import Plan
-from ia_bench.render.gbuffer import SurfaceInterpolator, primary_rays, trace_gbuffer
-from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import NoShadows, TracedShadows
+from ia_bench.render.gbuffer import primary_rays
+from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View
 
 CPU = torch.device("cpu")
 
 
 def problem_of(mesh: Mesh, cameras: list[Camera], side: int = 2, *, shadows: bool = True) -> Problem:
-    surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
     nothing = np.zeros((cameras[0].height, cameras[0].width, 3), np.float32)
     views = tuple(View(str(n), camera, nothing, nothing[..., 0]) for n, camera in enumerate(cameras))
-    visibility = TracedShadows(rays, surface.offset) if shadows else NoShadows()
-    plan = Plan(samples=8, subsamples=side, texture=64, light_height=16, shadows="traced")
-    gbuffer = trace_gbuffer(cameras, rays, side, CPU)
-    return Problem(Scene("shape", "shape", mesh, views), gbuffer, Renderer(surface, visibility), plan)  # type: ignore[arg-type]
+    settings = RenderSettings(
+        samples=8, subsamples=side, texture=64, light_height=16, shadows="traced" if shadows else "none", bounces=0, shading="eager"
+    )
+    return Problem(Scene("shape", "shape", mesh, views), settings, note=lambda _: None)
 
 
 def test_normals_of_a_sphere() -> None:

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from small_fit import altered
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.methods.asking.geometry import view_geometry
 from ia_bench.methods.asking.sampling import PriorSampler
+from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.asking.views import evenly_spread, restrict
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.settings import SupervisionSettings
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.render.visibility import NoShadows
@@ -55,7 +56,7 @@ class Reader(Spy):
 
 
 def sampler(problem: Problem, prior: object, seed: int = 7, notes: list[str] | None = None, **settings: object) -> PriorSampler:
-    changed = replace(problem, supervision=SupervisionSettings(**settings))  # type: ignore[arg-type]
+    changed = altered(problem, supervision=SupervisionSettings(**settings))  # type: ignore[arg-type]
     return PriorSampler(changed, prior, seed, [].append if notes is None else notes.append)  # type: ignore[arg-type]
 
 
@@ -97,7 +98,7 @@ def test_absurd_values_are_counted_and_told_once(problem: Problem) -> None:
     views = problem.scene.train
     spoiled = views[0].image.copy()
     spoiled[0, :5, 0], spoiled[0, :2, 1] = -1, 1e7  # in albedo, half of it, and in specular, twice of it
-    changed = replace(problem, scene=replace(problem.scene, train=(replace(views[0], image=spoiled), *views[1:])))
+    changed = altered(problem, scene=replace(problem.scene, train=(replace(views[0], image=spoiled), *views[1:])))
     asking = sampler(changed, spy, notes=notes)
     asking.draw(None)
     asking.draw({"albedo": torch.zeros(16, 32, 32, 3)})
@@ -201,7 +202,7 @@ def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> No
     if change == "image":
         views = problem.scene.train
         brighter = replace(views[3], image=views[3].image * np.float32(1.001))
-        problem = replace(problem, scene=replace(problem.scene, train=(*views[:3], brighter, *views[4:])))
+        problem = altered(problem, scene=replace(problem.scene, train=(*views[:3], brighter, *views[4:])))
     asking = sampler(problem, prior, 8 if change == "seed" else 7, **settings)
     asking.draw({"albedo": torch.zeros(16, 32, 32, 3)} if change == "guided" else None)
     assert len(prior.asked) == 1
@@ -211,7 +212,7 @@ def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> No
 def test_geometry_decides_too(problem: Problem) -> None:
     asking = [sampler(problem, Reader("reader")) for _ in range(2)]
     convex = Renderer(problem.renderer.surface, NoShadows())
-    asking.append(sampler(replace(problem, renderer=convex), Reader("reader")))
+    asking.append(sampler(altered(problem, renderer=convex), Reader("reader")))
     for one in asking:
         one.draw(None)
     assert [one.counters["prior_cached"] for one in asking] == [0, 1, 0]

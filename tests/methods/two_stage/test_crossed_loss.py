@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from means import assert_same_mean
-from small_fit import Record, fit
+from small_fit import Record, altered, fit
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
@@ -74,9 +74,9 @@ def test_gradient_of_a_step_is_that_of_independent_halves(
 
     monkeypatch.setattr(torch.optim.Adam, "step", held)
     settings = FitSettings(stage1_steps=STEPS, stage2_steps=0, pixels=PIXELS, guided=False)
-    settings = replace(settings, rates=replace(settings.rates, cast=0.0))  # its optimiser has no light of its own to look at
+    settings = replace(settings, rates=replace(settings.rates, exchange=0.0))  # its optimiser has no light of its own to look at
     noisy = NoisyRenderer(problem.renderer.surface, problem.renderer.visibility)
-    fit(replace(problem, renderer=noisy), NoPrior(), settings, record)
+    fit(altered(problem, renderer=noisy), NoPrior(), settings, record)
     assert len(gradients) == STEPS
     light = lights[0]
     assert all(torch.equal(light, other) for other in lights)

@@ -6,6 +6,7 @@ light, so call number n + 1 belongs to step n.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Container
@@ -15,14 +16,14 @@ from typing import Any
 
 import pytest
 import torch
-from small_fit import Record, fit, same
+from small_fit import Found, Record, altered, fit, same
 from torch import Tensor
 
 import ia_bench.cli.run as command
-from ia_bench.methods.contract import Fit, Problem
+from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage import guard
-from ia_bench.methods.two_stage import method as two_stage
 from ia_bench.methods.two_stage.guard import PATIENCE
+from ia_bench.methods.two_stage.objective import Objective
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import PixelRadiance, Renderer
@@ -78,8 +79,8 @@ class Failing:
         return rendered
 
 
-def spoiled_fit(problem: Problem, record: Record, renderer: Failing, settings: FitSettings = SETTINGS, **resume: bytes) -> Fit:
-    return fit(replace(problem, renderer=renderer), NoPrior(), settings, record, **resume)  # type: ignore[arg-type]
+def spoiled_fit(problem: Problem, record: Record, renderer: Failing, settings: FitSettings = SETTINGS, **resume: bytes) -> Found:
+    return fit(altered(problem, renderer=renderer), NoPrior(), settings, record, **resume)  # type: ignore[arg-type]
 
 
 def place(problem: Problem, flat: int) -> str:
@@ -88,7 +89,7 @@ def place(problem: Problem, flat: int) -> str:
     return f"view {view} row {flat // width % height} column {flat % width}"
 
 
-def finite(found: Fit) -> bool:
+def finite(found: Found) -> bool:
     return all(bool(torch.isfinite(t).all()) for t in (found.material.albedo, found.material.roughness, found.light))
 
 
@@ -106,9 +107,10 @@ def test_a_bad_pixel_costs_one_step_and_is_named(problem: Problem, record: Recor
     before, after = (record.monitor(record.states[step]).load() for step in (7, 8))
     assert before is not None
     assert after is not None
-    for name, kept in before["parameters"].items():
-        assert torch.equal(kept, after["parameters"][name])
-    torch.testing.assert_close(before["optimizer"]["state"], after["optimizer"]["state"], rtol=0, atol=0)
+    for name, kept in before["parameters"]["tensors"].items():
+        assert torch.equal(kept, after["parameters"]["tensors"][name])
+    moments = [state["parameters"]["optimizer"]["state"] for state in (before, after)]
+    torch.testing.assert_close(*moments, rtol=0, atol=0)
 
 
 def test_a_good_fit_counts_nothing_and_says_nothing(problem: Problem, record: Record) -> None:
@@ -151,7 +153,7 @@ def test_a_gradient_whose_square_overflows_does_not_reach_adam(problem: Problem,
     assert found.counters["skipped_steps"] == 1
     state = record.monitor(record.states[29]).load()
     assert state is not None
-    assert all(bool(torch.isfinite(moment["exp_avg_sq"]).all()) for moment in state["optimizer"]["state"].values())
+    assert all(bool(torch.isfinite(moment["exp_avg_sq"]).all()) for moment in state["parameters"]["optimizer"]["state"].values())
 
 
 def test_a_light_that_overflows_is_taken_back(problem: Problem, record: Record) -> None:
@@ -161,7 +163,7 @@ def test_a_light_that_overflows_is_taken_back(problem: Problem, record: Record) 
         fit(problem, NoPrior(), settings, record)
     state = record.monitor(record.states[9]).load()
     assert state is not None
-    assert bool(torch.isfinite(torch.exp(state["parameters"]["log_light"])).all())
+    assert bool(torch.isfinite(torch.exp(state["parameters"]["tensors"]["log_light"])).all())
 
 
 def test_ten_in_a_row_stop_the_fit_with_the_last_good_state(problem: Problem, record: Record) -> None:
@@ -172,8 +174,8 @@ def test_ten_in_a_row_stop_the_fit_with_the_last_good_state(problem: Problem, re
     good, kept = (record.monitor(record.states[step]).load() for step in (12, 21))
     assert good is not None
     assert kept is not None
-    for name, parameter in good["parameters"].items():
-        assert torch.equal(parameter, kept["parameters"][name])
+    for name, parameter in good["parameters"]["tensors"].items():
+        assert torch.equal(parameter, kept["parameters"]["tensors"][name])
     # What is broken still stops it at once, with the same message; what has been mended goes on from there.
     with pytest.raises(FloatingPointError, match="^step 21: the rendered radiance"):
         spoiled_fit(problem, Record(), Failing(problem.renderer, range(100), spoil_value(math.nan), 21), resume=record.states[21])
@@ -208,13 +210,13 @@ def test_the_command_says_it_in_one_line_and_records_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """From the command line: exit status 1, metrics.json of a failed run with the reason, the checkpoint kept."""
-    render = two_stage._Run._render
+    render, calls = Objective._render, itertools.count()
 
     def bad(self: Any, *arguments: Any) -> PixelRadiance:
         rendered = render(self, *arguments)
-        return spoil_value(math.nan)(rendered) if self.optimizer.state else rendered  # from the second step on
+        return spoil_value(math.nan)(rendered) if next(calls) else rendered  # from the second step on
 
-    monkeypatch.setattr(two_stage._Run, "_render", bad)
+    monkeypatch.setattr(Objective, "_render", bad)
     out = tmp_path / "run"
     monkeypatch.setattr("sys.argv", ["ia_bench"])
     assert command.main(["scene=tiny", "preset=smoke", "threads=1", "device=cpu", f"out={out}"]) == command.FAULT
@@ -224,6 +226,6 @@ def test_the_command_says_it_in_one_line_and_records_it(
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["status"] == "failed"
     assert metrics["error"].startswith("FloatingPointError: step 10: the rendered radiance")
-    saved = unpack(out / "checkpoint.pt", metrics["config_hash"])["state"]["fit"]
+    saved = unpack(out / "checkpoint.pt", metrics["config_hash"])["state"]["method"]
     assert saved["skipped"] == {"in_all": 9, "in_a_row": 9}
-    assert all(bool(torch.isfinite(parameter).all()) for parameter in saved["parameters"].values())
+    assert all(bool(torch.isfinite(parameter).all()) for parameter in saved["parameters"]["tensors"].values())

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from small_fit import altered
 from torch import Tensor
 
 from ia_bench.material.textures import fetch
+from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.kernel import LOG_FLOOR, PAIRS, SimilarityKernel
-from ia_bench.methods.two_stage.settings import SupervisionSettings
 from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
@@ -138,7 +139,7 @@ def test_edge_pixels_and_masked_ones_are_no_partners(problem: Problem, seen: Ten
     assert len(edge) > 50
     assert loss(kernel(problem, seen), seen, edge, texture) == 0
     unmasked = tuple(replace(view, mask=np.zeros_like(view.mask)) for view in problem.scene.train)
-    blind = replace(problem, scene=replace(problem.scene, train=unmasked))
+    blind = altered(problem, scene=replace(problem.scene, train=unmasked))
     assert loss(kernel(blind, seen), seen, torch.arange(len(seen)), texture) == 0
 
 

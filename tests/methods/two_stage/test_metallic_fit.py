@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from small_fit import Record, fit, make_problem, same
+from small_fit import Record, altered, fit, make_problem, same
 
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material, fetch
@@ -34,7 +34,7 @@ def half_metal(tiny: Scene) -> tuple[Problem, Material]:
         replace(view, image=image, mask=mask)
         for view, image, mask in zip(tiny.train, images["radiance"].numpy(), problem.gbuffer.coverage().numpy(), strict=True)
     )
-    return replace(problem, scene=replace(tiny.blind(), train=views)), material
+    return altered(problem, scene=replace(tiny.blind(), train=views)), material
 
 
 def test_metal_is_told_from_paint(half_metal: tuple[Problem, Material]) -> None:
@@ -42,7 +42,7 @@ def test_metal_is_told_from_paint(half_metal: tuple[Problem, Material]) -> None:
     problem, truth = half_metal
     assert truth.metallic is not None
     with_metal, without = Record(), Record()
-    found = fit(replace(problem, plan=replace(problem.plan, metallic=True)), NoPrior(), SETTINGS, with_metal).material
+    found = fit(altered(problem, plan=replace(problem.plan, metallic=True)), NoPrior(), SETTINGS, with_metal).material
     assert found.metallic is not None
     assert fit(problem, NoPrior(), SETTINGS, without).material.metallic is None
     hit = problem.gbuffer.face >= 0
@@ -54,7 +54,7 @@ def test_metal_is_told_from_paint(half_metal: tuple[Problem, Material]) -> None:
 
 
 def test_it_resumes_to_the_same_bits(half_metal: tuple[Problem, Material]) -> None:
-    problem = replace(half_metal[0], plan=replace(half_metal[0].plan, metallic=True))
+    problem = altered(half_metal[0], plan=replace(half_metal[0].plan, metallic=True))
     settings = replace(SETTINGS, stage1_steps=8, stage2_steps=4, pixels=128, rates=LearningRates(metallic=0.1))
     whole = Record()
     uninterrupted = fit(problem, NoPrior(), replace(settings, checkpoint_seconds=0), whole)

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from small_fit import altered
 from torch import Tensor
 
+from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.settings import SupervisionSettings
 from ia_bench.methods.two_stage.supervision import ALIGNMENT_PERIOD, Supervision
 from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.priors.contract import PriorInfo
@@ -40,7 +41,7 @@ def even(values: dict[str, Tensor]) -> Targets:
 
 
 def supervise(problem: Problem, ssi: str, targets: Targets, **settings: object) -> Supervision:
-    changed = replace(problem, supervision=SupervisionSettings(**settings))  # type: ignore[arg-type]
+    changed = altered(problem, supervision=SupervisionSettings(**settings))  # type: ignore[arg-type]
     return Supervision(changed, Encoded(), ssi, targets)  # type: ignore[arg-type]
 
 
@@ -54,7 +55,7 @@ def test_alignment_is_found_from_the_texture(problem: Problem, texture: Tensor) 
     for mode in ("scale", "scale_shift"):
         supervision = supervise(problem, mode, even({"albedo": 0.5 * pixels}))
         supervision.update(texture, 0)
-        state = supervision.state()["alignment"]
+        state = supervision.alignment()
         torch.testing.assert_close(state["scale"], torch.full((16,), 0.5), rtol=1e-4, atol=0)
         torch.testing.assert_close(state["shift"], torch.zeros(16), rtol=0, atol=1e-5)
         every = torch.arange(len(pixels))
@@ -118,16 +119,15 @@ def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor) -> N
     scales = []
     for step in range(2 * ALIGNMENT_PERIOD + 1):
         supervision.update(texture * (1 - 0.01 * step), step)
-        scales.append(float(supervision.state()["alignment"]["scale"][0]))
+        scales.append(float(supervision.alignment()["scale"][0]))
     changes = [step for step in range(1, len(scales)) if scales[step] != scales[step - 1]]
     assert changes == [ALIGNMENT_PERIOD, 2 * ALIGNMENT_PERIOD]
-    state = supervision.state()
-    resumed = supervise(problem, "scale", Targets(**state["targets"]))
-    resumed.restore_alignment(state["alignment"])
+    resumed = supervise(problem, "scale", Targets(**supervision.targets.state()))
+    resumed.restore_alignment(supervision.alignment())
     resumed.update(texture, 2 * ALIGNMENT_PERIOD + 1)  # not due, so the restored one stays
-    assert float(resumed.state()["alignment"]["scale"][0]) == scales[-1]
+    assert float(resumed.alignment()["scale"][0]) == scales[-1]
     resumed.restore_alignment({})
-    assert resumed.state()["alignment"] == {}
+    assert resumed.alignment() == {}
 
 
 def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor) -> None:
@@ -153,7 +153,7 @@ def test_specular_loss_sees_highlights_and_the_dark(problem: Problem) -> None:
     assert float(supervision.specular_loss(torch.full((10, 3), 0.3), chosen)) > 0.01
     assert float(supervision.specular_loss(torch.full((10, 3), 1e5), chosen)) < 10
     supervision.update(torch.zeros(4, 4, 3), 0)  # nothing to align without an albedo
-    assert supervision.state()["alignment"] == {}
+    assert supervision.alignment() == {}
 
 
 def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem) -> None:

@@ -6,7 +6,6 @@ Small and eager (16 samples, 64 texels, tens of steps): the numbers say that lea
 from __future__ import annotations
 
 import io
-import json
 import types
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,17 +15,19 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from small_fit import Record, fit, make_problem, same
+from small_fit import Found, Record, altered, fit, make_problem, same
 from torch import Tensor
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.light.latlong import SampledLight, resize_light
-from ia_bench.methods.contract import Fit, Problem
+from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.methods.ceiling import Ceiling
+from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.plan import make_plan
-from ia_bench.methods.two_stage.method import FIRST_SCORE
-from ia_bench.methods.two_stage.settings import FitSettings, LossWeights, SupervisionSettings
-from ia_bench.priors.contract import Observations, PriorInfo, Samples
+from ia_bench.methods.two_stage.fit import FIRST_SCORE
+from ia_bench.methods.two_stage.settings import FitSettings, LossWeights
+from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render import renderer as renderer_module
@@ -34,7 +35,6 @@ from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
 from ia_bench.runs.composition import compose
-from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.run import run
 from ia_bench.runs.truth import ToldPrior
@@ -62,7 +62,7 @@ def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
 
 
 @pytest.fixture(scope="module")
-def long_fits(problem: Problem, scene: Scene) -> dict[str, Fit]:
+def long_fits(problem: Problem, scene: Scene) -> dict[str, Found]:
     """The exact oracle and no prior, long enough to tell them apart."""
     settings = replace(SETTINGS, stage1_steps=120, stage2_steps=60, pixels=1024)
     return {
@@ -71,14 +71,14 @@ def long_fits(problem: Problem, scene: Scene) -> dict[str, Fit]:
     }
 
 
-def test_exact_oracle_recovers_the_albedo(problem: Problem, scene: Scene, long_fits: dict[str, Fit]) -> None:
+def test_exact_oracle_recovers_the_albedo(problem: Problem, scene: Scene, long_fits: dict[str, Found]) -> None:
     start = albedo_error(problem, scene, torch.full((64, 64, 3), 0.5))
     errors = {name: albedo_error(problem, scene, one.material.albedo) for name, one in long_fits.items()}
     assert errors["oracle"] < 0.3 * start
     assert errors["oracle"] < 0.5 * errors["none"]
 
 
-def test_result_is_valid(long_fits: dict[str, Fit]) -> None:
+def test_result_is_valid(long_fits: dict[str, Found]) -> None:
     for one in long_fits.values():
         assert one.material.albedo.shape == (64, 64, 3)
         assert one.material.roughness.shape == (64, 64, 1)
@@ -91,7 +91,7 @@ def test_result_is_valid(long_fits: dict[str, Fit]) -> None:
         assert min(one.seconds.values()) >= 0
 
 
-def test_light_is_found_with_the_exact_oracle(scene: Scene, long_fits: dict[str, Fit]) -> None:
+def test_light_is_found_with_the_exact_oracle(scene: Scene, long_fits: dict[str, Found]) -> None:
     """Correlation with the true light in log radiance: what reflects from the object has to be where it was."""
     truth = np.log(resize_light(scene.truth.lights["train"], 16).mean(-1) + 1e-3).ravel()
     found = np.log(long_fits["oracle"].light.numpy().mean(-1) + 1e-3).ravel()
@@ -110,7 +110,7 @@ def test_l1_recovers_too(problem: Problem, scene: Scene, record: Record) -> None
 
 
 @pytest.fixture(scope="module", params=["guided", "unguided", "l1"])
-def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene) -> tuple[Fit, Record, FitSettings]:
+def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene) -> tuple[Found, Record, FitSettings]:
     """A whole fit that has kept its state after every step."""
     changes = {"guided": {}, "unguided": {"guided": False}, "l1": {"image_loss": "l1"}}[request.param]
     settings = replace(SETTINGS, checkpoint_seconds=0.0, **changes)
@@ -120,7 +120,7 @@ def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene
 
 @pytest.mark.parametrize("step", [7, 20, 26], ids=["in stage 1", "at the boundary", "in stage 2"])
 def test_resumed_fit_ends_with_the_same_bits(
-    uninterrupted: tuple[Fit, Record, FitSettings], step: int, problem: Problem, scene: Scene, record: Record
+    uninterrupted: tuple[Found, Record, FitSettings], step: int, problem: Problem, scene: Scene, record: Record
 ) -> None:
     whole, kept, settings = uninterrupted
     torch.manual_seed(1234)  # the global generator has moved on when a run is resumed
@@ -185,7 +185,7 @@ class Asked(OraclePrior):
         return super().sample(observations, seed=seed, guidance=guidance)
 
 
-def asked(problem: Problem, scene: Scene, settings: FitSettings, **members: object) -> tuple[Asked, Fit]:
+def asked(problem: Problem, scene: Scene, settings: FitSettings, **members: object) -> tuple[Asked, Found]:
     prior = Asked(noise=0.1)
     prior.info = replace(prior.info, **members)  # type: ignore[arg-type]
     return prior, fit(problem, ToldPrior(prior, scene.train), settings, Record(), seed=5)
@@ -204,7 +204,7 @@ def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
         assert float(render[coverage == 0].abs().max()) == 0
     # The albedo that guides is the texture of that moment, seen from the training cameras.
     constant = replace(SETTINGS.rates, final=1.0)  # nothing of stage 1 may depend on the length of the whole
-    settings = replace(SETTINGS, rates=constant, albedo_start=0.0, roughness_start=1.0, cast_start=0.0)
+    settings = replace(SETTINGS, rates=constant, albedo_start=0.0, roughness_start=1.0, exchange_start=0.0)
     whole, _ = asked(problem, scene, settings)
     half, found = asked(problem, scene, replace(settings, stage2_steps=0))
     assert len(half.questions) == 1
@@ -233,7 +233,7 @@ def test_what_has_no_weight_guides_nothing(
     problem: Problem, scene: Scene, weights: dict, specular_weight: float, guided: set[str] | None
 ) -> None:
     """An ablated component must not come back through the samples of the other one."""
-    changed = replace(problem, supervision=SupervisionSettings(specular_weight=specular_weight))
+    changed = altered(problem, supervision=SupervisionSettings(specular_weight=specular_weight))
     prior, _ = asked(changed, scene, replace(SETTINGS, weights=LossWeights(**weights)))
     expected = [None] if guided is None else [None, guided]
     assert [guidance and set(guidance) for _, guidance in prior.questions] == expected
@@ -255,7 +255,7 @@ def test_roughness_waits(problem: Problem) -> None:
     record = Record()
     fit(problem, NoPrior(), settings, record)
     states = {step: record.monitor(state).load() for step, state in record.states.items()}
-    roughness = {step: state["parameters"]["roughness"] for step, state in states.items() if state is not None}
+    roughness = {step: state["parameters"]["tensors"]["roughness"] for step, state in states.items() if state is not None}
     assert bool((roughness[15] == settings.roughness_initial).all())
     assert not torch.equal(roughness[16], roughness[15])
 
@@ -284,20 +284,6 @@ def test_nan_in_an_image_stops_with_the_view(scene: Scene, record: Record) -> No
     spoiled = replace(blind, train=(*blind.train[:2], replace(blind.train[2], image=image), *blind.train[3:]))
     with pytest.raises(FloatingPointError, match=f"^training view {blind.train[2].name}: NaN or Inf in 1 values of the image"):
         fit(make_problem(spoiled), NoPrior(), SETTINGS, record)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"image_loss": "l2"}, "fit.image_loss: expected one of crossed, l1, found 'l2'"),
-        ({"ssi": "affine"}, "fit.ssi: expected one of scale_shift, scale, none, found 'affine'"),
-        ({"pixels": 0}, "fit.pixels: expected a finite number >= 1, found 0"),
-        ({"stage1_steps": -1}, "fit.stage1_steps: expected a finite number >= 0, found -1"),
-    ],
-)
-def test_impossible_settings(problem: Problem, record: Record, changes: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        fit(problem, NoPrior(), replace(SETTINGS, **changes), record)
 
 
 # ---- it sees no truth ------------------------------------------------------------------------------------------------
@@ -336,11 +322,13 @@ class Reached(Exception):
     """Carries what a method was given out of run.py."""
 
 
-class Spying:
+class Spying(Ceiling):
     """A method that stops the run and shows what it was given."""
 
-    def fit(self, *given: Any, **named: Any) -> Fit:
-        raise Reached(*given)
+    info = MethodInfo(uses_prior=True)
+
+    def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
+        raise Reached(problem)
 
 
 def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
@@ -348,35 +336,12 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
     folder, progress = RunFolder.open(tmp_path / "run", {}, "0"), Progress(io.StringIO())
     with folder, progress, pytest.raises(Reached) as reached:
         run(config, folder, progress)
-    problem, prior, settings = reached.value.args
+    (problem,) = reached.value.args
+    assert problem.truth is None
     assert (problem.scene.truth, problem.scene.test, problem.scene.novel) == (None, (), ())
     assert {view.albedo is None and view.specular is None for view in problem.scene.train} == {True}
-    assert isinstance(prior, NoPrior)
-    assert settings == config.fit
-
-
-class Mute:
-    """No prior: it says nothing of itself."""
-
-
-class Quitter(NoPrior):
-    """Wants to end the process with success."""
-
-    info = PriorInfo(frozenset({"albedo"}))
-
-    def sample(self, *_: object, **__: object) -> Samples:
-        raise SystemExit(0)
-
-
-@pytest.mark.parametrize(
-    ("prior", "message"),
-    [("Mute", "prior Mute: info: expected .*PriorInfo, found None"), ("Quitter", "prior Quitter raised SystemExit: 0")],
-)
-def test_a_prior_that_is_none_or_quits_fails_the_run(tmp_path: Path, prior: str, message: str) -> None:
-    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"prior={__name__}:{prior}"])
-    with pytest.raises(InputError, match=message):
-        execute(replace(config, out=str(tmp_path / "run")))
-    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["status"] == "failed"
+    assert not {"stage", "plan", "gbuffer", "renderer", "prior"} & vars(problem).keys() - {"stage"}  # nothing is made unasked
+    assert isinstance(problem.prior, NoPrior)
 
 
 @pytest.mark.parametrize(
@@ -397,7 +362,7 @@ def test_samples_are_those_that_the_renderer_takes(
     monkeypatch.setattr(renderer_module, "lattice", spy)
     settings = replace(SETTINGS, stage1_steps=1, stage2_steps=0, image_loss=image_loss, albedo_start=0.0)
     record = Record()
-    found = fit(replace(problem, plan=replace(problem.plan, samples=samples)), NoPrior(), settings, record)
+    found = fit(altered(problem, plan=replace(problem.plan, samples=samples)), NoPrior(), settings, record)
     assert found.counters["samples_per_pixel"] == taken
     assert sum(drawn[-2:]) * (2 if image_loss == "crossed" else 1) == taken
     assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
@@ -418,8 +383,8 @@ def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path) -> None:
 
     class Dying(RunFolder):
         def save_checkpoint(self, state: dict[str, Any]) -> None:
-            super().save_checkpoint({**state, "costs": {**state["costs"], "seconds": state["costs"]["seconds"] + slept}})
-            if state["fit"]["step"] == 7:
+            super().save_checkpoint({**state, "books": {**state["books"], "total": state["books"]["total"] + slept}})
+            if state["method"]["step"] == 7:
                 raise Killed
 
     with RunFolder.open(tmp_path / "whole", {}, "0") as folder:

@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_fit import Record, fit
+from small_fit import Record, altered, fit
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.settings import parsed
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.cast import MAX_WHITE, CastStep
+from ia_bench.methods.two_stage.exchange import MAX_WHITE, ColourExchange
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import texture_images
@@ -54,7 +55,7 @@ def test_gradient_is_that_of_the_factor() -> None:
         with torch.no_grad():
             up, down = (loss_of(albedo * torch.exp(-s * c), log_light + s * c, images) for s in (1, -1))
         slopes.append((up - down) / (2 * step))
-    torch.testing.assert_close(CastStep(albedo, log_light, OBSERVED).gradient(), torch.stack(slopes), rtol=1e-6, atol=1e-12)
+    torch.testing.assert_close(ColourExchange(albedo, log_light, OBSERVED).gradient(), torch.stack(slopes), rtol=1e-6, atol=1e-12)
 
 
 def test_diffuse_images_stay_as_they_are() -> None:
@@ -63,7 +64,7 @@ def test_diffuse_images_stay_as_they_are() -> None:
     loss_of(albedo, log_light, 0.5 * images).backward()
     before = (albedo * torch.exp(log_light).mean((0, 1))).detach().clone()
     start = log_light.detach().clone()
-    CastStep(albedo, log_light, OBSERVED)(0.05)
+    ColourExchange(albedo, log_light, OBSERVED)(0.05)
     moved = (log_light.detach() - start).reshape(-1, 3)
     torch.testing.assert_close(moved, moved[:1].expand_as(moved), rtol=0, atol=1e-6)
     torch.testing.assert_close(moved[0].abs(), torch.full((3,), 0.05), rtol=1e-4, atol=0)  # Adam's first step is its rate
@@ -78,13 +79,13 @@ def test_it_finds_the_cast_that_rates_of_their_own_do_not() -> None:
         wrong = torch.log(torch.tensor([1.5, 1.0, 0.7]))
         albedo, log_light = (true_albedo * torch.exp(-wrong)).requires_grad_(), (true_light + wrong).requires_grad_()
         optimizer = torch.optim.Adam([{"params": [albedo], "lr": 0.01}, {"params": [log_light], "lr": 0.05}], betas=(0.9, 0.99))
-        cast = CastStep(albedo, log_light, OBSERVED)
+        exchange = ColourExchange(albedo, log_light, OBSERVED)
         for step in range(300):
             decay = 0.05 ** (step / 299)
             optimizer.zero_grad()
             loss_of(albedo, log_light, images).backward()
             if rate:
-                cast(rate * decay)
+                exchange(rate * decay)
             for group, base in zip(optimizer.param_groups, (0.01, 0.05), strict=True):
                 group["lr"] = base * decay
             optimizer.step()
@@ -100,16 +101,16 @@ def test_white_texels_are_not_pushed_further() -> None:
     albedo.requires_grad_(), log_light.requires_grad_()
     (loss_of(albedo, log_light, images) + 10 * log_light.sum()).backward()  # darker light, brighter paint
     start = albedo.detach().clone()
-    cast = CastStep(albedo, log_light, OBSERVED)
-    cast(0.05)
+    exchange = ColourExchange(albedo, log_light, OBSERVED)
+    exchange(0.05)
     torch.testing.assert_close(albedo.detach(), start)
-    assert cast.blocked == 1
-    again = CastStep(albedo, log_light, OBSERVED)
-    again.load_state_dict(cast.state_dict())
+    assert exchange.blocked == 1
+    again = ColourExchange(albedo, log_light, OBSERVED)
+    again.load_state_dict(exchange.state_dict())
     assert again.blocked == 1
     unseen = OBSERVED.clone()
     unseen[0] = False
-    CastStep(albedo, log_light, unseen)(0.05)
+    ColourExchange(albedo, log_light, unseen)(0.05)
     torch.testing.assert_close(albedo.detach(), start * torch.exp(torch.tensor(0.05)))
 
 
@@ -117,7 +118,7 @@ def test_nothing_observed_is_no_failure() -> None:
     albedo, log_light, images = tensors()
     albedo.requires_grad_(), log_light.requires_grad_()
     loss_of(albedo, log_light, images).backward()
-    CastStep(albedo, log_light, ~OBSERVED)(0.05)
+    ColourExchange(albedo, log_light, ~OBSERVED)(0.05)
     assert bool(torch.isfinite(albedo).all() & torch.isfinite(log_light).all())
 
 
@@ -132,22 +133,21 @@ def test_a_fit_gets_the_level_of_the_albedo_right(problem: Problem, scene: Scene
         replace(view, image=image, mask=mask)
         for view, image, mask in zip(problem.scene.train, images["radiance"].numpy(), coverage, strict=True)
     )
-    problem = replace(problem, scene=replace(problem.scene, train=views), plan=replace(problem.plan, samples=32))
+    problem = altered(problem, scene=replace(problem.scene, train=views), plan=replace(problem.plan, samples=32))
     settings = FitSettings(stage1_steps=400, stage2_steps=0, pixels=1024, checkpoint_seconds=1e9)
     inside = coverage > 0.99
     wanted = images["albedo"].numpy()[inside].mean(0)
     off = {}
     for rate in (0.0, 0.05):
-        one = fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, cast=rate)), Record())
+        one = fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, exchange=rate)), Record())
         picture = texture_images(problem.renderer.surface, problem.gbuffer, one.material.albedo).numpy()[inside]
         off[rate] = float(np.abs(np.log(picture.mean(0) / wanted)).max())
     assert off[0.05] < 0.2 < 0.3 < off[0.0]
 
 
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
-def test_settings_that_cannot_be_meant_are_refused(problem: Problem, value: float) -> None:
-    settings = FitSettings(stage1_steps=1, stage2_steps=0, pixels=16)
-    with pytest.raises(InputError, match=r"fit.rates.cast: expected a finite number >= 0, found"):
-        fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, cast=value)), Record())
-    with pytest.raises(InputError, match=r"fit.cast_start: expected a finite number from 0 to 1, found"):
-        fit(problem, NoPrior(), replace(settings, cast_start=value), Record())
+@pytest.mark.parametrize("key", ["rates.exchange", "exchange_start"])
+def test_settings_that_cannot_be_meant_are_refused(key: str, value: float) -> None:
+    group, _, name = key.rpartition(".")
+    with pytest.raises(InputError, match=f"fit.{key}: expected .*, found"):
+        parsed(FitSettings, {group: {name: value}} if group else {name: value}, "fit")

@@ -1,0 +1,16 @@
+"""Types of settings with their ranges: annotations that :func:`ia_bench.common.settings.parsed` checks."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Weight = Annotated[float, Field(ge=0, le=1e6)]
+Positive = Annotated[float, Field(ge=1e-6, le=1e6)]  # of what divides
+Rate = Annotated[float, Field(ge=0, le=10)]  # of Adam: how far a step goes, and nothing that is fitted goes farther than 10
+Count = Annotated[int, Field(ge=0, le=2**31)]
+Number = Annotated[int, Field(ge=1, le=2**31)]
+NO_NUMBER = {"decides a number": False}  # metadata of a field that is no part of what identifies a run
+NumberOrAuto = Number | Literal["auto"]

@@ -1,0 +1,167 @@
+"""Settings from files and command lines, checked against dataclasses by pydantic; a mistake is one sentence that names the key."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError, create_model
+from pydantic.errors import PydanticUserError
+from pydantic_core import ErrorDetails
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.suggestions import unknown
+
+T = TypeVar("T")
+
+EXPECTED = {
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "int_parsing_size": "a whole number of a few digits",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "none_required": "null",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "dataclass_type": "a table",
+    "missing": "a value",
+    "greater_than_equal": "{ge:.10g} or more",
+    "greater_than": "more than {gt:.10g}",
+    "less_than_equal": "{le:.10g} or less",
+    "less_than": "less than {lt}",
+    "literal_error": "{expected}",
+}
+"""What a kind of pydantic's errors expects, in the words of a message."""
+
+STRICT = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+
+
+def parsed(kind: type[T], content: Mapping[str, Any], key: str = "") -> T:
+    """``content``, JSON types, as the dataclass ``kind``; numbers are no texts, whole numbers are numbers.
+
+    Raises InputError for the first value that its field does not take, and for a name that is no field, with the closest one;
+    ``key`` is put before the names.
+    """
+    return _checked(TypeAdapter(_forbidding(kind)), kind, content, key)
+
+
+def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key: str, given: int = 0) -> None:
+    """Raise InputError like :func:`parsed` unless ``options`` fit the keyword parameters of ``factory`` after the ``given`` ones.
+
+    Parameters without an annotation that can be told take everything.
+    """
+    parameters = list(inspect.signature(factory).parameters.values())[given:]
+    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+        return
+    hints = _annotations(factory)
+    fields: dict[str, Any] = {}
+    for p in parameters:
+        if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
+            hint = _listed(hints.get(p.name, Any))
+            optional = hint | None if p.default is None and hint is not Any else hint  # which annotations often leave out
+            fields[p.name] = (optional, ... if p.default is p.empty else p.default)
+    missing = [name for name, (_, default) in fields.items() if default is ... and name not in options]
+    if missing:
+        raise InputError(f"{key}: expected {', '.join(f'{key}.{name}=...' for name in missing)}, found none")
+    _checked(TypeAdapter(create_model("Options", __config__=STRICT, **fields)), fields, options, key)
+
+
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """``below`` with what ``above`` says instead, tables within tables likewise."""
+    both = dict(below)
+    for key, value in above.items():
+        under = both.get(key)
+        both[key] = merged(under, value) if isinstance(under, Mapping) and isinstance(value, Mapping) else value
+    return both
+
+
+def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], key: str) -> T:  # noqa: ANN401 (a class or names)
+    try:
+        text = json.dumps(content)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{key}: expected numbers, texts, lists and tables, found {error}") from None
+    try:
+        return adapter.validate_json(text, strict=True)
+    except ValidationError as error:
+        raise InputError(_sentence(error.errors(include_url=False), known, content, key)) from None
+
+
+def _listed(hint: Any) -> Any:  # noqa: ANN401 (whatever a plugin's author put there)
+    """The annotation as pydantic should read it: an iterable is a list, and what is no type of JSON takes everything."""
+    if get_origin(hint) is Iterable:
+        hint = list[get_args(hint)[0]]  # type: ignore[misc]  # a type that is only known now
+    try:
+        TypeAdapter(hint).json_schema()
+    except (PydanticUserError, TypeError):
+        return Any
+    return hint
+
+
+def _sentence(errors: Sequence[ErrorDetails], known: Any, content: Any, key: str) -> str:  # noqa: ANN401 (as _checked)
+    """The first thing that is wrong; errors about the same place are what its alternatives expected."""
+    place, found = _place(errors[0], content)
+    name = ".".join(filter(None, (key, *place)))
+    alternatives = [error for error in errors if _place(error, content)[0] == place]
+    kinds = {error["type"] for error in alternatives}
+    if kinds <= {"unexpected_keyword_argument", "extra_forbidden"}:
+        names = _names(known, place[:-1])
+        return unknown("setting", place[-1], names, prefix="".join(f"{part}." for part in filter(None, (key, *place[:-1]))))
+    words = [word for error in alternatives for word in re.findall(r"'([^']*)'", str(error.get("ctx", {}).get("expected", "")))]
+    if words and isinstance(found, str):
+        others = [_expected(error) for error in alternatives if error["type"] != "literal_error"]
+        return unknown(f"value of {name}:", found, [*words, *others])
+    expected = list(dict.fromkeys(", ".join(words) if e["type"] == "literal_error" else _expected(e) for e in alternatives))
+    return f"{name}: expected {' or '.join(expected)}, found {found!r:.100}"
+
+
+def _expected(error: ErrorDetails) -> str:
+    template = EXPECTED.get(error["type"])
+    return error["msg"] if template is None else template.format(**error.get("ctx", {}))
+
+
+def _place(error: ErrorDetails, content: Any) -> tuple[tuple[str, ...], Any]:  # noqa: ANN401 (JSON)
+    """The keys that lead to what is wrong, without what pydantic adds (such as the branch of a union), and the value."""
+    place: list[str] = []
+    for part in error["loc"]:
+        if isinstance(content, Mapping) and part in content:
+            content = content[str(part)]
+        elif isinstance(content, list | tuple) and isinstance(part, int) and part < len(content):
+            content = content[part]
+        elif error["type"] == "missing" and part == error["loc"][-1]:
+            content = None
+        else:
+            break
+        place.append(str(part))
+    return tuple(place), content
+
+
+def _names(known: Any, place: Sequence[str]) -> list[str]:  # noqa: ANN401 (a class or names)
+    """The fields of the dataclass at a place inside ``known``."""
+    for part in place:
+        known = get_type_hints(known)[part] if dataclasses.is_dataclass(known) else known
+    return [field.name for field in dataclasses.fields(known)] if dataclasses.is_dataclass(known) else list(known)
+
+
+def _forbidding(kind: type[T]) -> type[T]:
+    """``kind``, whose tables, and those inside, take no other names and no NaN or infinity."""
+    for one in (kind, *get_type_hints(kind).values()):
+        if dataclasses.is_dataclass(one) and "__pydantic_config__" not in vars(one):
+            setattr(one, "__pydantic_config__", STRICT)  # noqa: B010 (which no type has a name for)
+            if one is not kind:
+                _forbidding(one)  # type: ignore[arg-type]
+    return kind
+
+
+def _annotations(factory: Any) -> dict[str, Any]:  # noqa: ANN401 (whatever a plugin's author put there)
+    """The types of a factory's parameters; none where they cannot be told."""
+    try:
+        return get_type_hints(factory.__init__ if isinstance(factory, type) else factory, include_extras=True)  # type: ignore[misc]
+    except Exception:  # foreign annotations may name what only a type checker imports
+        return {}

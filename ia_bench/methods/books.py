@@ -1,0 +1,65 @@
+"""What a run spends, and on what: seconds by phase, and the rays and points of the fit itself."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+
+class Books:
+    """The accounts of one run, those of the processes before an interruption included.
+
+    What is spent inside an :meth:`aside` block, on baking or on scoring, is no cost of the fit: its seconds go into an entry of
+    their own and its counts into none. A block inside another one belongs to the outer one.
+
+    Attributes:
+        seconds: Entry -> seconds.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._count: Callable[[], Mapping[str, int]] = dict
+        self._left_out: Counter[str] = Counter()  # of what is counted; negative for what earlier processes had counted
+        self._inside = False
+        self._started = time.perf_counter()
+
+    def watch(self, count: Callable[[], Mapping[str, int]]) -> None:
+        """Counts come from ``count`` from now on: name -> how many so far."""
+        self._count = count
+
+    @contextmanager
+    def aside(self, entry: str) -> Iterator[None]:
+        """Book what happens inside under ``entry``."""
+        if self._inside:
+            yield
+            return
+        self._inside, started, before = True, time.perf_counter(), Counter(self._count())
+        try:
+            yield
+        finally:
+            self._inside = False
+            self.seconds[entry] = self.seconds.get(entry, 0.0) + time.perf_counter() - started
+            self._left_out.update(self._count())
+            self._left_out.subtract(before)
+
+    def counts(self) -> dict[str, int]:
+        """Name -> how many the fit has taken."""
+        return {name: count - self._left_out[name] for name, count in self._count().items()}
+
+    def total(self) -> float:
+        """Seconds of the whole run."""
+        return time.perf_counter() - self._started
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint."""
+        return {"seconds": dict(self.seconds), "counts": self.counts(), "total": self.total()}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`state`; what this process has done so far repeated what is in it already."""
+        self.seconds = dict(state["seconds"])
+        self._started = time.perf_counter() - state["total"]
+        self._left_out = Counter(self._count())
+        self._left_out.subtract(state["counts"])

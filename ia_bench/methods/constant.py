@@ -1,0 +1,52 @@
+"""The floor: one grey albedo, one roughness, one colour of light. What does not clear it has recovered nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ia_bench.common.errors import InputError
+from ia_bench.methods.ceiling import NoOptions
+from ia_bench.methods.info import MethodInfo
+
+if TYPE_CHECKING:
+    from ia_bench.methods.contract import Monitor, Problem, Result
+
+ROUGHNESS = 0.5
+LIGHT_ROWS = 16  # all of one colour
+COVERED = 0.5  # pixels that the object covers by more than this tell the mean albedo
+
+
+class Constant:
+    """A grey of the true mean albedo, which it sees, under the even light that explains the mean of the training images."""
+
+    Options: ClassVar[type] = NoOptions
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    info = MethodInfo(uses_prior=False, sees_truth=True)
+
+    def __init__(self, options: NoOptions) -> None:
+        """There is nothing to be set."""
+
+    def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
+        """Nothing is optimised. Raises InputError when no test view has a true albedo."""
+        import numpy as np
+        import torch
+
+        from ia_bench.material.textures import Material
+        from ia_bench.methods.contract import Result
+        from ia_bench.methods.mean_image import light_of_the_mean_image
+        from ia_bench.render.reconstruction import TexturedReconstruction
+
+        views = () if problem.truth is None else problem.truth.test
+        inside = [(view.albedo, view.mask, view.mask > COVERED) for view in views if view.albedo is not None]
+        shown = [albedo[covered] / mask[covered, None] for albedo, mask, covered in inside]
+        if not sum(map(len, shown)):
+            raise InputError(f"method=constant: scene {problem.scene.name}: expected test views with true albedo, found none")
+        device = problem.device
+        grey = torch.full((4, 4, 3), float(np.concatenate(shown).mean(dtype=np.float64)), device=device)
+        material = Material(grey, torch.full((4, 4, 1), ROUGHNESS, device=device))
+        generator = torch.Generator(device=device).manual_seed(seed)
+        images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]).to(device))
+        colour = light_of_the_mean_image(problem, images, material, LIGHT_ROWS, generator)
+        light = colour.expand(LIGHT_ROWS, 2 * LIGHT_ROWS, 3).clone()
+        return Result(TexturedReconstruction(problem.stage, material, light, coat=problem.render.coat))

@@ -1,0 +1,177 @@
+"""One fit of two stages: its steps in order, its curve, its checkpoints."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import torch
+
+from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.two_stage.dialogue import Dialogue
+from ia_bench.methods.two_stage.guard import PATIENCE, StepGuard
+from ia_bench.methods.two_stage.objective import Objective
+from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.start import start_albedo, start_light
+from ia_bench.methods.two_stage.state import check_form
+from ia_bench.methods.two_stage.targets import Targets
+from ia_bench.render.reconstruction import TexturedReconstruction
+
+FIRST_SCORE = 25  # steps; later scores follow at doubling steps
+
+
+class Fit:
+    """State of one fit."""
+
+    def __init__(self, problem: Problem, settings: FitSettings, seed: int, monitor: Monitor) -> None:
+        self.problem, self.settings, self.monitor = problem, settings, monitor
+        _check_images(problem)
+        self.steps = settings.stage1_steps + settings.stage2_steps
+        self.step = 0
+        self.seconds = {"stage1": 0.0, "stage2": 0.0}
+        self.generator = torch.Generator(device=problem.device).manual_seed(seed)
+        self.objective = Objective(problem, settings)
+        self.parameters = Parameters(problem, settings)
+        self.guard = StepGuard(problem, self.parameters.tensors)
+        self.dialogue = Dialogue(problem, settings, seed, monitor.note)
+        self.kept: Targets | None = None  # the targets that the monitor keeps
+        state = monitor.load()
+        if state is not None:
+            self._check(state)
+            self._restore(state)
+        else:
+            taken = self.objective.samples_per_pixel
+            if taken != problem.plan.samples:
+                monitor.note(f"render.samples={problem.plan.samples}: steps take {taken} a pixel, by its points")
+            self.dialogue.draw(None, self.generator)
+            start_albedo(self.parameters, problem, self.objective.images, settings.albedo_initial, self.dialogue.start)
+            start_light(self.parameters, problem, self.objective.images, self.guard, self.generator)
+        self.saved = time.monotonic()
+
+    def finish(self) -> Result:
+        """Run the remaining steps and return what was recovered, unobserved texels filled from their neighbours."""
+        boundary = self.settings.stage1_steps
+        for stage, end in (("stage1", boundary), ("stage2", self.steps)):
+            if self.step >= end:
+                continue
+            if stage == "stage2" and self.step == boundary and self.dialogue.draws_again:
+                self.dialogue.draw(self.parameters, self.generator)
+            first = 0 if stage == "stage1" else boundary
+            task = self.monitor.task(stage.replace("stage", "stage "), end - first, self.step - first)
+            while self.step < end:
+                self.dialogue.distill(self.step, self.parameters, self.generator)
+                started = time.perf_counter()
+                loss = self._step()
+                self.step += 1
+                self.seconds[stage] += time.perf_counter() - started
+                task.advance(1, loss=loss)
+                self._pause(stage)
+        if self.guard.skipped:
+            self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
+        counters = {
+            **self.dialogue.counters,
+            "skipped_steps": self.guard.skipped,
+            "exchange_blocked_steps": self.parameters.exchange.blocked,
+            "samples_per_pixel": self.objective.samples_per_pixel,
+        }
+        seconds = {"prior": self.dialogue.seconds, **self.seconds}
+        return Result(self._recovered(final=True), seconds, counters, self.steps)
+
+    # ---- one step ----------------------------------------------------------------------------------------------
+
+    def _step(self) -> float:
+        """The loss of a step; NaN of one that was skipped, which leaves the parameters as they were."""
+        guard = self.guard
+        guard.keep()
+        try:
+            loss = self._optimise()
+        except FloatingPointError as error:
+            guard.back_off()
+            if guard.in_a_row + 1 == PATIENCE:
+                self._save()
+                raise FloatingPointError(
+                    f"step {self.step}: {error}; the fit stops after {PATIENCE} such steps in a row and keeps the last good state"
+                ) from error
+            guard.skipped, guard.in_a_row = guard.skipped + 1, guard.in_a_row + 1
+            self.monitor.note(f"step {self.step} is skipped: {error}")
+            return math.nan
+        guard.in_a_row = 0
+        return loss
+
+    def _optimise(self) -> float:
+        parameters, supervision, entries = self.parameters, self.dialogue.supervision, self.problem.gbuffer.pixel
+        pixels = torch.randint(len(entries), (self.settings.pixels,), generator=self.generator, device=entries.device)
+        supervision.update(parameters.tensors["albedo"], self.step)
+        frozen = parameters.frozen(self.step, self.steps)
+        loss, causes = self.objective(pixels, parameters, supervision, frozen, self.generator)
+        self.guard.check_loss(loss.detach(), pixels, causes)
+        parameters.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        self.guard.check_gradients(pixels)
+        parameters.descend(self.step, self.steps)
+        self.guard.check_parameters()
+        return float(loss.detach())
+
+    # ---- scoring and checkpoints -------------------------------------------------------------------------------
+
+    def _pause(self, stage: str) -> None:
+        """Off the clock: score at doubling steps, and keep the state from time to time."""
+        ratio = self.step / FIRST_SCORE
+        if self.step < self.steps and ratio >= 1 and math.log2(ratio).is_integer():
+            seconds = self.dialogue.seconds + sum(self.seconds.values())
+            self.monitor.score(stage, self.step, seconds, self._recovered(final=False))
+        due = time.monotonic() - self.saved >= self.settings.checkpoint_seconds and self.step < self.steps
+        if due or self.monitor.stopping():
+            self._save()
+            self.saved = time.monotonic()
+
+    def _recovered(self, *, final: bool) -> TexturedReconstruction:
+        material, light = self.parameters.recovered(final=final)
+        return TexturedReconstruction(self.problem.stage, material, light, coat=self.problem.render.coat)
+
+    def _save(self) -> None:
+        targets = self.dialogue.supervision.targets
+        if targets is not self.kept:
+            self.monitor.keep("targets", targets.state())
+            self.kept = targets
+        self.monitor.save(self._state())
+
+    def _state(self) -> dict[str, Any]:
+        return {
+            "step": self.step,
+            "seconds": {"prior": self.dialogue.seconds, **self.seconds},
+            "generator": self.generator.get_state(),
+            "parameters": self.parameters.state(),
+            "dialogue": self.dialogue.state(),
+            "skipped": {"in_all": self.guard.skipped, "in_a_row": self.guard.in_a_row},
+        }
+
+    def _check(self, state: dict[str, Any]) -> None:
+        """Raise ValueError for a state that this fit could not have written."""
+        form = {**self._state(), "parameters": self.parameters.form(), "dialogue": self.dialogue.form()}
+        check_form(state, form)
+        if not 0 <= state["step"] <= self.steps:
+            raise ValueError(f"state.step: expected 0 to {self.steps}, found {state['step']}")
+        check_form(self.monitor.kept("targets"), self.dialogue.form_of_targets(), "targets")
+
+    def _restore(self, state: dict[str, Any]) -> None:
+        self.step = state["step"]
+        self.seconds = {name: seconds for name, seconds in state["seconds"].items() if name != "prior"}
+        self.generator.set_state(state["generator"])
+        self.parameters.restore(state["parameters"])
+        kept = self.monitor.kept("targets")
+        assert kept is not None, "checked before"
+        self.dialogue.restore(state["dialogue"], Targets(**kept), state["seconds"]["prior"])
+        self.kept = self.dialogue.supervision.targets
+        self.guard.skipped, self.guard.in_a_row = state["skipped"]["in_all"], state["skipped"]["in_a_row"]
+        self.monitor.note(f"resumed at step {self.step} of {self.steps}")
+
+
+def _check_images(problem: Problem) -> None:
+    for view in problem.scene.train:
+        bad = int((~np.isfinite(view.image)).sum())
+        if bad:
+            raise FloatingPointError(f"training view {view.name}: NaN or Inf in {bad} values of the image")

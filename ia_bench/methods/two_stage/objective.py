@@ -1,0 +1,94 @@
+"""The paper's equation 5 over a batch of pixels."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material, fetch
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.losses import crossed_loss, smoothness, tone_map, total_variation
+from ia_bench.methods.two_stage.neighbours import find_neighbours
+from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.supervision import Supervision
+from ia_bench.render.renderer import PixelRadiance, samples_taken
+
+
+class Objective:
+    """The loss of a batch: images, what the prior says, smoothness.
+
+    Attributes:
+        images: (P, 3) radiance of the photographs in the G-buffer's pixels.
+    """
+
+    def __init__(self, problem: Problem, settings: FitSettings) -> None:
+        self._problem, self._settings = problem, settings
+        views = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train])
+        self.images = problem.pixels_of(views.to(problem.device))
+        self._neighbours = find_neighbours(problem, self.images, settings.smooth_scale)
+
+    def __call__(
+        self,
+        pixels: Tensor,
+        parameters: Parameters,
+        supervision: Supervision,
+        frozen: list[str],
+        generator: torch.Generator,
+    ) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss of G-buffer entries (B,), and the renders (B, 3) that are to blame first if it is not finite."""
+        settings, weights = self._settings, self._settings.weights
+        material, light = parameters.material(), parameters.light(uniform=settings.light_uniform)
+        target = self.images[pixels]
+        # ---- lambda_1: the photographs
+        if settings.image_loss == "l1":
+            rendered = self._render(pixels, material, light, self._problem.plan.samples, generator)
+            loss = weights.image * (tone_map(rendered.radiance) - tone_map(target)).abs().mean()
+        else:
+            halves = self._render(pixels.repeat(2), material, light, self._samples_a_half, generator)
+            rendered = halves.averaged(2)
+            first, second = halves.radiance.chunk(2)
+            loss = weights.image * crossed_loss(first, second, target, settings.residual_cut)
+        # ---- lambda_2, lambda_3: the prior
+        if "albedo" in supervision.targets.values:
+            supervised = supervision.albedo_loss(rendered.albedo, pixels, material.albedo, generator)
+            loss = loss + weights.albedo * supervised
+        if "specular" in supervision.targets.values:
+            loss = loss + weights.specular * supervision.specular_loss(rendered.specular, pixels)
+        # ---- lambda_4: smoothness
+        loss = loss + self._smoothness(pixels, parameters.tensors, frozen)
+        if weights.smooth_light:
+            loss = loss + weights.smooth_light * total_variation(parameters.tensors["log_light"])
+        return loss, {"the rendered radiance": rendered.radiance, "the rendered albedo": rendered.albedo}
+
+    @property
+    def samples_per_pixel(self) -> int:
+        """Samples of a pixel in a step, as they are taken."""
+        points = self._problem.gbuffer.subsamples
+        if self._settings.image_loss == "l1":
+            return samples_taken(self._problem.plan.samples, points)
+        return 2 * samples_taken(self._samples_a_half, points)
+
+    @property
+    def _samples_a_half(self) -> int:
+        """Samples of a pixel in each half of the crossed loss, before the renderer rounds them."""
+        return max(1, self._problem.plan.samples // 2)
+
+    def _render(
+        self, pixels: Tensor, material: Material, light: SampledLight, samples: int, generator: torch.Generator
+    ) -> PixelRadiance:
+        return self._problem.renderer.render_pixels(self._problem.gbuffer, pixels, material, light, samples, generator)
+
+    def _smoothness(self, pixels: Tensor, tensors: dict[str, Tensor], frozen: list[str]) -> Tensor:
+        weights, neighbours = self._settings.weights, self._neighbours
+        other = neighbours.index[pixels].reshape(-1)
+        uv = neighbours.uv[pixels].repeat_interleave(2, 0)
+        similarity = neighbours.similarity[pixels].reshape(-1)
+        total = torch.zeros((), device=pixels.device)
+        smooth = {"albedo": weights.smooth_albedo, "roughness": weights.smooth_roughness, "metallic": weights.smooth_roughness}
+        for name, weight in smooth.items():
+            texture = tensors.get(name)
+            if weight and texture is not None and name not in frozen:
+                total = total + weight * smoothness(fetch(texture, uv), fetch(texture, neighbours.uv[other]), similarity)
+        return total

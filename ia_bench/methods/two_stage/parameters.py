@@ -1,0 +1,110 @@
+"""What a fit optimises, and the step that Adam makes of its gradients."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.textures import Material, fill_unobserved, splat
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.exchange import ColourExchange
+from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.state import form_of_adam
+
+LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
+"""The least value of each texture; the largest is 1."""
+
+
+class Parameters:
+    """Textures of albedo, roughness and, where the plan says so, metallic; and the light's log radiance.
+
+    Attributes:
+        tensors: "albedo" (T, T, 3), "roughness" and "metallic" (T, T, 1), "log_light" (H, 2H, 3): leaves of the gradient.
+        observed: (T, T) bool, texels that some training view sees.
+        optimizer: Adam, one group a tensor.
+        exchange: The step in which light and albedo exchange a colour.
+    """
+
+    def __init__(self, problem: Problem, settings: FitSettings) -> None:
+        plan, t, device, hit = problem.plan, problem.plan.texture, problem.device, problem.gbuffer.face >= 0
+        seen = problem.renderer.surface.uv(problem.gbuffer.face[hit].long(), problem.gbuffer.barycentric[hit])
+        self.observed = splat(seen, torch.zeros(len(seen), 0, device=device), t)[1] > 0
+        self.tensors = {
+            "albedo": torch.full((t, t, 3), settings.albedo_initial, device=device),
+            "roughness": torch.full((t, t, 1), settings.roughness_initial, device=device),
+            "log_light": torch.zeros(plan.light_height, 2 * plan.light_height, 3, device=device),
+        }
+        if plan.metallic:
+            self.tensors["metallic"] = torch.full((t, t, 1), settings.metallic_initial, device=device)
+        for tensor in self.tensors.values():
+            tensor.requires_grad_(True)
+        self._settings = settings
+        self._rates = [getattr(settings.rates, name.removeprefix("log_")) for name in self.tensors]
+        groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
+        self.optimizer = torch.optim.Adam(groups, betas=(0.9, 0.99), fused=True)
+        self.exchange = ColourExchange(self.tensors["albedo"], self.tensors["log_light"], self.observed)
+
+    def material(self, *, detached: bool = False) -> Material:
+        """The textures as a material, through which gradients flow unless ``detached``."""
+        textures = (self.tensors.get(name) for name in ("albedo", "roughness", "metallic"))
+        return Material(*(t.detach() if detached and t is not None else t for t in textures))  # type: ignore[arg-type]
+
+    def light(self, *, uniform: float | None = None) -> SampledLight:
+        """The light, without gradient unless ``uniform``, the share of its samples spread over the sphere, is given."""
+        log_light = self.tensors["log_light"]
+        if uniform is None:
+            return SampledLight.of(torch.exp(log_light.detach()))
+        return SampledLight.of(torch.exp(log_light), uniform_fraction=uniform)
+
+    def recovered(self, *, final: bool) -> tuple[Material, Tensor]:
+        """Copies of the textures, and radiance (H, 2H, 3). ``final``: texels that no view sees are filled from their neighbours."""
+        textures = {name: p.detach().clone() for name, p in self.tensors.items() if name != "log_light"}
+        if final:
+            textures = {name: fill_unobserved(texture, self.observed) for name, texture in textures.items()}
+        return Material(**textures), torch.exp(self.tensors["log_light"].detach())
+
+    def frozen(self, step: int, steps: int) -> list[str]:
+        """The tensors that are not optimised yet in ``step`` of ``steps``."""
+        starts = {"albedo": self._settings.albedo_start, "log_light": 0.0}
+        return [name for name in self.tensors if step < starts.get(name, self._settings.roughness_start) * steps]
+
+    def descend(self, step: int, steps: int) -> None:
+        """Take ``step`` of ``steps`` along the gradients, back into the range of valid values."""
+        settings, frozen = self._settings, self.frozen(step, steps)
+        fall = settings.rates.final ** (step / max(steps - 1, 1))
+        for group, rate in zip(self.optimizer.param_groups, self._rates, strict=True):
+            group["lr"] = rate * fall
+        if settings.rates.exchange and "albedo" not in frozen and step >= settings.exchange_start * steps:
+            self.exchange(settings.rates.exchange * fall)
+        for name in frozen:  # the gradient is computed all the same, so that one compiled step serves the whole run
+            self.tensors[name].grad = None
+        self.optimizer.step()
+        with torch.no_grad():  # projected onto the valid range, so that no clamp in the model can kill a gradient
+            for name, least in LEAST.items():
+                if name in self.tensors:
+                    self.tensors[name].clamp_(least, 1)
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint."""
+        return {
+            "tensors": {name: tensor.detach() for name, tensor in self.tensors.items()},
+            "optimizer": self.optimizer.state_dict(),
+            "exchange": self.exchange.state_dict(),
+        }
+
+    def form(self) -> dict[str, Any]:
+        """The form of :meth:`state`, for :func:`ia_bench.methods.two_stage.state.check_form`."""
+        exchange = {"optimizer": form_of_adam(self.exchange.optimizer), "blocked": 0}
+        return {**self.state(), "optimizer": form_of_adam(self.optimizer), "exchange": exchange}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Take over a :meth:`state`."""
+        with torch.no_grad():
+            for name, tensor in self.tensors.items():
+                tensor.copy_(state["tensors"][name])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.exchange.load_state_dict(state["exchange"])

@@ -1,0 +1,52 @@
+"""Where a fit starts: an albedo that the prior or the images suggest, and an even light that explains the images' mean."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ia_bench.material.textures import fill_unobserved, splat
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.mean_image import light_of_the_mean_image
+from ia_bench.methods.two_stage.guard import StepGuard
+from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.targets import Targets
+from ia_bench.render.renderer import PixelRadiance
+
+
+@torch.no_grad()
+def start_albedo(parameters: Parameters, problem: Problem, images: Tensor, mean: float, targets: Targets | None) -> None:
+    """Set the albedo to the targets averaged over the views in texture space; without any, to the images' mean colour.
+
+    Args:
+        parameters: Whose albedo is set.
+        problem: Of the fit.
+        images: (P, 3) radiance of the training images in the G-buffer's pixels.
+        mean: Over the channels, of the albedo that has the images' colour.
+        targets: Of the albedo, None where they do not say which albedo a pixel has.
+    """
+    albedo, colour = parameters.tensors["albedo"], images.mean(0)
+    colour = mean * colour / colour.mean().clamp_min(1e-8)
+    albedo.copy_((colour / colour.max().clamp_min(1.0)).clamp(0, 1).expand_as(albedo))
+    if targets is None:
+        return
+    gbuffer = problem.gbuffer
+    hit = (gbuffer.face >= 0) & (targets.weights["albedo"] > 0)
+    uv = problem.renderer.surface.uv(gbuffer.face[hit].long(), gbuffer.barycentric[hit])
+    covered = (hit.float().mean(1, keepdim=True)).clamp_min(1e-6)
+    values = (targets.values["albedo"] / covered)[:, None].expand(-1, gbuffer.subsamples, -1)[hit]
+    average, weight = splat(uv, values, problem.plan.texture)
+    albedo.copy_(fill_unobserved(average, weight > 0).clamp(0, 1))
+
+
+@torch.no_grad()
+def start_light(
+    parameters: Parameters, problem: Problem, images: Tensor, guard: StepGuard, generator: torch.Generator
+) -> None:
+    """Set the light to the even one that gives the albedo at the start the images' mean colour."""
+
+    def check(rendered: PixelRadiance, pixels: Tensor) -> None:
+        guard.check_loss(rendered.radiance.sum(), pixels, {"the first render's radiance": rendered.radiance})
+
+    log_light, material = parameters.tensors["log_light"], parameters.material()
+    log_light += torch.log(light_of_the_mean_image(problem, images, material, len(log_light), generator, check))

@@ -1,0 +1,120 @@
+"""What makes a run the run that it is: everything that decides its numbers, and the hash of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ia_bench.common import registry
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import shown
+from ia_bench.common.paths import PACKAGE
+from ia_bench.common.ranges import NO_NUMBER
+from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.runs.config import RunConfig, options_class, resolve_scene_folder, slug
+from ia_bench.scores.protocol import Protocol
+
+IDENTITY_VERSION = 4
+"""Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
+
+PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
+
+
+def identity(config: RunConfig) -> dict[str, Any]:
+    """Everything that decides the numbers of a resolved run, as JSON types.
+
+    Left out: where results go, the row's label, the preset's name (its values are in), how often checkpoints are
+    written, whether samples are kept, and where files lie. Instead of the path of the scene, or of a file that an option names,
+    there is a hash of the content; the weights of the package count for every prior that takes some. Readers, priors and methods
+    of other distributions, or of the command line, count with their code (:func:`ia_bench.common.registry.foreign_code`).
+    """
+    content = asdict(config)
+    for label in ("out", "row", "preset", "fit"):
+        del content[label]
+    checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
+    for known, settings in checked.items():
+        for field in fields(known):
+            if field.metadata == NO_NUMBER:
+                del settings[field.name]
+    for kind in ("prior", "method", "reader"):
+        content[kind]["options"] = _without_paths("options", content[kind]["options"])
+    options = config.prior.options
+    weights = (options.get("of_options") or {}).get("weights") if "of_options" in options else options.get("weights", "none")
+    if weights is None:
+        content["prior"]["packaged_weights"] = content_of(PACKAGED_WEIGHTS)
+    foreign = {
+        "prior": registry.foreign_code("prior", config.prior.name, config.prior.target),
+        "prior.options.of": registry.foreign_code("prior", options["of"]) if isinstance(options.get("of"), str) else None,
+        "method": registry.foreign_code("method", config.method.name, config.method.target),
+        "reader": registry.foreign_code("reader", config.reader.name, config.reader.target),
+    }
+    if any(foreign.values()):
+        content["foreign_code"] = {key: code for key, code in foreign.items() if code is not None}
+    folder = resolve_scene_folder(config.scene, config.reader)
+    content["scene"] = {"name": config.scene.name, "content": None if folder is None else content_of(folder)}
+    protocol = Protocol.from_config(config.protocol).describe()
+    protocol["lpips"]["weights"] = _without_paths("weights", protocol["lpips"]["weights"])
+    content["protocol"] = protocol
+    content["identity_version"] = IDENTITY_VERSION
+    return content
+
+
+def config_hash(config: RunConfig) -> str:
+    """The run's identity: SHA-256 (hex) over the canonical JSON of :func:`identity`."""
+    return hash_of(identity(config))
+
+
+def hash_of(content: dict[str, Any]) -> str:
+    """SHA-256 (hex) over canonical JSON: sorted keys, no spaces."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def run_folder(config: RunConfig) -> Path:
+    """Where a resolved run leaves its results: ``out``, or ``runs/<scene>/<row>-<hash>`` below the current folder.
+
+    Raises InputError for a place in the scene's folder, whose content is part of a run's identity.
+    """
+    if config.out is not None:
+        folder = Path(config.out).expanduser()
+    else:
+        folder = Path("runs", slug(config.scene.name), f"{slug(config.row_name)}-{config_hash(config)[:8]}")
+    scene = resolve_scene_folder(config.scene, config.reader)
+    if scene is not None and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(scene)):
+        raise InputError(f"out={folder}: expected a folder outside of the scene's, found one in {scene}")
+    return folder
+
+
+def content_of(path: Path) -> str:
+    """SHA-256 (hex) over the names and bytes of a file, or of all files of a folder but its documents (a card decides nothing)."""
+    try:
+        files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file() and part.suffix != ".md")
+        return _hash_files(path, tuple((file, file.stat().st_size, file.stat().st_mtime_ns) for file in files))
+    except OSError as error:
+        raise InputError(f"{shown(error.filename or path)}: expected a file that can be read, found: {error.strerror}") from None
+
+
+@cache
+def _hash_files(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str:
+    """Kept for as long as no size and no time of change differs: a table asks once for every cell."""
+    digest = hashlib.sha256()
+    for path, size, _ in files:
+        digest.update(f"{path.relative_to(root).as_posix()}\0{size}\n".encode())
+        with path.open("rb") as opened:
+            while block := opened.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (an option, whatever it is)
+    """``value`` with a hash of the content in place of every file or folder that it names."""
+    if isinstance(value, dict):
+        return {inner: _without_paths(inner, part) for inner, part in value.items()}
+    if isinstance(value, str) and (key == "weights" or os.sep in value) and Path(value).expanduser().exists():
+        return f"content {content_of(Path(value).expanduser().resolve())}"
+    return value
