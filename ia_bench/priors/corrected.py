@@ -28,6 +28,12 @@ class CorrectedPrior(WrappedPrior):
     as "at least". Raises InputError for a prior that sees the truth itself, or that provides nothing.
     """
 
+    @classmethod
+    def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The options with those of the prior behind made explicit, where these depend on the machine."""
+        resolve = getattr(registry.load(registry.find("prior", options.get("of", "diffusion"))), "resolved_options", None)
+        return dict(options) if resolve is None else {**options, "of_options": resolve(options.get("of_options") or {})}
+
     def __init__(self, *, of: str = "diffusion", share: float = 0.5, of_options: Mapping[str, Any] | None = None) -> None:
         if not (math.isfinite(share) and 0 <= share <= 1):
             raise InputError(f"prior.options.share: expected a number from 0 to 1, found {share}")

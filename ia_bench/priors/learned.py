@@ -65,6 +65,12 @@ class LearnedPrior(ABC):
     kind: ClassVar[str]  # of its networks, and the name of its packaged weights
     stochastic: ClassVar[bool]  # and guidable: without noise there is nothing to draw
 
+    @classmethod
+    def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The options with what precision "auto" means on this machine: it decides samples, and so is part of a run's identity."""
+        bf16 = use_bf16(options.get("precision", "auto"), choose_device(options.get("device", "auto")), "prior.options.precision")
+        return {**options, "precision": "bf16" if bf16 else "float32"}
+
     def __init__(
         self,
         *,

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import Annotated
 
 import numpy as np
 import torch
+from pydantic import Field
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
@@ -20,6 +22,8 @@ from ia_bench.priors.inputs import check_truth, check_views
 
 MAX_SCALE = 10.0
 """Largest standard deviation of a log scale: eight of them still make a factor that a float holds."""
+
+Blur = Annotated[float, Field(ge=0, le=1024)]  # pixels: one of more takes for ever and leaves nothing to see
 
 
 class OraclePrior:
@@ -44,7 +48,7 @@ class OraclePrior:
         scale: float = 0.0,
         shift: float = 0.0,
         noise: float = 0.0,
-        blur: float = 0.0,
+        blur: Blur = 0.0,
         baked: float = 0.0,
         inconsistency: float = 0.0,
         patch: float = 8.0,

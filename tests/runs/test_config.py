@@ -23,6 +23,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.paths import conf_folder
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates, LossWeights
+from ia_bench.priors import learned
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs import identity as identities
 from ia_bench.runs.composition import compose
@@ -180,6 +181,11 @@ def test_what_cannot_be_meant_is_one_sentence_before_anything_starts(override: s
     assert "\n" not in str(said.value)
 
 
+def test_a_blur_without_end_is_refused() -> None:
+    with pytest.raises(InputError, match="prior.options.blur: expected 1024 or less, found 1000000000.0"):
+        compose(["device=cpu", "prior=oracle", "prior.options.blur=1e9"])
+
+
 def test_a_method_that_asks_no_prior_is_given_none() -> None:
     with pytest.raises(InputError, match="prior=oracle: expected prior=none with method=ceiling, which asks no prior"):
         compose(["device=cpu", "method=ceiling", "prior=oracle"])
@@ -314,6 +320,15 @@ def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path)
     assert hash_with("prior=diffusion", option) != before
     nested = [f"prior.options.of_options={{weights: {tmp_path / name}}}" for name in ("here", "there")]
     assert hash_with("prior=corrected", nested[0]) != hash_with("prior=corrected", nested[1])
+
+
+@pytest.mark.parametrize("prior", ["diffusion", "corrected"])
+def test_the_precision_that_auto_means_is_part_of_the_hash(prior: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    hashes = []
+    for fast in (True, False):
+        monkeypatch.setattr(learned, "use_bf16", lambda *_, fast=fast: fast)
+        hashes.append(hash_with(f"prior={prior}"))
+    assert hashes[0] != hashes[1]
 
 
 def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -1,0 +1,36 @@
+"""What is booked aside is no cost of the fit, and what an interrupted process has spent counts once."""
+
+from __future__ import annotations
+
+import time
+
+from ia_bench.methods.books import Books
+
+
+def test_what_is_aside_is_not_counted_and_what_is_inside_belongs_to_the_outer_one() -> None:
+    books, rays = Books(), {"rays": 0}
+    with books.aside("bake"):
+        books.watch(lambda: dict(rays))
+        rays["rays"] += 100
+        with books.aside("score"):
+            rays["rays"] += 10
+            time.sleep(0.01)
+    rays["rays"] += 5
+    assert books.counts() == {"rays": 5}
+    assert list(books.seconds) == ["bake"]
+    assert 0.01 <= books.seconds["bake"] <= books.total()
+
+
+def test_an_interrupted_run_goes_on_where_it_was() -> None:
+    first, second, rays = Books(), Books(), {"rays": 0}
+    first.watch(lambda: {"rays": 7})
+    state = {**first.state(), "total": 1000.0, "seconds": {"bake": 3.0}}
+    second.watch(lambda: dict(rays))
+    with second.aside("bake"):
+        rays["rays"] += 100  # baked again: in the state already
+    rays["rays"] += 40  # and so is what it did before it took the state over
+    second.restore(state)
+    rays["rays"] += 2
+    assert second.counts() == {"rays": 9}
+    assert second.seconds == {"bake": 3.0}
+    assert second.total() > 1000
