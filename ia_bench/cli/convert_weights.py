@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _convert(arguments: Sequence[str]) -> int:
     from ia_bench.priors.original.convert import Request, convert  # brings in torch
 
-    convert(read_arguments(Request, arguments, "ia_bench.cli.convert_weights"))
+    convert(read_arguments(Request, arguments))
     return OK
 
 

@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make(arguments: Sequence[str]) -> int:
-    request = read_arguments(Request, arguments, "ia_bench.cli.prior_data")
+    request = read_arguments(Request, arguments)
     with Progress() as progress:
         make_data(request, progress)
     return OK

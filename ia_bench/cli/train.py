@@ -6,7 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 
-from ia_bench.common.arguments import settings_of
+from ia_bench.common.arguments import read_arguments, settings_of
 from ia_bench.common.exit_codes import OK, status_of
 from ia_bench.common.output import say
 from ia_bench.common.progress import Progress
@@ -42,9 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _train(arguments: Sequence[str]) -> int:
     from ia_bench.training.loop import train  # brings in diffusers
-    from ia_bench.training.settings import parse
+    from ia_bench.training.settings import TrainSettings
 
-    settings = parse(arguments)
+    settings = read_arguments(TrainSettings, arguments)
     with Progress() as progress:
         figures = train(settings, progress)
         progress.note(f"weights in {settings.out / 'weights'}: {figures}")

@@ -4,41 +4,48 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import NoneType
-from typing import Any, TypeVar, get_args, get_type_hints
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import yaml
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.suggestions import unknown
-from ia_bench.common.typed import fits, named
+from ia_bench.common.settings import parsed
 
 T = TypeVar("T")
 
 
-def read_arguments(kind: type[T], arguments: Sequence[str], command: str) -> T:
-    """The dataclass ``kind`` from KEY=VALUE ``arguments`` of ``command``; keys of a dataclass inside it are dotted.
+def read_arguments(kind: type[T], arguments: Sequence[str]) -> T:
+    """KEY=VALUE arguments as the dataclass ``kind``; keys of a dataclass inside it are dotted.
 
-    Raises InputError naming the key that is unknown, missing, has no value, or has one that its annotation does not take.
+    Values are YAML, which has lists, tables and null; texts and paths are taken as they are. Raises InputError naming the key
+    that is unknown, missing, has no value, or has one that its annotation does not take.
     """
-    known = dict(_keys(kind))
-    values: dict[str, Any] = {}
+    content: dict[str, Any] = {}
     for argument in arguments:
         key, separator, text = argument.partition("=")
-        if key not in known:
-            raise InputError(unknown(f"setting of {command}", key, known))
-        if not separator or not text:
+        *above, last = key.split(".")
+        table, hints = content, get_type_hints(kind)
+        for part in above:
+            table = table.setdefault(part, {})
+            hints = get_type_hints(hints[part]) if dataclasses.is_dataclass(hints.get(part)) else {}
+        if not separator or not text or not isinstance(table, dict):
             raise InputError(f"{key}: expected {key}=VALUE, found '{argument}'")
-        values[key] = _value(key, text, known[key])
-    return _build(kind, values)
+        hint = hints.get(last)
+        kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        literal = (Path in kinds or str in kinds) and text not in ("null", "~")
+        table[last] = str(Path(text).expanduser()) if literal and Path in kinds else text if literal else _value(text)
+    return parsed(kind, content)
 
 
-def settings_of(kind: type, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def settings_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (a dataclass)
     """The keys of :func:`read_arguments` with their defaults, ``dataclasses.MISSING`` where there is none."""
-    for key, default, part in _fields(kind, prefix):
-        yield from settings_of(part, f"{key}.") if part else [(key, default)]
+    for item in dataclasses.fields(kind):
+        made = item.default if item.default_factory is dataclasses.MISSING else item.default_factory()
+        inside = dataclasses.is_dataclass(made)
+        yield from settings_of(made, f"{prefix}{item.name}.") if inside else [(prefix + item.name, made)]
 
 
 def at_least(least: int) -> Callable[[str], int]:
@@ -56,52 +63,10 @@ def at_least(least: int) -> Callable[[str], int]:
     return number
 
 
-def _fields(kind: Any, prefix: str) -> Iterator[tuple[str, Any, type | None]]:  # noqa: ANN401 (a dataclass)
-    """Dotted name and default of each field, and the dataclass that it is, if it is one."""
-    hints = get_type_hints(kind)
-    for item in dataclasses.fields(kind):
-        made = item.default_factory is not dataclasses.MISSING
-        part = hints[item.name] if dataclasses.is_dataclass(hints[item.name]) else None
-        yield prefix + item.name, item.default_factory() if made and not part else item.default, part  # type: ignore[operator]
-
-
-def _keys(kind: type, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    hints = get_type_hints(kind)
-    for key, _, part in _fields(kind, prefix):
-        yield from _keys(part, f"{key}.") if part else [(key, hints[key.removeprefix(prefix)])]
-
-
-def _build(kind: type[T], values: Mapping[str, Any], prefix: str = "") -> T:
-    given: dict[str, Any] = {}
-    for key, default, part in _fields(kind, prefix):
-        if part:
-            given[key.removeprefix(prefix)] = _build(part, values, f"{key}.")
-        elif key in values:
-            given[key.removeprefix(prefix)] = values[key]
-        elif default is dataclasses.MISSING:
-            raise InputError(f"expected {key}=VALUE; --help says more")
-    return kind(**given)
-
-
-def _value(key: str, text: str, kind: Any) -> Any:  # noqa: ANN401 (any field's type and value)
-    """``text`` as YAML reads it, if it fits ``kind``; texts and paths are taken as they are."""
-    kinds = get_args(kind) or (kind,)
-    if NoneType in kinds and text in ("null", "~"):
-        return None
-    if Path in kinds or str in kinds:
-        return Path(text).expanduser() if Path in kinds else text
+def _value(text: str) -> object:
+    """``text`` as YAML reads it, and 5e-4 as a number."""
     try:
         value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError):  # of a date that does not exist
-        value = text  # which fits nothing but text
-    if float in kinds and isinstance(value, int | str) and not isinstance(value, bool):
-        try:
-            value = float(value)  # YAML 1.1 reads 5e-4 as text
-        except (OverflowError, ValueError):
-            value = text
-    choices = [choice for choice in kinds if isinstance(choice, str)]
-    if choices and value not in choices:
-        raise InputError(unknown(f"value of {key}", text, choices))
-    if not fits(value, kind):
-        raise InputError(f"{key}: expected {named(kind)}, found {text!r}")
-    return tuple(value) if isinstance(value, list) else value
+        return float(value) if isinstance(value, str) else value
+    except (yaml.YAMLError, ValueError):  # also of a date that does not exist
+        return text

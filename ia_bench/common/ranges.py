@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 Share = Annotated[float, Field(ge=0, le=1)]
+NotNegative = Annotated[float, Field(ge=0)]
 Weight = Annotated[float, Field(ge=0, le=1e6)]
 Positive = Annotated[float, Field(ge=1e-6, le=1e6)]  # of what divides
 Rate = Annotated[float, Field(ge=0, le=10)]  # of Adam: how far a step goes, and nothing that is fitted goes farther than 10

@@ -90,6 +90,9 @@ def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], ke
     try:
         return adapter.validate_json(text, strict=True)
     except ValidationError as error:
+        for one in error.errors():
+            if isinstance(cause := one.get("ctx", {}).get("error"), InputError):  # of a class that checks itself
+                raise cause from None
         raise InputError(_sentence(error.errors(include_url=False), known, content, key)) from None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import math
 import multiprocessing
 import os
 import threading
@@ -11,13 +10,15 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
-from ia_bench.common.typed import check_ranges
+from ia_bench.common.ranges import Count, Number
 from ia_bench.training.shards import SHARD_IMAGES, SHARDS, load_shard, read_info, shard_path
 
 if TYPE_CHECKING:
@@ -41,14 +42,11 @@ class Request:
     """
 
     out: Path
-    images: int = 20_000
-    size: int = 64
-    seed: int = 0
-    workers: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    images: Number = 20_000
+    size: Annotated[int, Field(ge=8)] = 64
+    seed: Count = 0
+    workers: Number = field(default_factory=lambda: len(os.sched_getaffinity(0)))
     shading: Literal["auto", "compiled", "eager"] = "auto"
-
-    def __post_init__(self) -> None:
-        check_ranges(self, {"images": (1, math.inf), "size": (8, math.inf), "seed": (0, math.inf), "workers": (1, math.inf)})
 
 
 def make_data(request: Request, progress: Progress) -> list[Path]:

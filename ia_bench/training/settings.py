@@ -5,29 +5,16 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Literal
 
-from ia_bench.common.arguments import read_arguments
+from pydantic import Field
+
 from ia_bench.common.errors import InputError
-from ia_bench.common.suggestions import unknown
-from ia_bench.common.typed import check_ranges
+from ia_bench.common.ranges import Count, NotNegative, Number, Share
 from ia_bench.priors.diffusion.network import NetworkConfig
-from ia_bench.priors.diffusion.precision import PRECISIONS
 from ia_bench.training.dataset import Augmentation
-
-LIMITS: dict[str, tuple[float, float]] = {
-    **dict.fromkeys(("steps", "batch", "threads", "validate_steps", "validation_images"), (1, math.inf)),
-    **dict.fromkeys(("minutes", "checkpoint_minutes", "warmup"), (0, math.inf)),
-    **dict.fromkeys(("rate", "muon_rate", "weight_decay", "clip_gradient"), (0, math.inf)),
-    **dict.fromkeys(("ema", "background", "level"), (0, 1)),
-    **dict.fromkeys(("augmentation.mirror", "augmentation.permute", "augmentation.no_geometry"), (0, 1)),
-    **dict.fromkeys(("augmentation.cast", "augmentation.exposure", "augmentation.noise"), (0, math.inf)),
-    "seed": (0, 2**32 - 1),  # validation multiplies it and stays within 64 bits
-}
-"""The least and the largest value of settings that are numbers."""
 
 
 @dataclass(frozen=True)
@@ -67,44 +54,36 @@ class TrainSettings:
     validation: Path
     out: Path
     init: Path | None = None
-    steps: int = 20_000
-    minutes: float | None = None
-    batch: int = 32
-    rate: float = 5e-4
-    muon_rate: float = 0.02
-    warmup: int = 200
-    weight_decay: float = 0.01
-    clip_gradient: float = 1.0
-    ema: float = 0.999
-    background: float = 0.1
-    level: float = 0.25
-    precision: str = "auto"
+    steps: Number = 20_000
+    minutes: NotNegative | None = None
+    batch: Number = 32
+    rate: NotNegative = 5e-4
+    muon_rate: NotNegative = 0.02
+    warmup: Count = 200
+    weight_decay: NotNegative = 0.01
+    clip_gradient: NotNegative = 1.0
+    ema: Share = 0.999
+    background: Share = 0.1
+    level: Share = 0.25
+    precision: Literal["auto", "bf16", "float32"] = "auto"
     compile: bool = True
-    threads: int | None = None
-    seed: int = 0
-    checkpoint_minutes: float = 5.0
-    validate_steps: int = 1000
-    validation_images: int = 64
-    validation_sampler_steps: int = 10
+    threads: Number | None = None
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0  # validation multiplies it and stays within 64 bits
+    checkpoint_minutes: NotNegative = 5.0
+    validate_steps: Number = 1000
+    validation_images: Number = 64
+    validation_sampler_steps: Number = 10
     network: NetworkConfig = field(default_factory=NetworkConfig)
     augmentation: Augmentation = field(default_factory=Augmentation)
+
+    def __post_init__(self) -> None:
+        steps, most = self.validation_sampler_steps, self.network.timesteps
+        if self.network.kind == "diffusion" and steps > most:
+            raise InputError(f"validation_sampler_steps: expected {most} or less, the timesteps of the network, found {steps}")
 
     def identity(self) -> str:
         """Hash of what the weights depend on; a run resumes only where it is the same."""
         free = ("out", "steps", "minutes", "threads", "compile", "checkpoint_minutes")
-        values = {
-            key: value
-            for key, value in dataclasses.asdict(self).items()
-            if key not in free and not key.startswith("validat")
-        }
+        every = dataclasses.asdict(self).items()
+        values = {key: value for key, value in every if key not in free and not key.startswith("validat")}
         return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
-
-
-def parse(arguments: Sequence[str]) -> TrainSettings:
-    """Read KEY=VALUE arguments; keys of the parts are dotted (network.size=128). Raises InputError naming the key."""
-    settings = read_arguments(TrainSettings, arguments, "ia_bench.cli.train")
-    steps = settings.network.timesteps if settings.network.kind == "diffusion" else math.inf
-    check_ranges(settings, {**LIMITS, "validation_sampler_steps": (1, steps)})
-    if settings.precision not in PRECISIONS:
-        raise InputError(unknown("value of precision", settings.precision, PRECISIONS))
-    return settings

@@ -13,6 +13,7 @@ from safetensors.torch import load_file
 from training.test_dataset import shard
 
 from ia_bench.cli.train import usage
+from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
@@ -24,7 +25,7 @@ from ia_bench.training.loop import (
     rate_factor,
     weighted_error,
 )
-from ia_bench.training.settings import TrainSettings, parse
+from ia_bench.training.settings import TrainSettings
 from ia_bench.training.shards import ShardInfo, shard_path, write_shard
 
 SMALL = ["network.size=16", "network.channels=[16,32]", "network.tokens=16", "batch=4", "warmup=2", "compile=false"]
@@ -256,15 +257,17 @@ def test_a_gradient_that_is_not_finite_is_one_line(folders, tmp_path):
 def test_a_run_whose_folder_is_a_file_is_refused(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="out: .*file: expected a folder that can be written, found: File exists"):
-        _load_state(parse(["data=a", "validation=b", f"out={tmp_path / 'file'}"]))
+        _load_state(read_arguments(TrainSettings, ["data=a", "validation=b", f"out={tmp_path / 'file'}"]))
 
 
 def test_arguments_are_typed():
-    settings = parse(["data=a", "validation=b", "out=c", "rate=1e-4", "network.channels=[16,32]", "network.fold=4", "minutes=3"])
+    given = ["data=a", "validation=b", "out=c", "rate=1e-4", "network.channels=[16,32]", "network.fold=4", "minutes=3"]
+    settings = read_arguments(TrainSettings, given)
     assert isinstance(settings, TrainSettings)
     assert (settings.rate, settings.network.channels, settings.network.fold, settings.minutes) == (1e-4, (16, 32), 4, 3)
     assert "network.channels" in usage()
-    settings = parse(["data=1", "validation=b", "out=c", "minutes=5e1", "threads=null", "init=null", "network.components=[albedo]"])
+    given = ["data=1", "validation=b", "out=c", "minutes=5e1", "threads=null", "init=null", "network.components=[albedo]"]
+    settings = read_arguments(TrainSettings, given)
     assert (settings.data, settings.minutes, settings.threads, settings.init) == (Path("1"), 50.0, None, None)
     assert settings.network.components == ("albedo",)
 
@@ -279,22 +282,22 @@ def test_arguments_are_typed():
         ("network.schedule={num_train_timesteps: 1000, beta_schedul: linear}", "did you mean 'beta_schedule'"),
         ("network.size=60", "expected a multiple of 16"),
         ("network.channels=[40]", "expected multiples of 16"),
-        ("steps=0", "steps: expected a finite number >= 1"),
-        ("precision=half", "unknown value of precision"),
+        ("steps=0", "steps: expected 1 or more, found 0"),
+        ("precision=half", "unknown value of precision: 'half'"),
         ("out=", "out: expected out=VALUE, found 'out='"),
-        ("minutes=abc", "minutes: expected a number or null, found 'abc'"),
-        ("minutes=-1", "minutes: expected a finite number >= 0, found -1"),
-        ("threads=two", "threads: expected a whole number or null, found 'two'"),
-        ("threads=0", "threads: expected a finite number >= 1, found 0"),
-        ("seed=-1", r"seed: expected a finite number from 0 to 4294967295, found -1"),
+        ("minutes=abc", "minutes: expected a number, found 'abc'"),
+        ("minutes=-1", "minutes: expected 0 or more, found -1"),
+        ("threads=two", "threads: expected a whole number, found 'two'"),
+        ("threads=0", "threads: expected 1 or more, found 0"),
+        ("seed=-1", r"seed: expected 0 or more, found -1"),
         ("rate=[", r"rate: expected a number, found '\['"),
-        ("rate=nan", "rate: expected a finite number >= 0, found nan"),
-        ("rate=true", "rate: expected a number, found 'true'"),
+        ("rate=nan", "rate: expected a finite number, found nan"),
+        ("rate=true", "rate: expected a number, found True"),
         ("rate=2026-13-01", "rate: expected a number, found '2026-13-01'"),
-        ("ema=2", r"ema: expected a finite number from 0 to 1, found 2"),
-        ("augmentation.mirror=1.5", r"augmentation.mirror: expected a finite number from 0 to 1, found 1.5"),
-        ("validation_sampler_steps=1001", r"validation_sampler_steps: expected a finite number from 1 to 1000, found 1001"),
-        ("network.channels=48", r"network.channels: expected a list \(a whole number each\), found '48'"),
+        ("ema=2", r"ema: expected 1 or less, found 2"),
+        ("augmentation.mirror=1.5", r"augmentation.mirror: expected 1 or less, found 1.5"),
+        ("validation_sampler_steps=1001", r"validation_sampler_steps: expected 1000 or less, .* found 1001"),
+        ("network.channels=48", r"network.channels: expected a list, found 48"),
         ("network.channels=[]", "network.channels: expected multiples of 16"),
         ("network.head=-1", "network.head: expected at least 0, found -1"),
         ("network.fold=0", "network.fold: expected at least 1, found 0"),
@@ -305,4 +308,4 @@ def test_arguments_are_typed():
 )
 def test_mistakes_name_the_key(argument, message):
     with pytest.raises(InputError, match=message):
-        parse(["data=a", "validation=b", "out=c", argument])
+        read_arguments(TrainSettings, ["data=a", "validation=b", "out=c", argument])

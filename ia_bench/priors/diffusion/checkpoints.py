@@ -15,7 +15,7 @@ import json
 import os
 import shutil
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import torch
 from safetensors import SafetensorError
@@ -23,9 +23,8 @@ from safetensors.torch import load_file, save_file
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, read_json
-from ia_bench.common.suggestions import unknown
+from ia_bench.common.settings import parsed
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.common.typed import fits, named
 from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
 
 FORMAT = 1
@@ -94,18 +93,12 @@ def read_description(folder: Path) -> dict[str, Any]:
 def read_config(folder: Path) -> NetworkConfig:
     """The network that ``prior.json`` describes. Raises InputError, naming file and key, for what describes none."""
     path = folder / "prior.json"
-    values, types = read_description(folder)["network"], get_type_hints(NetworkConfig)
-    for key in values:
-        if key not in types:
-            raise InputError(f"{path}: " + unknown("key of network", key, types))
-    for key, kind in types.items():
-        if key not in values:
-            raise InputError(f"{path}: network.{key}: expected {named(kind)}, found no such key")
-        if not fits(values[key], kind):
-            raise InputError(f"{path}: network.{key}: expected {named(kind)}, found {values[key]!r}")
-    typed: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
+    values = read_description(folder)["network"]
+    missing = next((one.name for one in dataclasses.fields(NetworkConfig) if one.name not in values), None)
+    if missing is not None:
+        raise InputError(f"{path}: network.{missing}: expected a value, found no such key")
     try:
-        return NetworkConfig(**typed)
+        return parsed(NetworkConfig, values, "network")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -17,8 +16,8 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.paths import make_writable
+from ia_bench.common.ranges import Number
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.common.typed import check_ranges
 from ia_bench.priors.original import layout
 from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
 from ia_bench.priors.original.names import Source, clip_source, ema, unet_source, vae_source
@@ -35,12 +34,11 @@ class Request:
     specular: Path | None = None
     albedo_sha256: str | None = None
     specular_sha256: str | None = None
-    resolution: int = layout.RESOLUTION
+    resolution: Number = layout.RESOLUTION
 
     def __post_init__(self) -> None:
         if not self.checkpoints:
             raise InputError("expected albedo=CKPT or specular=CKPT or both, found neither; --help says more")
-        check_ranges(self, {"resolution": (1, math.inf)})
 
     @property
     def checkpoints(self) -> dict[str, Path]:
