@@ -58,6 +58,7 @@ lint: setup ## ruff, mypy, import contracts
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 	.venv/bin/lint-imports
+	cd baselines && ../.venv/bin/lint-imports
 
 # Without SIZE the recipe's own, which is another one for `tiny`.
 scenes: $(BLENDER_READY) ## render the shipped scenes again, below results/ (SIZE=512 SCENES="hat ship" DATASETS=FOLDER)

@@ -3,11 +3,11 @@
     python benchmarks/end_to_end.py [--scene hat] [--prior oracle|none] [--out FOLDER]
 
 Both get the true albedo of the training views as their prior's sample (or, with ``--prior none``, nothing), start from the
-same material, use the same sizes, losses of image and albedo, learning rates and 32 samples a pixel; see
-ia_bench/checks/mitsuba_fit.py for what the plain loop lacks. A fit's error depends on how many steps its learning rates have
-to fall, so each is run with several numbers of steps, and the *best* time to reach a level counts, for either side. Errors
-are scored off the clock at doubling steps by the same scorer; the clock is the CPU time of one thread, without the first
-steps, which compile.
+same material, use the same sizes, losses of image and albedo, learning rates, 32 samples a pixel, direct light and lobes that
+are added; the card of the baseline ``mitsuba_adam`` says what the plain loop lacks. A fit's error depends on how many steps its
+learning rates have to fall, so each is run with several numbers of steps, and the *best* time to reach a level counts, for
+either side. Errors are scored off the clock at doubling steps by the same scorer, each fit's pictures drawn by its own renderer;
+the clock is the CPU time of one thread, without the first steps, which compile.
 """
 
 from __future__ import annotations
@@ -22,11 +22,9 @@ import torch
 from stage import run_as_a_run
 
 from benchmarks.work_precision.precision import first_time, without_compilation
-from benchmarks.work_precision.problem import make_problem
 from ia_bench.common.machine import environment
 from ia_bench.common.paths import scenes_folder
-from ia_bench.methods.asking.sampling import PriorSampler
-from ia_bench.methods.contract import Monitor, Problem
+from ia_bench.methods.contract import Method, Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
@@ -34,11 +32,14 @@ from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.reconstruction import Reconstruction
+from ia_bench.render.settings import RenderSettings
+from ia_bench.runs.truth import tell_truth
+from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
-from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
+from ia_bench_baselines.mitsuba_adam.method import MitsubaAdam
+from ia_bench_baselines.mitsuba_adam.settings import MitsubaAdamOptions
 
 METRICS = ("aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse")
-FIRST_SCORE = 25
 
 
 class Clock:
@@ -63,30 +64,20 @@ class Clock:
         return self.rows
 
 
-def our_fit(problem: Problem, scorer: Scorer, steps: int) -> list[dict[str, float]]:
-    """The curve of our two-stage trainer over ``steps``, two thirds of them in stage 1 as by default."""
+def curve_of(method: Method, problem: Problem, scorer: Scorer) -> list[dict[str, float]]:
+    """The curve of one fit."""
     torch.compiler.reset()  # the compiler keeps few versions of a function
-    first = round(steps * 2 / 3)
     clock = Clock(scorer)
     monitor = Monitor.silent(note=print, score=lambda _, step, __, found: clock.score(step, found))
-    settings = FitSettings(stage1_steps=first, stage2_steps=steps - first, guided=False)
-    clock.score(steps, TwoStage(settings).fit(problem, seed=0, monitor=monitor).reconstruction)
+    result = method.fit(problem, seed=0, monitor=monitor)
+    clock.score(result.steps, result.reconstruction)
     return clock.finished()
 
 
-def mitsuba_fit(problem: Problem, scorer: Scorer, steps: int, threads: int) -> list[dict[str, float]]:
-    """The curve of the plain loop over ``steps``."""
-    clock, prior = Clock(scorer), problem.prior
-    albedo = None
-    if "albedo" in prior.info.provides:
-        albedo = list(PriorSampler(problem, prior, 0, print).draw(None).values["albedo"].numpy())
-    fit = MitsubaFit(problem, FitSettings(), steps, albedo=albedo, threads=threads)
-    while fit.step < steps:
-        fit.advance()
-        ratio = fit.step / FIRST_SCORE
-        if fit.step == steps or (ratio >= 1 and math.log2(ratio).is_integer()):
-            clock.score(fit.step, fit.snapshot())
-    return clock.finished()
+def ours(steps: int) -> TwoStage:
+    """Our two-stage trainer, two thirds of its steps in stage 1 as by default."""
+    first = round(steps * 2 / 3)
+    return TwoStage(FitSettings(stage1_steps=first, stage2_steps=steps - first, guided=False))
 
 
 def levels_of(curves: list[list[dict[str, float]]]) -> list[float]:
@@ -119,12 +110,13 @@ def main() -> None:
     run_as_a_run(arguments.threads)
     prior: Prior = OraclePrior(components=["albedo"]) if arguments.prior == "oracle" else NoPrior()
     scene = NativeReader(scenes_folder() / arguments.scene).read(truth=True)
-    problem, scorer = make_problem(scene, prior, shading="compiled")
+    render = RenderSettings(bounces=0, coat="added", shading="compiled")
+    problem = Problem(scene.blind(), render, make_prior=lambda problem: tell_truth(prior, scene, problem), note=lambda _: None)
+    scorer = Scorer(scene, Protocol(), problem.device)
+    plain = {steps: MitsubaAdam(MitsubaAdamOptions(steps=steps)) for steps in arguments.mitsuba_steps}
     curves = {
-        "ours": {steps: our_fit(problem, scorer, steps) for steps in arguments.steps},
-        "Mitsuba 3": {
-            steps: mitsuba_fit(problem, scorer, steps, arguments.threads) for steps in arguments.mitsuba_steps
-        },
+        "ours": {steps: curve_of(ours(steps), problem, scorer) for steps in arguments.steps},
+        "Mitsuba 3": {steps: curve_of(method, problem, scorer) for steps, method in plain.items()},
     }
     print(f"| {arguments.scene}, prior {arguments.prior}: steps | CPU s | " + " | ".join(METRICS) + " |")
     print("| :--- | ---: |" + " ---: |" * len(METRICS))
@@ -138,9 +130,9 @@ def main() -> None:
     for level in levels_of(everything):
         times = {name: best_time(fits, level) for name, fits in curves.items()}
         cells = ["never" if t is None else f"{t[0]:.1f} ({t[1]})" for t in times.values()]
-        ours, other = times["ours"], times["Mitsuba 3"]
+        our, other = times["ours"], times["Mitsuba 3"]
         longest = max(rows[-1]["seconds"] for rows in curves["Mitsuba 3"].values())
-        ratio = "-" if ours is None else f"{other[0] / ours[0]:.1f}" if other else f"> {longest / ours[0]:.1f}"
+        ratio = "-" if our is None else f"{other[0] / our[0]:.1f}" if other else f"> {longest / our[0]:.1f}"
         print(f"| {level:.0f} | {cells[0]} | {cells[1]} | {ratio} |")
     if arguments.out:
         arguments.out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The example of a third party's prior, installed as its README says, beside a distribution that is broken."""
+"""The examples of third parties' plugins and the baselines, installed as they say, beside a distribution that is broken."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from ia_bench.scenes.exr import read_exr
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "grey_world_prior"
+METHOD = ROOT / "examples" / "photograph_as_albedo"
 TINY = ROOT / "datasets" / "scenes" / "tiny"
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("hatchling") is None, reason="building it needs hatchling")
@@ -25,10 +26,11 @@ pytestmark = pytest.mark.skipif(importlib.util.find_spec("hatchling") is None, r
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder for PYTHONPATH with the example, and with a distribution whose prior raises on import."""
+    """A folder for PYTHONPATH with examples and baselines, and with a distribution whose prior raises on import."""
     folder = tmp_path_factory.mktemp("installed")
     options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([sys.executable, "-m", "pip", "install", *options, "--target", folder, EXAMPLE], check=True)
+    sources = [EXAMPLE, METHOD, ROOT / "baselines"]
+    subprocess.run([sys.executable, "-m", "pip", "install", *options, "--target", folder, *sources], check=True)
     (folder / "shaky_prior.py").write_text("raise OSError('libshaky.so: cannot open shared object file')")
     info = folder / "shaky-0.3.dist-info"
     info.mkdir()
@@ -61,6 +63,31 @@ def test_example_runs(installed: Path, tmp_path: Path) -> None:
     assert (metrics["row"], metrics["status"], metrics["sees_truth"]) == ("grey_world", "ok", False)
     assert np.isfinite(metrics["metrics"]["aligned_albedo"]["psnr"])
     assert read_exr(tmp_path / "result" / "albedo.exr", 3).std() > 0
+
+
+def test_example_of_a_method_keeps_the_contract(installed: Path, tmp_path: Path) -> None:
+    done = call(installed, "ia_bench.check", "method=photograph_as_albedo", folder=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "method photograph_as_albedo (photograph_as_albedo:PhotographAsAlbedo) on scene tiny" in done.stdout
+    assert done.stdout.splitlines()[-1].endswith(" 0 failed, 1 skipped")  # it saves no checkpoint
+
+
+def test_example_of_a_method_runs(installed: Path, tmp_path: Path) -> None:
+    settings = ["method.options.mean=0.4", "preset=smoke", "scene=tiny", "device=cpu", "threads=1", "out=result"]
+    done = call(installed, "ia_bench", "method=photograph_as_albedo", *settings, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((tmp_path / "result" / "metrics.json").read_text())
+    assert (metrics["row"], metrics["status"], metrics["sees_truth"]) == ("photograph_as_albedo", "ok", False)
+    assert 0 < metrics["time_s"]["average"] < metrics["time_s"]["total"]
+    assert read_exr(tmp_path / "result" / "albedo.exr", 3).mean() == pytest.approx(0.35, abs=0.05)  # texels beyond white are cut
+
+
+def test_baselines_are_found_by_their_entry_points(installed: Path, tmp_path: Path) -> None:
+    listed = call(installed, "ia_bench.check", "--help", folder=tmp_path).stdout
+    if importlib.util.find_spec("mitsuba") is None:
+        assert re.search(r"! method 'mitsuba_adam' of ia_bench_baselines .* is skipped: .* pip install mitsuba", listed)
+    else:
+        assert re.search(r"  mitsuba_adam +ia_bench_baselines.mitsuba_adam.method:MitsubaAdam of ia_bench_baselines", listed)
 
 
 def test_broken_neighbour_is_named_and_skipped(installed: Path, tmp_path: Path) -> None:

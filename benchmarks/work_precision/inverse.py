@@ -1,10 +1,10 @@
 """The inverse half of the work-precision diagrams: whole fits of the scene ``tiny``, error against seconds.
 
 Every fit is a run of ``python -m ia_bench`` with other settings, so what is compared is what a user gets, but for indirect
-light and the layered coat, which the other side has not. The learning rates
-fall over a fit's own steps, so every point is a fit of its own, not a moment of a longer one. All ways of dividing a budget
-draw the same number of samples in all: steps x fit.pixels x render.samples. Mitsuba's plain loop (mitsuba_fit.py) draws as
-many on the object. Of the oracle it gets the albedo, ours the specular shading as well.
+light and the layered coat, which the other side has not. The learning rates fall over a fit's own steps, so every point is a
+fit of its own, not a moment of a longer one. All ways of dividing a budget draw the same number of samples in all: steps x
+fit.pixels x render.samples. Mitsuba's plain loop (the method ``mitsuba_adam``) draws as many on the object. Of the oracle it
+gets the albedo, ours the specular shading as well.
 
 ``seconds`` is the wall time of the optimisation as curve.csv has it, without the compiler's. ``cpu_s`` is that times the
 share of the run's wall time in which the processor worked for it: 1 on a quiet machine, with one thread.
@@ -22,19 +22,12 @@ from typing import Any
 import torch
 
 from benchmarks.work_precision.precision import without_compilation
-from benchmarks.work_precision.problem import make_problem
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folder
-from ia_bench.methods.asking.sampling import PriorSampler
-from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.contract import Prior
-from ia_bench.priors.none import NoPrior
-from ia_bench.priors.oracle import OraclePrior
 from ia_bench.readers.native import NativeReader
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import CURVE
-from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
 from ia_bench_baselines.mitsuba_adam.scene import import_mitsuba
 
 SCENE = "tiny"
@@ -44,6 +37,7 @@ SPLITS = (DEFAULT, (4096, 8), (4096, 128), (1024, 32), (16384, 32))  # fit.pixel
 BUDGETS = (120, 240, 480)  # steps of the default split, a third of them in stage 2
 QUICK_BUDGETS = (60,)
 MITSUBA, MITSUBA_SAMPLES = "Mitsuba 3 + Adam, 1 view x 128 samples", 128
+METHOD = "ia_bench_baselines.mitsuba_adam.method:MitsubaAdam"
 METRICS = {
     "aligned_albedo_psnr": ("aligned_albedo", "psnr"),
     "view_synthesis_psnr": ("view_synthesis", "psnr"),
@@ -82,6 +76,20 @@ class Setting:
         ]  # fmt: skip
 
 
+class MitsubaSetting(Setting):
+    """The same of the plain loop; ``pixels``: of the object in a view."""
+
+    case = MITSUBA
+
+    def overrides(self, out: Path, threads: int) -> list[str]:
+        """The command line of the run."""
+        told = ["prior.options.components=[albedo]"] if self.prior == "oracle" else []
+        return [
+            f"scene={SCENE}", f"prior={self.prior}", *told, f"method={METHOD}", f"method.options.steps={self.steps}",
+            f"render.samples={self.samples}", f"threads={threads}", "device=cpu", f"out={out}", "render.bounces=0",
+        ]  # fmt: skip
+
+
 def measure(*, threads: int, quick: bool) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Rows of inverse.csv, and the summary: per prior and budget, each split's albedo against the default's."""
     rows, budgets = [], QUICK_BUDGETS if quick else BUDGETS
@@ -89,14 +97,21 @@ def measure(*, threads: int, quick: bool) -> tuple[list[dict[str, Any]], dict[st
         for prior in PRIORS:
             for split in SPLITS[:2] if quick else SPLITS:
                 rows += [measure_one(Setting.of(prior, split, budget), budget, Path(folder), threads) for budget in budgets]
-    summary: dict[str, Any] = {"scene": SCENE, "against_default": against_default(rows)}
-    try:
-        import_mitsuba(threads)
-    except InputError as error:
-        return rows, summary | {"left_out": f"Mitsuba 3: {error}"}
-    for prior in PRIORS:
-        rows += [measure_mitsuba(prior, budget, threads) for budget in budgets]
-    return rows, summary
+        try:
+            import_mitsuba(threads)
+        except InputError as error:
+            return rows, _summary(rows) | {"left_out": f"Mitsuba 3: {error}"}
+        views = NativeReader(scenes_folder() / SCENE).read(truth=False).train
+        split = round(sum(int((view.mask > 0).sum()) for view in views) / len(views)), MITSUBA_SAMPLES
+        for prior in PRIORS:
+            settings = [(MitsubaSetting.of(prior, split, budget), budget) for budget in budgets]
+            rows += [measure_one(setting, budget, Path(folder), threads) for setting, budget in settings]
+    return rows, _summary(rows)
+
+
+def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    ours = [row for row in rows if row["case"] != MITSUBA]
+    return {"scene": SCENE, "against_default": against_default(ours)}
 
 
 def measure_one(setting: Setting, budget: int, folder: Path, threads: int) -> dict[str, Any]:
@@ -119,34 +134,6 @@ def measure_one(setting: Setting, budget: int, folder: Path, threads: int) -> di
     for name, (component, metric) in METRICS.items():
         row[name] = metrics[component][metric]
     return row
-
-
-def measure_mitsuba(kind: str, budget: int, threads: int) -> dict[str, Any]:
-    """The plain loop with as many samples on the object as ``budget`` steps of the default split draw."""
-    prior: Prior = OraclePrior(components=["albedo"]) if kind == "oracle" else NoPrior()
-    problem, scorer = make_problem(NativeReader(scenes_folder() / SCENE).read(truth=True), prior)
-    views = problem.scene.train
-    pixels = round(len(problem.gbuffer.pixel) / len(views))
-    steps = round(budget * DEFAULT[0] * DEFAULT[1] / (pixels * MITSUBA_SAMPLES))
-    row: dict[str, Any] = {"case": MITSUBA, "prior": kind, "pixels": pixels, "samples": MITSUBA_SAMPLES, "steps": steps}
-    row |= {"budget": budget, "seconds": None, "cpu_s": None} | dict.fromkeys(METRICS) | {"failure": ""}
-    albedo = None
-    if problem.prior.info.provides:
-        albedo = list(PriorSampler(problem, problem.prior, 0, print).draw(None).values["albedo"].numpy())
-    try:
-        fit = MitsubaFit(problem, FitSettings(), steps, albedo=albedo, samples=MITSUBA_SAMPLES, threads=threads)
-        marks: list[tuple[float, float]] = []
-        while fit.step < steps:
-            fit.advance()
-            marks.append((time.perf_counter(), time.process_time()))
-        found = fit.snapshot()
-        metrics = scorer.full(found).as_dict()["metrics"]
-    except Exception as error:  # a failure is a row of the table
-        return row | {"failure": f"{type(error).__name__}: {error}"}
-    compiled = min(25, steps - 1)
-    for name, times in zip(("seconds", "cpu_s"), zip(*marks, strict=True), strict=True):
-        row[name] = without_compilation([compiled, steps], [times[compiled - 1], times[-1]])[-1]
-    return row | {name: metrics[component][metric] for name, (component, metric) in METRICS.items()}
 
 
 def against_default(rows: list[dict[str, Any]]) -> dict[str, dict[str, float]]:

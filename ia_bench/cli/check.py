@@ -1,9 +1,12 @@
-"""``python -m ia_bench.check prior=NAME`` or ``reader=NAME``: does a plugin keep its contract? A tick or a cross per question."""
+"""``python -m ia_bench.check``: does a plugin keep its contract? A tick or a cross per question."""
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.text import Text
@@ -11,61 +14,70 @@ from rich.text import Text
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, status_of
+from ia_bench.common.machine import limit_threads
 from ia_bench.common.suggestions import unknown
-from ia_bench.readers.contract import SceneReader
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import RunConfig
-from ia_bench.runs.scene import open_scene
+from ia_bench.runs.config import method_of
+from ia_bench.runs.scene import open_scene, read_scene
+
+if TYPE_CHECKING:
+    from ia_bench.checks.finding import Finding
+    from ia_bench.methods.contract import Problem
+    from ia_bench.readers.contract import SceneReader
+    from ia_bench.scenes.scene import Scene
 
 USAGE = """\
-python -m ia_bench.check prior=NAME [prior.options.KEY=VALUE ...]
-python -m ia_bench.check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE ...]
+python -m ia_bench.check prior=NAME [prior.options.KEY=VALUE ...] [--json]
+python -m ia_bench.check method=NAME [method.options.KEY=VALUE ...] [--json]
+python -m ia_bench.check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE ...] [--json]
 
-Checks that a prior keeps its contract (shapes, ranges, determinism, seeds, guidance, wrong input), on small posed
-images: the shipped scene tiny, or a computed one where it is absent. Checks that a reader keeps its own (shapes, ranges, cameras,
-no truth unasked, the same again), and tells what of that scene will be scored. NAME is one of those below, or module:Class.
+Checks that a plugin keeps its contract. NAME is one of those below, or module:Class.
+
+A prior is asked about small posed images, those of the shipped scene tiny or computed ones where it is absent: shapes,
+ranges, determinism, seeds, guidance, wrong input.
+
+A method reconstructs tiny (scene=NAME or scene.path=FOLDER: another one) with preset=smoke: whether it sees no truth, repeats
+and resumes to the bit, predicts what it says it does, and is scored. prior=NAME gives it one to ask.
+
+A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; and what of it will be scored.
 
 Priors
-{priors}
+{prior}
+Methods
+{method}
 Readers
-{readers}
+{reader}
 Exit status: 0 all ticks, 1 at least one cross, 2 a mistake in what was asked.
 """
 
 MARKS = {"pass": ("✓", "green"), "fail": ("✗", "red"), "skip": ("-", "bright_black")}
 ASCII_MARKS = {"pass": "ok", "fail": "FAIL", "skip": "skip"}
+SETTINGS = {
+    "method": ("method", "prior", "scene", "reader", "render", "preset", "threads"),
+    "reader": ("reader", "scene"),
+    "prior": ("prior",),
+}
+"""What may be set of a check, by what is checked; the first of these that is named on the command line."""
+SHORT = {"scene": "tiny", "preset": "smoke", "threads": "1"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if not {"-h", "--help"}.isdisjoint(arguments):
-        print(USAGE.format(priors=_plugins("prior"), readers=_plugins("reader")), end="")
+        print(USAGE.format(**{kind: _plugins(kind) for kind in registry.KINDS}), end="")
         return OK
-    return status_of(lambda: check(*_read(arguments), Console(highlight=False, soft_wrap=True)))
+    return status_of(lambda: _check([text for text in arguments if text != "--json"], as_json="--json" in arguments))
 
 
-def check(config: RunConfig, kind: registry.Kind, console: Console) -> int:
-    """Check the plugin of that kind, print a line per finding, return the exit status. Raises InputError if it cannot be used."""
-    from ia_bench.checks.conformance import check_prior  # these bring in torch
-    from ia_bench.checks.readers import check_reader
-    from ia_bench.checks.stack import example_stack
+def _check(arguments: Sequence[str], *, as_json: bool) -> int:
+    what, findings = CHECKS[_kind(arguments)](arguments)
+    return _told_as_json(findings) if as_json else _told(what, findings, Console(highlight=False, soft_wrap=True))
 
-    def make_prior() -> object:
-        return registry.create("prior", config.prior.name, config.prior.target, config.prior.options)
 
-    def make_reader() -> SceneReader:
-        return open_scene(config.scene, config.reader)
-
-    if kind == "prior":
-        make_prior()  # a mistake in its name or options is the user's, not a broken contract
-        stack, what = example_stack()
-        findings, title = check_prior(make_prior, stack), f"prior {config.prior.name} ({config.prior.target}) on {what}"
-    else:
-        make_reader()
-        findings = check_reader(make_reader)
-        title = f"reader {config.reader.name} ({config.reader.target}) on scene {config.scene.name}"
-    console.print(Text(title))
+def _told(what: str, findings: Iterable[Finding], console: Console) -> int:
+    """Print a line per finding as it is found, and return the exit status."""
+    console.print(Text(what))
     counts = dict.fromkeys(MARKS, 0)
     for finding in findings:
         counts[finding.status] += 1
@@ -78,17 +90,73 @@ def check(config: RunConfig, kind: registry.Kind, console: Console) -> int:
     return FAULT if counts["fail"] else OK
 
 
-def _read(arguments: Sequence[str]) -> tuple[RunConfig, registry.Kind]:
-    """What the command line asks for, and the kind of plugin. Raises InputError for anything that is not about it."""
+def _told_as_json(findings: Iterable[Finding]) -> int:
+    rows = [asdict(finding) for finding in findings]
+    print(json.dumps(rows, indent=1))
+    return FAULT if any(row["status"] == "fail" for row in rows) else OK
+
+
+def _kind(arguments: Sequence[str]) -> str:
+    """What is to be checked. Raises InputError for nothing, and for a setting that does not bear on it."""
     keys = [text.partition("=")[0] for text in arguments]
-    kind: registry.Kind = "reader" if "reader" in keys else "prior"
-    about = ["reader", "scene"] if kind == "reader" else ["prior"]
+    kind = next((kind for kind in SETTINGS if kind in keys), None)
+    known = SETTINGS[kind] if kind else tuple(SETTINGS)
     for key in keys:
-        if key.lstrip("+~").split(".")[0] not in about:
-            raise InputError(unknown("setting of ia_bench.check", key.lstrip("+~").split(".")[0], about))
-    if kind not in keys:
-        raise InputError("expected prior=NAME or reader=NAME; --help lists them")
-    return compose(arguments), kind
+        if key.lstrip("+~").split(".")[0] not in known:
+            raise InputError(unknown("setting of ia_bench.check", key.lstrip("+~").split(".")[0], list(known)))
+    if kind is None:
+        raise InputError("expected prior=NAME, method=NAME or reader=NAME; --help lists them")
+    return kind
+
+
+def _check_prior(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
+    from ia_bench.checks.conformance import check_prior  # brings in torch
+    from ia_bench.checks.stack import example_stack
+
+    config = compose(arguments).prior
+
+    def make() -> object:
+        return registry.create("prior", config.name, config.target, config.options)
+
+    make()  # a mistake in its name or options is the user's, not a broken contract
+    stack, what = example_stack()
+    return f"prior {config.name} ({config.target}) on {what}", check_prior(make, stack)
+
+
+def _check_method(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
+    given = {text.partition("=")[0] for text in arguments}
+    config = compose([*arguments, *(f"{key}={value}" for key, value in SHORT.items() if key not in given)])
+    limit_threads(config.threads or 1)
+    from ia_bench.checks.methods import check_method  # brings in torch
+    from ia_bench.methods.books import Books
+    from ia_bench.runs.run import problem_of
+
+    scene, info = read_scene(config.scene, config.reader, truth=True), method_of(config).info
+
+    def make_problem(scene: Scene) -> Problem:
+        return problem_of(config, scene, info, note=lambda _: None, books=Books())
+
+    what = f"method {config.method.name} ({config.method.target}) on scene {scene.name}"
+    return what, check_method(lambda: method_of(config), make_problem, scene)
+
+
+def _check_reader(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
+    from ia_bench.checks.readers import check_reader
+
+    config = compose(arguments)
+
+    def make() -> SceneReader:
+        return open_scene(config.scene, config.reader)
+
+    make()
+    return f"reader {config.reader.name} ({config.reader.target}) on scene {config.scene.name}", check_reader(make)
+
+
+CHECKS: dict[str, Callable[[Sequence[str]], tuple[str, Iterable[Finding]]]] = {
+    "prior": _check_prior,
+    "method": _check_method,
+    "reader": _check_reader,
+}
 
 
 def _plugins(kind: registry.Kind) -> str:

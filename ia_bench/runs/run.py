@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import resource
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -14,6 +15,7 @@ from ia_bench.common.registry import create
 from ia_bench.methods.asking.border import check_prior_info
 from ia_bench.methods.books import Books
 from ia_bench.methods.contract import Method, Monitor, Problem, Result
+from ia_bench.methods.info import MethodInfo
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.reconstruction import Reconstruction
@@ -24,6 +26,7 @@ from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.metrics import SCHEMA
 from ia_bench.runs.scene import read_scene, tell
 from ia_bench.runs.truth import tell_truth
+from ia_bench.scenes.scene import Scene
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 
@@ -39,23 +42,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     tell(scene, progress.note)
     method: Method = method_of(config)
 
-    def make_prior(problem: Problem) -> Prior:
-        if not method.info.uses_prior:
-            return NoPrior()
-        prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
-        check_prior_info(prior)
-        return tell_truth(prior, scene, problem)
-
-    problem = Problem(
-        scene.blind(),
-        config.render,
-        config.prior.supervision,
-        torch.device(config.device),
-        make_prior=make_prior,
-        truth=scene if method.info.sees_truth else None,
-        note=progress.note,
-        books=books,
-    )
+    problem = problem_of(config, scene, method.info, note=progress.note, books=books)
 
     # ---- reconstruct -----------------------------------------------------------------------------------------
     scorer = Scorer(scene, Protocol.from_config(config.protocol), problem.device)
@@ -87,6 +74,25 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "environment": environment(config.device, config.threads or 1),
     }
     return folder.write_metrics(metrics)
+
+
+def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Callable[[str], None], books: Books) -> Problem:
+    """What a method that says ``info`` of itself is handed of a ``scene``; nothing in it leads to truth that it may not see."""
+    with books.aside("bake"):
+        prior: Prior = NoPrior()
+        if info.uses_prior:
+            prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
+            check_prior_info(prior)
+    return Problem(
+        scene.blind(),
+        config.render,
+        config.prior.supervision,
+        torch.device(config.device),
+        make_prior=(lambda problem: tell_truth(prior, scene, problem)) if "truth" in prior.info.wants else (lambda _: prior),
+        truth=scene if info.sees_truth else None,
+        note=note,
+        books=books,
+    )
 
 
 class Record:

@@ -7,13 +7,8 @@ import pytest
 import torch
 
 from benchmarks.work_precision.forward import ForwardStage
-from benchmarks.work_precision.problem import make_problem
 from ia_bench.common.errors import InputError
-from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import Renderer, texture_images
-from ia_bench.scenes.scene import Scene
-from ia_bench_baselines.mitsuba_adam.fit import MitsubaFit
 from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene, import_mitsuba
 
 
@@ -70,22 +65,3 @@ def test_gradients_lie_where_ours_do(pair: tuple[ForwardStage, MitsubaScene]):
 def _blocks(texture: np.ndarray, side: int = 8) -> np.ndarray:
     height, width = (length // side for length in texture.shape[:2])
     return texture.reshape(height, side, width, side, -1).sum((1, 3))
-
-
-@pytest.mark.slow
-def test_the_plain_loop_explains_the_images_better_with_every_step(tiny: Scene):
-    try:
-        import_mitsuba(1)
-    except InputError as error:
-        pytest.skip(str(error))
-    problem, _, scorer = make_problem(tiny, NoPrior())
-    fit = MitsubaFit(problem, FitSettings(), 40, threads=1)
-    before = scorer.quick(fit.snapshot())
-    while fit.step < 40:
-        fit.advance()
-    found = fit.snapshot()
-    after = scorer.quick(found)
-    assert after["view_synthesis_psnr"] > before["view_synthesis_psnr"] + 3
-    assert after["aligned_albedo_psnr"] > before["aligned_albedo_psnr"]
-    assert float(found.material.albedo.min()) >= 0
-    assert float(found.material.albedo.max()) <= 1

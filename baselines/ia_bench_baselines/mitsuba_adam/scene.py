@@ -1,4 +1,4 @@
-"""A scene of ours as Mitsuba 3 sees it: the same mesh, textures, light and cameras, rendered with direct light only.
+"""A scene of ours as Mitsuba 3 sees it: the same mesh, textures, light and cameras, lit by one environment map.
 
 What differs: Mitsuba's ``principled`` BSDF couples its lobes and uses a separable Smith term, its environment map is
 interpolated between texels, and its samples fall anywhere in a pixel. Mitsuba is an extra (``pip install mitsuba==3.9.1``)
@@ -25,7 +25,7 @@ from ia_bench.scenes.scene import Camera, Mesh
 
 INTEGRATORS: dict[str, tuple[int, dict[str, Any]]] = {  # samples that a camera ray takes, half of them of each technique
     "direct": (8, {"type": "direct", "bsdf_samples": 4, "emitter_samples": 4, "hide_emitters": True}),
-    "prb": (2, {"type": "prb", "max_depth": 2, "hide_emitters": True}),  # detached sampling, as ours; direct light only
+    "prb": (2, {"type": "prb", "hide_emitters": True}),  # detached sampling, as ours
 }
 TRIAL = """
 import numpy, mitsuba
@@ -77,15 +77,19 @@ class MitsubaScene:
         light: Tensor,
         *,
         integrator: str = "direct",
+        depth: int = 2,
         threads: int | None = None,
     ) -> None:
         """``material`` and ``light`` (H, W, 3) as our renderer takes them; ``integrator`` is a key of INTEGRATORS.
 
+        ``depth``: of the longest path that "prb" follows; 2 is direct light.
         Raises InputError where Mitsuba is missing.
         """
         self.mi, self.dr = import_mitsuba(threads)
         mi = self.mi
         self.samples_per_ray, settings = INTEGRATORS[integrator]
+        if integrator == "prb":
+            settings = settings | {"max_depth": depth}
         self.scene = mi.load_dict(
             {
                 "type": "scene",
@@ -156,7 +160,7 @@ class MitsubaScene:
         mi = self.mi
 
         def texture(values: Tensor) -> dict[str, Any]:
-            return {"type": "bitmap", "raw": True, "wrap_mode": "clamp", "bitmap": mi.Bitmap(values.detach().numpy())}
+            return {"type": "bitmap", "raw": True, "wrap_mode": "clamp", "bitmap": mi.Bitmap(values.detach().cpu().numpy())}
 
         properties = mi.Properties()
         properties["mesh_bsdf"] = mi.load_dict(

@@ -1,0 +1,145 @@
+"""The plain way to do it with Mitsuba 3: its renderer, its Adam, one random view a step.
+
+What it shares with our fit: the scene, the sizes of textures and light, the tone map of the image loss, the L1 loss in
+sRGB of a prior's albedo, the learning rates and their decay, the log radiance of the light, the start. What it has not:
+samples in halves that judge each other (its image loss is `image_loss=l1`), batches of pixels from all views, stratified
+samples, smoothness, delays of single parameters, a step of light and albedo together, a target of the shading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.common.seeds import derive_seed
+from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.textures import Material, fill_unobserved, splat
+from ia_bench.methods.asking.views import restrict
+from ia_bench.methods.contract import Problem
+from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
+from ia_bench_baselines.mitsuba_adam.settings import MitsubaAdamOptions
+
+LIGHT = "log_light"  # the optimiser's name of what it finds of the light
+START_RAYS = 16  # camera rays a pixel of the renders that set the initial light
+
+
+class Loop:
+    """Albedo, roughness and light of a scene without truth, fitted by Mitsuba step by step."""
+
+    def __init__(
+        self, problem: Problem, options: MitsubaAdamOptions, *, albedo: Mapping[int, Tensor] | None, threads: int, seed: int
+    ) -> None:
+        """``albedo``: what a prior says of some training views, premultiplied (H, W, 3), or None for no prior.
+
+        Raises InputError where Mitsuba is missing.
+        """
+        self.step, self._options, self._seed = 0, options, seed
+        views, rows = problem.scene.train, problem.plan.light_height
+        self._order = np.random.default_rng(seed).integers(len(views), size=options.steps)
+        self._scene = MitsubaScene(
+            problem.scene.mesh,
+            [view.camera for view in views],
+            initial_material(problem, options, albedo),
+            torch.ones(rows, 2 * rows, 3),
+            integrator="prb",
+            depth=options.depth,
+            threads=threads,
+        )
+        mi = self._scene.mi
+        self._rays = max(1, round(problem.plan.samples / self._scene.samples_per_ray))
+        self._images = [mi.TensorXf(np.ascontiguousarray(view.image, np.float32)) for view in views]
+        self._albedo = {view: mi.TensorXf(np.ascontiguousarray(image)) for view, image in (albedo or {}).items()}
+        names = self._scene.names
+        rates = {"albedo": options.albedo_rate, "roughness": options.roughness_rate}
+        self._rates = {names[key]: rate for key, rate in rates.items()} | {LIGHT: options.light_rate}
+        self._optimizer = mi.ad.Adam(lr=options.albedo_rate, beta_1=0.9, beta_2=0.99)
+        for key in rates:
+            self._optimizer[names[key]] = self._scene.parameters[names[key]]
+        seen = np.mean([view.image.mean((0, 1)) for view in views], axis=0)
+        unlit = np.mean([self._scene.image(view, START_RAYS, 0).mean((0, 1)) for view in range(len(views))], axis=0)
+        light = np.log(np.maximum(seen, 1e-8) / np.maximum(unlit, 1e-8))
+        shape = self._scene.parameters[names["light"]].shape
+        self._optimizer[LIGHT] = mi.TensorXf(np.broadcast_to(light, shape).astype(np.float32))
+        self._show()
+
+    def advance(self) -> float:
+        """One step and its loss: a random view, Adam, and the projection onto valid values."""
+        dr, names, options = self._scene.dr, self._scene.names, self._options
+        view = int(self._order[self.step])
+        decay = options.final_rate ** (self.step / max(options.steps - 1, 1))
+        self._optimizer.set_learning_rate({key: rate * decay for key, rate in self._rates.items()})
+        rendered = self._scene.render(view, self._rays, seed=derive_seed(self._seed, self.step) % 2**32)
+        loss = dr.mean(dr.abs(self._tone_map(rendered) - self._tone_map(self._images[view])))
+        if view in self._albedo:
+            difference = self._srgb(self._scene.albedo(view)) - self._srgb(self._albedo[view])
+            loss += options.albedo_weight * dr.mean(dr.abs(difference))
+        dr.backward(loss)
+        self._optimizer.step()
+        for key, low in ((names["albedo"], 0.0), (names["roughness"], MIN_ROUGHNESS)):
+            self._optimizer[key] = dr.clip(dr.detach(self._optimizer[key]), low, 1.0)
+        self._show()
+        dr.sync_thread()
+        self.step += 1
+        return float(loss.array[0])
+
+    def recovered(self) -> tuple[Material, Tensor]:
+        """Textures and light (H, W, 3) so far, in our conventions."""
+        names, parameters = self._scene.names, self._scene.parameters
+        albedo, roughness = (torch.from_numpy(np.array(parameters[names[key]])) for key in ("albedo", "roughness"))
+        light = np.exp(np.array(self._optimizer[LIGHT]))[:, 1:-1, :3]
+        return Material(albedo, roughness.reshape(*roughness.shape[:2], 1)), torch.from_numpy(light.copy())
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint: values and moments of Adam."""
+        kept = {}
+        for key, (value, _, _, (count, first, second, _)) in self._optimizer.state.items():
+            arrays = {"value": value, "first": first, "second": second}
+            kept[key] = {name: torch.from_numpy(np.array(array)) for name, array in arrays.items()} | {"count": int(count[0])}
+        return {"step": self.step, "adam": kept}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from :meth:`state`."""
+        self.step = state["step"]
+        for key, kept in state["adam"].items():
+            value, promoted, rate, (count, *moments, largest) = self._optimizer.state[key]
+            first, second = (type(old)(kept[name].numpy()) for name, old in zip(("first", "second"), moments, strict=True))
+            self._optimizer.state[key] = value, promoted, rate, (type(count)(kept["count"]), first, second, largest)
+            self._optimizer[key] = type(value)(kept["value"].numpy())
+        self._show()
+
+    def _show(self) -> None:
+        """Give the optimiser's values to the scene."""
+        names = self._scene.names
+        for key in (names["albedo"], names["roughness"]):
+            self._scene.parameters[key] = self._optimizer[key]
+        self._scene.parameters[names["light"]] = self._scene.dr.exp(self._optimizer["log_light"])
+        self._scene.parameters.update()
+
+    def _srgb(self, linear: Any) -> Any:  # noqa: ANN401 (a Dr.Jit tensor)
+        dr = self._scene.dr
+        return dr.select(linear <= 0.0031308, 12.92 * linear, 1.055 * dr.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055)
+
+    def _tone_map(self, radiance: Any) -> Any:  # noqa: ANN401 (a Dr.Jit tensor)
+        return self._srgb(self._scene.dr.log(1 + radiance))
+
+
+def initial_material(problem: Problem, options: MitsubaAdamOptions, albedo: Mapping[int, Tensor] | None) -> Material:
+    """Where our fit starts: the prior's albedo averaged in texture space, or a constant of the images' mean colour."""
+    size, gbuffer = problem.plan.texture, problem.gbuffer
+    roughness = torch.full((size, size, 1), options.roughness_initial)
+    if not albedo:
+        images = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train])
+        mean = problem.pixels_of(images.to(problem.device)).mean(0).cpu()
+        colour: Tensor = options.albedo_initial * mean / mean.mean().clamp_min(1e-8)
+        return Material((colour / colour.max().clamp_min(1)).expand(size, size, 3).contiguous(), roughness)
+    part, _ = restrict(gbuffer, tuple(albedo))
+    hit = part.face >= 0
+    uv = problem.stage.surface.uv(part.face[hit].long(), part.barycentric[hit])
+    target = torch.stack(list(albedo.values())).reshape(-1, 3)[part.pixel.cpu()].to(problem.device)
+    values = (target / hit.float().mean(1, keepdim=True))[:, None].expand(-1, part.subsamples, -1)[hit]
+    average, weight = splat(uv, values, size)
+    return Material(fill_unobserved(average, weight > 0).clamp(0, 1).cpu(), roughness)

@@ -1,0 +1,207 @@
+"""The check of methods: one that keeps the contract passes, and each way of breaking it is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from ia_bench.checks import methods
+from ia_bench.checks.finding import Finding
+from ia_bench.checks.methods import check_method
+from ia_bench.cli.check import main
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.info import MethodInfo
+from ia_bench.render.reconstruction import TexturedReconstruction
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.scene import Scene
+
+
+@pytest.fixture(autouse=True)
+def coarse_scores(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = methods.Protocol
+    monkeypatch.setattr(methods, "Protocol", lambda: replace(plain(), map_points=1, render_points=1, samples_per_pixel=4))
+
+
+@dataclass(frozen=True)
+class Options:
+    steps: int = 3
+
+
+class Walk:
+    """Random steps of one grey; what it breaks is in its subclasses."""
+
+    Options = Options
+    presets = {"smoke": {"steps": 2}}
+    info = MethodInfo(uses_prior=False)
+    saves = True
+    forgets = False
+
+    def __init__(self, options: Options) -> None:
+        self.options = options
+
+    def start(self, seed: int) -> torch.Generator:
+        return torch.Generator().manual_seed(seed)
+
+    def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
+        generator, step, grey = self.start(seed), 0, torch.tensor(0.5)
+        state = monitor.load()
+        if state is not None and not self.forgets:
+            step, grey = state["step"], state["grey"]
+            generator.set_state(state["generator"])
+        while step < self.options.steps:
+            grey = (grey + 0.1 * torch.randn((), generator=generator)).clamp(0.1, 0.9)
+            step += 1
+            if self.saves and monitor.stopping():
+                monitor.save({"step": step, "grey": grey, "generator": generator.get_state()})
+        return self.result(problem, grey)
+
+    def result(self, problem: Problem, grey: torch.Tensor) -> Any:
+        material = Material(grey * torch.ones(4, 4, 3), torch.full((4, 4, 1), 0.5))
+        return Result(TexturedReconstruction(problem.stage, material, torch.ones(8, 16, 3)), {"walk": 0.1}, {}, self.options.steps)
+
+
+def findings(method: type, tiny: Scene, problem: Callable[[Scene], Problem] | None = None) -> dict[str, Finding]:
+    def hand_over(scene: Scene) -> Problem:
+        return Problem(scene.blind(), RenderSettings(bounces=0))
+
+    return {finding.what: finding for finding in check_method(lambda: method(Options()), problem or hand_over, tiny)}
+
+
+def failed(found: dict[str, Finding]) -> list[str]:
+    return [what for what, finding in found.items() if finding.status == "fail"]
+
+
+def test_what_keeps_the_contract_passes(tiny: Scene) -> None:
+    found = findings(Walk, tiny)
+    assert failed(found) == []
+    assert {finding.status for finding in found.values()} == {"pass"}
+    assert found["killed and resumed"].found == "the same"
+    assert {f"score of {name}" for name in Walk.info.predicts} <= set(found)
+
+
+def test_what_never_saves_is_told_so(tiny: Scene) -> None:
+    found = findings(type("Saveless", (Walk,), {"saves": False}), tiny)
+    assert failed(found) == []
+    assert found["killed and resumed"].status == "skip"
+
+
+def test_what_forgets_its_checkpoint_is_found(tiny: Scene) -> None:
+    """It starts again with the checkpoint of another random state, which a resumed process has."""
+
+    class Forgetful(Walk):
+        def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
+            return super().fit(problem, seed=seed + (monitor.load() is not None), monitor=monitor)
+
+        forgets = True
+
+    assert failed(findings(Forgetful, tiny)) == ["killed and resumed"]
+
+
+def test_what_does_not_repeat_is_found(tiny: Scene) -> None:
+    random = torch.Generator().manual_seed(7)
+    broken = type("Restless", (Walk,), {"start": lambda self, seed: random, "saves": False})
+    assert failed(findings(broken, tiny)) == ["the same seed again", "the same seed again, with another truth"]
+
+
+def test_what_finds_the_truth_some_other_way_is_found(tiny: Scene) -> None:
+    """The problem looks blind, and the truth comes by a door that the walk does not see."""
+    hidden: list[Scene] = []
+
+    class Peeping(Walk):
+        def start(self, seed: int) -> torch.Generator:
+            return torch.Generator().manual_seed(int(1000 * hidden[-1].truth.albedo.mean()))
+
+        saves = False
+
+    def hand_over(scene: Scene) -> Problem:
+        hidden.append(scene)
+        return Problem(scene.blind(), RenderSettings(bounces=0))
+
+    assert failed(findings(Peeping, tiny, hand_over)) == ["the same seed again, with another truth"]
+
+
+def test_a_truth_that_is_handed_over_is_found(tiny: Scene) -> None:
+    assert failed(findings(Walk, tiny, lambda scene: Problem(scene, RenderSettings(bounces=0)))) == ["what it is handed"]
+
+
+def test_what_writes_to_the_scene_is_found(tiny: Scene) -> None:
+    class Painter(Walk):
+        def result(self, problem: Problem, grey: torch.Tensor) -> Result:
+            problem.scene.train[0].image[0, 0] = 1
+            return super().result(problem, grey)
+
+    assert failed(findings(Painter, tiny)) == ["the scene"]
+
+
+class Dark:
+    """A reconstruction that predicts less than its method says, and that wrongly."""
+
+    renderer, environment = "night", None
+
+    def maps(self, cameras: Any, names: Any, *, points: int) -> dict[str, Any]:
+        return {}
+
+    def render(self, cameras: Any, **_: Any) -> Any:
+        shapes = [(camera.height, camera.width) for camera in cameras]
+        return methods.Images(tuple(np.full((*s, 3), np.nan) for s in shapes), tuple(np.ones(s) for s in shapes))
+
+    def assets(self) -> None:
+        return None
+
+
+def test_what_is_declared_and_not_there_is_found(tiny: Scene) -> None:
+    found = findings(type("Night", (Walk,), {"result": lambda self, problem, grey: Result(Dark(), steps=1)}), tiny)
+    assert {"map of albedo", "map of roughness", "render under its own light", "score of albedo"} <= set(failed(found))
+    assert "not finite" in found["render under its own light"].found
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"Options": dict}, "Options"),
+        ({"presets": [1]}, "presets"),
+        ({"info": "fast"}, "info"),
+        ({"fit": lambda self, scene: None}, "fit"),
+        ({"result": lambda self, problem, grey: {"albedo": grey}}, "a result"),
+        ({"result": lambda self, problem, grey: Result(grey)}, "a reconstruction"),
+        ({"start": lambda self, seed: 1 / 0}, "a fit"),
+    ],
+)
+def test_what_is_no_method_is_found(changes: dict[str, Any], what: str, tiny: Scene) -> None:
+    assert failed(findings(type("Broken", (Walk,), changes), tiny)) == [what]
+
+
+def test_a_method_that_cannot_be_made_is_found(tiny: Scene) -> None:
+    found = list(check_method(lambda: Walk(), lambda scene: None, tiny))  # type: ignore[call-arg,arg-type,return-value]
+    assert [finding.status for finding in found] == ["fail"]
+
+
+def test_the_command(tiny_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    here = [f"method={__name__}:Walk", "threads=1", f"scene.path={tiny_folder}"]
+    assert main(here) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"method {__name__}:Walk ({__name__}:Walk) on scene tiny"
+    assert lines[-1] == f"{len(lines) - 2} passed, 0 failed, 0 skipped"
+    assert main([*here, "--json"]) == 0
+    assert [row["what"] for row in json.loads(capsys.readouterr().out)][-1] == "a fit"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["method=two_stag"], "did you mean 'two_stage'?"),
+        (["method=two_stage", "method.options.stepz=1"], "method.options"),
+        (["method=two_stage", "protocol=paper-v2"], "unknown setting of ia_bench.check 'protocol'"),
+    ],
+)
+def test_mistakes(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    assert message in capsys.readouterr().err
