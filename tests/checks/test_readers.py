@@ -175,7 +175,7 @@ def test_the_command(tiny_folder: Path, tmp_path: Path, capsys: pytest.CaptureFi
         (["reader=native", "prior=none"], "unknown setting of ia_bench.check 'prior'"),
         (["reader=nativ"], "unknown reader 'nativ'; did you mean 'native'?"),
         (["reader=native", "scene.path=nowhere"], "no such folder"),
-        (["reader=native", "reader.options.uv=mash"], "reader.options.uv: expected mesh or xatlas, found 'mash'"),
+        (["reader=native", "reader.options.uv=mash"], "unknown value of reader.options.uv: 'mash'; did you mean 'mesh'?"),
         (["reader=collections:Counter"], "expected a class with read"),
     ]:
         assert main(words) == 2
