@@ -32,7 +32,7 @@ from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
 from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Mesh
 
-ATLAS_SIZE = 128  # texels along a side of the atlas between whose texels light is exchanged
+ATLAS_SIZE = 128  # texels along a side of the atlas between whose texels a fit exchanges light
 SKY_ROWS = 16  # rows of the lat-long grid of directions; twice as many columns
 BAKE_CHUNK = 1024  # texels traced at once
 BURIED = 0.3  # a texel that sees more backs of triangles than this (cosine-weighted) lies inside the object
@@ -157,15 +157,17 @@ def _cells(radiance: Tensor) -> Tensor:
     return (power / torch.nn.functional.adaptive_avg_pool2d(weight[None], grid)).permute(1, 2, 0).reshape(-1, 3)
 
 
-def bake_interreflection(mesh: Mesh, surface: SurfaceInterpolator, rays: RayCaster, bounces: int, cache: Path) -> Interreflection:
+def bake_interreflection(
+    mesh: Mesh, surface: SurfaceInterpolator, rays: RayCaster, bounces: int, cache: Path, *, atlas_size: int = ATLAS_SIZE
+) -> Interreflection:
     """Trace the operators of a mesh, or read them from the cache. Raises InputError where the mesh has no atlas to speak of."""
-    atlas = Atlas.of(mesh, ATLAS_SIZE, surface.device)
+    atlas = Atlas.of(mesh, atlas_size, surface.device)
     if len(atlas.face) == 0:
         raise InputError(
             f"render.bounces={bounces}: expected texture coordinates that cover a part of the texture, found none of "
-            f"{ATLAS_SIZE} x {ATLAS_SIZE} texels on a triangle; reader.options.uv=xatlas makes some"
+            f"{atlas_size} x {atlas_size} texels on a triangle; reader.options.uv=xatlas makes some"
         )
-    key = mesh_key("interreflection", mesh, ATLAS_SIZE, SKY_ROWS)
+    key = mesh_key("interreflection", mesh, atlas_size, SKY_ROWS)
     traced = Cache(cache).kept(key, lambda: _trace(atlas, surface, rays))
     size = (len(atlas.face), len(atlas.face))
     pairs = torch.stack([traced["to_texel"], traced["from_texel"]]).long()

@@ -15,7 +15,7 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import texture_images
-from ia_bench.render.settings import REFERENCE, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
+from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh
@@ -147,7 +147,7 @@ class TexturedReconstruction:
             material = replace(material, albedo=material.albedo * albedo_scale.to(material.albedo))
         texels = chosen.texels if isinstance(chosen, LatLongEnvironment) else chosen.latlong(REFERENCE_LIGHT_ROWS)
         sampled = SampledLight.of(texels.to(device))
-        renderer = self._stage.renderer(shadows="traced", bounces=REFERENCE_BOUNCES, coat=self._coat)
+        renderer = self._stage.renderer(shadows="traced", bounces=REFERENCE_BOUNCES, coat=self._coat, atlas_size=REFERENCE_ATLAS)
         generator = torch.Generator(device=device).manual_seed(seed)
 
         def radiance(gbuffer: GBuffer) -> Tensor:

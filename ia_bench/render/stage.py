@@ -11,7 +11,7 @@ import torch
 from ia_bench.common.cache import cache_folder
 from ia_bench.common.machine import expect_memory
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
-from ia_bench.render.indirect import bake_interreflection
+from ia_bench.render.indirect import ATLAS_SIZE, bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays
 from ia_bench.render.renderer import Renderer
 from ia_bench.render.visibility import make_visibility
@@ -35,7 +35,7 @@ class Stage:
         self.mesh, self.device = mesh, device
         self._notice = notice
         self._gbuffers: dict[bytes, GBuffer] = {}
-        self._renderers: dict[tuple[str, int, str, str], Renderer] = {}
+        self._renderers: dict[tuple[str, int, str, str, int], Renderer] = {}
 
     @cached_property
     def surface(self) -> SurfaceInterpolator:
@@ -84,17 +84,28 @@ class Stage:
             first = last
 
     def renderer(
-        self, *, shadows: str = "traced", bounces: int = 0, coat: str = "layered", shading: str = "eager"
+        self,
+        *,
+        shadows: str = "traced",
+        bounces: int = 0,
+        coat: str = "layered",
+        shading: str = "eager",
+        atlas_size: int = ATLAS_SIZE,
     ) -> Renderer:
         """The renderer of these settings (see :class:`ia_bench.render.settings.RenderSettings`); bakes are kept in the cache.
+
+        ``atlas_size``: texels along a side of the atlas between whose texels light is exchanged.
 
         Raises:
             InputError: ``shadows`` is no such kind, or the mesh has no texture coordinates that indirect light could use.
         """
-        key = (shadows, bounces, coat, shading)
+        key = (shadows, bounces, coat, shading, atlas_size)
         if key not in self._renderers:
             visibility = make_visibility(shadows, self.surface, self.rays)
-            indirect = bake_interreflection(self.mesh, self.surface, self.rays, bounces, cache_folder()) if bounces else None
+            indirect = None
+            if bounces:
+                parts = self.mesh, self.surface, self.rays, bounces, cache_folder()
+                indirect = bake_interreflection(*parts, atlas_size=atlas_size)
             self._renderers[key] = Renderer(
                 self.surface, visibility, interreflection=indirect, coat=coat, shading=shading, notice=self._notice
             )

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
-from ia_bench.render.settings import REFERENCE, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
+from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 
 Encoding = Literal["srgb", "linear"]
 AlignmentName = Literal["mean_rgb", "per_channel", "least_squares"]
@@ -139,6 +139,7 @@ class Protocol:
                 "name": REFERENCE,
                 "shadows": "traced",
                 "bounces": REFERENCE_BOUNCES,
+                "atlas": REFERENCE_ATLAS,
                 "coat": "layered",
                 "light_rows": REFERENCE_LIGHT_ROWS,
             },

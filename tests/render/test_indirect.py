@@ -46,8 +46,8 @@ def flat(albedo: float, roughness: float = 0.5) -> Material:
     return Material(torch.full((4, 4, 3), albedo), torch.full((4, 4, 1), roughness))
 
 
-def render(stage: Stage, material: Material, bounces: int, cache: Path, *, samples: int = 256) -> PixelRadiance:
-    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache)
+def render(stage: Stage, material: Material, bounces: int, cache: Path, *, samples: int = 256, **bake: int) -> PixelRadiance:
+    bounced = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache, **bake)
     renderer = Renderer(stage.surface, TracedShadows(stage.rays, stage.surface.offset), interreflection=bounced)
     generator = torch.Generator().manual_seed(0)
     pixels = torch.arange(len(stage.gbuffer.pixel))
@@ -179,11 +179,10 @@ def test_the_backs_of_a_sheet_get_no_indirect_light(tmp_path: Path) -> None:
     assert float(bounced.arriving(light, points).abs().max()) == 0
 
 
-def test_the_operators_are_kept_and_reused(bowl_stage: Stage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(indirect, "ATLAS_SIZE", 32)
-    first = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8).radiance
+def test_the_operators_are_kept_and_reused(bowl_stage: Stage, tmp_path: Path) -> None:
+    first = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8, atlas_size=32).radiance
     traced = bowl_stage.rays.rays
-    again = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8).radiance
+    again = render(bowl_stage, flat(0.5), 2, tmp_path, samples=8, atlas_size=32).radiance
     assert torch.equal(first, again)
     assert bowl_stage.rays.rays - traced < 20_000  # the bake alone takes a hundred thousand
     assert len(list(tmp_path.glob("interreflection-*.safetensors"))) == 1

@@ -15,7 +15,7 @@ from ia_bench.light.latlong import SampledLight, texel_centres
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.renderer import texture_images
-from ia_bench.render.settings import REFERENCE, REFERENCE_BOUNCES
+from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES
 from ia_bench.render.stage import Stage
 
 CPU = torch.device("cpu")
@@ -73,7 +73,7 @@ def test_maps_are_the_textures_as_the_cameras_see_them(stage: Stage, material: M
 def test_it_renders_as_the_reference_renderer_does(stage: Stage, material: Material, light: torch.Tensor) -> None:
     found = TexturedReconstruction(stage, material, light)
     assert found.renderer == REFERENCE
-    renderer = stage.renderer(shadows="traced", bounces=REFERENCE_BOUNCES, coat="layered")
+    renderer = stage.renderer(shadows="traced", bounces=REFERENCE_BOUNCES, coat="layered", atlas_size=REFERENCE_ATLAS)
     generator = torch.Generator().manual_seed(3)
     expected = renderer.render_images(stage.gbuffer(CAMERAS, 2), material, SampledLight.of(light), 16, generator)["radiance"]
     rendered = found.render(CAMERAS, light=None, **USUAL)
