@@ -30,6 +30,13 @@ def coarse_scores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(methods, "Protocol", lambda: replace(plain(), map_points=1, render_points=1, samples_per_pixel=4))
 
 
+@pytest.fixture(scope="module")
+def tiny(tiny: Scene) -> Scene:
+    """`tiny` with fewer views to score: two of the test, one of each light."""
+    by_light = {view.light: view for view in tiny.novel}
+    return replace(tiny, test=tiny.test[:2], novel=tuple(by_light.values()))
+
+
 @dataclass(frozen=True)
 class Options:
     steps: int = 3
