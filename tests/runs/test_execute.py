@@ -13,21 +13,38 @@ from ia_bench.cli.run import main
 
 PLUGIN = """
 import json, sys
+from dataclasses import dataclass
+from ia_bench.methods.info import MethodInfo
 
-def raises():
-    raise KeyError("no such view")
+@dataclass
+class Nothing:
+    pass
 
-def raises_below():
-    return json.loads("{")
+class Shaky:
+    Options, presets, info = Nothing, {}, MethodInfo(uses_prior=False)
 
-def leaves():
-    sys.exit(0)
+    def __init__(self, options):
+        pass
 
-def leaves_with_a_word():
-    raise SystemExit("I have seen enough")
+class Raises(Shaky):
+    def fit(self, problem, *, seed, monitor):
+        raise KeyError("no such view")
 
-def floats():
-    raise FloatingPointError("my own")
+class RaisesBelow(Shaky):
+    def fit(self, problem, *, seed, monitor):
+        return json.loads("{")
+
+class Leaves(Shaky):
+    def fit(self, problem, *, seed, monitor):
+        sys.exit(0)
+
+class LeavesWithAWord(Shaky):
+    def fit(self, problem, *, seed, monitor):
+        raise SystemExit("I have seen enough")
+
+class Floats(Shaky):
+    def fit(self, problem, *, seed, monitor):
+        raise FloatingPointError("my own")
 """
 
 
@@ -43,7 +60,7 @@ def outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
 
     def run(config, folder, progress):
         module, _, name = config.method.target.partition(":")
-        getattr(__import__(module), name)()
+        getattr(__import__(module), name)(None).fit(None, seed=0, monitor=None)
 
     fake = types.ModuleType("ia_bench.runs.run")
     fake.run = run  # type: ignore[attr-defined]
@@ -61,11 +78,11 @@ def outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("raises", "KeyError: 'no such view'"),
-        ("raises_below", "JSONDecodeError: Expecting property name enclosed in double quotes: line 1 column 2 (char 1)"),
-        ("leaves", "sys.exit(0) was called in the middle of a run"),
-        ("leaves_with_a_word", "sys.exit('I have seen enough') was called in the middle of a run"),
-        ("floats", "FloatingPointError: my own"),
+        ("Raises", "KeyError: 'no such view'"),
+        ("RaisesBelow", "JSONDecodeError: Expecting property name enclosed in double quotes: line 1 column 2 (char 1)"),
+        ("Leaves", "sys.exit(0) was called in the middle of a run"),
+        ("LeavesWithAWord", "sys.exit('I have seen enough') was called in the middle of a run"),
+        ("Floats", "FloatingPointError: my own"),
     ],
 )
 def test_a_plugin_that_fails_is_named_in_one_line(outcome, name: str, message: str) -> None:
@@ -79,8 +96,8 @@ def test_a_plugin_that_fails_is_named_in_one_line(outcome, name: str, message: s
 
 def test_debugging_shows_where_a_plugin_failed(outcome, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("IA_BENCH_DEBUG", "1")
-    status, said, _ = outcome("raises")
+    status, said, _ = outcome("Raises")
     assert status == 1
     assert "Traceback" in said
-    assert "in raises\n" in said
-    assert said.splitlines()[-1] == "ia_bench: method=shaky_plugin:raises: KeyError: 'no such view'"
+    assert "in fit\n" in said
+    assert said.splitlines()[-1] == "ia_bench: method=shaky_plugin:Raises: KeyError: 'no such view'"
