@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 
 from ia_bench.common import registry
 from ia_bench.common.paths import conf_folder
@@ -68,7 +69,7 @@ def _group(group: str, line: str) -> str:
         installed = registry.installed(kind)
         working, broken = registry.load_installed(kind)
         choices |= {name: f"from {installed[name].distribution}" for name in working}
-        trouble = [f"    ! {problem}\n" for problem in broken]
+        trouble = [f"{fill(f'! {problem}', 118, initial_indent=' ' * 4, subsequent_indent=' ' * 6)}\n" for problem in broken]
     lines = [f"    {name:<18}{description}\n" for name, description in choices.items()]
     return f"  {group + '=':<18}{line}\n" + "".join(lines + trouble)
 

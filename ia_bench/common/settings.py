@@ -87,6 +87,7 @@ def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], ke
         text = json.dumps(content)
     except (TypeError, ValueError) as error:
         raise InputError(f"{key}: expected numbers, texts, lists and tables, found {error}") from None
+    _refuse_undecodable(content, key)
     try:
         return adapter.validate_json(text, strict=True)
     except ValidationError as error:
@@ -94,6 +95,18 @@ def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], ke
             if isinstance(cause := one.get("ctx", {}).get("error"), InputError):  # of a class that checks itself
                 raise cause from None
         raise InputError(_sentence(error.errors(include_url=False), known, content, key)) from None
+
+
+def _refuse_undecodable(content: Any, key: str) -> None:  # noqa: ANN401 (JSON)
+    """Raise InputError, naming the key, for text that holds bytes of no encoding: JSON has no such text."""
+    if isinstance(content, Mapping):
+        for name, part in content.items():
+            _refuse_undecodable(part, f"{key}.{name}" if key else str(name))
+    elif isinstance(content, list | tuple):
+        for part in content:
+            _refuse_undecodable(part, key)
+    elif isinstance(content, str) and not content.isascii() and any("\ud800" <= letter <= "\udfff" for letter in content):
+        raise InputError(f"{key}: expected text, found {content!r:.100}, which is none in UTF-8")
 
 
 def _listed(hint: Any) -> Any:  # noqa: ANN401 (whatever a plugin's author put there)

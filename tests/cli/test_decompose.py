@@ -68,7 +68,7 @@ def test_from_python_in_three_lines(tmp_path, weights, picture):
     [
         ({"samples": 0}, "^samples: expected at least 1, found 0"),
         ({"seed": -1}, "^seed: expected at least 0, found -1"),
-        ({"options": {"stepz": 3}}, "did you mean 'steps'"),
+        ({"options": {"stepz": 3}}, "did you mean 'prior.options.steps'"),
         ({"options": {"steps": "many"}}, "prior.options.steps: expected a whole number, found 'many'"),
         ({"options": {"weights": "Gewichte (für später)"}}, r"Gewichte \(für später\)/prior.json: no such file"),
     ],

@@ -228,7 +228,7 @@ def test_a_wrong_file_is_one_line(scene: Path, spoil: Spoil, says: str, capfd: p
 @pytest.mark.parametrize(
     ("path", "says"),
     [
-        ("5", "no such folder"),
+        ("5", "expected text"),
         ("'a\nb'", "no such folder"),
         ("a" * 5000, "no such folder"),
         ("a/" * 3000, "no such folder"),
@@ -236,7 +236,7 @@ def test_a_wrong_file_is_one_line(scene: Path, spoil: Spoil, says: str, capfd: p
         ("scene/scene.json/a", "no such folder"),
         ("loop", "no such folder"),
         ("'~nobody-at-all/scene'", "no such folder"),
-        ("'\udcff'", "no such folder"),
+        ("'\udcff'", "expected text"),
         ("''", "expected a folder, found nothing"),
     ],
     ids=range(10),
