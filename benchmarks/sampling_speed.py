@@ -20,7 +20,7 @@ from torch import Tensor
 
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.sampler import Denoise, SamplerSettings, sample, seeded_noise
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
+from ia_bench.priors.diffusion.schedule import NoiseSchedule
 
 
 def main() -> None:
@@ -39,7 +39,7 @@ def main() -> None:
         sample_size=size, in_channels=6, out_channels=3, layers_per_block=1, block_out_channels=(32, 64), norm_num_groups=8,
         down_block_types=("DownBlock2D", "DownBlock2D"), up_block_types=("UpBlock2D", "UpBlock2D"),
     ).to(device).eval()  # fmt: skip
-    scheduler = DDIMScheduler(prediction_type="v_prediction", clip_sample=False, timestep_spacing="trailing")
+    scheduler = DDIMScheduler(prediction_type="sample", clip_sample=False, timestep_spacing="trailing")
     schedule = NoiseSchedule(scheduler.alphas_cumprod)
     condition = torch.rand(batch, 3, size, size, device=device)
     seeds, shape = list(range(batch)), (batch, 3, size, size)
@@ -56,8 +56,8 @@ def main() -> None:
 
     def make_denoise() -> Denoise:
         def denoise(noisy: Tensor, t: int) -> Tensor:
-            output = network(torch.cat([noisy, condition], 1), t).sample
-            return estimate_x0("v_prediction", output, noisy, float(schedule.alpha_bar[t]))
+            estimate: Tensor = network(torch.cat([noisy, condition], 1), t).sample
+            return estimate
 
         return denoise
 

@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, ClassVar
@@ -147,29 +146,29 @@ class LearnedPrior(ABC):
         samples = {name: torch.zeros_like(images, dtype=torch.float32) for name in sorted(self.info.provides)}
         ceiling, cost = torch.full((len(images),), torch.inf), Counter(network_calls=0)
         for network in self._loaded():
-            config, encode = network.config, partial(encoding.encode, specular=network.config.specular)
+            config = network.config
             for framed in self._framed(observed, seed, config.geometry, reduced=reduced):
                 encoded = {
-                    name: encode(name, self._cut(render, framed), framed.masks, framed.factor).to(self._device)
+                    name: encoding.encode(name, self._cut(render, framed), framed.masks, framed.factor).to(self._device)
                     for name, render in renders.items()
                     if name in config.components
                 }
                 predicted = predict(network, framed, encoded, cost).float().cpu()
                 if "specular" in config.components:  # which ends at the white of its encoding
-                    ceiling[framed.views] = (encoding.LOG_RANGE if config.specular == "log" else 1.0) / framed.factor
+                    ceiling[framed.views] = 1.0 / framed.factor
                 for name, part in zip(config.components, predicted.split(3, 1), strict=True):
                     for row, view in enumerate(framed.views):
                         mask, factor = masks[view].float()[None], framed.factor[row : row + 1]
                         place, known = (framed.frames[row], _display(part[row])), (framed.masks[row] > 0).float()
                         if name in encoded:
-                            full = encode(name, renders[name][view][None].float(), mask, factor)[0]
+                            full = encoding.encode(name, renders[name][view][None].float(), mask, factor)[0]
                             shown = enlarge_by_difference(*place, _display(encoded[name][row]), _display(full), known)
                         elif name == "albedo":
                             full = encoding.encode_image(images[view][None].float(), mask, factor)[0, :3]
                             shown = enlarge_by_gain(*place, _display(framed.condition[row, :3]), _display(full), known)
                         else:
                             shown = enlarge(*place, known, mask[0].shape)
-                        samples[name][view] = encoding.decode(name, _undisplay(shown)[None], mask, factor, config.specular)[0]
+                        samples[name][view] = encoding.decode(name, _undisplay(shown)[None], mask, factor)[0]
         return Samples(samples, {"specular": ceiling} if "specular" in samples else {}, dict(cost))
 
     def _loaded(self) -> list[MaterialNetwork]:

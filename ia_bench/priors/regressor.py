@@ -11,7 +11,6 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.learned import Framed, LearnedPrior
 
 
@@ -29,7 +28,7 @@ class RegressorPrior(LearnedPrior):
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
         if render:
             raise InputError("prior=regressor: it cannot be guided (guidable is false), found guidance")
-        model = Conditioned(network, NoiseSchedule.from_sigmas([1.0]), chunk=self.batch, bf16=self.bf16)
+        model = Conditioned(network, chunk=self.batch, bf16=self.bf16)
         predicted = model.regress(framed.condition)
         cost["network_calls"] += model.calls
         return predicted

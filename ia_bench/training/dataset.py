@@ -137,5 +137,5 @@ def encode(images: dict[str, Tensor], config: NetworkConfig, settings: Augmentat
     if config.geometry:
         geometry = encode_geometry(images["normal"], images["visibility"])
         condition = torch.cat([condition, geometry * ~withheld[:, None, None, None]], 1)
-    target = torch.cat([encoding.encode(name, images[name], masks, factor, config.specular) for name in config.components], 1)
+    target = torch.cat([encoding.encode(name, images[name], masks, factor) for name in config.components], 1)
     return Batch(condition, target, masks, factor)

@@ -24,15 +24,13 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.checkpoints import read_description, save_network
+from ia_bench.priors.diffusion.checkpoints import load_network, read_description, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.precision import use_bf16
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, ideal_output
 from ia_bench.training.dataset import Batch, TrainingImages
 from ia_bench.training.optimiser import MuonAdamW, split_weights
 from ia_bench.training.settings import TrainSettings
 from ia_bench.training.validation import score_single_view
-from ia_bench.training.warm_start import warm_start
 
 FINAL_RATE = 0.02  # of the full rate, at the last step
 PICTURES = 8  # images of a sample grid
@@ -75,11 +73,13 @@ class _Training:
         torch.manual_seed(settings.seed)
         self.network = MaterialNetwork(settings.network)
         if settings.init is not None:
-            warm_start(self.network, settings.init)
+            start, _ = load_network(settings.init)
+            if start.config != settings.network:
+                raise InputError(f"init: {settings.init}: expected a network of {settings.network}, found {start.config}")
+            self.network.load_state_dict(start.state_dict())
         self.schedule = None
         if settings.network.kind == "diffusion":
-            config = {**settings.network.schedule, "prediction_type": settings.network.prediction_type}
-            self.schedule = NoiseSchedule.from_diffusers(config).alpha_bar.float()
+            self.schedule = settings.network.noise_schedule.alpha_bar.float()
         hidden, others = split_weights(self.network, muon=settings.muon_rate > 0)
         adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
         self.ema = EMAModel(self.network.parameters(), decay=settings.ema, use_ema_warmup=True, power=0.75)
@@ -143,8 +143,8 @@ class _Training:
         self._coming = self._ahead.submit(self._draw, self.step + 1)  # while the network works on this one
         batch = batch.to(device)
         with self.accelerator.autocast():
-            output, wanted = self._predicted(batch, draws)
-        loss = weighted_error(output.float() - wanted, batch.masks, level=settings.level, background=settings.background)
+            output = self._predicted(batch, draws)
+        loss = weighted_error(output.float() - batch.target, batch.masks, level=settings.level, background=settings.background)
         self.accelerator.backward(loss)
         norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient or math.inf)
         if not bool(torch.isfinite(norm)):
@@ -167,17 +167,16 @@ class _Training:
         }
         return batch, draws
 
-    def _predicted(self, batch: Batch, draws: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """The network's raw output and what it should have been, (N, 3 C, H, W) each."""
+    def _predicted(self, batch: Batch, draws: dict[str, Tensor]) -> Tensor:
+        """The network's estimate (N, 3 C, H, W) of the batch's target."""
         device = batch.target.device
         draws = {name: value.to(device) for name, value in draws.items()}
         if self.schedule is None:  # the regressor always sees its image
             timestep = torch.full_like(draws["timestep"], self.settings.network.last_timestep)
-            return self.predict(None, timestep, batch.condition), batch.target
+            return self.predict(None, timestep, batch.condition)
         level = self.schedule.to(device)[draws["timestep"]][:, None, None, None]
         noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
-        wanted = ideal_output(self.settings.network.prediction_type, batch.target, draws["noise"], level)
-        return self.predict(noisy, draws["timestep"], batch.condition), wanted
+        return self.predict(noisy, draws["timestep"], batch.condition)
 
     def _agree(self, mine: bool) -> bool:
         """The main process decides for all, since clocks differ."""

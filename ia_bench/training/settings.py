@@ -25,7 +25,7 @@ class TrainSettings:
         data: Folder of shards to train on.
         validation: Folder of shards to validate on; its images have other seeds.
         out: The run's folder, in which a run resumes.
-        init: Folder of weights to start from, also of the other kind (:mod:`ia_bench.training.warm_start`); None: random ones.
+        init: Folder of weights of the same network to start from; None: random ones.
         steps: Optimiser steps in all; a run may go on with more.
         minutes: After so many the run stops and keeps its state; None for no limit.
         batch: Images a step, over all processes.

@@ -11,7 +11,6 @@ from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.encoding import decode
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.training.dataset import NO_AUGMENTATION, Batch, TrainingImages, encode
 
 MEAN_SAMPLES = 8
@@ -69,18 +68,17 @@ def predict(network: MaterialNetwork, batch: Batch, *, samples: int, steps: int,
     device = next(network.parameters()).device
     condition = batch.condition.to(device)
     if config.kind == "regressor":
-        estimate = Conditioned(network, NoiseSchedule.from_sigmas([1.0])).regress(condition)
+        estimate = Conditioned(network).regress(condition)
         encoded = estimate.expand(samples, *estimate.shape)
     else:
-        schedule = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type})
-        denoise = Conditioned(network, schedule).bind(condition)
+        denoise = Conditioned(network).bind(condition)
         shape = (samples * count, config.output_channels, height, width)
         seeds = [seed * 1_000_003 + i for i in range(samples * count)]
-        drawn = sample(denoise, schedule, shape, seeds, SamplerSettings(steps=steps), device=device)
+        drawn = sample(denoise, config.noise_schedule, shape, seeds, SamplerSettings(steps=steps), device=device)
         encoded = drawn.reshape(samples, count, *shape[1:])
     found = {}
     for part, component in zip(encoded.cpu().split(3, 2), config.components, strict=True):
-        found[component] = torch.stack([decode(component, one, batch.masks, batch.factor, config.specular) for one in part])
+        found[component] = torch.stack([decode(component, one, batch.masks, batch.factor) for one in part])
     return found
 
 

@@ -68,7 +68,7 @@ def check_shrunk(plain: Samples, samples: Samples, stack: Stack, share: float) -
 
 
 def test_conforms(weights: str, stack: Stack) -> None:
-    findings = list(check_prior(lambda: CorrectedPrior(of_options={"weights": weights, "geometry": True}), stack))
+    findings = list(check_prior(lambda: CorrectedPrior(share=0.9, of_options={"weights": weights, "geometry": True}), stack))
     assert [finding for finding in findings if finding.status == "fail"] == []
     assert len(findings) > 20
 

@@ -11,16 +11,13 @@ from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
 
 
 def tiny_config(kind="diffusion", **changes):
-    prediction = "v_prediction" if kind == "diffusion" else "sample"
-    values = {"kind": kind, "size": 16, "channels": (16, 32), "tokens": 16, "prediction_type": prediction, "head": 0, **changes}
-    return NetworkConfig(**values)
+    return NetworkConfig(**{"kind": kind, "size": 16, "channels": (16, 32), "tokens": 16, "head": 8, **changes})
 
 
 def tiny_weights(folder: Path, kind="diffusion", seed=0, **changes) -> Path:
     """A folder of random weights, as ia_bench.cli.train writes them."""
     torch.manual_seed(seed)
     network = MaterialNetwork(tiny_config(kind, **changes))
-    if network.head is not None:
-        torch.nn.init.normal_(network.head.leave.weight, std=0.1)  # which starts at zero
+    torch.nn.init.normal_(network.head.leave.weight, std=0.1)  # which starts at zero
     save_network(folder, network, {"steps": 0})
     return folder

@@ -123,7 +123,7 @@ def test_validations_beyond_the_last_checkpoint_are_forgotten(tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_run_resumes_from_whichever_checkpoint_it_left(folders, tmp_path):
-    arguments = ("steps=40", "network.prediction_type=v_prediction", "network.head=0")
+    arguments = ("steps=40",)
     train(command(folders, tmp_path / "whole", *arguments))
     often = command(folders, tmp_path / "parts", *arguments, "checkpoint_minutes=0")
     for wanted in (1, 9):
@@ -206,7 +206,7 @@ def test_a_pretrained_clip_reads_the_image_and_stays_as_it_is(folders, tmp_path)
 
 
 def test_training_starts_from_given_weights(folders, tmp_path):
-    start = tiny_weights(tmp_path / "start", seed=5, prediction_type="sample", head=32)
+    start = tiny_weights(tmp_path / "start", seed=5, head=32)
     train(command(folders, tmp_path / "run", "steps=1", f"init={start}", "rate=1e-9", "muon_rate=0", "warmup=0"))
     network, provenance = load_network(tmp_path / "run/weights")
     for name, value in load_network(start)[0].state_dict().items():
@@ -299,7 +299,7 @@ def test_arguments_are_typed():
         ("validation_sampler_steps=1001", r"validation_sampler_steps: expected 1000 or less, .* found 1001"),
         ("network.channels=48", r"network.channels: expected a list, found 48"),
         ("network.channels=[]", "network.channels: expected multiples of 16"),
-        ("network.head=-1", "network.head: expected at least 0, found -1"),
+        ("network.head=-1", "network.head: expected at least 1, found -1"),
         ("network.fold=0", "network.fold: expected at least 1, found 0"),
         ("network.tokens=24", "network.tokens: expected a multiple of 16"),
         ("network.components=[foo]", "network.components: expected some of albedo, specular, each once"),

@@ -2,8 +2,8 @@
 
 A folder of weights holds ``prior.json`` (the network's config, and where the weights come from), the noise schedule as
 diffusers writes it (``scheduler/scheduler_config.json``), the UNet likewise (``unet/config.json`` and
-``unet/diffusion_pytorch_model.safetensors``), ``head.safetensors`` (the convolutions at full resolution, where there are
-any) and ``encoder.safetensors`` (the small image encoder, or the projection of a pretrained one).
+``unet/diffusion_pytorch_model.safetensors``), ``head.safetensors`` (the convolutions at full resolution) and
+``encoder.safetensors`` (the small image encoder, or the projection of a pretrained one).
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, A
         save_file({key: value.to(dtype).contiguous() for key, value in _own(module).items()}, partial / name)
     config = network.config
     if config.kind == "diffusion":
-        DDPMScheduler(**config.schedule, prediction_type=config.prediction_type).save_config(partial / "scheduler")
+        DDPMScheduler(**config.schedule, prediction_type="sample").save_config(partial / "scheduler")
     described = {"format": FORMAT, "network": dataclasses.asdict(config), "provenance": provenance}
     (partial / "prior.json").write_text(json.dumps(described, indent=2) + "\n")
     old = folder.with_name(f".{folder.name}.old")

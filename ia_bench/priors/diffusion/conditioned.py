@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule, estimate_x0
+from ia_bench.priors.diffusion.schedule import Denoise
 
 
 class Conditioned:
@@ -15,9 +15,8 @@ class Conditioned:
     ``chunk``: images per pass, which bounds memory.
     """
 
-    def __init__(self, network: MaterialNetwork, schedule: NoiseSchedule, *, chunk: int = 64, bf16: bool = False) -> None:
-        self.network, self.schedule = network, schedule
-        self.chunk, self.bf16 = chunk, bf16
+    def __init__(self, network: MaterialNetwork, *, chunk: int = 64, bf16: bool = False) -> None:
+        self.network, self.chunk, self.bf16 = network, chunk, bf16
         self.calls = 0
 
     def bind(self, condition: Tensor) -> Denoise:
@@ -29,21 +28,13 @@ class Conditioned:
         tokens = self._tokens(condition)
 
         def denoise(noisy: Tensor, t: int) -> Tensor:
-            level = float(self.schedule.alpha_bar[t])
-            return estimate_x0(self.network.config.prediction_type, self._output(noisy, t, condition, tokens), noisy, level)
+            return self._output(noisy, len(noisy), t, condition, tokens)
 
         return denoise
 
     def regress(self, condition: Tensor) -> Tensor:
         """The regressor's estimate (N, 3 C, H, W)."""
-        tokens = self._tokens(condition)
-        parts = []
-        for part in torch.arange(len(condition), device=condition.device).split(self.chunk):
-            timestep = torch.full((len(part),), self.network.config.last_timestep, device=condition.device)
-            with self._precision():
-                parts.append(self.network.denoise(None, timestep, condition[part], _rows(tokens, part)).float())
-            self.calls += len(part)
-        return torch.cat(parts)
+        return self._output(None, len(condition), self.network.config.last_timestep, condition, self._tokens(condition))
 
     def _tokens(self, condition: Tensor) -> Tensor | None:
         with torch.no_grad(), self._precision():
@@ -51,19 +42,16 @@ class Conditioned:
         tokens = [part.float() for part in parts if part is not None]
         return torch.cat(tokens) if tokens else None
 
-    def _output(self, noisy: Tensor, t: int, condition: Tensor, tokens: Tensor | None) -> Tensor:
+    def _output(self, noisy: Tensor | None, count: int, t: int, condition: Tensor, tokens: Tensor | None) -> Tensor:
         parts = []
-        for part in torch.arange(len(noisy), device=noisy.device).split(self.chunk):
-            timestep = torch.full((len(part),), t, device=noisy.device)
-            image = part % len(condition)
+        for part in torch.arange(count, device=condition.device).split(self.chunk):
+            timestep, image = torch.full((len(part),), t, device=condition.device), part % len(condition)
+            seen = None if noisy is None else noisy[part]
             with self._precision():
-                parts.append(self.network.denoise(noisy[part], timestep, condition[image], _rows(tokens, image)).float())
+                known = None if tokens is None else tokens[image]
+                parts.append(self.network.denoise(seen, timestep, condition[image], known).float())
             self.calls += len(part)
         return torch.cat(parts)
 
     def _precision(self) -> torch.autocast:
         return torch.autocast(next(self.network.parameters()).device.type, torch.bfloat16, enabled=self.bf16)
-
-
-def _rows(tokens: Tensor | None, index: Tensor) -> Tensor | None:
-    return None if tokens is None else tokens[index]

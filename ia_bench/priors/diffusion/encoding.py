@@ -7,20 +7,15 @@ to it. The albedo does not scale.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import torch
 from torch import Tensor
 
 from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
 
-SpecularEncoding = Literal["display", "log"]
 EXPOSED_QUANTILE = 0.9
 """This share of the foreground is darker (in its brightest channel) than EXPOSED_VALUE after exposure."""
 EXPOSED_VALUE = 0.7
 """Linear; leaves half a stop to highlights before an image clips, as a camera's automatic exposure does."""
-LOG_RANGE = 64.0
-"""Exposed radiance that "log" still tells apart, 6 stops above the white of "display"."""
 
 
 def exposure(images: Tensor, masks: Tensor) -> Tensor:
@@ -47,44 +42,19 @@ def encode_image(images: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
     return torch.cat([colour, masks[:, None]], 1)
 
 
-def encode(component: str, linear: Tensor, masks: Tensor, factor: Tensor, specular: SpecularEncoding) -> Tensor:
-    """Linear images (N, H, W, 3) of ``component``, premultiplied, as (N, 3, H, W) in [-1, 1]."""
-    return encode_albedo(linear, masks) if component == "albedo" else encode_specular(linear, masks, factor, specular)
+def encode(component: str, linear: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
+    """Linear images (N, H, W, 3) of ``component``, premultiplied, as (N, 3, H, W) in [-1, 1]; 0 outside the mask.
 
-
-def decode(component: str, encoded: Tensor, masks: Tensor, factor: Tensor, specular: SpecularEncoding) -> Tensor:
-    """The inverse of :func:`encode`."""
-    return decode_albedo(encoded, masks) if component == "albedo" else decode_specular(encoded, masks, factor, specular)
-
-
-def encode_albedo(albedo: Tensor, masks: Tensor) -> Tensor:
-    """Linear albedo (N, H, W, 3), premultiplied, as (N, 3, H, W) in [-1, 1]; 0 outside the mask."""
-    return _encode(_straight(albedo, masks), masks)
-
-
-def decode_albedo(encoded: Tensor, masks: Tensor) -> Tensor:
-    """The inverse of :func:`encode_albedo`: linear in [0, 1], premultiplied by the masks."""
-    return _decode(encoded) * masks[..., None]
-
-
-def encode_specular(specular: Tensor, masks: Tensor, factor: Tensor, encoding: SpecularEncoding) -> Tensor:
-    """Specular radiance (N, H, W, 3), premultiplied, as (N, 3, H, W) in [-1, 1]; 0 outside the mask.
-
-    "display" clips at the image's white, as the paper's training data did; "log" keeps highlights 6 stops beyond it (linear
-    radiance would spend nearly all of the range on them) at the price of contrast in the faint reflections below.
+    Specular shading is exposed like its image and clipped at the image's white, as the paper's training data was.
     """
-    exposed = _straight(specular, masks) * factor[:, None, None, None]
-    if encoding == "log":
-        exposed = torch.log1p(exposed.clamp_min(0)) / torch.log1p(torch.tensor(LOG_RANGE))
-    return _encode(exposed, masks)
+    straight = _straight(linear, masks)
+    return _encode(straight if component == "albedo" else straight * factor[:, None, None, None], masks)
 
 
-def decode_specular(encoded: Tensor, masks: Tensor, factor: Tensor, encoding: SpecularEncoding) -> Tensor:
-    """The inverse of :func:`encode_specular`: linear radiance in the units of the image, premultiplied by the masks."""
-    exposed = _decode(encoded)
-    if encoding == "log":
-        exposed = torch.expm1(exposed * torch.log1p(torch.tensor(LOG_RANGE)))
-    return exposed / factor[:, None, None, None] * masks[..., None]
+def decode(component: str, encoded: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
+    """The inverse of :func:`encode`: linear, in [0, 1] or in the units of the image, premultiplied by the masks."""
+    straight = _decode(encoded)
+    return (straight if component == "albedo" else straight / factor[:, None, None, None]) * masks[..., None]
 
 
 def encode_geometry(normals: Tensor, visibility: Tensor) -> Tensor:

@@ -1,16 +1,15 @@
-"""Sampling toward a render: the paper's equation 8, the shortcut of its code, and an implicit update in closed form.
+"""Sampling toward a render: the paper's equation 8, and an implicit update in closed form.
 
-All rules turn the network's estimate of x_0 into a guided one, in the network's space (data in [-1, 1] unless it is latent).
+Both rules turn the network's estimate of x_0 into a guided one, in the network's space (data in [-1, 1] unless it is latent).
 Notation: y target, A operator, W weight, gamma strength, a = sqrt(alpha_bar_t), b = sqrt(1 - alpha_bar_t), e = A x_0(x_t) - y,
 sums over one image. docs/sampling.md derives the scalings and measures each rule's bias.
 
 "paper"     equation 8, eps <- eps + gamma grad_{x_t} phi, that is x_0 <- x_0 - gamma (b / a) J^T A W e / n, where J = dx_0 / dx_t
             is the network's Jacobian; norm "l2": phi = sqrt(e^T W e), n = phi; norm "squared": phi = e^T W e / 2, n = 1.
-"shortcut"  the same with J = 1 / a, as if eps did not depend on x_t: x_0 <- x_0 - gamma (b / a^2) A W e / n.
-"variance"  argmin_x |x - x_0|^2 / r_t^2 + gamma (A x - y)^T W (A x - y): the estimate has variance r_t^2 (variance.py), the
+"variance"  argmin_x |x - x_0|^2 / r_t^2 + gamma (A x - y)^T W (A x - y): the estimate has variance r_t^2, the
             render 1 / gamma. For A = 1, W = 1: x_0 <- (x_0 / r_t^2 + gamma y) / (1 / r_t^2 + gamma). No step size, no stiffness.
 
-The explicit rules are stiff: their step grows without bound in gamma and in b / a. It is cut where it would carry A x_0 past
+The explicit rule, "paper", is stiff: its step grows without bound in gamma and in b / a. It is cut where it would carry A x_0 past
 the minimum of |A x_0 - y| along the step (a line search that costs no evaluation), so the distance to the target never
 grows. Every cut is counted in :class:`GuidanceReport`.
 """
@@ -28,11 +27,14 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform, inverse_cosine_transform
 from ia_bench.priors.diffusion.schedule import Denoise
-from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE, posterior_variance
 
-Rule = Literal["paper", "shortcut", "variance"]
+Rule = Literal["paper", "variance"]
 Norm = Literal["l2", "squared"]
 
+DEFAULT_PRIOR_VARIANCE = 0.1
+"""Of data in [-1, 1] given the photograph: a first prior's one-step estimate of albedo had 16 dB PSNR, so 4 x 10^-1.6.
+
+Unconditional data spread evenly over [-1, 1] would have 1/3."""
 SOLVER_TOLERANCE = 1e-4  # of the conjugate gradients, relative; 10^-4 of a pull is below half a step of 8 bits
 SOLVER_STEPS = 200  # enough for that tolerance at condition number 1 + gamma r^2 = 1000, without any help of the preconditioner
 
@@ -97,26 +99,26 @@ class Guidance(Pull):
     """A :class:`Pull` and the rule by which it acts; the module's docstring has the formulas.
 
     ``norm`` "l2" is the paper's; its gradient has length 1 whatever the image's size, so its strength counts in units of one
-    image's distance. ``prior_variance``: s^2 or a table of r_t^2, for the rule "variance". ``also``: further pulls that act
+    image's distance. ``prior_variance``: see :func:`posterior_variance`; for the rule "variance". ``also``: further pulls that act
     together with this one. ``report``: counts what the guidance did; pass one to several guidances to add them up. Raises
     InputError for unknown names, and for "l2" with "variance", whose two terms are both Gaussian.
     """
 
     rule: Rule = "variance"
     norm: Norm = "squared"
-    prior_variance: float | Tensor = DEFAULT_PRIOR_VARIANCE
+    prior_variance: float = DEFAULT_PRIOR_VARIANCE
     also: tuple[Pull, ...] = ()
     report: GuidanceReport = field(default_factory=GuidanceReport)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_rule(self.rule, self.norm)
-        if not bool(torch.as_tensor(self.prior_variance > 0).all()):
-            raise InputError(f"prior_variance: expected numbers > 0, found {self.prior_variance}")
+        if not self.prior_variance > 0:
+            raise InputError(f"prior_variance: expected a number > 0, found {self.prior_variance}")
 
     @classmethod
     def of(
-        cls, pulls: Sequence[Pull], rule: Rule, norm: Norm, prior_variance: float | Tensor, report: GuidanceReport
+        cls, pulls: Sequence[Pull], rule: Rule, norm: Norm, prior_variance: float, report: GuidanceReport
     ) -> Guidance:
         """The guidance of several ``pulls`` (at least one) at once."""
         first, *rest = pulls
@@ -138,17 +140,16 @@ class Guidance(Pull):
         if self.rule == "variance":
             x0 = denoise(noisy, t)
             self.report.add(torch.zeros(len(x0), dtype=torch.bool, device=x0.device))
-            return combine(x0, self.pulls, posterior_variance(self.prior_variance, t, alpha_bar))
+            return combine(x0, self.pulls, posterior_variance(self.prior_variance, alpha_bar))
         x0, direction = self._explicit_step(denoise, noisy, t, alpha_bar)
         return x0 - direction
 
     def _explicit_step(self, denoise: Denoise, noisy: Tensor, t: int, alpha_bar: float) -> tuple[Tensor, Tensor]:
-        """The estimate of x_0 and what an explicit rule subtracts from it, cut to the line's minimum and counted."""
-        through_network = self.rule == "paper"
-        with torch.set_grad_enabled(through_network):
-            variable = noisy.detach().requires_grad_(through_network)
+        """The estimate of x_0 and what the explicit rule subtracts from it, cut to the line's minimum and counted."""
+        with torch.enable_grad():
+            variable = noisy.detach().requires_grad_()
             estimate = denoise(variable, t)
-        if through_network and not estimate.requires_grad:
+        if not estimate.requires_grad:
             raise InputError(
                 'guidance rule "paper": expected a denoiser that can be differentiated, found an output without gradient '
                 "(you may have called the network under torch.no_grad)"
@@ -157,14 +158,13 @@ class Guidance(Pull):
         differences = [pull.operator.apply(x0) - pull.target for pull in self.pulls]
         gains = [self._gain(pull, difference) for pull, difference in zip(self.pulls, differences, strict=True)]
         slope = _normal(self.pulls, gains, differences)  # the gradient of all phi in x_0
-        direction = torch.autograd.grad(estimate, variable, slope)[0] if through_network else slope
+        (direction,) = torch.autograd.grad(estimate, variable, slope)
 
         # Along x_0 - length * direction the sum of gain |A x - y|^2 / 2 is a parabola, lowest at slope / curvature.
         seen = [pull.operator.apply(direction) for pull in self.pulls]
         curvature = _inner(direction, _normal(self.pulls, gains, seen))
         lowest = torch.where(curvature > 0, _inner(direction, slope) / curvature, 0.0).clamp(min=0)
-        noise, signal = math.sqrt(1 - alpha_bar), math.sqrt(alpha_bar) if through_network else alpha_bar
-        length = noise / signal if signal > 0 else math.inf  # no signal left: as far as the line search goes
+        length = math.sqrt((1 - alpha_bar) / alpha_bar) if alpha_bar > 0 else math.inf  # no signal left: to the line's minimum
         self.report.add((lowest < length) & direction.flatten(1).any(1))
         return x0, lowest.clamp(max=length)[:, None, None, None] * direction
 
@@ -183,6 +183,14 @@ def check_rule(rule: str, norm: str, prefix: str = "guidance ") -> None:
             raise InputError(f"{prefix}{name}: expected one of {', '.join(known)}, found {value!r}")
     if rule == "variance" and norm != "squared":
         raise InputError(f'{prefix}norm: expected "squared" with the rule "variance", found {norm!r}')
+
+
+def posterior_variance(prior_variance: float, alpha_bar: float) -> float:
+    """r_t^2 = Var(x_0 | x_t) per value, at the noise level ``alpha_bar``: s^2 (1 - alpha_bar) / (s^2 alpha_bar + 1 - alpha_bar).
+
+    ``prior_variance`` is s^2 > 0, the variance of x_0 given the condition alone; exact for a Gaussian prior.
+    """
+    return prior_variance * (1 - alpha_bar) / (prior_variance * alpha_bar + 1 - alpha_bar)
 
 
 def combine(x0: Tensor, pulls: Sequence[Pull], variance: float) -> Tensor:

@@ -23,8 +23,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.suggestions import unknown
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
-from ia_bench.priors.diffusion.encoding import SpecularEncoding
-from ia_bench.priors.diffusion.schedule import SCHEDULE_KEYS
+from ia_bench.priors.diffusion.schedule import SCHEDULE_KEYS, NoiseSchedule
 
 Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
@@ -45,14 +44,11 @@ class NetworkConfig:
         fold: Side of the pixel blocks that become channels before the first convolution.
         channels: Of the UNet's levels; the lowest level has cross-attention.
         layers: Residual blocks a level.
-        head: Width of the convolutions at full resolution that end the network, which must then predict a "sample". With 0
-            there are none, and the UNet's output is the network's.
+        head: Width of the convolutions at full resolution that end the network.
         geometry: Whether normals and visibility are inputs, which may be absent.
         encoder: "small" (trained along), "none", or the folder of a pretrained CLIP vision model (frozen).
         tokens: Width of a token.
-        prediction_type: See :class:`ia_bench.priors.diffusion.schedule.NoiseSchedule`.
-        specular: See :func:`ia_bench.priors.diffusion.encoding.encode_specular`.
-        schedule: See :class:`ia_bench.priors.diffusion.schedule.NoiseSchedule`.
+        schedule: See :meth:`ia_bench.priors.diffusion.schedule.NoiseSchedule.from_diffusers`.
 
     Raises:
         InputError: The values make no network.
@@ -68,8 +64,6 @@ class NetworkConfig:
     geometry: bool = True
     encoder: str = "small"
     tokens: int = 128
-    prediction_type: Literal["epsilon", "v_prediction", "sample"] = "sample"
-    specular: SpecularEncoding = "display"
     schedule: dict[str, Any] = field(
         default_factory=lambda: {
             "num_train_timesteps": 1000,
@@ -83,13 +77,9 @@ class NetworkConfig:
             raise InputError(
                 f"network.components: expected some of {', '.join(COMPONENTS)}, each once, found {list(self.components)}"
             )
-        for name in ("size", "fold", "layers", "tokens"):
+        for name in ("size", "fold", "layers", "head", "tokens"):
             if getattr(self, name) < 1:
                 raise InputError(f"network.{name}: expected at least 1, found {getattr(self, name)}")
-        if self.head < 0:
-            raise InputError(f"network.head: expected at least 0, found {self.head}")
-        if self.head and self.prediction_type != "sample":
-            raise InputError(f"network.head: expected 0 with prediction_type={self.prediction_type}, found {self.head}")
         if not self.channels or any(width < 1 or width % 16 for width in self.channels):
             raise InputError(f"network.channels: expected multiples of 16, found {list(self.channels)}")
         stride = self.fold * 2 ** (len(self.channels) - 1)
@@ -113,6 +103,11 @@ class NetworkConfig:
     def timesteps(self) -> int:
         """Length of the schedule."""
         return int(self.schedule["num_train_timesteps"])
+
+    @property
+    def noise_schedule(self) -> NoiseSchedule:
+        """The noise levels of a diffusion network."""
+        return NoiseSchedule.from_diffusers(self.schedule)
 
     @property
     def last_timestep(self) -> int:
@@ -142,7 +137,7 @@ class MaterialNetwork(nn.Module):
         self.unet = UNet2DConditionModel(
             sample_size=config.size // config.fold,
             in_channels=block * (noisy + config.condition_channels),
-            out_channels=block * (FEATURES if config.head else config.output_channels),
+            out_channels=block * FEATURES,
             down_block_types=("DownBlock2D",) * (levels - 1) + (f"{lowest}DownBlock2D",),
             mid_block_type=f"UNetMidBlock2D{lowest}",
             up_block_types=(f"{lowest}UpBlock2D",) + ("UpBlock2D",) * (levels - 1),
@@ -153,7 +148,7 @@ class MaterialNetwork(nn.Module):
             cross_attention_dim=config.tokens,
             resnet_time_scale_shift="scale_shift",
         )
-        self.head = DetailHead(config, noisy) if config.head else None
+        self.head = DetailHead(config, noisy)
         self.encoder: nn.Module | None = None
         if config.encoder == "small":
             self.encoder = SmallEncoder(config.tokens)
@@ -161,7 +156,7 @@ class MaterialNetwork(nn.Module):
             self.encoder = ClipEncoder(Path(config.encoder), config.tokens)
 
     def forward(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor) -> Tensor:
-        """Raw output (N, 3 C, H, W), whose meaning is ``config.prediction_type`` ("sample" for a regressor).
+        """The estimate (N, 3 C, H, W) of the clean components.
 
         Args:
             noisy: (N, 3 C, H, W), None for a regressor. H and W are multiples of fold x down-sampling.
@@ -179,7 +174,8 @@ class MaterialNetwork(nn.Module):
         channels = condition if noisy is None else torch.cat([noisy, condition], 1)
         folded = F.pixel_unshuffle(channels, self.config.fold)
         output = F.pixel_shuffle(self.unet(folded, timestep, tokens, return_dict=False)[0], self.config.fold)
-        return output if self.head is None else self.head(output, channels, condition)
+        estimate: Tensor = self.head(output, channels, condition)
+        return estimate
 
 
 class DetailHead(nn.Module):

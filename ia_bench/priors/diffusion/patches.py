@@ -19,11 +19,10 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
-from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Pull, Rule
+from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Pull, Rule
 from ia_bench.priors.diffusion.operators import GaussianBlur
 from ia_bench.priors.diffusion.sampler import Noise, SamplerSettings, sample, seeded_noise
 from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule
-from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE
 
 MakeDenoise = Callable[[Tensor], Denoise]
 """Conditions (n, C, native, native) -> the denoiser bound to them, for n samples at once."""
@@ -50,7 +49,7 @@ class PatchSettings:
     strength: float = 100.0
     rule: Rule = "variance"
     norm: Norm = "squared"
-    prior_variance: float | Tensor = DEFAULT_PRIOR_VARIANCE
+    prior_variance: float = DEFAULT_PRIOR_VARIANCE
     blur: float | None = None
     batch: int = 64
 

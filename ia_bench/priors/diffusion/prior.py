@@ -13,12 +13,10 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.conditioned import Conditioned
-from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Rule, check_rule
+from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Rule, check_rule
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, PatchSettings, sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
-from ia_bench.priors.diffusion.variance import DEFAULT_PRIOR_VARIANCE
 from ia_bench.priors.inputs import check_views, finite_option
 from ia_bench.priors.learned import Framed, LearnedPrior
 
@@ -107,18 +105,17 @@ class DiffusionPrior(LearnedPrior):
         return predicted
 
     def _conditioned(self, network: MaterialNetwork) -> Conditioned:
-        config = network.config
-        schedule = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type})
-        return Conditioned(network, schedule, chunk=self.batch, bf16=self.bf16)
+        return Conditioned(network, chunk=self.batch, bf16=self.bf16)
 
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
         config, model, report = network.config, self._conditioned(network), GuidanceReport()
+        schedule = config.noise_schedule
         guidance = self._guidance(network, framed, render, report)
         if framed.condition.shape[-1] > config.size:
             cost["patched_images"] += len(framed.views)
             predicted = sample_large(
                 model.bind,
-                model.schedule,
+                schedule,
                 framed.condition,
                 config.size,
                 channels=config.output_channels,
@@ -132,7 +129,7 @@ class DiffusionPrior(LearnedPrior):
         else:
             shape = (len(framed.condition), config.output_channels, *framed.condition.shape[-2:])
             denoise = model.bind(framed.condition)
-            predicted = sample(denoise, model.schedule, shape, framed.seeds, self.settings, guidance, device=self._device)
+            predicted = sample(denoise, schedule, shape, framed.seeds, self.settings, guidance, device=self._device)
         cost.update({"network_calls": model.calls, **report.counters})
         return predicted
 
@@ -160,13 +157,14 @@ class DiffusionPrior(LearnedPrior):
 @torch.no_grad()
 def _denoise_once(model: Conditioned, framed: Framed, clean: Tensor) -> Tensor:
     """Each image noised to its own random level and denoised in one evaluation."""
-    low, high = (round(share * len(model.schedule)) for share in DISTILLED_LEVELS)
+    schedule = model.network.config.noise_schedule
+    low, high = (round(share * len(schedule)) for share in DISTILLED_LEVELS)
     noise = seeded_noise(framed.seeds, (clean.shape[1], clean.shape[2], clean.shape[3]))().to(clean)
     estimates = []
     for row, seed in enumerate(framed.seeds):
         one = slice(row, row + 1)
         t = low + derive_seed(seed, 1) % (high - low)
-        level = float(model.schedule.alpha_bar[t])
+        level = float(schedule.alpha_bar[t])
         noisy = level**0.5 * clean[one] + (1 - level) ** 0.5 * noise[one]
         estimates.append(model.bind(framed.condition[one])(noisy, t))
     return torch.cat(estimates).clamp(-1, 1)

@@ -1,4 +1,4 @@
-"""Noise levels of a diffusion model, which of them a sampler visits, and what a network's raw output means at each.
+"""Noise levels of a diffusion model, which of them a sampler visits, and what an estimate of the noise says of the image.
 
 Notation (variance preserving): x_t = sqrt(alpha_bar_t) x_0 + sqrt(1 - alpha_bar_t) eps, eps ~ N(0, I), t = 0 ... T - 1,
 alpha_bar decreasing in t. The noise level relative to the signal is sigma_t = sqrt(1 / alpha_bar_t - 1).
@@ -6,7 +6,7 @@ alpha_bar decreasing in t. The noise level relative to the signal is sigma_t = s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -18,7 +18,6 @@ from ia_bench.common.torchvision_shim import import_torchvision
 
 Denoise = Callable[[Tensor, int], Tensor]
 """(noisy x_t (N, C, H, W), timestep t) -> estimate of x_0 (N, C, H, W), unclipped; the rule "paper" differentiates it."""
-PredictionType = Literal["epsilon", "v_prediction", "sample"]
 Spacing = Literal["trailing", "leading"]
 SCHEDULE_KEYS = ("num_train_timesteps", "beta_start", "beta_end", "beta_schedule", "trained_betas", "rescale_betas_zero_snr")
 """What of a ``diffusers`` scheduler's config decides the noise levels."""
@@ -49,8 +48,7 @@ class NoiseSchedule:
         """The schedule of a ``diffusers`` DDPM or DDIM scheduler with this ``config`` (its ``scheduler_config.json``).
 
         Only ``num_train_timesteps``, the betas and ``rescale_betas_zero_snr`` are taken; how to sample is the sampler's
-        own setting. Raises InputError for a config that diffusers refuses, and for one with a zero terminal
-        signal-to-noise ratio and ``prediction_type`` "epsilon" (see :meth:`require`).
+        own setting. Raises InputError for a config that diffusers refuses.
         """
         import_torchvision()
         from diffusers import DDPMScheduler
@@ -59,28 +57,7 @@ class NoiseSchedule:
             scheduler: Any = DDPMScheduler(**{key: config[key] for key in SCHEDULE_KEYS if key in config})
         except (NotImplementedError, TypeError, ValueError) as error:
             raise InputError(f"scheduler config: expected one that diffusers' DDPMScheduler takes, found {error}") from error
-        schedule = cls(scheduler.alphas_cumprod)
-        schedule.require(config.get("prediction_type", "epsilon"))
-        return schedule
-
-    @classmethod
-    def from_sigmas(cls, sigmas: Sequence[float] | Tensor) -> NoiseSchedule:
-        """The schedule of noise levels sigma > 0 of x_0 + sigma eps ("variance exploding"), increasing: 1 / (1 + sigma^2)."""
-        return cls(1 / (1 + torch.as_tensor(sigmas, dtype=torch.float64).square()))
-
-    def require(self, prediction_type: str) -> None:
-        """Raise InputError where a network of this prediction type cannot be sampled along this schedule.
-
-        At alpha_bar = 0 ("zero terminal SNR") x_t is noise alone: its noise says nothing of x_0, so "epsilon" is refused
-        there; "v_prediction" and "sample" are defined.
-        """
-        if prediction_type not in get_args(PredictionType):
-            raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
-        if prediction_type == "epsilon" and self.alpha_bar[-1] == 0:
-            raise InputError(
-                'prediction_type: expected "v_prediction" or "sample" for a schedule with zero terminal SNR '
-                "(rescale_betas_zero_snr), where noise does not determine the image; found 'epsilon'"
-            )
+        return cls(scheduler.alphas_cumprod)
 
     def timesteps(self, steps: int, spacing: Spacing = "trailing") -> list[int]:
         """``steps`` distinct timesteps of this schedule, descending; ``steps`` is in 1 ... T.
@@ -101,37 +78,9 @@ class NoiseSchedule:
         raise InputError(f"spacing: expected one of {', '.join(get_args(Spacing))}, found {spacing!r}")
 
 
-def ideal_output(prediction_type: PredictionType, clean: Tensor, noise: Tensor, alpha_bar: float | Tensor) -> Tensor:
-    """What a network should return for x_t = a ``clean`` + b ``noise``, all of one shape; the inverse of :func:`estimate_x0`."""
-    a, b = _signal_and_noise(alpha_bar, clean)
-    if prediction_type == "epsilon":
-        return noise
-    if prediction_type == "v_prediction":
-        return a * noise - b * clean
-    if prediction_type == "sample":
-        return clean
-    raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
+def image_behind(noise: Tensor, noisy: Tensor, alpha_bar: float) -> Tensor:
+    """The estimate (x_t - b ``noise``) / a of x_0 that an estimate of the noise in ``noisy`` x_t stands for; needs alpha_bar > 0.
 
-
-def estimate_x0(prediction_type: PredictionType, output: Tensor, noisy: Tensor, alpha_bar: float | Tensor) -> Tensor:
-    """The estimate of x_0 that a network's raw ``output`` stands for, same shape as ``noisy`` x_t.
-
-    With a = sqrt(alpha_bar), b = sqrt(1 - alpha_bar): "epsilon" (x_t - b output) / a; "v_prediction" (v = a eps - b x_0,
-    Salimans and Ho 2022) a x_t - b output; "sample" output. The last two hold for every alpha_bar in [0, 1]; the first
-    magnifies the network's error by sigma = b / a and is undefined at alpha_bar = 0, which :meth:`NoiseSchedule.require`
-    refuses. ``alpha_bar`` is a number or a tensor that broadcasts to ``noisy``, such as (N, 1, 1, 1).
+    a = sqrt(alpha_bar), b = sqrt(1 - alpha_bar), the difference taken in double precision: it is 1e-8 at sigma = 1e-4.
     """
-    signal, noise = _signal_and_noise(alpha_bar, noisy)
-    if prediction_type == "epsilon":
-        return (noisy - noise * output) / signal
-    if prediction_type == "v_prediction":
-        return signal * noisy - noise * output
-    if prediction_type == "sample":
-        return output
-    raise InputError(f"prediction_type: expected one of {', '.join(get_args(PredictionType))}, found {prediction_type!r}")
-
-
-def _signal_and_noise(alpha_bar: float | Tensor, like: Tensor) -> tuple[Tensor, Tensor]:
-    """sqrt(alpha_bar) and sqrt(1 - alpha_bar), the difference taken in double precision: it is 1e-8 at sigma = 1e-4."""
-    level = torch.as_tensor(alpha_bar, dtype=torch.float64, device=like.device)
-    return level.sqrt().to(like.dtype), (1 - level).sqrt().to(like.dtype)
+    return (noisy - (1 - alpha_bar) ** 0.5 * noise) / alpha_bar**0.5

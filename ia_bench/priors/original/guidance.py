@@ -1,7 +1,7 @@
 """Guidance as the original code does it: the distance between render and estimate is measured in decoded images.
 
-It is the rule "shortcut" with the norm "l2" of :mod:`ia_bench.priors.diffusion.guidance`, whose operator, linear there, is
-the autoencoder's decoder D here. With y the render, a = sqrt(alpha_bar_t), b = sqrt(1 - alpha_bar_t), strength gamma:
+It is the paper's rule of :mod:`ia_bench.priors.diffusion.guidance` with the autoencoder's decoder D for an operator, and with
+nothing differentiated through the network. With y the render, a = sqrt(alpha_bar_t), b = sqrt(1 - alpha_bar_t), strength gamma:
 
     phi = |D(x_0) - y|,   g = grad_{x_0} phi,   eps <- eps + gamma grad_{x_t} phi,   that is   x_0 <- x_0 - gamma (b / a^2) g
 

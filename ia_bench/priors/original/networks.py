@@ -14,7 +14,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import CLIP_DEVIATION, CLIP_MEAN
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
+from ia_bench.priors.diffusion.schedule import NoiseSchedule, image_behind
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Networks:
         """The estimate of the clean latents x_0 behind ``noisy`` x_t (N, 4, h, w) float32, by one evaluation."""
         both = torch.cat([noisy, condition.latents], 1).to(self.dtype)
         noise = self.unet(both, t, encoder_hidden_states=condition.tokens.to(self.dtype)).sample
-        return estimate_x0("epsilon", noise.float(), noisy, float(self.schedule.alpha_bar[t]))
+        return image_behind(noise.float(), noisy, float(self.schedule.alpha_bar[t]))
 
     def decode(self, latents: Tensor) -> Tensor:
         """Images (N, 3, S, S) in [0, 1] of latents (N, 4, h, w); differentiable."""

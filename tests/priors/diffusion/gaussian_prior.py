@@ -13,7 +13,7 @@ from ia_bench.priors.diffusion.schedule import NoiseSchedule
 
 def wide_schedule(steps: int) -> NoiseSchedule:
     """Noise levels from 1e-4 to 1e4."""
-    return NoiseSchedule.from_sigmas(torch.logspace(-4, 4, steps, dtype=torch.float64))
+    return NoiseSchedule(1 / (1 + torch.logspace(-4, 4, steps, dtype=torch.float64).square()))
 
 
 def gaussian_denoiser(schedule: NoiseSchedule, mean: float, variance: float) -> Denoise:

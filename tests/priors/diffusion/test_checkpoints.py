@@ -34,7 +34,7 @@ def test_a_network_comes_back_as_it_was_up_to_half_precision(tmp_path):
 
 
 def test_a_head_is_kept_and_counts(tmp_path):
-    folder = tiny_weights(tmp_path / "weights", prediction_type="sample", head=8)
+    folder = tiny_weights(tmp_path / "weights")
     network, _ = load_network(folder)
     assert float(network.head.leave.weight.abs().mean()) > 0.01
     before = fingerprint(folder)
@@ -54,7 +54,7 @@ def test_diffusers_reads_the_unet_and_the_schedule(folder):
     network, _ = load_network(folder)
     for name, value in network.unet.state_dict().items():
         assert torch.equal(value, unet.state_dict()[name])
-    assert DDIMScheduler.from_pretrained(folder / "scheduler").config.prediction_type == "v_prediction"
+    assert DDIMScheduler.from_pretrained(folder / "scheduler").config.prediction_type == "sample"
 
 
 def test_the_fingerprint_follows_the_weights(folder, tmp_path):

@@ -18,7 +18,6 @@ from ia_bench.priors.diffusion.framing import MARGIN, Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import PatchSettings, patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
 from ia_bench.priors.regressor import RegressorPrior
 
 WEIGHTS = Path(ia_bench.priors.__file__).parent / "weights"
@@ -50,7 +49,6 @@ def failures(make):
         {"patches": True},
         {"eta": 1.0, "batch": 1},
         {"guidance_rule": "paper", "guidance_norm": "l2", "geometry": True},
-        {"guidance_rule": "shortcut"},
     ],
     ids=str,
 )
@@ -136,8 +134,7 @@ def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights
     timesteps = [t for _, t, _ in asked]
     assert 20 <= min(timesteps) < 100
     assert 900 < max(timesteps) < 980
-    config = tiny_config()
-    levels = NoiseSchedule.from_diffusers({**config.schedule, "prediction_type": config.prediction_type}).alpha_bar
+    levels = tiny_config().noise_schedule.alpha_bar
     noise = []
     for noisy, t, coverage in asked:
         clean = torch.where(coverage > 0, -1.0, 0.0)  # black, encoded
@@ -192,7 +189,7 @@ def test_geometry_that_cannot_be_used_is_refused(tmp_path, weights, ball):
 def test_several_samples_of_an_image_share_its_condition():
     torch.manual_seed(0)
     network = MaterialNetwork(tiny_config()).eval()
-    model = Conditioned(network, NoiseSchedule(torch.tensor([0.9, 0.5])), chunk=3)
+    model = Conditioned(network, chunk=3)
     condition, noisy = torch.randn(2, 8, 16, 16), torch.randn(6, 6, 16, 16)
     with torch.no_grad():
         together = model.bind(condition)(noisy, 0)
@@ -210,7 +207,7 @@ def test_several_samples_of_an_image_share_its_condition():
         ({"prior_variance": 0.0}, "prior_variance: expected a number > 0"),
         ({"batch": 0}, "batch: expected at least 1"),
         ({"steps": 2000}, r"steps: expected at most 1000 \(the schedule's length\), found 2000"),
-        ({"guidance_rule": "foo"}, "prior.options.guidance_rule: expected one of paper, shortcut, variance, found 'foo'"),
+        ({"guidance_rule": "foo"}, "prior.options.guidance_rule: expected one of paper, variance, found 'foo'"),
         ({"guidance_norm": "l2"}, 'prior.options.guidance_norm: expected "squared" with the rule "variance", found \'l2\''),
         ({"precision": "half"}, "unknown value of prior.options.precision"),
         ({"device": "gpu"}, "device: expected auto, cpu or cuda"),
@@ -261,9 +258,9 @@ def test_no_sample_exceeds_the_ceiling_and_some_come_near_it(tmp_path, ball):
     """A network pushed to white everywhere gives exactly the ceiling, under the image's own exposure."""
     network = MaterialNetwork(tiny_config("regressor"))
     with torch.no_grad():
-        for parameter in network.unet.conv_out.parameters():
+        for parameter in network.head.leave.parameters():
             parameter.zero_()
-        network.unet.conv_out.bias += 5.0
+        network.head.leave.bias += 5.0
     save_network(tmp_path / "white", network, {"steps": 0})
     factors = torch.tensor([1.0, 10.0, 0.01])
     prior = RegressorPrior(weights=str(tmp_path / "white"))

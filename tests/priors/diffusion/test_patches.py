@@ -188,7 +188,7 @@ def test_guidance_reaches_coarse_and_patches():
     condition, target = random(2, 1, 50, 71), random(2, 1, 50, 71, seed=1)
     common = {"channels": 1, "seeds": [0, 1], "settings": SamplerSettings(4)}
     plain = sample_large(mix, SCHEDULE, condition, NATIVE, **common)
-    nothing = Guidance(target, 0.0, rule="shortcut")
+    nothing = Guidance(target, 0.0, rule="paper")
     assert torch.equal(sample_large(mix, SCHEDULE, condition, NATIVE, **common, guidance=nothing), plain)
     strong = Guidance(target, 1e5, torch.ones(2, 1, 50, 71))
     found = sample_large(mix, SCHEDULE, condition, NATIVE, **common, guidance=strong)
@@ -200,7 +200,7 @@ def test_guidance_reaches_coarse_and_patches():
 
 def test_report_without_guidance():
     report = GuidanceReport()
-    patches = PatchSettings(strength=1e6, rule="shortcut")
+    patches = PatchSettings(strength=1e6, rule="paper")
     settings = SamplerSettings(2)
     sample_large(
         mix, SCHEDULE, random(1, 1, 33, 32), NATIVE, channels=1, seeds=[0], settings=settings, patches=patches, report=report

@@ -13,7 +13,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.diffusion.guidance import Guidance
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, step_weights
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, estimate_x0
+from ia_bench.priors.diffusion.schedule import NoiseSchedule
 
 COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, 1.56, 100, dtype=torch.float64)).square())
 
@@ -48,7 +48,7 @@ def test_against_diffusers(eta: float):
     import_torchvision()
     from diffusers import DDIMScheduler
 
-    scheduler = DDIMScheduler(clip_sample=False, prediction_type="v_prediction", timestep_spacing="trailing")
+    scheduler = DDIMScheduler(clip_sample=False, prediction_type="sample", timestep_spacing="trailing")
     schedule = NoiseSchedule(scheduler.alphas_cumprod)
     shape, steps = (2, 3, 5, 4), 10  # a divisor of 1000: diffusers steps by floor(1000 / steps) whatever its next timestep is
     noises = [torch.randn(shape, generator=torch.Generator().manual_seed(i)) for i in range(steps + 1)]
@@ -58,11 +58,8 @@ def test_against_diffusers(eta: float):
     for t, noise in zip(scheduler.timesteps, noises[1:], strict=True):
         expected = scheduler.step(network(expected, int(t)), t, expected, eta=eta, variance_noise=noise).prev_sample
 
-    def denoise(noisy: Tensor, t: int) -> Tensor:
-        return estimate_x0("v_prediction", network(noisy, t), noisy, schedule.alpha_bar[t])
-
     sequence = iter(noises)
-    found = sample(denoise, schedule, shape, lambda: next(sequence), SamplerSettings(steps, eta, clip=None))
+    found = sample(network, schedule, shape, lambda: next(sequence), SamplerSettings(steps, eta, clip=None))
     torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-3)  # ten steps through a function of slope 4.5
 
 
@@ -75,7 +72,7 @@ def test_a_sample_depends_on_its_seed_alone(eta: float):
     assert not torch.equal(together[0], together[1])
 
 
-@pytest.mark.parametrize("rule", ["paper", "shortcut", "variance"])
+@pytest.mark.parametrize("rule", ["paper", "variance"])
 def test_strength_zero_is_the_unguided_sample_to_the_bit(rule: str):
     for steps, eta in ((1, 0.0), (9, 0.0), (9, 1.0)):
         plain = sample(network, COSINE, (2, 2, 5, 7), [1, 2], SamplerSettings(steps, eta))
