@@ -49,6 +49,15 @@ def test_runs_beside_the_truth(perfect_run: Path, spoiled_run: Path, scene_folde
     assert (spoiled[0] - truth[0]).mean((0, 1)).argmax() == 1  # green
 
 
+def test_scale_of_the_run_is_applied(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+    metrics = json.loads((perfect_run / "metrics.json").read_text())
+    metrics["albedo_scales"]["mean_rgb"] = None  # undefined: shown as it is
+    (perfect_run / "metrics.json").write_text(json.dumps(metrics))
+    write_comparison({"run": perfect_run}, scene_folder, tmp_path / "sheet.png")
+    truth, found = (pictures(tmp_path / "sheet.png", column)[0] for column in (1, 2))
+    assert (truth - found).mean() > 0.01
+
+
 def test_mistakes(
     perfect_run: Path, spoiled_run: Path, scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -84,3 +93,90 @@ def test_scene_without_novel_lights(
     put_on_scene(perfect_run, copy)
     with pytest.raises(InputError, match="expected a test view with true albedo and roughness, its light, and a novel light"):
         write_comparison({"perfect": perfect_run}, copy, tmp_path / "sheet.png")
+
+
+def test_results_that_are_missing(
+    perfect_run: Path, scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "sheet.png"
+    (perfect_run / "roughness.exr").unlink()
+    assert main([str(perfect_run), "--scene", str(scene_folder), "--out", str(out)]) == 2
+    assert "roughness.exr: no such image" in capsys.readouterr().err
+    (perfect_run / "metrics.json").write_text('{"status": "failed"}')
+    with pytest.raises(InputError, match="expected a finished run, found status 'failed'"):
+        write_comparison({"run": perfect_run}, scene_folder, out)
+    assert not out.exists()
+
+
+def without(path: Path, key: str) -> None:
+    """Remove a dotted key from a JSON file."""
+    content = json.loads(path.read_text())
+    *above, last = key.split(".")
+    inside = content
+    for part in above:
+        inside = inside[part]
+    del inside[last]
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize(
+    ("file", "key"),
+    [
+        ("metrics.json", "status"),
+        ("metrics.json", "protocol_description"),
+        ("metrics.json", "albedo_scales"),
+        ("metrics.json", "metrics.relighting"),
+        ("config.json", "config.scene.content"),
+        ("config.json", "config.render"),
+        ("config.json", "config.reader.name"),
+    ],
+)
+def test_missing_keys_are_named(perfect_run: Path, scene_folder: Path, tmp_path: Path, file: str, key: str) -> None:
+    without(perfect_run / file, key)
+    with pytest.raises(InputError, match=rf"{file}: {key}(\.\w+)?: expected [\w |]+, found nothing$"):
+        write_comparison({"run": perfect_run}, scene_folder, tmp_path / "sheet.png")
+
+
+def test_values_of_another_kind_are_named(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+    metrics = json.loads((perfect_run / "metrics.json").read_text())
+    metrics["metrics"]["relighting"]["psnr"] = "much"
+    (perfect_run / "metrics.json").write_text(json.dumps(metrics))
+    with pytest.raises(InputError, match=r"metrics.relighting.psnr: expected float \| int \| None, found 'much'"):
+        write_comparison({"run": perfect_run}, scene_folder, tmp_path / "sheet.png")
+    (perfect_run / "metrics.json").write_text("[]")
+    with pytest.raises(InputError, match="metrics.json: expected a JSON object, found list"):
+        write_comparison({"run": perfect_run}, scene_folder, tmp_path / "sheet.png")
+
+
+def test_run_of_another_scene_is_refused(
+    perfect_run: Path, scene_folder: Path, tiny_copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also one whose mesh has as many vertices, in a folder of the same name."""
+    out = tmp_path / "sheet.png"
+    write_comparison({"run": perfect_run}, tiny_copy, out)  # the same scene in another place
+    out.unlink()
+    (tiny_copy / "scene.json").write_text((scene_folder / "scene.json").read_text() + "\n")
+    assert main([str(perfect_run), "--scene", str(tiny_copy), "--out", str(out)]) == 2
+    message = capsys.readouterr().err
+    assert f"{perfect_run / 'config.json'}: config.scene.content: expected " in message
+    assert f"the content of {tiny_copy}, found" in message
+    assert "another scene (tiny)" in message
+    with pytest.raises(InputError, match="nowhere: no such folder"):
+        write_comparison({"run": perfect_run}, tmp_path / "nowhere", out)
+    assert not out.exists()
+
+
+def test_scene_without_truth(
+    perfect_run: Path, scene_folder: Path, put_on_scene: Callable[[Path, Path], None], tmp_path: Path
+) -> None:
+    copy = shutil.copytree(scene_folder, tmp_path / "scene", ignore=shutil.ignore_patterns("transforms_[!t]*", "transforms_test*"))
+    description = json.loads((scene_folder / "scene.json").read_text())
+    kept = {key: value for key, value in description.items() if key not in ("truth_textures", "splits")}
+    (copy / "scene.json").write_text(json.dumps(kept))
+    train = json.loads((scene_folder / "transforms_train.json").read_text())
+    for frame in train["frames"]:
+        frame.pop("albedo_path"), frame.pop("specular_path")
+    (copy / "transforms_train.json").write_text(json.dumps(train))
+    put_on_scene(perfect_run, copy)
+    with pytest.raises(InputError, match="expected a test view with true albedo and roughness"):
+        write_comparison({"run": perfect_run}, copy, tmp_path / "sheet.png")
