@@ -21,7 +21,7 @@ help: ## list the targets
 setup: $(READY) ## make .venv with the locked versions
 
 # torch goes in first and alone, so that its CPU build is taken where there is one. The rest is complete as it stands and
-# goes in without resolving: pyrender pins an older PyOpenGL than the locked one, with which it is known to work.
+# goes in without resolving.
 $(READY): requirements.lock baselines/pyproject.toml
 	$(PYTHON) -m venv --clear .venv
 	.venv/bin/pip install --quiet --disable-pip-version-check $$(grep '^torch==' requirements.lock)
