@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.ranges import Number
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
@@ -22,8 +23,7 @@ from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, rea
 from ia_bench.priors.diffusion.enlarging import enlarge, enlarge_by_difference, enlarge_by_gain
 from ia_bench.priors.diffusion.framing import Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.precision import use_bf16
-from ia_bench.priors.inputs import check_views, choose_device, content_number
+from ia_bench.priors.inputs import Device, Precision, check_views, choose_device, content_number, use_bf16
 
 VERSION = 4
 """Part of the fingerprint; raised when a change of the code changes samples."""
@@ -58,7 +58,7 @@ class LearnedPrior(ABC):
     ``batch``: images at a time, which changes no sample beyond rounding. ``precision``: float32, bf16, or auto (bf16 where it
     is fast). ``device``: auto, cpu or cuda.
 
-    Raises InputError for options and weights that cannot be used.
+    Raises InputError for weights that cannot be used.
     """
 
     kind: ClassVar[str]  # of its networks, and the name of its packaged weights
@@ -67,7 +67,7 @@ class LearnedPrior(ABC):
     @classmethod
     def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
         """The options with what precision "auto" means on this machine: it decides samples, and so is part of a run's identity."""
-        bf16 = use_bf16(options.get("precision", "auto"), choose_device(options.get("device", "auto")), "prior.options.precision")
+        bf16 = use_bf16(options.get("precision", "auto"), choose_device(options.get("device", "auto")))
         return {**options, "precision": "bf16" if bf16 else "float32"}
 
     def __init__(
@@ -75,15 +75,13 @@ class LearnedPrior(ABC):
         *,
         weights: str | None = None,
         geometry: bool = False,
-        batch: int = 64,
-        precision: str = "auto",
-        device: str = "auto",
+        batch: Number = 64,
+        precision: Precision = "auto",
+        device: Device = "auto",
     ) -> None:
         self._folder = Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / self.kind))
-        if batch < 1:
-            raise InputError(f"prior.options.batch: expected at least 1, found {batch}")
         self._device = choose_device(device)
-        self.bf16 = use_bf16(precision, self._device, "prior.options.precision")
+        self.bf16 = use_bf16(precision, self._device)
         parts = [self._folder / name for name in COMPONENTS if (self._folder / name / "prior.json").is_file()]
         self._parts = parts or [self._folder]
         self._configs = [read_config(part) for part in self._parts]

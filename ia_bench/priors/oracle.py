@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import torch
@@ -16,13 +16,14 @@ from pydantic import Field
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.ranges import NotNegative
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.inputs import check_truth, check_views
 
 MAX_SCALE = 10.0
 """Largest standard deviation of a log scale: eight of them still make a factor that a float holds."""
 
+Spread = Annotated[float, Field(ge=0, le=MAX_SCALE)]
 Blur = Annotated[float, Field(ge=0, le=1024)]  # pixels: one of more takes for ever and leaves nothing to see
 
 
@@ -44,40 +45,21 @@ class OraclePrior:
     def __init__(
         self,
         *,
-        components: Iterable[str] = COMPONENTS,
-        scale: float = 0.0,
-        shift: float = 0.0,
-        noise: float = 0.0,
+        components: Iterable[Literal["albedo", "specular"]] = ("albedo", "specular"),
+        scale: Spread = 0.0,
+        shift: NotNegative = 0.0,
+        noise: NotNegative = 0.0,
         blur: Blur = 0.0,
-        baked: float = 0.0,
-        inconsistency: float = 0.0,
-        patch: float = 8.0,
-        guidance_strength: float = 100.0,
+        baked: NotNegative = 0.0,
+        inconsistency: NotNegative = 0.0,
+        patch: NotNegative = 8.0,
+        guidance_strength: NotNegative = 100.0,
     ) -> None:
-        provides = frozenset(components)
-        if not provides <= set(COMPONENTS):
-            unknown = ", ".join(sorted(provides - set(COMPONENTS)))
-            raise InputError(f"prior.options.components: expected some of {', '.join(COMPONENTS)}, found {unknown}")
-        dials = {
-            "scale": scale,
-            "shift": shift,
-            "noise": noise,
-            "blur": blur,
-            "baked": baked,
-            "inconsistency": inconsistency,
-            "patch": patch,
-            "guidance_strength": guidance_strength,
-        }
-        for name, value in dials.items():
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(f"prior.options.{name}: expected a finite number >= 0, found {value}")
-        if scale > MAX_SCALE:
-            raise InputError(f"prior.options.scale: expected at most {MAX_SCALE:g}, found {scale}")
         self.scale, self.shift, self.noise, self.blur = scale, shift, noise, blur
         self.baked, self.inconsistency, self.patch = baked, inconsistency, patch
         self.guidance_strength = guidance_strength
         stochastic = any((scale, shift, noise, inconsistency))
-        self.info = PriorInfo(provides, stochastic, guidable=True, sees_truth=True, wants=frozenset({"truth"}))
+        self.info = PriorInfo(frozenset(components), stochastic, guidable=True, sees_truth=True, wants=frozenset({"truth"}))
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others."""

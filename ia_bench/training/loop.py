@@ -26,7 +26,7 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.checkpoints import load_network, read_description, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.precision import use_bf16
+from ia_bench.priors.inputs import use_bf16
 from ia_bench.training.dataset import Batch, TrainingImages
 from ia_bench.training.optimiser import MuonAdamW, split_weights
 from ia_bench.training.settings import TrainSettings
@@ -47,7 +47,7 @@ def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    accelerator = Accelerator(mixed_precision="bf16" if use_bf16(settings.precision, device, "precision") else "no")
+    accelerator = Accelerator(mixed_precision="bf16" if use_bf16(settings.precision, device) else "no")
     if settings.batch % accelerator.num_processes:
         raise InputError(f"batch: expected a multiple of the {accelerator.num_processes} processes, found {settings.batch}")
     return _Training(settings, accelerator, progress).finish()

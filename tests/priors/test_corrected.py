@@ -11,6 +11,7 @@ from priors.tiny_network import tiny_weights
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import Stack, painted_ball
 from ia_bench.common.errors import InputError
+from ia_bench.common.registry import built_in, create
 from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Samples
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.diffusion.prior import DiffusionPrior
@@ -95,8 +96,8 @@ def test_the_prior_behind_sees_no_truth(weights: str, stack: Stack, monkeypatch:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"share": 1.5}, r"prior.options.share: expected a number from 0 to 1, found 1.5"),
-        ({"share": math.nan}, r"prior.options.share: expected a number from 0 to 1, found nan"),
+        ({"share": 1.5}, r"prior.options.share: expected 1 or less, found 1.5"),
+        ({"share": math.nan}, r"prior.options.share: expected a finite number"),
         ({"of": "oracle"}, r"prior.options.of: .* found oracle: it sees the truth itself"),
         ({"of": "none"}, r"prior.options.of: .* found none: it provides nothing"),
         ({"of": "difusion"}, r"unknown prior 'difusion'.*diffusion"),
@@ -105,7 +106,7 @@ def test_the_prior_behind_sees_no_truth(weights: str, stack: Stack, monkeypatch:
 )
 def test_wrong_options(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        CorrectedPrior(**options)
+        create("prior", "corrected", built_in("prior")["corrected"].target, options)
 
 
 def test_options_of_the_command_line_arrive(weights: str) -> None:

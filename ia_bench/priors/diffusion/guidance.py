@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -101,7 +101,7 @@ class Guidance(Pull):
     ``norm`` "l2" is the paper's; its gradient has length 1 whatever the image's size, so its strength counts in units of one
     image's distance. ``prior_variance``: see :func:`posterior_variance`; for the rule "variance". ``also``: further pulls that act
     together with this one. ``report``: counts what the guidance did; pass one to several guidances to add them up. Raises
-    InputError for unknown names, and for "l2" with "variance", whose two terms are both Gaussian.
+    InputError for "l2" with "variance", whose two terms are both Gaussian.
     """
 
     rule: Rule = "variance"
@@ -112,9 +112,7 @@ class Guidance(Pull):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_rule(self.rule, self.norm)
-        if not self.prior_variance > 0:
-            raise InputError(f"prior_variance: expected a number > 0, found {self.prior_variance}")
+        check_norm(self.rule, self.norm, "guidance norm")
 
     @classmethod
     def of(
@@ -176,13 +174,10 @@ class Guidance(Pull):
         return torch.where(distance > 0, pull.strength / distance, 0.0)[:, None, None, None]
 
 
-def check_rule(rule: str, norm: str, prefix: str = "guidance ") -> None:
-    """Raise InputError for unknown names and for "l2" with "variance"; ``prefix``: what messages put before rule and norm."""
-    for name, value, known in (("rule", rule, get_args(Rule)), ("norm", norm, get_args(Norm))):
-        if value not in known:
-            raise InputError(f"{prefix}{name}: expected one of {', '.join(known)}, found {value!r}")
+def check_norm(rule: Rule, norm: Norm, key: str) -> None:
+    """Raise InputError, naming ``key``, for "l2" with "variance", whose two terms are both Gaussian."""
     if rule == "variance" and norm != "squared":
-        raise InputError(f'{prefix}norm: expected "squared" with the rule "variance", found {norm!r}')
+        raise InputError(f'{key}: expected "squared" with the rule "variance", found {norm!r}')
 
 
 def posterior_variance(prior_variance: float, alpha_bar: float) -> float:

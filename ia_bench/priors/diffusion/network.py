@@ -20,6 +20,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.ranges import Number
 from ia_bench.common.suggestions import unknown
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
@@ -56,14 +57,14 @@ class NetworkConfig:
 
     kind: Kind = "diffusion"
     components: tuple[str, ...] = ("albedo", "specular")
-    size: int = 64
-    fold: int = 4
+    size: Number = 64
+    fold: Number = 4
     channels: tuple[int, ...] = (64, 96, 112)
-    layers: int = 1
-    head: int = 32
+    layers: Number = 1
+    head: Number = 32
     geometry: bool = True
     encoder: str = "small"
-    tokens: int = 128
+    tokens: Number = 128
     schedule: dict[str, Any] = field(
         default_factory=lambda: {
             "num_train_timesteps": 1000,
@@ -77,9 +78,6 @@ class NetworkConfig:
             raise InputError(
                 f"network.components: expected some of {', '.join(COMPONENTS)}, each once, found {list(self.components)}"
             )
-        for name in ("size", "fold", "layers", "head", "tokens"):
-            if getattr(self, name) < 1:
-                raise InputError(f"network.{name}: expected at least 1, found {getattr(self, name)}")
         if not self.channels or any(width < 1 or width % 16 for width in self.channels):
             raise InputError(f"network.channels: expected multiples of 16, found {list(self.channels)}")
         stride = self.fold * 2 ** (len(self.channels) - 1)

@@ -53,12 +53,6 @@ class PatchSettings:
     blur: float | None = None
     batch: int = 64
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.overlap <= 0.9:
-            raise InputError(f"patches overlap: expected 0 ... 0.9, found {self.overlap}")
-        if self.batch < 1:
-            raise InputError(f"patches batch: expected at least 1, found {self.batch}")
-
 
 @dataclass(frozen=True, eq=False)
 class _Job:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.ranges import NotNegative, Number, Positive, Share
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.conditioned import Conditioned
-from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Rule, check_rule
+from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Rule, check_norm
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, PatchSettings, sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
-from ia_bench.priors.inputs import check_views, finite_option
+from ia_bench.priors.inputs import Device, Precision, check_views
 from ia_bench.priors.learned import Framed, LearnedPrior
 
 DISTILLED_LEVELS = (0.02, 0.98)
@@ -43,32 +44,26 @@ class DiffusionPrior(LearnedPrior):
         self,
         *,
         weights: str | None = None,
-        steps: int = 3,
-        eta: float = 0.0,
-        patches: bool | str = "auto",
+        steps: Number = 3,
+        eta: Share = 0.0,
+        patches: bool | Literal["auto"] = "auto",
         geometry: bool = False,
         guidance_rule: Rule = "variance",
         guidance_norm: Norm = "squared",
-        guidance_strength: float = 10.0,
-        prior_variance: float = DEFAULT_PRIOR_VARIANCE,
-        batch: int = 64,
-        precision: str = "auto",
-        device: str = "auto",
+        guidance_strength: NotNegative = 10.0,
+        prior_variance: Positive = DEFAULT_PRIOR_VARIANCE,
+        batch: Number = 64,
+        precision: Precision = "auto",
+        device: Device = "auto",
     ) -> None:
         super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
-        if patches not in (True, False, "auto"):
-            raise InputError(f"prior.options.patches: expected true, false or auto, found {patches}")
         self.patches = patches
-        if steps < 1:
-            raise InputError(f"prior.options.steps: expected at least 1, found {steps}")
         longest = min(config.timesteps for config in self._configs)
         if steps > longest:
             raise InputError(f"prior.options.steps: expected at most {longest} (the schedule's length), found {steps}")
         self.settings = SamplerSettings(steps=steps, eta=eta)
-        self.guidance_strength = finite_option("guidance_strength", guidance_strength)
-        if not finite_option("prior_variance", prior_variance):
-            raise InputError("prior.options.prior_variance: expected a number > 0, found 0")
-        check_rule(guidance_rule, guidance_norm, "prior.options.guidance_")
+        check_norm(guidance_rule, guidance_norm, "prior.options.guidance_norm")
+        self.guidance_strength = guidance_strength
         self._rule, self._norm, self._variance = guidance_rule, guidance_norm, prior_variance
 
     def _options(self) -> dict[str, Any]:

@@ -35,12 +35,6 @@ class SamplerSettings:
     spacing: Spacing = "trailing"
     clip: tuple[float, float] | None = (-1.0, 1.0)
 
-    def __post_init__(self) -> None:
-        if not 0 <= self.eta <= 1:
-            raise InputError(f"prior.options.eta: expected 0 (DDIM) ... 1 (ancestral), found {self.eta}")
-        if self.clip is not None and not self.clip[0] < self.clip[1]:
-            raise InputError(f"clip: expected (low, high) with low < high, or None, found {self.clip}")
-
 
 @torch.no_grad()
 def sample(

@@ -15,11 +15,12 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
+from ia_bench.common.ranges import NotNegative, Number, Share
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion.guidance import GuidanceReport
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
-from ia_bench.priors.inputs import check_views, choose_device, content_number, finite_option
+from ia_bench.priors.inputs import Device, check_views, choose_device, content_number
 from ia_bench.priors.original.convert import RECORD
 from ia_bench.priors.original.guidance import pull
 from ia_bench.priors.original.networks import Networks
@@ -47,11 +48,11 @@ class IntrinsicAnythingPrior:
         *,
         weights: str | None = None,
         components: Iterable[str] | None = None,
-        steps: int = 100,
-        eta: float = 1.0,
-        guidance_strength: float = 3.0,
-        batch: int = 8,
-        device: str = "auto",
+        steps: Number = 100,
+        eta: Share = 1.0,
+        guidance_strength: NotNegative = 3.0,
+        batch: Number = 8,
+        device: Device = "auto",
     ) -> None:
         if weights is None:
             raise InputError("prior.options.weights: expected the folder that python -m ia_bench.cli.convert_weights wrote")
@@ -59,14 +60,11 @@ class IntrinsicAnythingPrior:
         self._records = _records(self._folder, components)
         self._side = _resolution(self._folder, sorted(self._records))
         self.info = PriorInfo(frozenset(self._records), stochastic=True, guidable=True, resolution=self._side)
-        for name, value in (("steps", steps), ("batch", batch)):
-            if value < 1:
-                raise InputError(f"prior.options.{name}: expected at least 1, found {value}")
         self._device = choose_device(device)
         self._settings = SamplerSettings(steps, eta, "leading", LATENT_RANGE)
         self._batch = batch
         self._loaded: dict[str, Networks] = {}
-        self.guidance_strength = finite_option("guidance_strength", guidance_strength)
+        self.guidance_strength = guidance_strength
 
     @property
     def fingerprint(self) -> str:

@@ -93,7 +93,7 @@ def change_weights(folder, change, name=UNET):
         (lambda f: change_json(f, lambda d: d["network"].pop("size")), "network.size: expected a value, found no such key"),
         (lambda f: change_json(f, lambda d: d["network"].update(size="16")), "network.size: expected a whole number, found '16'"),
         (lambda f: change_json(f, lambda d: d["network"].update(components=["foo"])), "prior.json: network.components: expected"),
-        (lambda f: change_json(f, lambda d: d["network"].update(fold=0)), "prior.json: network.fold: expected at least 1"),
+        (lambda f: change_json(f, lambda d: d["network"].update(fold=0)), "prior.json: network.fold: expected 1 or more, found 0"),
         (lambda f: change_json(f, lambda d: d["network"]["schedule"].clear()), "num_train_timesteps: expected a whole number"),
         (lambda f: (f / UNET).unlink(), "diffusion_pytorch_model.safetensors: no such file"),
         (lambda f: (f / ENCODER).write_bytes(b"\x80\x04cos\nsystem\n"), "encoder.safetensors: expected safetensors"),

@@ -11,6 +11,7 @@ import ia_bench.priors
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
+from ia_bench.common.registry import built_in, create
 from ia_bench.priors.contract import Observations
 from ia_bench.priors.diffusion.checkpoints import save_network
 from ia_bench.priors.diffusion.conditioned import Conditioned
@@ -201,21 +202,21 @@ def test_several_samples_of_an_image_share_its_condition():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"steps": 0}, "steps: expected at least 1"),
-        ({"eta": 2.0}, "eta: expected 0"),
-        ({"guidance_strength": -1.0}, "guidance_strength: expected a finite number >= 0"),
-        ({"prior_variance": 0.0}, "prior_variance: expected a number > 0"),
-        ({"batch": 0}, "batch: expected at least 1"),
+        ({"steps": 0}, "prior.options.steps: expected 1 or more, found 0"),
+        ({"eta": 2.0}, "prior.options.eta: expected 1 or less, found 2.0"),
+        ({"guidance_strength": -1.0}, "prior.options.guidance_strength: expected 0 or more, found -1.0"),
+        ({"prior_variance": 0.0}, "prior.options.prior_variance: expected 1e-06 or more, found 0.0"),
+        ({"batch": 0}, "prior.options.batch: expected 1 or more, found 0"),
         ({"steps": 2000}, r"steps: expected at most 1000 \(the schedule's length\), found 2000"),
-        ({"guidance_rule": "foo"}, "prior.options.guidance_rule: expected one of paper, variance, found 'foo'"),
+        ({"guidance_rule": "foo"}, "unknown value of prior.options.guidance_rule: 'foo'.* There are: paper, variance"),
         ({"guidance_norm": "l2"}, 'prior.options.guidance_norm: expected "squared" with the rule "variance", found \'l2\''),
         ({"precision": "half"}, "unknown value of prior.options.precision"),
-        ({"device": "gpu"}, "device: expected auto, cpu or cuda"),
+        ({"device": "gpu"}, "unknown value of prior.options.device: 'gpu'.* There are: auto, cpu, cuda"),
     ],
 )
 def test_options_are_checked_at_once(weights, options, message):
     with pytest.raises(InputError, match=message):
-        DiffusionPrior(weights=weights, **options)
+        create("prior", "diffusion", built_in("prior")["diffusion"].target, {"weights": weights, **options})
 
 
 def test_weights_of_the_other_kind_are_refused(weights, regressor_weights):

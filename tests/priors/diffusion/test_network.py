@@ -7,7 +7,8 @@ import torch
 from priors.tiny_network import tiny_config
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.common.settings import parsed
+from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
 
 
 def ask(network: MaterialNetwork) -> tuple[torch.Tensor, torch.Tensor]:
@@ -49,5 +50,5 @@ def test_the_head_learns_from_the_features_of_the_unet() -> None:
 
 
 def test_a_head_has_a_width() -> None:
-    with pytest.raises(InputError, match="network.head: expected at least 1, found 0"):
-        tiny_config(head=0)
+    with pytest.raises(InputError, match="network.head: expected 1 or more, found 0"):
+        parsed(NetworkConfig, {"head": 0}, "network")

@@ -214,7 +214,3 @@ def test_clear_errors():
         sample_large(mix, SCHEDULE, condition, NATIVE, seeds=[0], **common)
     with pytest.raises(InputError, match="foreground"):
         sample_large(mix, SCHEDULE, condition, NATIVE, seeds=[0, 1], **common, foreground=torch.zeros(2, 40, 40))
-    with pytest.raises(InputError, match="overlap"):
-        PatchSettings(overlap=1.0)
-    with pytest.raises(InputError, match="batch"):
-        PatchSettings(batch=0)

@@ -16,6 +16,7 @@ from torch import Tensor
 from ia_bench.checks.stack import painted_ball
 from ia_bench.cli.check import main as check
 from ia_bench.common.errors import InputError
+from ia_bench.common.registry import built_in, create
 from ia_bench.common.seeds import derive_seed
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS, Observations
@@ -129,18 +130,18 @@ def test_fingerprint_follows_what_decides_samples(weights: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"weights": None}, "weights: expected the folder that"),
-        ({"weights": "/nowhere"}, "weights=/nowhere: expected albedo or specular as"),
-        ({"components": ["normals"]}, "components: expected some of albedo, specular, found normals"),
-        ({"steps": 0}, "steps: expected at least 1, found 0"),
-        ({"batch": 0}, "batch: expected at least 1, found 0"),
-        ({"guidance_strength": -1.0}, "guidance_strength: expected a finite number >= 0, found -1.0"),
-        ({"device": "tpu"}, "device: expected auto, cpu or cuda, found tpu"),
+        ({"weights": None}, "prior.options.weights: expected the folder that"),
+        ({"weights": "/nowhere"}, "prior.options.weights=/nowhere: expected albedo or specular as"),
+        ({"components": ["normals"]}, "prior.options.components: expected some of albedo, specular, found normals"),
+        ({"steps": 0}, "prior.options.steps: expected 1 or more, found 0"),
+        ({"batch": 0}, "prior.options.batch: expected 1 or more, found 0"),
+        ({"guidance_strength": -1.0}, "prior.options.guidance_strength: expected 0 or more, found -1.0"),
+        ({"device": "tpu"}, "unknown value of prior.options.device: 'tpu'.* There are: auto, cpu, cuda"),
     ],
 )
 def test_wrong_options(options: dict, message: str, weights: Path) -> None:
-    with pytest.raises(InputError, match=f"prior.options.{message}"):
-        IntrinsicAnythingPrior(**{"weights": str(weights), **options})
+    with pytest.raises(InputError, match=message):
+        create("prior", "intrinsicanything", built_in("prior")["intrinsicanything"].target, {"weights": str(weights), **options})
 
 
 def without_a_tensor(folder: Path) -> None:
