@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ia_bench.scenes.scene import Scene
 
 PREDICTED = frozenset({"albedo", "roughness", "view_synthesis", "relighting"})
+NEEDED = frozenset({"mesh", "uv"})
 
 
 @dataclass(frozen=True)
@@ -14,7 +19,7 @@ class MethodInfo:
     Attributes:
         uses_prior: Whether it asks ``problem.prior``.
         sees_truth: Whether it is given the truth; such a method is marked in every table.
-        needs: What a scene must have for it, some of "mesh" and "uv".
+        needs: What a scene must have for it, some of "mesh" and "uv"; a run of one that lacks it is refused.
         predicts: What can be scored of it, some of "albedo", "roughness", "view_synthesis" and "relighting".
         paper: Where it was published.
         deviations: In what it differs from there, one sentence each.
@@ -22,7 +27,12 @@ class MethodInfo:
 
     uses_prior: bool
     sees_truth: bool = False
-    needs: frozenset[str] = frozenset({"mesh", "uv"})
+    needs: frozenset[str] = NEEDED
     predicts: frozenset[str] = PREDICTED
     paper: str = ""
     deviations: tuple[str, ...] = ()
+
+    def lacking(self, scene: Scene) -> list[str]:
+        """What of ``needs`` the ``scene`` has not got: triangles, or texture coordinates that differ."""
+        there = {"mesh": len(scene.mesh.faces) > 0, "uv": bool(scene.mesh.uv.any())}
+        return sorted(self.needs - {name for name, has in there.items() if has})

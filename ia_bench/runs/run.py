@@ -9,6 +9,7 @@ from typing import Any
 
 import torch
 
+from ia_bench.common.errors import InputError
 from ia_bench.common.machine import environment
 from ia_bench.common.progress import Progress, Task
 from ia_bench.common.registry import create
@@ -77,7 +78,13 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
 
 
 def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Callable[[str], None], books: Books) -> Problem:
-    """What a method that says ``info`` of itself is handed of a ``scene``; nothing in it leads to truth that it may not see."""
+    """What a method that says ``info`` of itself is handed of a ``scene``; nothing in it leads to truth that it may not see.
+
+    Raises InputError where the scene lacks what the method needs.
+    """
+    lacking = info.lacking(scene)
+    if lacking:
+        raise InputError(f"method={config.method.name}: expected a scene with {' and '.join(lacking)}, found none in {scene.name}")
     with books.aside("bake"):
         prior: Prior = NoPrior()
         if info.uses_prior:

@@ -3,51 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import importlib
 import inspect
-import json
-import os
 import re
 import shlex
-import sys
-import textwrap
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Union, get_args, get_origin, get_type_hints
 
 import pytest
 import yaml
+from shipped_choices import CONF, _variations
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.paths import conf_folder
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates, LossWeights
-from ia_bench.priors import learned
 from ia_bench.render.settings import RenderSettings
-from ia_bench.runs import identity as identities
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import SceneConfig, resolve_scene_folder, slug
-from ia_bench.runs.identity import config_hash, identity, run_folder
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
+from ia_bench.runs.identity import identity
 from ia_bench.scores.protocol import Protocol
 
-CONF = conf_folder()
+pytestmark = pytest.mark.usefixtures("scenes")
 GROUP_FILES = sorted(path for path in CONF.glob("*/*.yaml") if path.parent.name != "table")
-
-
-@pytest.fixture(autouse=True)
-def scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Scene folders of every shipped name, with just enough in them to be told apart."""
-    root = tmp_path / "datasets" / "scenes"
-    for path in CONF.glob("scene/*.yaml"):
-        (root / path.stem).mkdir(parents=True)
-        (root / path.stem / "scene.json").write_text(json.dumps({"name": path.stem}))
-    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
-    return root
-
-
-def hash_with(*overrides: str) -> str:
-    return config_hash(compose(["device=cpu", *overrides]))
 
 
 @pytest.mark.parametrize("path", GROUP_FILES, ids=lambda path: f"{path.parent.name}={path.stem}")
@@ -201,71 +179,6 @@ def test_command_line_beats_preset() -> None:
     assert compose(["device=cpu", "render.samples=7", "preset=paper"]).render.samples == 7
 
 
-def test_hash_is_sha256_of_canonical_json() -> None:
-    config = compose(["device=cpu"])
-    text = json.dumps(identity(config), sort_keys=True, separators=(",", ":"))
-    assert config_hash(config) == hashlib.sha256(text.encode()).hexdigest()
-
-
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        ("out=elsewhere",),
-        ("row=another",),
-        ("preset=quick",),
-        ("fit.checkpoint_seconds=99",),
-        ("prior.supervision.cache=false",),
-        ("fit.pixels=4096",),
-        (f"threads={len(os.sched_getaffinity(0))}",),
-    ],
-    ids=str,
-)
-def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None:
-    assert hash_with(*overrides) == hash_with()
-
-
-@pytest.mark.parametrize(
-    "override",
-    [
-        "seed=1",
-        "threads=63",
-        "scene=ship",
-        "prior=oracle",
-        "method=ceiling",
-        "reader.options.uv=xatlas",
-        "preset=smoke",
-        "protocol.lpips.net=alex",
-        "protocol.ssim.sigma=2",
-        "protocol.samples_per_pixel=65",
-        "render.shadows=none",
-        "fit.rates.light=0.3",
-    ],
-)
-def test_hash_changes_with_what_decides_numbers(override: str) -> None:
-    assert hash_with(override) != hash_with()
-
-
-def test_hash_changes_with_every_setting_of_fit_and_render() -> None:
-    config = compose(["device=cpu"])
-    hashes = [config_hash(config)]
-    for changed in _variations(config.render):
-        hashes.append(config_hash(dataclasses.replace(config, render=changed)))
-    for changed in _variations(FitSettings()):
-        method = dataclasses.replace(config.method, options=dataclasses.asdict(changed))
-        hashes.append(config_hash(dataclasses.replace(config, method=method)))
-    assert len(hashes) > 30
-    assert len(set(hashes)) == len(hashes)
-
-
-def test_hash_changes_with_every_setting_of_supervision() -> None:
-    config = compose(["device=cpu"])
-    hashes = {config_hash(config)}
-    varied = [s for s in _variations(config.prior.supervision) if s.cache]
-    for changed in varied:
-        hashes.add(config_hash(dataclasses.replace(config, prior=dataclasses.replace(config.prior, supervision=changed))))
-    assert len(hashes) == len(varied) + 1 == len(dataclasses.fields(config.prior.supervision))
-
-
 @pytest.mark.parametrize("prior", ["oracle", "ia_bench.priors.none:NoPrior"])
 def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
     """Also of one that is spelled out, whose node Hydra is told of only then."""
@@ -288,98 +201,6 @@ def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
 def test_mistakes_about_supervision(override: str, message: str) -> None:
     with pytest.raises(InputError, match=re.escape(message)):
         compose(["device=cpu", f"prior.supervision.{override}"])
-
-
-def test_hash_distinguishes_oracle_dials() -> None:
-    assert hash_with("prior=oracle", "prior.options.noise=0.1") != hash_with("prior=oracle")
-
-
-def test_hash_follows_the_scene_content_and_not_its_place(scenes: Path, tmp_path: Path) -> None:
-    elsewhere = tmp_path / "elsewhere" / "hat"
-    elsewhere.mkdir(parents=True)
-    (elsewhere / "scene.json").write_bytes((scenes / "hat" / "scene.json").read_bytes())
-    before = hash_with("scene=hat")
-    assert hash_with(f"scene.path={elsewhere}") == before
-    (scenes / "hat" / "mesh.ply").write_bytes(b"ply")
-    with_mesh = hash_with("scene=hat")
-    (scenes / "hat" / "mesh.ply").write_bytes(b"PLY")  # as long as before
-    assert len({before, with_mesh, hash_with("scene=hat")}) == 3
-
-
-def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path) -> None:
-    for name in ("here", "there"):
-        (tmp_path / name / "unet").mkdir(parents=True)
-        (tmp_path / name / "unet" / "weights.safetensors").write_bytes(b"one")
-    option = f"prior.options.weights={tmp_path / 'here'}"
-    before = hash_with("prior=diffusion", option)
-    assert hash_with("prior=diffusion", f"prior.options.weights={tmp_path / 'there'}") == before
-    assert hash_with("prior=diffusion") != before
-    (tmp_path / "here" / "CARD.md").write_text("weights of mine")
-    assert hash_with("prior=diffusion", option) == before
-    (tmp_path / "here" / "unet" / "weights.safetensors").write_bytes(b"other")
-    assert hash_with("prior=diffusion", option) != before
-    nested = [f"prior.options.of_options={{weights: {tmp_path / name}}}" for name in ("here", "there")]
-    assert hash_with("prior=corrected", nested[0]) != hash_with("prior=corrected", nested[1])
-
-
-@pytest.mark.parametrize("prior", ["diffusion", "corrected"])
-def test_the_precision_that_auto_means_is_part_of_the_hash(prior: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    hashes = []
-    for fast in (True, False):
-        monkeypatch.setattr(learned, "use_bf16", lambda *_, fast=fast: fast)
-        hashes.append(hash_with(f"prior={prior}"))
-    assert hashes[0] != hashes[1]
-
-
-def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    before = {name: hash_with(f"prior={name}") for name in ("none", "diffusion", "corrected")}
-    (tmp_path / "weights").write_bytes(b"others")
-    monkeypatch.setattr(identities, "PACKAGED_WEIGHTS", tmp_path)
-    after = {name: hash_with(f"prior={name}") for name in before}
-    assert {name: after[name] == before[name] for name in before} == {"none": True, "diffusion": False, "corrected": False}
-
-
-@pytest.mark.parametrize(
-    "overrides",
-    [("prior=mine:Mine",), ("method=mine:Mine",), ("reader=mine:Mine",), ("prior=corrected", "prior.options.of='mine:Mine'")],
-)
-def test_hash_follows_the_code_of_what_is_not_built_in(
-    overrides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "mine", raising=False)
-    body = """
-        from ia_bench.methods.ceiling import NoOptions
-        from ia_bench.methods.info import MethodInfo
-        class Mine:
-            Options, presets, info, value = NoOptions, {}, MethodInfo(uses_prior=True), 1
-            def __init__(self, options=None): ...
-            def read(self, truth): ...
-            sample = fit = read
-    """
-    (tmp_path / "mine.py").write_text(textwrap.dedent(body))
-    before = hash_with(*overrides)
-    assert hash_with(*overrides) == before
-    (tmp_path / "mine.py").write_text(textwrap.dedent(body).replace("), 1", "), 2"))
-    assert hash_with(*overrides) != before
-
-
-def test_hash_follows_the_content_of_lpips_weights_and_not_their_place(tmp_path: Path) -> None:
-    hashes = [hash_with()]  # LPIPS from the package's cache, or undefined: giving the weights later is another run
-    for name, content in (("a", b"weights"), ("b", b"weights"), ("c", b"others")):
-        path = tmp_path / f"{name}.safetensors"
-        path.write_bytes(content)
-        hashes.append(hash_with(f"protocol.lpips.weights={path}"))
-    assert hashes[1] == hashes[2]
-    assert len({*hashes}) == 3
-
-
-def test_folder_is_named_by_scene_row_and_hash() -> None:
-    config = compose(["device=cpu", "prior=oracle", "row='oracle w/o guided'"])
-    assert run_folder(config) == Path("runs", "hat", f"oracle-w-o-guided-{config_hash(config)[:8]}")
-    assert run_folder(compose(["device=cpu", "out=some/where"])) == Path("some/where")
-    assert run_folder(compose(["device=cpu", "method=ceiling"])).name.startswith("ceiling-")
-    assert slug("../x y") == "..-x-y"
 
 
 def test_own_scene_is_called_after_its_folder(tmp_path: Path) -> None:
@@ -408,19 +229,6 @@ def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_pat
 def test_device_auto_is_resolved() -> None:
     assert compose([]).device in ("cpu", "cuda")
     assert compose(["device=cpu"]).device == "cpu"
-
-
-def _variations(settings):
-    """The same settings with one leaf changed, for every leaf but those that decide no number."""
-    found = []
-    for leaf in dataclasses.fields(settings):
-        value = getattr(settings, leaf.name)
-        if dataclasses.is_dataclass(value):
-            found += [dataclasses.replace(settings, **{leaf.name: changed}) for changed in _variations(value)]
-        elif leaf.name != "checkpoint_seconds":
-            other = value + "x" if isinstance(value, str) else not value if isinstance(value, bool) else value + 1
-            found.append(dataclasses.replace(settings, **{leaf.name: other}))
-    return found
 
 
 def test_variations_cover_a_nested_setting() -> None:

@@ -1,4 +1,4 @@
-"""Guidance: the implicit rule against dense linear algebra and exact posteriors, the explicit one against finite differences.
+"""Guidance by the implicit rule, against dense linear algebra and exact posteriors.
 
 For a Gaussian prior, DDIM is an affine map of its start noise. Run on every unit vector it gives the samples' mean and their
 whole covariance to rounding, so only the error of the discretisation (first order in the step) lies between these and the
@@ -8,40 +8,24 @@ closed form, and no test of it is statistical. The ancestral sampler is tested s
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 from gaussian_prior import gaussian_denoiser, wide_schedule
-from scipy.integrate import solve_ivp
+from guided import SIZE, affine_map, coupled, pulls_of, random
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Pull, combine, posterior_variance
+from ia_bench.priors.diffusion.guidance import Guidance, Pull, combine, posterior_variance
 from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform, inverse_cosine_transform
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
-
-COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, math.pi / 2, 1000, dtype=torch.float64)).square().clamp(min=1e-30))
-ZERO_TERMINAL = NoiseSchedule(torch.cat([COSINE.alpha_bar[:-1], torch.zeros(1, dtype=torch.float64)]))
-SIZE = (5, 7)
-
-
-def random(*shape: int, seed: int = 0) -> Tensor:
-    return torch.randn(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
 def matrix_of(operator: GaussianBlur) -> Tensor:
     """A as a dense matrix, by applying it to every unit image."""
     count = math.prod(SIZE)
     return operator.apply(torch.eye(count, dtype=torch.float64).reshape(count, 1, *SIZE)).reshape(count, count).T
-
-
-def coupled(noisy: Tensor, t: int) -> Tensor:
-    """A smooth non-linear denoiser whose pixels depend on each other."""
-    return torch.tanh(noisy + 0.5 * noisy.roll(1, -1) - 0.3 * noisy.roll(2, -2) * noisy)
 
 
 # ----- operators --------------------------------------------------------------------------------------------------------------
@@ -60,19 +44,6 @@ def test_blur_is_symmetric_keeps_the_mean_and_has_its_eigenvalues():
     spectrum = blur.eigenvalues(image) * cosine_transform(image)
     torch.testing.assert_close(inverse_cosine_transform(spectrum), blur.apply(image))
     assert GaussianBlur(0.0).apply(image) is image
-
-
-# ----- the implicit rule ------------------------------------------------------------------------------------------------------
-def pulls_of(*kinds: str, strength: float = 30.0) -> list[Pull]:
-    """``kinds``: "identity", "blur", perhaps "weighted", perhaps by "channel"; half of the weights and channel 1 are zero."""
-    pulls = []
-    for i, kind in enumerate(kinds):
-        weight = random(2, 1, *SIZE, seed=10 + i).clamp(min=0) if "weighted" in kind else None
-        if "channel" in kind:
-            weight = weight * torch.tensor([1.0, 0.0, 2.0])[:, None, None]
-        operator = GaussianBlur(1.5 if "blur" in kind else 0.0)
-        pulls.append(Pull(random(2, 3, *SIZE, seed=20 + i), strength / (i + 1), weight, operator))
-    return pulls
 
 
 KINDS = [
@@ -127,20 +98,6 @@ def test_an_image_that_has_arrived_stays_beside_one_that_has_not():
     torch.testing.assert_close(together[1:], alone, rtol=0, atol=1e-12)
 
 
-def affine_map(guidance: Guidance, steps: int, mean: float, variance: float, clip: None = None) -> tuple[Tensor, Tensor]:
-    """The mean and the covariance of guided DDIM samples, one channel: start noise 0, then every unit vector."""
-    count = math.prod(SIZE)
-    init = torch.cat([torch.zeros(1, count), torch.eye(count)]).reshape(count + 1, 1, *SIZE).double()
-    everywhere = guidance.pulls[0].through(lambda image: image.expand(count + 1, *image.shape[1:]))
-    guidance = replace(guidance, target=everywhere.target, weight=everywhere.weight)
-    schedule = wide_schedule(steps)
-    denoise, settings = gaussian_denoiser(schedule, mean, variance), SamplerSettings(steps, clip=clip)
-    shape = tuple(init.shape)
-    found = sample(denoise, schedule, shape, range(count + 1), settings, guidance, init, dtype=torch.float64).reshape(-1, count)
-    slope = found[1:] - found[0]
-    return found[0], slope.T @ slope
-
-
 @pytest.mark.parametrize("kind", ["identity", "weighted identity", "blur", "weighted blur"])
 @pytest.mark.parametrize("strength", [1.0, 1000.0])
 def test_variance_rule_samples_the_exact_posterior(kind: str, strength: float):
@@ -177,182 +134,6 @@ def test_variance_rule_with_ancestral_noise():
     moments = found.flatten(1).mean(1), found.flatten(1).var(1)
     assert bool(((moments[0] - center).abs() < 4.5 * (exact / count).sqrt() + 1e-3 * exact.sqrt()).all()), moments[0] - center
     assert bool(((moments[1] / exact - 1).abs() < 4.5 * math.sqrt(2 / count) + 0.01).all()), moments[1] / exact
-
-
-# ----- the explicit rule ------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("norm", ["l2", "squared"])
-@pytest.mark.parametrize("kind", ["identity", "weighted blur"])
-def test_paper_rule_is_the_gradient_through_the_network(norm: str, kind: str):
-    (pull,) = pulls_of(kind, strength=1e-3)
-    pull = pull.through(lambda image: image[:1])
-    guidance = Guidance(pull.target, pull.strength, pull.weight, pull.operator, "paper", norm)
-    noisy, level = random(1, 3, *SIZE, seed=5), 0.3
-
-    def phi(point: Tensor) -> float:
-        difference = pull.operator.apply(coupled(point, 0)) - pull.target
-        total = float((difference * pull.weighted(difference)).sum())
-        return math.sqrt(total) if norm == "l2" else total / 2
-
-    gradient = torch.zeros_like(noisy)
-    for i in range(noisy.numel()):
-        nudge = torch.zeros_like(noisy)
-        nudge.view(-1)[i] = 1e-5
-        gradient.view(-1)[i] = (phi(noisy + nudge) - phi(noisy - nudge)) / 2e-5
-    expected = coupled(noisy, 0) - pull.strength * math.sqrt((1 - level) / level) * gradient
-    found = guidance.estimate_x0(coupled, noisy, 0, level)
-    assert guidance.report == GuidanceReport(1, guidance.report.bounded)
-    assert guidance.report.bounded == 0
-    scale = float((expected - coupled(noisy, 0)).abs().max())
-    assert float((found - expected).abs().max()) < 1e-5 * scale
-
-
-def explicit_limit(
-    strength: float, mean: float, variance: float, target: Tensor, eigenvalue: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Where infinitely many DDIM steps of the paper's rule with the squared norm end: offset and slope in the start noise.
-
-    In the eigenbasis of the blur, (K,) ``target`` and ``eigenvalue``, with v = x_t / a: dv / d ln sigma = v - x_0(v), where the
-    guided x_0 = m - gain eigenvalue (eigenvalue m - target) and m = E[x_0 | v]. Without a blur the cut is gain <= 1.
-    """
-    eigen = eigenvalue.numpy()
-
-    def guided(sigma: float, v: np.ndarray, centre: float, goal: np.ndarray) -> np.ndarray:
-        share = variance / (variance + sigma**2)
-        x0 = share * v + (1 - share) * centre
-        gain = strength * sigma * math.sqrt(1 + sigma**2) * share
-        return x0 - (min(gain, 1.0) if np.all(eigen == 1) else gain) * eigen * (eigen * x0 - goal)
-
-    ends = []
-    nothing, noise = np.zeros(len(eigen)), np.full(len(eigen), math.sqrt(1 + 1e8))
-    for start, centre, goal in ((nothing, mean, target.numpy()), (noise, 0.0, nothing)):  # a slope knows no mean and no target
-
-        def flow(t: float, v: np.ndarray, known: tuple[float, np.ndarray] = (centre, goal)) -> np.ndarray:
-            return v - guided(math.exp(t), v, *known)
-
-        ran = solve_ivp(flow, (math.log(1e4), math.log(1e-4)), start, "LSODA", rtol=1e-8, atol=1e-10)
-        ends.append(torch.from_numpy(guided(1e-4, ran.y[:, -1], centre, goal)))
-    return ends[0], ends[1]
-
-
-@pytest.mark.parametrize("strength", [1.0, 100.0])
-def test_the_paper_rule_has_the_bias_of_its_differential_equation(strength: float):
-    """Mean and full covariance without a blur, cut steps included; far from the posterior, as docs/sampling.md says."""
-    mean, variance, count = 0.2, 0.09, math.prod(SIZE)
-    target = random(1, 1, *SIZE, seed=20)
-    offset, slope = explicit_limit(strength, mean, variance, target.flatten(), torch.ones(count))
-    errors = []
-    for steps in (150, 300):
-        found_mean, found = affine_map(Guidance(target, strength, rule="paper"), steps, mean, variance)
-        errors.append(float((found_mean - offset).abs().max() / (target - mean).abs().max()))
-        errors.append(float((found - torch.diag(slope.square())).norm() / (variance * math.sqrt(count))))
-    assert max(errors) < 0.03
-    assert errors[2] < 0.75 * errors[0] + 1e-3
-    posterior = 1 / (1 / variance + strength)
-    assert float(slope.square().max()) < (0.7 if strength == 1 else 0.1) * posterior
-
-
-@pytest.mark.parametrize("strength", [1.0, 30.0])
-def test_the_paper_rule_of_the_plain_norm_follows_its_differential_equation(strength: float):
-    """With ``l2`` all values of an image are coupled, and no posterior is Gaussian: whole paths, from the same start noise.
-
-    dv / d ln sigma = v - x_0(v) with x_0 = m - min(gain / |m - y|, 1) (m - y), the cut included.
-    """
-    mean, variance, count = 0.2, 0.09, math.prod(SIZE)
-    target, init = random(1, 1, *SIZE, seed=20), random(3, 1, *SIZE, seed=21)
-    goal = target.flatten().numpy()
-
-    def guided(sigma: float, v: np.ndarray) -> np.ndarray:
-        share = variance / (variance + sigma**2)
-        error = share * v + (1 - share) * mean - goal
-        gain = strength * sigma * math.sqrt(1 + sigma**2) * share
-        return goal + (1 - min(gain / np.linalg.norm(error), 1.0)) * error
-
-    ends = []
-    for start in init.reshape(3, count).numpy() * math.sqrt(1 + 1e8):
-        limits = math.log(1e4), math.log(1e-4)
-        ran = solve_ivp(lambda t, v: v - guided(math.exp(t), v), limits, start, "LSODA", rtol=1e-8, atol=1e-10)
-        ends.append(torch.from_numpy(guided(1e-4, ran.y[:, -1])))
-    expected, errors = torch.stack(ends), []
-    guidance = Guidance(target.expand(3, 1, *SIZE), strength, rule="paper", norm="l2")
-    for steps in (150, 300):
-        schedule, settings, shape = wide_schedule(steps), SamplerSettings(steps, clip=None), (3, 1, *SIZE)
-        denoise = gaussian_denoiser(schedule, mean, variance)
-        found = sample(denoise, schedule, shape, range(3), settings, guidance, init, dtype=torch.float64).reshape(3, count)
-        errors.append(float((found - expected).norm() / (expected - mean).norm()))
-    assert errors[1] < 0.02
-    assert errors[1] < 0.65 * errors[0] + 1e-3
-
-
-def test_the_paper_rule_through_a_blur_has_the_bias_of_its_differential_equation():
-    """Mean and full covariance, in the cosine basis, where the blur is diagonal."""
-    mean, variance, strength, count = 0.0, 0.09, 1.0, math.prod(SIZE)
-    blur, target = GaussianBlur(1.5), random(1, 1, *SIZE, seed=20)
-    guidance = Guidance(target, strength, operator=blur, rule="paper")
-    basis = cosine_transform(torch.eye(count, dtype=torch.float64).reshape(count, 1, *SIZE)).reshape(count, count)
-    eigenvalue = blur.eigenvalues(target).expand(1, 1, *SIZE).flatten()
-    offset, slope = explicit_limit(strength, mean, variance, cosine_transform(target).flatten(), eigenvalue)
-    expected, errors = basis @ torch.diag(slope.square()) @ basis.T, []
-    for steps in (150, 300):
-        found_mean, found = affine_map(guidance, steps, mean, variance)
-        assert float((found_mean - basis @ offset).norm() / offset.norm()) < 0.03
-        errors.append(float((found - expected).norm() / expected.norm()))
-    assert guidance.report.bounded == 0
-    assert errors[1] < 0.05
-    assert errors[1] / errors[0] == pytest.approx(0.5, abs=0.12)
-
-
-@pytest.mark.parametrize("norm", ["l2", "squared"])
-def test_steps_are_cut_where_the_distance_is_least_and_counted(norm: str):
-    noisy, target = random(2, 3, *SIZE, seed=5), random(2, 3, *SIZE, seed=6)
-    target[1] = coupled(noisy, 0)[1]  # has arrived: nothing to do, nothing to cut
-    guidance = Guidance(target, 1e6, operator=GaussianBlur(1.0), rule="paper", norm=norm)
-    blur = guidance.operator.apply
-    guidance = replace(guidance, target=blur(target))
-    x0 = coupled(noisy, 0)
-    found = guidance.estimate_x0(coupled, noisy, 0, 0.5)
-    assert (guidance.report.updates, guidance.report.bounded) == (2, 1)
-    torch.testing.assert_close(found[1], x0[1])
-    step = found[0] - x0[0]
-    distances = [float((blur(x0[0] + length * step) - guidance.target[0]).norm()) for length in (0, 0.99, 1, 1.01)]
-    assert distances[2] < min(distances[0], distances[1], distances[3])
-
-
-@pytest.mark.parametrize("schedule", [COSINE, ZERO_TERMINAL])
-@pytest.mark.parametrize(("rule", "norm"), [("paper", "l2"), ("paper", "squared"), ("variance", "squared")])
-def test_every_strength_and_step_count_is_finite_and_in_range(schedule: NoiseSchedule, rule: str, norm: str):
-    def rough(noisy: Tensor, t: int) -> Tensor:
-        return 2 * torch.sin(5 * coupled(noisy, t))
-
-    target, weight = random(2, 3, *SIZE, seed=6).float().clamp(-1, 1), random(2, 1, *SIZE).float().clamp(min=0)
-    for steps, strengths in ((1, (1.0, 1000.0)), (10, (1.0, 1000.0)), (50, (1000.0,))):
-        for strength in strengths:
-            for blur, used in ((0.0, None), (2.0, weight)):
-                guidance = Guidance(target, strength, used, GaussianBlur(blur), rule, norm)
-                for eta in (0.0, 1.0):
-                    found = sample(rough, schedule, (2, 3, *SIZE), [0, 1], SamplerSettings(steps, eta), guidance)
-                    assert bool(found.isfinite().all())
-                    assert float(found.abs().max()) <= 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("rule", ["paper", "variance"])
-def test_a_thousand_strong_steps(rule: str):
-    target = random(2, 3, *SIZE, seed=6).float().clamp(-1, 1)
-    guidance = Guidance(target, 1000.0, operator=GaussianBlur(2.0), rule=rule)
-    found = sample(coupled, ZERO_TERMINAL, (2, 3, *SIZE), [0, 1], SamplerSettings(1000, 1.0), guidance)
-    assert bool(found.isfinite().all())
-    assert float(found.abs().max()) <= 1
-
-
-def test_stronger_guidance_comes_nearer():
-    target = random(2, 3, *SIZE, seed=6).float().clamp(-0.5, 0.5)
-    for rule in ("paper", "variance"):
-        distances = []
-        for strength in (0.0, 1.0, 1000.0):
-            guidance = Guidance(target, strength, rule=rule)
-            found = sample(coupled, COSINE, (2, 3, *SIZE), [0, 1], SamplerSettings(10), guidance)
-            distances.append(float((found - target).norm()))
-        assert distances[2] < distances[1] < distances[0], (rule, distances)
 
 
 # ----- variances and errors ---------------------------------------------------------------------------------------------------

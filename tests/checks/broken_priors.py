@@ -1,0 +1,316 @@
+"""For every rule of the conformance check a prior that breaks it first: small changes of ``Sound``, which passes everything."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
+
+
+class Sound:
+    """Keeps the contract: the image and half of it, plus a little noise, drawn toward the guidance."""
+
+    info = PriorInfo(frozenset({"albedo", "specular"}), stochastic=True, guidable=True, resolution=64)
+
+    def __init__(self, *, guidance_strength: float = 1.0) -> None:
+        self.guidance_strength = guidance_strength
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
+        images, masks = observations.images, observations.masks
+        if images.shape[-1] != 3 or masks.shape != images.shape[:-1]:
+            raise ValueError(f"expected (V, H, W, 3) and (V, H, W), found {images.shape} and {masks.shape}")
+        if not bool(torch.isfinite(images).all()):
+            raise ValueError("expected finite images")
+        generator = torch.Generator().manual_seed(seed)
+        noise = 0.05 * torch.rand(images.shape[1:], generator=generator) * masks[..., None]
+        samples = {"albedo": (images + noise).clamp(0, 1) * masks[..., None], "specular": 0.5 * images + noise}
+        for name, render in (guidance or {}).items():
+            gain = self.guidance_strength / (1 + self.guidance_strength)
+            if gain:
+                samples[name] = samples[name] + gain * (render - samples[name])
+        return Samples(samples)
+
+
+def changed(**members: object) -> type[Sound]:
+    return type("Changed", (Sound,), members)
+
+
+def declaring(**fields: Any) -> type[Sound]:
+    """A prior like Sound whose info says something else."""
+    return changed(info=replace(Sound.info, **fields))
+
+
+def spoiled(spoil: Callable[..., None]) -> type[Sound]:
+    """A prior whose samples pass through ``spoil(samples, images, masks, seed, guidance)``."""
+
+    def sample(self: Sound, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        samples = dict(Sound.sample(self, observations, seed=seed, guidance=guidance).values)
+        spoil(samples, observations.images, observations.masks, seed, guidance)
+        return Samples(samples)
+
+    return changed(sample=sample)
+
+
+def without(name: str) -> type:
+    """A class like Sound that lacks one member."""
+    members = {key: value for key, value in vars(Sound).items() if key != name and not key.startswith("__")}
+    return type("Lacking", (), {**members, "__init__": Sound.__init__})
+
+
+def edit(**changes: Callable[[Tensor], object]) -> type[Sound]:
+    """Samples whose components are replaced by ``changes[component](sample)``."""
+    return spoiled(lambda samples, *_: samples.update({name: f(samples[name]) for name, f in changes.items()}))
+
+
+def put(component: str, value: float) -> type[Sound]:
+    """One inner pixel of every sample gets this value."""
+    return edit(**{component: lambda s: s.index_fill(1, torch.tensor(s.shape[1] // 2), value)})
+
+
+def dark_nan(samples: dict, images: Tensor, masks: Tensor, *_: object) -> None:
+    brightest = images.amax((1, 2, 3), keepdim=True)
+    samples["albedo"] = samples["albedo"] * (brightest / brightest)
+
+
+def lonely_nan(samples: dict, images: Tensor, masks: Tensor, *_: object) -> None:
+    if bool((masks.sum((1, 2)) == 0).any()):
+        samples["albedo"] = samples["albedo"] * torch.nan
+
+
+def square_only(samples: dict, images: Tensor, *_: object) -> None:
+    if images.shape[1] != images.shape[2]:
+        raise RuntimeError("mat1 and mat2 shapes cannot be multiplied")
+
+
+def from_global_state(samples: dict, images: Tensor, *_: object) -> None:
+    samples["specular"] = samples["specular"] * torch.rand(1)
+
+
+def from_numpys_global_state(samples: dict, images: Tensor, *_: object) -> None:
+    samples["specular"] = samples["specular"] * float(np.random.rand())
+
+
+def from_the_batch(samples: dict, images: Tensor, *_: object) -> None:
+    samples["specular"] = samples["specular"] / (0.1 + images.mean())
+
+
+def writes_images(samples: dict, images: Tensor, *_: object) -> None:
+    images *= 0.5
+
+
+def writes_guidance(samples: dict, images: Tensor, masks: Tensor, seed: int, guidance: Mapping | None) -> None:
+    if guidance:
+        guidance["albedo"].zero_()
+
+
+def away_from_guidance(samples: dict, images: Tensor, masks: Tensor, seed: int, guidance: Mapping | None) -> None:
+    if guidance:
+        samples["specular"] = 2 * samples["specular"] + 1.0 * masks[..., None]
+
+
+def guided_outside(samples: dict, images: Tensor, masks: Tensor, seed: int, guidance: Mapping | None) -> None:
+    if guidance:
+        samples["albedo"] = samples["albedo"] + 0.1 * (masks == 0)[..., None]
+
+
+class Variant(Sound):
+    """One whose samples pass through ``vary``."""
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        samples = super().sample(observations, seed=seed, guidance=guidance)
+        return replace(samples, values={name: self.vary(value, guidance) for name, value in samples.values.items()})
+
+    def vary(self, value: Tensor, guidance: object) -> Tensor:
+        raise NotImplementedError
+
+
+class Forgets(Variant):
+    """Remembers guidance that it was given once."""
+
+    seen = False
+
+    def vary(self, value: Tensor, guidance: object) -> Tensor:
+        self.seen |= guidance is not None
+        return 0.9 * value if self.seen and guidance is None else value
+
+
+class Counting(Variant):
+    """Every sample depends on how many were drawn before."""
+
+    drawn = 0
+
+    def vary(self, value: Tensor, guidance: object) -> Tensor:
+        self.drawn += 1
+        return value / self.drawn
+
+
+class Unequal(Variant):
+    """Two instances differ."""
+
+    made = 0
+
+    def __init__(self) -> None:
+        super().__init__()
+        Unequal.made += 1
+        self.factor = 1 / Unequal.made
+
+    def vary(self, value: Tensor, guidance: object) -> Tensor:
+        return self.factor * value
+
+
+class WeakStill(Sound):
+    """Moves even at strength 0."""
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping | None = None) -> Samples:
+        samples = super().sample(observations, seed=seed)
+        values = {n: 0.5 * (v + guidance[n]) if guidance else v for n, v in samples.values.items()}
+        return replace(samples, values=values)
+
+
+class Uncounted(Sound):
+    """Holds a network and never counts its calls."""
+
+    def __init__(self, *, guidance_strength: float = 1.0) -> None:
+        super().__init__(guidance_strength=guidance_strength)
+        self.network = torch.nn.Linear(1, 1)
+
+
+class Lenient(Sound):
+    """Replaces NaN by black and goes on."""
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        return super().sample(replace(observations, images=observations.images.nan_to_num()), seed=seed, guidance=guidance)
+
+
+class Obscure(Sound):
+    """Fails deep inside on a wrong shape."""
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        if observations.images.shape[-1] != 3:
+            raise RuntimeError("Given groups=1, weight of size [8, 3, 3, 3], expected input[3, 1, 32, 32]")
+        return super().sample(observations, seed=seed, guidance=guidance)
+
+
+class Stretching(Sound):
+    """Accepts any mask."""
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        if observations.masks.shape != observations.images.shape[:-1]:
+            observations = replace(observations, masks=torch.ones(observations.images.shape[:-1]))
+        return super().sample(observations, seed=seed, guidance=guidance)
+
+
+class Offering(Sound):
+    """Everything that a prior may offer besides: distillation, geometry, ceilings, a fingerprint."""
+
+    info = replace(Sound.info, wants=frozenset({"visibility"}))
+    fingerprint = "offering, version 1"
+
+    def open_share(self, visibility: Tensor) -> Tensor:
+        return visibility
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        values = dict(super().sample(observations, seed=seed, guidance=guidance).values)
+        if observations.visibility is not None:
+            values["albedo"] = values["albedo"] * self.open_share(observations.visibility)
+        return Samples(values, {"specular": 10 * torch.ones(len(observations.images))})
+
+    def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
+        level = float(torch.rand(1, generator=torch.Generator().manual_seed(seed)))
+        seen = observations.images.clamp(max=1) * observations.masks[..., None]
+        return Samples({name: 0.5 * level * render + 0.5 * seen for name, render in renders.items()})
+
+
+def offering(**members: object) -> type[Offering]:
+    return type("Changed", (Offering,), members)
+
+
+class Remembering(Offering):
+    """The geometry that it saw first stays with it."""
+
+    openness: Tensor | None = None
+
+    def open_share(self, visibility: Tensor) -> Tensor:
+        first, self.openness = self.openness is None, visibility
+        return visibility if first else 0.9 * visibility
+
+
+def distill_as(change: Callable[[Mapping[str, Tensor]], dict]) -> Callable[..., Samples]:
+    """A distillation whose estimates pass through ``change``."""
+    return lambda self, shown, renders, *, seed: Samples(change(Offering.distill(self, shown, renders, seed=seed).values))
+
+
+def overwrite_renders(self: Offering, observations: Observations, renders: dict, *, seed: int) -> Samples:
+    return Samples({name: render.mul_(0.5) for name, render in renders.items()})
+
+
+def sample_as(change: Callable[[Samples], Any]) -> type[Sound]:
+    """A prior whose whole answer passes through ``change``."""
+    return changed(sample=lambda self, shown, **how: change(Sound.sample(self, shown, **how)))
+
+
+BROKEN: dict[str, tuple[Callable[[], object], str]] = {
+    # what is wrong: a prior that does it, the first line that must fail (later ones may follow from it)
+    "raises when made": (lambda: 1 / 0, "construction"),
+    "no info": (without("info"), "info"),
+    "info is a dict": (changed(info={"provides": {"albedo"}}), "info"),
+    "info says what cannot be": (lambda: declaring(resolution=0)(), "construction"),
+    "exits when made": (lambda: sys.exit(0), "construction"),
+    "no sample": (without("sample"), "sample"),
+    "sample takes no seed": (changed(sample=lambda self, observations: {}), "sample"),
+    "exits when asked": (changed(sample=lambda self, observations, *, seed, guidance=None: sys.exit(0)), "a sample"),
+    "answers with a dict": (sample_as(lambda samples: samples.values), "samples"),
+    "one component is not sampled": (spoiled(lambda samples, *_: samples.pop("specular")), "samples"),
+    "a cost that is no number": (sample_as(lambda samples: replace(samples, cost={"network_calls": "3"})), "samples"),
+    "channels first": (edit(albedo=lambda s: s.permute(0, 3, 1, 2)), "samples"),
+    "numpy": (edit(albedo=lambda s: s.numpy()), "samples"),
+    "double": (edit(specular=lambda s: s.double()), "samples"),
+    "with gradient": (edit(specular=lambda s: s * torch.ones(1, requires_grad=True)), "samples"),
+    "NaN": (put("specular", torch.nan), "samples"),
+    "above its ceiling": (
+        sample_as(lambda samples: replace(samples, ceilings={"specular": torch.full((3,), 0.01)})), "specular: ceiling"
+    ),
+    "albedo above 1": (put("albedo", 1.1), "albedo: range"),
+    "albedo below 0": (edit(albedo=lambda s: s - 0.01 * (s > 0)), "albedo: range"),
+    "negative light": (edit(specular=lambda s: -s), "specular: range"),
+    "not premultiplied": (edit(specular=lambda s: s + 0.1), "specular: premultiplied"),
+    "square images only": (spoiled(square_only), "other images"),
+    "NaN in the dark": (spoiled(dark_nan), "all-black images"),
+    "NaN for an empty mask": (spoiled(lonely_nan), "a view with an empty mask"),
+    "stochastic but is not": (edit(albedo=lambda s: 0 * s, specular=lambda s: 0 * s), "another seed"),
+    "stochastic undeclared": (declaring(stochastic=False), "another seed"),
+    "torch's global generator": (spoiled(from_global_state), "same seed again"),
+    "numpy's global generator": (spoiled(from_numpys_global_state), "same seed again"),
+    "counts its samples": (Counting, "same seed again"),
+    "instances differ": (Unequal, "same seed, new instance"),
+    "normalised by the batch": (spoiled(from_the_batch), "an image on its own"),
+    "away from the guidance": (spoiled(away_from_guidance), "guided specular"),
+    "guided outside the mask": (spoiled(guided_outside), "guided sample"),
+    "remembers guidance": (Forgets, "guidance = None afterwards"),
+    "guided at strength 0": (WeakStill, "guidance of strength 0"),
+    "NaN swallowed": (Lenient, "a NaN pixel"),
+    "obscure about shapes": (Obscure, "images of one channel"),
+    "any mask will do": (Stretching, "masks of another size"),
+    "writes to images": (spoiled(writes_images), "inputs"),
+    "writes to guidance": (spoiled(writes_guidance), "inputs"),
+    "network not counted": (Uncounted, "cost: network_calls"),
+    "distill takes no seed": (offering(distill=lambda self, observations, renders: {}), "distill"),
+    "distills one component": (offering(distill=distill_as(lambda e: {"albedo": e["albedo"]})), "distilled estimates"),
+    "distills channels first": (
+        offering(distill=distill_as(lambda e: {n: v.permute(0, 3, 1, 2) for n, v in e.items()})), "distilled estimates"
+    ),
+    "distills at random": (
+        offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"
+    ),
+    "writes to renders": (offering(distill=overwrite_renders), "inputs"),
+    "NaN with geometry": (offering(open_share=lambda self, visibility: visibility / visibility), "a sample with geometry"),
+    "remembers other geometry": (Remembering, "the same geometry again"),
+    "an empty fingerprint": (offering(fingerprint=""), "fingerprint"),
+}

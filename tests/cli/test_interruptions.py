@@ -1,0 +1,139 @@
+"""Commands that are killed, interrupted, or started twice; spoiled checkpoints and outputs that nobody takes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from command_line import call, command, results, started
+
+from ia_bench.runs.checkpoint import pack
+
+pytestmark = pytest.mark.usefixtures("workplace")
+
+
+def test_killed_run_resumes_to_the_same_numbers() -> None:
+    assert call("out=whole") == 0
+    slow = os.environ | {"FAKE_STEP_SECONDS": "0.05"}
+    checkpoint = Path("killed/checkpoint.pt")
+    for _ in range(2):
+        process = subprocess.Popen(command("out=killed"), env=slow, stderr=subprocess.DEVNULL)
+        before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
+        deadline = time.monotonic() + 30
+        while time.monotonic() < deadline and (not checkpoint.exists() or checkpoint.stat().st_mtime_ns == before):
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        assert process.wait() == -signal.SIGKILL
+        assert not Path("killed/metrics.json").exists()
+    done = subprocess.run(command("out=killed"), capture_output=True, text=True, check=True)
+    assert "resumed at " in done.stderr
+    whole, killed = (json.loads(Path(name, "metrics.json").read_text()) for name in ("whole", "killed"))
+    assert killed == whole
+
+
+def interrupted(number: int, *arguments: str) -> tuple[int, str]:
+    """Exit status and stderr of a run that gets a signal after its first checkpoint, or when it has begun if it is stuck."""
+    slow = os.environ | {"FAKE_STEP_SECONDS": "0.2"}
+    process = subprocess.Popen(command("out=stopped", *arguments), env=slow, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline and not (Path("stopped/checkpoint.pt").exists() or ("row=stuck" in arguments and started())):
+        time.sleep(0.05)
+    before = Path("stopped/checkpoint.pt")
+    assert "row=stuck" in arguments or before.exists()
+    process.send_signal(number)
+    said = process.communicate(timeout=30)[1]
+    return process.returncode, said
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_run_that_is_told_to_end_saves_and_resumes_to_the_same_numbers(number: int, status: int) -> None:
+    assert call("out=whole") == 0
+    found, said = interrupted(number)
+    assert found == status
+    assert said.splitlines()[-1] == "ia_bench: interrupted; the same command resumes"
+    assert "Traceback" not in said
+    assert not Path("stopped/metrics.json").exists()
+    assert call("out=stopped") == 0
+    whole, stopped = (json.loads(Path(name, "metrics.json").read_text()) for name in ("whole", "stopped"))
+    assert stopped == whole
+    assert not list(Path("stopped").glob("checkpoint*"))
+
+
+def test_a_run_that_does_not_come_to_save_ends_all_the_same() -> None:
+    status, said = interrupted(signal.SIGTERM, "row=stuck")
+    assert (status, said.splitlines()[-1]) == (143, "ia_bench: interrupted; the same command resumes")
+
+
+def _flip(content: bytes) -> bytes:
+    return content[:1200] + bytes([content[1200] ^ 4]) + content[1201:]
+
+
+@pytest.mark.parametrize("spoil", [_flip, lambda content: content[:500], lambda content: b"", lambda content: b"PK\3\4" * 99])
+def test_a_spoiled_checkpoint_costs_time_and_no_number(spoil, capfd: pytest.CaptureFixture[str]) -> None:
+    assert call("out=whole") == 0
+    interrupted(signal.SIGTERM)
+    path = Path("stopped/checkpoint.pt")
+    path.write_bytes(spoil(path.read_bytes()))
+    Path("stopped/.tmp-1-albedo.exr").write_bytes(b"half")
+    Path("stopped/checkpoint-0123.pt").write_bytes(b"of another run")
+    Path("stopped/notes.txt").write_text("of somebody else")
+    capfd.readouterr()
+    assert call("out=stopped") == 0
+    assert "checkpoint ignored, starting over" in capfd.readouterr().err
+    whole, stopped = (json.loads(Path(name, "metrics.json").read_text()) for name in ("whole", "stopped"))
+    assert stopped == whole
+    names = sorted(path.name for path in Path("stopped").iterdir())
+    assert names == [".lock", "config.json", "curve.csv", "metrics.json", "notes.txt"]
+
+
+def test_a_state_that_the_run_cannot_go_on_from_is_no_checkpoint(capfd: pytest.CaptureFixture[str]) -> None:
+    """As whole as a checkpoint can be, of this code and configuration, and yet nothing that it could have written."""
+    assert call("out=whole") == 0
+    capfd.readouterr()
+    assert call("out=odd", "row=raise") == 1
+    held = json.loads(Path("odd/config.json").read_text())
+    Path("odd/checkpoint.pt").write_bytes(pack({"kept": {}, "state": {"value": 3}}, held["config_hash"])[0])
+    assert call("out=odd") == 0
+    assert "checkpoint ignored, starting over (KeyError: 'step')" in capfd.readouterr().err
+    whole, odd = (json.loads(Path(name, "metrics.json").read_text()) for name in ("whole", "odd"))
+    assert odd == whole
+
+
+def test_a_finished_run_that_lost_a_file_is_run_again(capfd: pytest.CaptureFixture[str]) -> None:
+    assert call("out=here") == 0
+    Path("here/curve.csv").unlink()
+    capfd.readouterr()
+    assert call("out=here") == 0
+    assert "curve.csv: not what the run wrote there, or gone; running again" in capfd.readouterr().err
+    assert Path("here/curve.csv").exists()
+    assert len(started()) == 2
+
+
+@pytest.mark.parametrize("redirect", ["> /dev/full", "| head -c 1", ">&-", "2> /dev/full", "2>&-", "> /dev/full 2>&1"])
+def test_output_that_nobody_takes_costs_no_result(redirect: str) -> None:
+    line = f"set -o pipefail; {' '.join(command())} {redirect}"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    assert [record["status"] for record in results()] == ["ok"]
+
+
+def test_a_home_that_cannot_be_written_is_in_nobodys_way() -> None:
+    done = subprocess.run(command(), env=os.environ | {"HOME": "/proc/nowhere"}, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_two_at_once_share_one_result() -> None:
+    slow = os.environ | {"FAKE_STEP_SECONDS": "0.05"}
+    both = [subprocess.Popen(command(), env=slow, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    texts = [process.communicate(timeout=60)[1] for process in both]
+    assert [process.returncode for process in both] == [0, 0]
+    assert started() == ["hat none 0"]
+    waited = [text for text in texts if "another process is working on this run" in text]
+    assert len(waited) == 1
+    assert "already finished" in waited[0]

@@ -1,0 +1,29 @@
+"""A run folder, open, and the folders of shipped scenes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from run_folders import CONFIG, HASH
+from shipped_choices import CONF
+
+from ia_bench.runs.folder import RunFolder
+
+
+@pytest.fixture
+def folder(tmp_path: Path):
+    with RunFolder.open(tmp_path / "runs" / "hat" / "none", CONFIG, HASH) as opened:
+        yield opened
+
+
+@pytest.fixture
+def scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Scene folders of every shipped name, with just enough in them to be told apart."""
+    root = tmp_path / "datasets" / "scenes"
+    for path in CONF.glob("scene/*.yaml"):
+        (root / path.stem).mkdir(parents=True)
+        (root / path.stem / "scene.json").write_text(json.dumps({"name": path.stem}))
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
+    return root

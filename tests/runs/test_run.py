@@ -1,0 +1,33 @@
+"""What a run refuses before its method sees the scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ia_bench.common.errors import InputError
+from ia_bench.methods.books import Books
+from ia_bench.methods.info import MethodInfo
+from ia_bench.runs.composition import compose
+from ia_bench.runs.run import problem_of
+from ia_bench.scenes.scene import Scene
+
+
+def handed(scene: Scene, needs: frozenset[str]) -> Scene:
+    """The scene that a method with these needs is handed."""
+    config = compose(["device=cpu", "prior=none", "scene=tiny"])
+    info = MethodInfo(uses_prior=False, needs=needs)
+    return problem_of(config, scene, info, note=lambda _: None, books=Books()).scene
+
+
+def test_a_scene_that_lacks_what_a_method_needs_is_refused(tiny: Scene) -> None:
+    bare = replace(tiny, mesh=replace(tiny.mesh, uv=np.zeros_like(tiny.mesh.uv)))
+    empty = replace(bare, mesh=replace(bare.mesh, faces=tiny.mesh.faces[:0]))
+    both = frozenset({"mesh", "uv"})
+    with pytest.raises(InputError, match="method=two_stage: expected a scene with uv, found none in tiny"):
+        handed(bare, both)
+    with pytest.raises(InputError, match="expected a scene with mesh and uv, found none in tiny"):
+        handed(empty, both)
+    assert handed(tiny, both).name == handed(bare, frozenset({"mesh"})).name == handed(empty, frozenset()).name == "tiny"
