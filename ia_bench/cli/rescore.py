@@ -27,13 +27,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         limit_threads(wanted.threads)
         from ia_bench.runs.composition import compose
         from ia_bench.runs.rescore import Rescorer  # brings in the renderer
-        from ia_bench.scores.protocol import Protocol
 
         folders = sorted({path.parent for root in wanted.runs for path in root.rglob("metrics.json")})
         if not folders:
             raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's metrics.json below, found none")
         make_writable(wanted.out, "--out")
-        protocol = Protocol.from_config(compose([f"protocol={wanted.protocol}"]).protocol)
+        protocol = compose([f"protocol={wanted.protocol}"]).protocol
         rescorer = Rescorer(protocol, wanted.out, wanted.scene)
         failed = 0
         for folder in folders:

@@ -133,7 +133,8 @@ def _sentence(errors: Sequence[ErrorDetails], known: Any, content: Any, key: str
     if words and isinstance(found, str):
         others = [_expected(error) for error in alternatives if error["type"] != "literal_error"]
         return unknown(f"value of {name}:", found, [*words, *others])
-    expected = list(dict.fromkeys(", ".join(words) if e["type"] == "literal_error" else _expected(e) for e in alternatives))
+    texts = ", ".join(words)
+    expected = list(dict.fromkeys((e["type"] == "literal_error" and texts) or _expected(e) for e in alternatives))
     return f"{name}: expected {' or '.join(expected)}, found {found!r:.100}"
 
 

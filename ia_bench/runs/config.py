@@ -77,7 +77,7 @@ class RunConfig:
         method: Who reconstructs.
         fit: Short form of ``method.options``, over which it goes; a method without options ignores it. None once resolved.
         preset: How much work: render and protocol settings of ``conf/preset``, and what the method makes of the name.
-        protocol: How results are scored, see :meth:`ia_bench.scores.protocol.Protocol.from_config`.
+        protocol: How results are scored.
         render: The renderer.
         seed: Every random draw depends on it.
         device: "auto", "cpu" or "cuda".
@@ -91,7 +91,7 @@ class RunConfig:
     prior: PriorConfig
     method: MethodConfig
     preset: str
-    protocol: dict[str, Any]
+    protocol: Protocol
     render: RenderSettings = field(default_factory=RenderSettings)
     fit: dict[str, Any] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -117,10 +117,6 @@ def resolved(content: Mapping[str, Any]) -> RunConfig:
     for a plugin that is none, and for what this machine has not got.
     """
     config = parsed(RunConfig, content)
-    try:
-        Protocol.from_config(config.protocol)
-    except ValueError as error:
-        raise InputError(str(error)) from None
     config = replace(config, prior=_prior(config.prior), method=_method(config), fit=None)
     scene = config.scene
     if scene.path is not None:
@@ -167,8 +163,7 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
 
 def labels(config: RunConfig) -> dict[str, Any]:
     """What names a run in its metrics: row, scene, seed and the protocol's label."""
-    protocol = Protocol.from_config(config.protocol).label
-    return {"row": config.row_name, "scene": config.scene.name, "seed": config.seed, "protocol": protocol}
+    return {"row": config.row_name, "scene": config.scene.name, "seed": config.seed, "protocol": config.protocol.label}
 
 
 def slug(text: str) -> str:

@@ -17,7 +17,6 @@ from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.runs.config import RunConfig, options_class, resolve_scene_folder, slug
-from ia_bench.scores.protocol import Protocol
 
 IDENTITY_VERSION = 4
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
@@ -57,7 +56,7 @@ def identity(config: RunConfig) -> dict[str, Any]:
         content["foreign_code"] = {key: code for key, code in foreign.items() if code is not None}
     folder = resolve_scene_folder(config.scene, config.reader)
     content["scene"] = {"name": config.scene.name, "content": None if folder is None else content_of(folder)}
-    protocol = Protocol.from_config(config.protocol).describe()
+    protocol = config.protocol.describe()
     protocol["lpips"]["weights"] = _without_paths("weights", protocol["lpips"]["weights"])
     content["protocol"] = protocol
     content["identity_version"] = IDENTITY_VERSION

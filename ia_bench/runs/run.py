@@ -28,7 +28,6 @@ from ia_bench.runs.metrics import SCHEMA
 from ia_bench.runs.scene import read_scene, tell
 from ia_bench.runs.truth import tell_truth
 from ia_bench.scenes.scene import Scene
-from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 
 
@@ -46,7 +45,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     problem = problem_of(config, scene, method.info, note=progress.note, books=books)
 
     # ---- reconstruct -----------------------------------------------------------------------------------------
-    scorer = Scorer(scene, Protocol.from_config(config.protocol), problem.device)
+    scorer = Scorer(scene, config.protocol, problem.device)
     record = Record(folder, scorer, books)
     result: Result = method.fit(problem, seed=config.seed, monitor=record.monitor(progress))
 

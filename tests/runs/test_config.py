@@ -61,7 +61,7 @@ def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
 def test_quick_is_the_defaults_and_paper_is_the_paper() -> None:
     quick = compose(["device=cpu", "preset=quick"])
     assert (quick.method.options, quick.render) == (dataclasses.asdict(FitSettings()), RenderSettings())
-    assert Protocol.from_config(quick.protocol) == Protocol()
+    assert quick.protocol == Protocol()
     paper = compose(["device=cpu", "preset=paper"])
     assert (paper.render.texture, paper.render.light_height, paper.render.samples) == (2048, 256, 144)
     assert (paper.method.options["stage1_steps"], paper.method.options["stage2_steps"]) == (20_000, 15_000)

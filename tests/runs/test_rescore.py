@@ -44,7 +44,7 @@ def old_run(run: Path, tmp_path: Path) -> Path:
 
 
 def small() -> Protocol:
-    return Protocol.from_config(compose(["scene=tiny", *SMALL]).protocol)
+    return compose(["scene=tiny", *SMALL]).protocol
 
 
 def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> None:
