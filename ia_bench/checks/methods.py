@@ -25,13 +25,13 @@ from ia_bench.checks.finding import Finding, judge, raised
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import PREDICTED, MethodInfo
-from ia_bench.render.reconstruction import Assets, Reconstruction
+from ia_bench.render.reconstruction import Assets, Quality, Reconstruction
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Scene
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 
-POINTS, SAMPLES, SEED, VIEWS = 2, 16, 0, 2  # of the pictures that are looked at; scores have the protocol's
+QUALITY, SEED, VIEWS = Quality(points=2, samples=16), 0, 2  # of the pictures that are looked at; scores have the protocol's
 KILLED = "killed and resumed"
 TOLERANCE = 1e-3  # beyond [0, 1]: interpolation and antialiasing
 COMPONENTS = {"albedo": ("albedo", "aligned_albedo"), "roughness": ("roughness",)}  # of scores, where they have other names
@@ -174,7 +174,7 @@ def _result(result: Any) -> Iterator[Finding]:  # noqa: ANN401 (whatever the met
 
 
 def _predicted(info: MethodInfo, found: Reconstruction, cameras: list[Camera]) -> Iterator[Finding]:
-    maps = found.maps(cameras, ("albedo", "roughness"), points=POINTS)
+    maps = found.maps(cameras, ("albedo", "roughness"), points=QUALITY.points)
     for name, channels in (("albedo", (3,)), ("roughness", ())):
         if name in info.predicts:
             yield _sound(f"map of {name}", maps.get(name), cameras, channels, 1 + TOLERANCE)
@@ -227,7 +227,7 @@ def _assets(assets: Assets) -> Finding:
 
 
 def _render(found: Reconstruction, cameras: list[Camera], light: Environment | None, scale: Tensor | None = None) -> Images | None:
-    return found.render(cameras, light=light, albedo_scale=scale, points=POINTS, samples=SAMPLES, seed=SEED)
+    return found.render(cameras, light=light, albedo_scale=scale, quality=QUALITY)
 
 
 def _sky() -> Environment:
@@ -268,7 +268,7 @@ def _same(what: str, first: Reconstruction, again: Reconstruction, cameras: list
 
 
 def _pictures(found: Reconstruction, cameras: list[Camera]) -> Iterator[np.ndarray]:
-    for images in (*found.maps(cameras, ("albedo", "roughness"), points=POINTS).values(), _render(found, cameras, None)):
+    for images in (*found.maps(cameras, ("albedo", "roughness"), points=QUALITY.points).values(), _render(found, cameras, None)):
         yield from () if images is None else images.images
     if found.environment is not None:
         yield found.environment.latlong(16).cpu().numpy()

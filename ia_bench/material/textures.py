@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import grid_sample
 
 
 @dataclass
@@ -47,6 +48,12 @@ def fetch(texture: Tensor, uv: Tensor) -> Tensor:
     height, width, channels = texture.shape
     index, weight = bilinear_taps(uv, height, width)
     return (texture.reshape(-1, channels)[index] * weight[..., None]).sum(-2)
+
+
+def look_up(texture: Tensor, uv: Tensor) -> Tensor:
+    """What :func:`fetch` returns, up to rounding and channels first, (C, N, S), of UV (N, S, 2); many times faster on a CPU."""
+    grid = torch.stack([2 * uv[..., 0] - 1, 1 - 2 * uv[..., 1]], -1)[None]
+    return grid_sample(texture.permute(2, 0, 1)[None], grid, padding_mode="border", align_corners=False)[0]
 
 
 def splat(uv: Tensor, values: Tensor, size: int) -> tuple[Tensor, Tensor]:

@@ -12,13 +12,14 @@ from torch import Tensor
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.textures import Material
-from ia_bench.render.gbuffer import GBuffer
-from ia_bench.render.renderer import texture_images
+from ia_bench.material.textures import Material, look_up
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator
 from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh
+
+POINTS_AT_ONCE = 2**18  # of a map: some 50 MB
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,21 @@ class Assets:
     roughness: np.ndarray
     metallic: np.ndarray | None = None
     light: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How finely a render is drawn.
+
+    Attributes:
+        points: Along a side of a pixel, whose mean is the pixel.
+        samples: Directions of light a pixel, for a renderer that draws any.
+        seed: Of everything random in it.
+    """
+
+    points: int
+    samples: int
+    seed: int = 0
 
 
 @runtime_checkable
@@ -62,14 +78,7 @@ class Reconstruction(Protocol):
         ...
 
     def render(
-        self,
-        cameras: Sequence[Camera],
-        *,
-        light: Environment | None,
-        albedo_scale: Tensor | None,
-        points: int,
-        samples: int,
-        seed: int,
+        self, cameras: Sequence[Camera], *, light: Environment | None, albedo_scale: Tensor | None, quality: Quality
     ) -> Images | None:
         """Linear radiance of every view; None where the method cannot render that.
 
@@ -77,9 +86,7 @@ class Reconstruction(Protocol):
             cameras: The views; they may differ in size.
             light: The light to render under, None for the recovered one.
             albedo_scale: (3,) factors of the linear albedo, None for the albedo as it was recovered.
-            points: Along a side of a pixel.
-            samples: Directions a pixel, for a renderer that draws any.
-            seed: Of everything random in it.
+            quality: How finely.
         """
         ...
 
@@ -123,20 +130,12 @@ class TexturedReconstruction:
         coverage: list[np.ndarray] = []
         for gbuffer in self._stage.gbuffers(cameras, points):
             coverage += _arrays(gbuffer.coverage())
-            for name, texture in found.items():
-                images = texture_images(self._stage.surface, gbuffer, texture)
+            for name, images in zip(found, mapped(self._stage.surface, gbuffer, list(found.values())), strict=True):
                 pictures[name] += _arrays(images if images.shape[-1] == 3 else images[..., 0])
         return {name: Images(tuple(images), tuple(coverage)) for name, images in pictures.items()}
 
     def render(
-        self,
-        cameras: Sequence[Camera],
-        *,
-        light: Environment | None,
-        albedo_scale: Tensor | None,
-        points: int,
-        samples: int,
-        seed: int,
+        self, cameras: Sequence[Camera], *, light: Environment | None, albedo_scale: Tensor | None, quality: Quality
     ) -> Images | None:
         """See :meth:`Reconstruction.render`."""
         chosen = self.environment if light is None else light
@@ -148,13 +147,13 @@ class TexturedReconstruction:
         texels = chosen.texels if isinstance(chosen, LatLongEnvironment) else chosen.latlong(REFERENCE_LIGHT_ROWS)
         sampled = SampledLight.of(texels.to(device))
         renderer = self._stage.renderer(shadows="traced", bounces=REFERENCE_BOUNCES, coat=self._coat, atlas_size=REFERENCE_ATLAS)
-        generator = torch.Generator(device=device).manual_seed(seed)
+        generator = torch.Generator(device=device).manual_seed(quality.seed)
 
         def radiance(gbuffer: GBuffer) -> Tensor:
-            return renderer.render_images(gbuffer, material, sampled, samples, generator)["radiance"]
+            return renderer.render_images(gbuffer, material, sampled, quality.samples, generator)["radiance"]
 
         images, coverage = [], []
-        for gbuffer in self._stage.gbuffers(cameras, points):
+        for gbuffer in self._stage.gbuffers(cameras, quality.points):
             images += _arrays(radiance(gbuffer))
             coverage += _arrays(gbuffer.coverage())
         return Images(tuple(images), tuple(coverage))
@@ -169,6 +168,18 @@ class TexturedReconstruction:
             metallic=None if metallic is None else metallic[..., 0].cpu().numpy(),
             light=None if self.environment is None else self.environment.texels.cpu().numpy(),
         )
+
+
+def mapped(surface: SurfaceInterpolator, gbuffer: GBuffer, textures: Sequence[Tensor]) -> list[Tensor]:
+    """Premultiplied box-filtered pictures (V, H, W, C) of textures (T, T, C) mapped onto the surface."""
+    pictures = [torch.zeros(*gbuffer.shape, texture.shape[-1], device=texture.device) for texture in textures]
+    most = max(1, POINTS_AT_ONCE // gbuffer.subsamples)
+    parts = (part.split(most) for part in (gbuffer.pixel, gbuffer.face, gbuffer.barycentric))
+    for pixel, face, barycentric in zip(*parts, strict=True):
+        uv, hit = surface.uv(face.clamp_min(0), barycentric), face >= 0
+        for texture, picture in zip(textures, pictures, strict=True):
+            picture.flatten(0, 2)[pixel] = (look_up(texture, uv) * hit).mean(-1).T
+    return pictures
 
 
 def _arrays(images: Tensor) -> list[np.ndarray]:

@@ -17,14 +17,14 @@ from PIL import Image, ImageDraw, ImageFont
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.render.reconstruction import Quality
 from ia_bench.render.stage import Stage
 from ia_bench.report.panels import cut_out, displayed, exposure, extent, light_exposure, light_map, plain, to_image
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Scene, View
 
-SAMPLES = 128  # per pixel of the relit picture, twice as many as scores have
-SIDE = 2  # G-buffer points along a side of a pixel, as in scoring
+QUALITY = Quality(points=2, samples=128)
 CELL = 192  # pixels of a picture on the sheet; that of a light is half as high
 MARGIN, LINE, LEGEND = 8, 20, 110  # pixels around pictures, of a line of text, and of the words to the left
 PHOTOGRAPH, TRUTH = "photograph", "truth"
@@ -93,11 +93,9 @@ class _Columns:
     def recovered(self, run: Recovered) -> list[np.ndarray]:
         """What :meth:`truth` returns, of a run: albedo times its scores' alignment, also before it is relit, light over it."""
         found = run.reconstruction(self._stage)
-        maps = found.maps([self.view.camera], ("albedo", "roughness"), points=SIDE)
+        maps = found.maps([self.view.camera], ("albedo", "roughness"), points=QUALITY.points)
         albedo = Images(tuple(run.scale.numpy() * image for image in maps["albedo"].images), maps["albedo"].coverage)
-        relit = found.render(
-            [self.relit.camera], light=self._light, albedo_scale=run.scale, points=SIDE, samples=SAMPLES, seed=0
-        )
+        relit = found.render([self.relit.camera], light=self._light, albedo_scale=run.scale, quality=QUALITY)
         assert relit is not None
         assert found.environment is not None
         return self._pictures({**maps, "albedo": albedo}, relit, (found.environment.texels / run.scale).numpy())

@@ -8,7 +8,7 @@ import torch
 
 from ia_bench.common.errors import InputError
 from ia_bench.light.environment import Environment, LatLongEnvironment
-from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
+from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import REFERENCE
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
@@ -78,20 +78,14 @@ class Scorer:
         """The pictures that ``truth`` is compared with, None for what the reconstruction cannot give."""
         protocol = self._protocol
         wanted = [name for name in MAPS if getattr(truth, name) is not None]
+        quality = Quality(protocol.render_points, samples, protocol.seed)
         cameras = [view.camera for view in self._scene.test[::stride]]
         maps = reconstruction.maps(cameras, wanted, points=protocol.map_points) if wanted else {}
         albedo, roughness = (_checked(maps.get(name), cameras, f"{name} by {reconstruction.renderer}") for name in MAPS)
 
         def rendered(light: str, scale: torch.Tensor | None) -> Images | None:
             cameras = [view.camera for view in self._novel[light][::stride]]
-            images = reconstruction.render(
-                cameras,
-                light=self._lights.get(light),
-                albedo_scale=scale,
-                points=protocol.render_points,
-                samples=samples,
-                seed=protocol.seed,
-            )
+            images = reconstruction.render(cameras, light=self._lights.get(light), albedo_scale=scale, quality=quality)
             return _checked(images, cameras, f"render under {light} by {reconstruction.renderer}")
 
         view_synthesis = rendered("train", None) if truth.view_synthesis is not None else None

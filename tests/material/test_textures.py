@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.ndimage import map_coordinates
 
-from ia_bench.material.textures import bilinear_taps, fetch, fill_unobserved, splat
+from ia_bench.material.textures import bilinear_taps, fetch, fill_unobserved, look_up, splat
 
 
 def numbers(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -24,6 +24,7 @@ def test_bilinear_lookup_against_scipy(height: int, width: int) -> None:
         for c in range(3)
     ]
     np.testing.assert_allclose(fetch(texture, uv).numpy(), np.stack(expected, -1), atol=1e-12)
+    np.testing.assert_allclose(look_up(texture, uv[:, None]).numpy()[..., 0], np.stack(expected), atol=1e-12)
 
 
 def test_texel_centres_return_the_texel_and_row_0_is_the_top() -> None:

@@ -12,6 +12,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.methods.ceiling import Ceiling, NoOptions
 from ia_bench.methods.constant import ROUGHNESS, Constant
 from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.scene import Scene
 
 
@@ -40,7 +41,7 @@ def test_constant_is_one_grey_of_the_true_mean_under_a_light_that_explains_the_i
     assert (assets.roughness == ROUGHNESS).all()
     assert (assets.light == assets.light[:1, :1]).all()
     rendered = found.reconstruction.render(
-        [view.camera for view in scene.train], light=None, albedo_scale=None, points=2, samples=64, seed=1
+        [view.camera for view in scene.train], light=None, albedo_scale=None, quality=Quality(2, 64, 1)
     )
     assert rendered is not None
     mean = np.stack([view.image for view in scene.train]).mean((0, 1, 2))

@@ -12,7 +12,7 @@ from ia_bench.light.environment import Environment
 from ia_bench.light.latlong import texel_centres
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import primary_rays
-from ia_bench.render.reconstruction import Assets
+from ia_bench.render.reconstruction import Assets, Quality
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera
@@ -54,15 +54,13 @@ class Ball:
         *,
         light: Environment | None,
         albedo_scale: torch.Tensor | None,
-        points: int,
-        samples: int,
-        seed: int,
+        quality: Quality,
     ) -> Images | None:
         chosen = self.environment if light is None else light
         if chosen is None:
             return None
         colour = np.asarray(self.albedo) * (1 if albedo_scale is None else albedo_scale.numpy())
-        return self._pictures(cameras, points, colour, chosen)
+        return self._pictures(cameras, quality.points, colour, chosen)
 
     def assets(self) -> Assets | None:
         return self.exported

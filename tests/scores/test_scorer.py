@@ -18,7 +18,7 @@ from ia_bench.common.paths import scenes_folder
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
-from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
+from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import REFERENCE
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
@@ -89,8 +89,7 @@ def ball_scene(ball: Ball = BALL, lights: tuple[str, ...] = ("night", "noon")) -
     seen = ball.maps(cameras, ("albedo", "roughness"), points=SMALL.map_points)
 
     def views(light: str) -> tuple[View, ...]:
-        usual = {"albedo_scale": None, "points": SMALL.render_points, "samples": 1, "seed": 0}
-        shot = ball.render(cameras, light=maps.get(light), **usual)
+        shot = ball.render(cameras, light=maps.get(light), albedo_scale=None, quality=Quality(SMALL.render_points, 1))
         return tuple(
             View(f"{light}{i}", camera, shot.images[i], shot.coverage[i], light, *(seen[name].images[i] for name in sorted(seen)))
             for i, camera in enumerate(cameras)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material
-from ia_bench.render.reconstruction import Assets, TexturedReconstruction
+from ia_bench.render.reconstruction import Assets, Quality, TexturedReconstruction
 from ia_bench.render.settings import REFERENCE_LIGHT_ROWS
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
@@ -21,7 +21,7 @@ from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 class MitsubaReconstruction:
     """Textures and a lat-long light, lit and seen as they were fitted: see :class:`ia_bench.render.reconstruction.Reconstruction`.
 
-    Mitsuba places its samples anywhere in a pixel, so that ``points`` decides the maps and the coverage alone.
+    Mitsuba places its samples anywhere in a pixel, so that a quality's ``points`` decide the maps and the coverage alone.
     """
 
     def __init__(self, stage: Stage, material: Material, light: Tensor, *, depth: int) -> None:
@@ -36,14 +36,7 @@ class MitsubaReconstruction:
         return self._textures.maps(cameras, names, points=points)
 
     def render(
-        self,
-        cameras: Sequence[Camera],
-        *,
-        light: Environment | None,
-        albedo_scale: Tensor | None,
-        points: int,
-        samples: int,
-        seed: int,
+        self, cameras: Sequence[Camera], *, light: Environment | None, albedo_scale: Tensor | None, quality: Quality
     ) -> Images:
         """See :meth:`ia_bench.render.reconstruction.Reconstruction.render`."""
         chosen = self.environment if light is None else light
@@ -55,9 +48,9 @@ class MitsubaReconstruction:
         threads = torch.get_num_threads()
         mesh, depth = self._stage.mesh, self._depth
         scene = MitsubaScene(mesh, cameras, material, texels.cpu(), integrator="prb", depth=depth, threads=threads)
-        rays = max(1, round(samples / scene.samples_per_ray))
-        images = [scene.image(view, rays, (seed + view) % 2**32) for view in range(len(cameras))]
-        coverage = [cover.cpu().numpy() for part in self._stage.gbuffers(cameras, points) for cover in part.coverage()]
+        rays = max(1, round(quality.samples / scene.samples_per_ray))
+        images = [scene.image(view, rays, (quality.seed + view) % 2**32) for view in range(len(cameras))]
+        coverage = [cover.cpu().numpy() for part in self._stage.gbuffers(cameras, quality.points) for cover in part.coverage()]
         return Images(tuple(images), tuple(coverage))
 
     def assets(self) -> Assets:
