@@ -14,6 +14,7 @@ from ia_bench.report.collect import Run
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import View
+from ia_bench.scores.protocol import Protocol
 
 INSIDE = 0.99  # coverage of a pixel that counts
 
@@ -39,5 +40,6 @@ def recovered_albedos(runs: Sequence[Run]) -> Iterator[tuple[Run, TestViews, np.
         for run in (one for one in runs if one.scene == name and one.problem is None):
             recovered = Recovered(run.folder)
             recovered.check_scene(folder)
-            albedo = recovered.reconstruction(stage).maps([view.camera for view in views], ["albedo"], points=2)["albedo"]
+            cameras, points = [view.camera for view in views], Protocol().map_points
+            albedo = recovered.reconstruction(stage).maps(cameras, ["albedo"], points=points)["albedo"]
             yield run, TestViews(views, np.stack(albedo.coverage), true), recovered.scale.numpy() * np.stack(albedo.images)

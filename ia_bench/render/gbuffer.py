@@ -13,6 +13,7 @@ from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Camera, Mesh
 
 RAYS_AT_ONCE = 2**18  # primary rays traced together: about 50 MB while they are made
+MARGIN = 0.5  # pixels around the image of a triangle, for the rounding of rays
 
 
 @dataclass(frozen=True)
@@ -63,27 +64,36 @@ class GBuffer:
         return image
 
 
-def primary_rays(camera: Camera, side: int, rows: range | None = None) -> tuple[np.ndarray, np.ndarray]:
+def primary_rays(camera: Camera, side: int, pixels: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Rays through the centres of a ``side`` x ``side`` grid in each pixel: origins and unit directions, (H, W, S, 3).
 
-    ``rows``: H of the image's rows, None for all.
+    ``pixels`` (P,): only of these, by their flat indices, (P, S, 3).
     """
-    offsets = (np.arange(side) + 0.5) / side
-    chosen = np.arange(camera.height) if rows is None else np.asarray(rows)
-    row, columns, down, across = np.meshgrid(chosen, np.arange(camera.width), offsets, offsets, indexing="ij")
-    local = np.stack(
-        [
-            (columns + across - camera.centre[0]) / camera.focal[0],
-            -(row + down - camera.centre[1]) / camera.focal[1],
-            -np.ones_like(row, dtype=np.float64),
-        ],
-        -1,
-    )
-    directions = local @ camera.to_world[:3, :3].T
+    chosen = np.arange(camera.height * camera.width).reshape(camera.height, -1) if pixels is None else pixels
+    row, column = np.divmod(chosen[..., None], camera.width)
+    down, across = np.divmod(np.arange(side * side), side)
+    x = (column + (across + 0.5) / side - camera.centre[0]) / camera.focal[0]
+    y = -(row + (down + 0.5) / side - camera.centre[1]) / camera.focal[1]
+    directions = np.stack([x, y, np.full(x.shape, -1.0)], -1) @ camera.to_world[:3, :3].T
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    directions = directions.reshape(len(chosen), camera.width, side * side, 3).astype(np.float32)
     origins = np.broadcast_to(camera.to_world[:3, 3].astype(np.float32), directions.shape)
-    return np.ascontiguousarray(origins), directions
+    return origins.copy(), directions.astype(np.float32)
+
+
+def pixels_in_reach(camera: Camera, mesh: Mesh) -> np.ndarray:
+    """Flat indices (P,) of the pixels inside the bounding box of any triangle's image: no other pixel can see the mesh."""
+    size = camera.width, camera.height
+    local = (mesh.vertices - camera.to_world[:3, 3]) @ camera.to_world[:3, :3]
+    if (local[:, 2] >= 0).any():  # a triangle that reaches behind the camera may be anywhere
+        return np.arange(size[0] * size[1])
+    image = np.multiply([1, -1], camera.focal) * local[:, :2] / -local[:, 2:] + camera.centre
+    corners = image[mesh.faces]
+    first = np.floor(corners.min(1) - MARGIN).clip(0, size).astype(int)
+    last = np.ceil(corners.max(1) + MARGIN).clip(0, size).astype(int)
+    boxes = np.zeros((size[1] + 1, size[0] + 1), int)  # summed over rows and columns: how many boxes a pixel lies in
+    for columns, rows, sign in ((first, first, 1), (last, first, -1), (first, last, -1), (last, last, 1)):
+        np.add.at(boxes, (rows[:, 1], columns[:, 0]), sign)
+    return np.flatnonzero(boxes.cumsum(0).cumsum(1)[:-1, :-1])
 
 
 def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: torch.device) -> GBuffer:
@@ -93,16 +103,15 @@ def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: tor
     for view, camera in enumerate(cameras):
         if (camera.height, camera.width) != (height, width):
             raise ValueError(f"view {view} is {camera.height} x {camera.width}, the first is {height} x {width}")
-        block = max(1, RAYS_AT_ONCE // (width * side * side))
-        for top in range(0, height, block):
-            chosen = range(top, min(top + block, height))
+        reached = pixels_in_reach(camera, rays.mesh)
+        for chosen in np.array_split(reached, max(1, -(-len(reached) * side**2 // RAYS_AT_ONCE))):
             origins, directions = (torch.from_numpy(a).reshape(-1, 3).to(device) for a in primary_rays(camera, side, chosen))
             face, barycentric, _ = rays.intersect(origins, directions)
             face = face.reshape(-1, side * side)
             seen = (face >= 0).any(1)
             faces.append(face[seen].int())
             barycentrics.append(barycentric.reshape(-1, side * side, 2)[seen])
-            pixels.append(torch.nonzero(seen)[:, 0] + (view * height + top) * width)
+            pixels.append(torch.from_numpy(chosen).to(device)[seen] + view * height * width)
     centres = np.stack([camera.to_world[:3, 3] for camera in cameras]).astype(np.float32)
     return GBuffer(
         face=torch.cat(faces),
@@ -124,6 +133,7 @@ class SurfaceInterpolator:
         geometric = torch.linalg.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0])
         self.device = device
         self._corners = torch.cat([position, normal, uv], -1).to(device)  # (F, 3, 8)
+        self._uv = uv.to(device)
         self._geometric = normalize(geometric).to(device)
         extent = position.reshape(-1, 3)
         self.offset = 1e-4 * float((extent.amax(0) - extent.amin(0)).norm())  # of shadow rays, in scene units
@@ -133,7 +143,7 @@ class SurfaceInterpolator:
     def uv(self, face: Tensor, barycentric: Tensor) -> Tensor:
         """Texture coordinates (..., 2) of (...,) faces >= 0 and (..., 2) barycentrics."""
         weights = torch.cat([1 - barycentric.sum(-1, keepdim=True), barycentric], -1)
-        return (self._corners[face][..., 6:8] * weights[..., None]).sum(-2)
+        return (self._uv[face] * weights[..., None]).sum(-2)
 
     def geometry(self, face: Tensor, barycentric: Tensor) -> tuple[Tensor, Tensor]:
         """Unit normal of the triangle (as it is wound) and position of (N,) points, each (N, 3)."""

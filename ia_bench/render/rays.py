@@ -13,8 +13,9 @@ from ia_bench.scenes.scene import Mesh
 
 
 class RayCaster(Protocol):
-    """What the renderer asks of a ray tracer. ``rays`` counts every ray traced so far."""
+    """What the renderer asks of a ray tracer of a ``mesh``. ``rays`` counts every ray traced so far."""
 
+    mesh: Mesh
     rays: int
 
     def intersect(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -39,6 +40,7 @@ class EmbreeRays:
 
         self._scene = rtcore_scene.EmbreeScene()
         TriangleMesh(self._scene, np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces))
+        self.mesh = mesh
         self._workers = torch.get_num_threads()
         self._pool = ThreadPoolExecutor(self._workers)
         self.rays = 0

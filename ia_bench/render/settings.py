@@ -15,7 +15,6 @@ BYTES_PER_LIGHT_TEXEL = 120  # three channels likewise, and tables to sample it
 REFERENCE = "ia_bench reference"
 REFERENCE_BOUNCES = 4  # reflections between the parts of the object; what more would add is below 1 % of the light
 REFERENCE_ATLAS = 256  # texels along a side of the atlas between whose texels light is exchanged; a fit takes 128
-REFERENCE_ATLAS = 256  # texels along a side of the atlas between whose texels light is exchanged; a fit takes 128
 REFERENCE_LIGHT_ROWS = 128  # of the map by which an environment that is no map is taken
 """The renderer by which methods are compared: all shadows traced, a layered coat, and these. They are part of the protocol."""
 

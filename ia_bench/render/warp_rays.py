@@ -49,7 +49,7 @@ class WarpRays:
         self._device = str(wp.device_from_torch(device))
         points = wp.array(mesh.vertices, dtype=wp.vec3, device=self._device)
         self._mesh = wp.Mesh(points, wp.array(mesh.faces.reshape(-1), dtype=wp.int32, device=self._device))
-        self.rays = 0
+        self.mesh, self.rays = mesh, 0
 
     def intersect(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """See :meth:`ia_bench.render.rays.RayCaster.intersect`."""

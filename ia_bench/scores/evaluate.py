@@ -41,7 +41,6 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
     """
     scores = Scores(protocol, renderer)
     views = _record(scores, predictions, truth, IMAGE_METRICS)
-    albedo = _paired(predictions.albedo, truth.albedo, "albedo", protocol)
     for name, of in views.items():
         if name != "roughness":
             encoding = protocol.albedo_encoding if "albedo" in name else protocol.radiance_encoding
@@ -49,12 +48,11 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
     other: Encoding = "linear" if protocol.albedo_encoding == "srgb" else "srgb"
     as_usual, in_other = (image_measure(protocol, one, names) for one, names in (
         (protocol.albedo_encoding, IMAGE_METRICS), (other, ("psnr",))))  # fmt: skip
-    scores.record(f"albedo_{other}", albedo, in_other)
+    for name in ("albedo", "aligned_albedo"):
+        scores.record(f"{name}_{other}", views[name], in_other)
     for name in ALIGNMENTS:
-        aligned = _aligned(scores, name, albedo)
-        if name == protocol.alignment:
-            scores.record(f"aligned_albedo_{other}", aligned, in_other)
-        else:
+        if name != protocol.alignment:
+            aligned = _aligned(scores, name, views["albedo"])
             scores.record(f"aligned_albedo_{name}", aligned, as_usual)
             scores.record(f"aligned_albedo_{name}_{other}", aligned, in_other)
     return scores
@@ -118,10 +116,11 @@ def _paired_by_light(
     }
 
 
-def _aligned(scores: Scores, name: str, albedo: list[Pair] | str, suffix: str = "") -> list[Pair] | str:
+def _aligned(scores: Scores, name: str, albedo: Views, suffix: str = "") -> list[Pair] | str:
     """Scale the predicted albedo by one of the alignments and note the scale."""
     if isinstance(albedo, str):
         return albedo
+    assert not isinstance(albedo, dict)  # of lights, which albedo has none of
     alignment = ALIGNMENTS[name](*stacked(albedo))
     scores.albedo_scales[name + suffix] = None if alignment.scale is None else alignment.scale.tolist()
     if alignment.scale is None:

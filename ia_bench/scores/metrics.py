@@ -6,11 +6,15 @@ never matter: they are left out (PSNR) or painted white in both images (SSIM, LP
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
-from skimage.metrics import structural_similarity
+from scipy.ndimage import gaussian_filter
 
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scores.protocol import Encoding, SsimSettings
+
+C1, C2 = 0.01**2, 0.03**2  # of SSIM, for a data range of 1
 
 
 class Undefined(Exception):
@@ -56,6 +60,9 @@ def psnr(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float:
 def ssim(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: SsimSettings) -> float:
     """Structural similarity map of the white-filled images, averaged over the mask's pixels and channels.
 
+    As scikit-image computes it with a Gaussian window and population covariance, with all channels in one filter: at the size of
+    our images its calls for each moment and channel take longer than their arithmetic.
+
     Raises :class:`Undefined` on an image smaller than the window, :class:`NoScoredPixel` on an empty mask.
     """
     if not mask.any():
@@ -63,14 +70,16 @@ def ssim(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: Ss
     if min(mask.shape) < settings.window:
         size = f"{mask.shape[1]} x {mask.shape[0]}"
         raise Undefined(f"image of {size} pixels is smaller than the window of {settings.window}")
-    _, full = structural_similarity(
-        white_outside(predicted, mask).astype(np.float64),
-        white_outside(true, mask).astype(np.float64),
-        data_range=1.0,
-        channel_axis=-1,
-        gaussian_weights=True,
-        sigma=settings.sigma,
-        use_sample_covariance=False,
-        full=True,
-    )
-    return float(full[mask].mean())
+    seen = tuple(_reach(places, settings.window) for places in np.nonzero(mask))  # no window of a scored pixel looks farther
+    mask = mask[seen]
+    x, y = (white_outside(image[seen], mask).astype(np.float64) for image in (predicted, true))
+    blur = partial(gaussian_filter, sigma=(0, settings.sigma, settings.sigma, 0), truncate=SsimSettings.TRUNCATE)
+    mean_x, mean_y, xx, yy, xy = blur(np.stack([x, y, x * x, y * y, x * y]))
+    luminance = (2 * mean_x * mean_y + C1) / (mean_x**2 + mean_y**2 + C1)
+    structure = (2 * (xy - mean_x * mean_y) + C2) / (xx - mean_x**2 + yy - mean_y**2 + C2)
+    return float((luminance * structure)[mask].mean())
+
+
+def _reach(places: np.ndarray, window: int) -> slice:
+    """From a ``window`` before the first of some rows or columns to a window behind the last one."""
+    return slice(max(int(places.min()) - window, 0), int(places.max()) + window + 1)

@@ -19,6 +19,7 @@ from ia_bench.scores.protocol import LpipsSettings
 
 if TYPE_CHECKING:
     import lpips as lpips_package
+    from torch import Tensor
 
 SHIPPED = {"squeeze": PACKAGE / "scores" / "weights" / "lpips_squeeze.safetensors"}  # networks that need no download
 SMALLEST = 32  # pixels; AlexNet's deepest features vanish below 31
@@ -42,13 +43,23 @@ def lpips(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: L
 
     import torch
 
-    batch = [
-        torch.from_numpy(white_outside(image, mask).astype(np.float32)).permute(2, 0, 1)[None]
-        for image in (predicted, true)
-    ]
+    pair = np.stack([white_outside(image, mask) for image in (predicted, true)]).astype(np.float32)
     with torch.inference_mode(), _one_thread():
-        distances = network(*batch, normalize=True)  # normalize: from [0, 1] to the network's [-1, 1]
-    return float(distances[0, 0].numpy()[mask].mean(dtype=np.float64))
+        distances = _distances(network, torch.from_numpy(pair).permute(0, 3, 1, 2))
+    return float(distances.numpy()[mask].mean(dtype=np.float64))
+
+
+def _distances(network: lpips_package.LPIPS, pair: Tensor) -> Tensor:
+    """What the network's ``forward`` computes, (H, W), with both images (2, 3, H, W) in [0, 1] in one batch, channels last."""
+    import torch
+    from lpips import normalize_tensor
+    from torch.nn.functional import interpolate
+
+    total = torch.zeros(1, 1, *pair.shape[2:])
+    for head, features in zip(network.lins, network.net(network.scaling_layer(2 * pair - 1)), strict=True):
+        one, other = normalize_tensor(features).split(1)
+        total += interpolate(head((one - other) ** 2), pair.shape[2:], mode="bilinear", align_corners=False)
+    return total[0, 0]
 
 
 def check_weights(settings: LpipsSettings) -> None:
@@ -83,7 +94,7 @@ def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
             network.load_state_dict(load_file(weights), strict=True)
         except (OSError, RuntimeError, SafetensorError) as error:
             return f"{weights} is no full state dict of lpips net {settings.net}: {_first_line(error)}"
-    return network.eval().requires_grad_(False)
+    return network.to(memory_format=torch.channels_last).eval().requires_grad_(False)
 
 
 @contextlib.contextmanager

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from shapes import camera_at, mesh_of, plate, sphere
 from stage import CPU
 
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, primary_rays, trace_gbuffer
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, pixels_in_reach, primary_rays, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.scenes.scene import Scene
 
@@ -95,6 +97,35 @@ def test_coverage_of_a_plate_is_its_share_of_the_picture(side: int) -> None:
     if side == 2:
         assert (coverage[0, 2, 3:9] == 0.5).all()
         assert float(coverage[0].sum()) == 49
+
+
+@pytest.mark.parametrize(
+    ("place", "shift", "fewer"),
+    [
+        ((2, 3, 1), (0.0, 0.0), True),
+        ((2, 3, 1), (9.5, -4.25), True),  # partly out of the picture
+        ((0.2, 0.1, 0.3), (0.0, 0.0), False),  # from inside: triangles before, beside and behind the camera
+    ],
+)
+def test_pixels_that_no_triangle_can_reach_see_nothing(place: tuple, shift: tuple[float, float], fewer: bool) -> None:
+    looking = camera_at(place, pixels=31)
+    camera = replace(looking, centre=(looking.centre[0] + shift[0], looking.centre[1] + shift[1]))
+    mesh, everywhere = sphere(2), np.arange(31 * 31)
+    reached = pixels_in_reach(camera, mesh)
+    assert (len(reached) < 0.7 * len(everywhere)) == fewer
+    whole, part = (torch.from_numpy(a).reshape(-1, 3) for a in primary_rays(camera, 3)), primary_rays(camera, 3, reached)
+    face = make_rays(mesh, CPU).intersect(*whole)[0].reshape(-1, 9)
+    gbuffer = trace_gbuffer([camera], make_rays(mesh, CPU), 3, CPU)
+    assert torch.equal(gbuffer.pixel, torch.nonzero((face >= 0).any(1))[:, 0])
+    assert torch.equal(gbuffer.face.long(), face[gbuffer.pixel])
+    np.testing.assert_array_equal(part[1], primary_rays(camera, 3)[1].reshape(-1, 9, 3)[reached])
+
+
+def test_a_camera_that_sees_nothing() -> None:
+    away = camera_at((0, 0, 5), pixels=7)
+    camera = replace(away, centre=(99.0, 99.0))
+    gbuffer = trace_gbuffer([camera], make_rays(sphere(1), CPU), 2, CPU)
+    assert (gbuffer.face.shape, float(gbuffer.coverage().max())) == ((0, 4), 0.0)
 
 
 def test_position_uv_and_view_of_a_plate() -> None:
