@@ -13,7 +13,7 @@ READY := .venv/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup table report test test-slow verify stability stiffness work-precision lint scenes prior-data clean
+.PHONY: help setup setup-ray table report test test-slow verify stability stiffness work-precision lint scenes prior-data clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -28,6 +28,9 @@ $(READY): requirements.lock baselines/pyproject.toml
 	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
 	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable . --editable baselines
 	touch $@
+
+setup-ray: setup ## add Ray to .venv, for tables with launcher=ray (260 MB)
+	.venv/bin/pip install --quiet --disable-pip-version-check $$(grep -o '"ray==[^"]*' pyproject.toml | tr -d '"')
 
 table: setup ## the paper's table: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
 	$(PY) -m ia_bench.table $(ARGS)

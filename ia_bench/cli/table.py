@@ -1,33 +1,41 @@
 """``python -m ia_bench.table``: every row x scene x seed of a table, each as a run of its own, then the report.
 
     python -m ia_bench.table [table=paper] [seeds=0,1] [scenes=hat,ship] [jobs=auto] [SETTING=VALUE ...]
+    python -m ia_bench.table launcher=ray|submitit_slurm|submitit_local [launcher.SETTING=VALUE ...] ...
 
-A cell runs in a process of its own, so that one that crashes takes no other with it. Finished cells are skipped, failed
-ones are tried again, shown and counted. All other overrides go to every cell. Everything is left in results/<table>/.
+A cell runs in a process of its own, so that one that crashes takes no other with it; it is started again from its last
+checkpoint, launcher.attempts=3 times in all. Finished cells are skipped, failed ones are tried again, shown and counted. All other
+overrides go to every cell. Everything is left in results/<table>/.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import field, make_dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
+from ia_bench.common.arguments import read_arguments, settings_of
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
 from ia_bench.common.output import say
 from ia_bench.common.progress import Progress
+from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolve_scene_folder, slug
+from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
 from ia_bench.runs.metrics import finished_metrics
-from ia_bench.runs.schedule import jobs_and_threads, run_cells
+from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Cell, Request, load_table, make_cells
 
 
 def parse(arguments: Sequence[str]) -> Request:
     """Tell the table's own arguments from overrides. Raises InputError for a value that is no name or number."""
     own: dict[str, Any] = {}
-    overrides = []
+    overrides, launcher = [], []
     for argument in arguments:
         key, separator, value = argument.partition("=")
         if not separator:
@@ -38,12 +46,17 @@ def parse(arguments: Sequence[str]) -> Request:
             own[key] = tuple(value.split(","))
         elif key == "seeds":
             own[key] = tuple(_whole(key, number, 0) for number in value.split(","))
+        elif key == "launcher" or key.startswith("launcher."):
+            launcher.append(argument)
         elif key == "jobs":
             own[key] = None if value == "auto" else _whole(key, value, 1)
         elif key.lstrip("+~") in ("scene", "scene.name", "scene.path", "seed", "row", "out"):
             raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds= and table=")
         else:
             overrides.append(argument)
+    own["launcher"] = _launcher(launcher)
+    if getattr(own["launcher"], "gpus", 0) and not any(text.startswith("device=") for text in overrides):
+        overrides.append("device=cuda")
     return Request(**own, overrides=tuple(overrides))
 
 
@@ -51,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the table's command line and return its exit status: 1 if a cell failed, otherwise as ``ia_bench``."""
     arguments = sys.argv[1:] if arguments is None else arguments
     if not {"-h", "--help"}.isdisjoint(arguments):
-        say(__doc__.rstrip(), sys.stdout)
+        say(f"{__doc__.rstrip()}\n\nSettings launcher.*, described in docs/clusters.md\n{_settings()}", sys.stdout)
         return OK
     return status_of(lambda: make_table(parse(arguments)))
 
@@ -62,12 +75,14 @@ def make_table(request: Request) -> int:
     from ia_bench.report.write import write_report
 
     table = load_table(request.table)
-    jobs, threads = jobs_and_threads(request.jobs, compose(request.overrides).device)
+    launcher = request.launcher
+    jobs, threads = launcher.jobs_and_threads(request.jobs, compose(request.overrides, here=launcher.here).device)
     results = Path("results", slug(request.table))
     cells = make_cells(table, request, threads, results)
     with Progress() as progress:
-        progress.note(f"{results}: {len(cells)} cells, {jobs} at a time, {threads} threads each")
-        failed = run_cells(cells, jobs, results / "logs", progress)
+        at_a_time = "as many at a time as fit" if jobs == AS_MANY_AS_FIT else f"{jobs} at a time"
+        progress.note(f"{results}: {len(cells)} cells, {at_a_time}, {threads} threads each")
+        failed = run_cells(cells, launcher, jobs, results / "logs", progress)
     report = write_report(
         {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells},
         results,
@@ -106,6 +121,30 @@ def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -
             else:
                 written.append(picture)
     return written
+
+
+def _launcher(arguments: Sequence[str]) -> Launcher:
+    """The launcher that ``launcher=NAME`` and ``launcher.SETTING=VALUE`` mean."""
+    chosen = [text.partition("=")[2] for text in arguments if text.startswith("launcher=")]
+    name = chosen[-1] if chosen else "local"
+    if name not in LAUNCHERS:
+        raise InputError(unknown("launcher", name, list(LAUNCHERS)))
+    kind = LAUNCHERS[name]
+    holder: Any = make_dataclass("Arguments", [("launcher", kind, field(default_factory=kind))])
+    launcher: Launcher = read_arguments(holder, [text for text in arguments if not text.startswith("launcher=")]).launcher
+    if kind.extra is not None and find_spec(kind.extra) is None:
+        install = f"pip install 'ia_bench[{kind.extra}]', or -e '.[{kind.extra}]' in the checkout"
+        raise InputError(f"launcher={name} needs an extra: {install}")
+    return launcher
+
+
+def _settings() -> str:
+    """The settings of every launcher with their defaults, for the help."""
+    lines = []
+    for name, kind in LAUNCHERS.items():
+        shown = [f"{key}={'null' if value is None else value}" for key, value in settings_of(kind)]
+        lines.append(fill(" ".join(shown), 118, initial_indent=f"  {name:<16}", subsequent_indent=" " * 18))
+    return "\n".join(lines)
 
 
 def _whole(key: str, text: str, least: int) -> int:

@@ -63,22 +63,25 @@ def written_out(overrides: Sequence[str]) -> list[str]:
     return [f"++{text}" if text.startswith(OPTIONS) else text for text in named]
 
 
-def compose(overrides: Sequence[str]) -> RunConfig:
-    """The resolved configuration of ``python -m ia_bench <overrides>``. Raises InputError for what it cannot mean."""
+def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
+    """The resolved configuration of ``python -m ia_bench <overrides>``. Raises InputError for what it cannot mean.
+
+    ``here``: see :func:`ia_bench.runs.config.resolved`.
+    """
     overrides = written_out(overrides)
     register(overrides)
     try:
         with initialize_config_dir(str(conf_folder()), version_base=HYDRA_VERSION):
-            return to_run_config(hydra_compose(CONFIG_NAME, list(overrides)))
+            return to_run_config(hydra_compose(CONFIG_NAME, list(overrides)), here)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(explain(error)) from error
 
 
-def to_run_config(composed: DictConfig) -> RunConfig:
+def to_run_config(composed: DictConfig, here: bool = True) -> RunConfig:
     """Hydra's result, checked and resolved for this machine. Raises InputError for what it cannot mean."""
     content = OmegaConf.to_container(composed, resolve=True)
     assert isinstance(content, dict)
-    return resolved({str(key): value for key, value in content.items()})
+    return resolved({str(key): value for key, value in content.items()}, here)
 
 
 def explain(error: Exception) -> str:

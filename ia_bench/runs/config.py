@@ -110,14 +110,17 @@ class RunConfig:
         return self.method.name if self.prior.name == "none" else f"{self.method.name}, {self.prior.name}"
 
 
-def resolved(content: Mapping[str, Any]) -> RunConfig:
+def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     """The run that ``content``, JSON types, describes, with everything filled in that depends on this machine.
 
-    Nothing is allocated or started yet. Raises InputError for what is no such setting, for a value that its setting cannot take,
+    Nothing is allocated or started yet. A run that is not to be started ``here`` is not measured against this machine: it may
+    ask for more memory and for CUDA; ``device=auto`` is the CPU then. A resolved configuration is its own resolution.
+
+    Raises InputError for what is no such setting, for a value that its setting cannot take,
     for a plugin that is none, and for what this machine has not got.
     """
     config = parsed(RunConfig, content)
-    config = replace(config, prior=_prior(config.prior), method=_method(config), fit=None)
+    config = replace(config, prior=_prior(config.prior), method=_method(config, here), fit=None)
     scene = config.scene
     if scene.path is not None:
         folder = user_path("scene.path", scene.path, folder=True)
@@ -131,7 +134,7 @@ def resolved(content: Mapping[str, Any]) -> RunConfig:
     if config.threads is not None and config.threads > most:
         raise InputError(f"threads: expected 1 to {most} on this machine of {os.cpu_count()} cores, found {config.threads}")
     threads = config.threads or len(os.sched_getaffinity(0))
-    return replace(config, scene=scene, threads=threads, device=_device(config.device))
+    return replace(config, scene=scene, threads=threads, device=_device(config.device, here))
 
 
 def options_class(method: MethodConfig) -> type:
@@ -180,7 +183,7 @@ def _prior(prior: PriorConfig) -> PriorConfig:
     return prior if resolve is None else replace(prior, options=resolve(prior.options))
 
 
-def _method(config: RunConfig) -> MethodConfig:
+def _method(config: RunConfig, here: bool) -> MethodConfig:
     """The method with all its options, those of the preset among them."""
     method = config.method
     kind = registry.load(registry.named("method", method.name, method.target))
@@ -191,7 +194,7 @@ def _method(config: RunConfig) -> MethodConfig:
     demand = {f"render.{name}": size for name, size in config.render.memory().items()}
     if hasattr(options, "memory"):
         demand |= {f"{key}.{name}": size for name, size in options.memory(config.render).items()}
-    for name, size in demand.items():
+    for name, size in demand.items() if here else ():
         expect_memory(name, size)
     if not kind.info.uses_prior and config.prior.name != "none":
         raise InputError(f"prior={config.prior.name}: expected prior=none with method={method.name}, which asks no prior")
@@ -210,7 +213,9 @@ def _check_finite(key: str, value: Any) -> None:  # noqa: ANN401 (an option, wha
         raise InputError(f"{key}: expected a finite number, found {value}")
 
 
-def _device(wanted: str) -> Literal["cpu", "cuda"]:
+def _device(wanted: str, here: bool) -> Literal["cpu", "cuda"]:
+    if not here:
+        return "cuda" if wanted == "cuda" else "cpu"
     if wanted == "cpu":
         return "cpu"
     import torch  # takes a second or two; a run on the CPU by choice can be told apart without it

@@ -1,99 +1,117 @@
-"""The cells of a table, run side by side: each in a process of its own, so that one that crashes takes no other with it."""
+"""The cells of a table until each is finished or has failed, on whatever machines its launcher finds."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+import time
+from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
-from threading import Event
 from typing import Any
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK
-from ia_bench.common.machine import commit, total_memory
+from ia_bench.common.exit_codes import INTERRUPTED, OK, TERMINATED
+from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import labels, slug
 from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.interruption import GRACE_SECONDS
+from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
 from ia_bench.runs.metrics import METRICS, finished_metrics
 from ia_bench.runs.table import Cell
 
-MEMORY_PER_JOB = 3 << 30
-"""Bytes that one job may need at the default preset; ``jobs=auto`` starts no more jobs than fit."""
+ENDING_SECONDS = GRACE_SECONDS + 5
+"""Runs that are cancelled have this time to save their state and end."""
 
 
-def jobs_and_threads(jobs: int | None, device: str) -> tuple[int, int]:
-    """How many cells run side by side, and on how many threads each.
+def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, progress: Progress) -> int:
+    """Run what is not finished, at most ``jobs`` at a time, and return how many cells failed.
 
-    Depends on the machine alone, never on what is left to do: threads are part of a run's identity, and a table that is
-    resumed or extended has to find its finished cells again. One GPU does one cell at a time. Raises InputError for more jobs
-    than cores.
+    A cell whose worker dies is started again, ``launcher.attempts`` times in all, and goes on from its checkpoint. One that fails
+    by itself would only fail again.
     """
-    cores = len(os.sched_getaffinity(0))
-    if jobs is not None and jobs > cores:
-        raise InputError(f"jobs={jobs}: expected at most {cores}, the cores that this process may use")
-    if jobs is None:
-        jobs = 1 if device == "cuda" else max(1, min(cores, total_memory() // MEMORY_PER_JOB))
-    return jobs, max(1, cores // jobs)
-
-
-def run_cells(cells: Sequence[Cell], jobs: int, logs: Path, progress: Progress) -> int:
-    """Run what is not finished, ``jobs`` at a time, and return how many cells failed."""
     finished = {cell.name: finished_metrics(cell.folder, cell.config_hash) for cell in cells}
     missing = [cell for cell in cells if finished[cell.name] is None]
     if len(missing) < len(cells):
         progress.note(f"{len(cells) - len(missing)} of {len(cells)} cells are finished already")
         _note_other_commits([metrics for metrics in finished.values() if metrics], progress)
+    if not missing:
+        return 0
     logs.mkdir(parents=True, exist_ok=True)
     task = progress.task("table", total=len(cells), done=len(cells) - len(missing))
+    waiting = deque(_Attempts(cell, logs) for cell in missing)
+    running: dict[Job, _Attempts] = {}
     failed = 0
-    running: set[subprocess.Popen[bytes]] = set()
-    stopping = Event()
-    with ThreadPoolExecutor(jobs) as pool:
+    with launcher.opened(logs) as start:
         try:
-            futures = {pool.submit(_run_cell, cell, logs, running, stopping): cell for cell in missing}
-            for future in as_completed(futures):
-                problem = future.result()
-                failed += problem is not None
-                progress.note(f"{futures[future].name}: {problem or 'ok'}")
-                task.advance(1, failed=failed)
+            while waiting or running:
+                chosen = [waiting.popleft() for _ in range(min(len(waiting), jobs - len(running), ARRAY))]
+                if chosen:
+                    running |= zip(start([attempts.work for attempts in chosen]), chosen, strict=True)
+                ended = [job for job in running if job.done()]
+                for job in ended:
+                    attempts = running.pop(job)
+                    problem, died = attempts.end_of(job)
+                    if died and attempts.made < launcher.attempts:
+                        progress.note(f"{attempts.cell.name}: {problem}; attempt {attempts.made + 1} of {launcher.attempts}")
+                        waiting.append(attempts)
+                        continue
+                    failed += problem is not None
+                    progress.note(f"{attempts.cell.name}: {'ok' if problem is None else attempts.failed(problem)}")
+                    task.advance(1, failed=failed)
+                if not ended:
+                    time.sleep(launcher.poll_seconds)
         except BaseException:
-            stopping.set()
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in list(running):
-                process.terminate()  # each resumes from its last checkpoint
+            _end(list(running), progress)
             raise
     return failed
 
 
-def _run_cell(cell: Cell, logs: Path, running: set[subprocess.Popen[bytes]], stopping: Event) -> str | None:
-    """Run one cell in a process of its own; what went wrong in one line, or None. ``stopping``: the table is being interrupted."""
-    log = logs / f"{slug(cell.config.scene.name)}-{cell.folder.name}.log"
-    before = _time_of_record(cell)
-    command = [sys.executable, "-m", "ia_bench", *cell.overrides]
-    try:
-        with log.open("wb") as output:
-            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT)
-            running.add(process)
-            if stopping.is_set():  # it started while the others were being terminated
-                process.terminate()
-            status = process.wait()
-            running.discard(process)
+class _Attempts:
+    """The attempts at one cell: ``made`` of them have ended. All write into one log."""
+
+    def __init__(self, cell: Cell, logs: Path) -> None:
+        self.cell, self.made = cell, 0
+        self.work = Work(cell.config, cell.overrides, logs / f"{slug(cell.config.scene.name)}-{cell.folder.name}.log")
+        self.work.log.unlink(missing_ok=True)
+        self._before = _time_of_record(cell)
+
+    def end_of(self, job: Job) -> tuple[str | None, bool]:
+        """What went wrong with an attempt in one line, or None; and whether its worker died, so that another may succeed."""
+        self.made += 1
+        try:
+            status = job.result()
+        except WorkerDied as death:
+            return f"worker died: {death}", True
         if status == OK:
-            return None
-        if stopping.is_set():  # it did not fail: the same command resumes it
-            return "interrupted"
-        lines = log.read_text(encoding="utf-8", errors="replace").split("\n")
+            return None, False
+        if status < 0:
+            return f"worker died: killed by signal {-status}", True
+        lines = self.work.log.read_text(encoding="utf-8", errors="replace").split("\n") if self.work.log.exists() else []
         last = next((line.strip() for line in reversed(lines) if line.strip()), "no output")
-        how = f"killed by signal {-status}" if status < 0 else f"exit status {status}"
-        with RunFolder.open(cell.folder, cell.content, cell.config_hash) as folder:
-            if _time_of_record(cell) == before:  # it ended before it could say why, and nobody else has finished it since
-                folder.write_failure(f"{how}: {last}", labels(cell.config))
-    except (InputError, OSError) as error:  # of this cell; the others go on
-        return f"FAILED ({error})"
-    return f"FAILED ({how}: {last}), see {log}"
+        return f"exit status {status}: {last}", status in (INTERRUPTED, TERMINATED)
+
+    def failed(self, problem: str) -> str:
+        """Record the failure, unless the run has; the cell's last word."""
+        if self.made > 1:
+            problem += f"; {self.made} attempts"
+        try:
+            with RunFolder.open(self.cell.folder, self.cell.content, self.cell.config_hash) as folder:
+                if _time_of_record(self.cell) == self._before:  # it could not say why, and nobody else has finished it since
+                    folder.write_failure(problem, labels(self.cell.config))
+        except (InputError, OSError) as error:  # of this cell; the others go on
+            return f"FAILED ({error})"
+        return f"FAILED ({problem}), see {self.work.log}"
+
+
+def _end(jobs: Sequence[Job], progress: Progress) -> None:
+    """Cancel what runs or waits on a cluster, and wait for it to end, though not for ever."""
+    if jobs:
+        progress.note(f"ending {len(jobs)} cells; they save their state first")
+    for job in jobs:
+        job.cancel()
+    deadline = time.monotonic() + ENDING_SECONDS
+    while not all(job.done() for job in jobs) and time.monotonic() < deadline:
+        time.sleep(0.1)
 
 
 def _time_of_record(cell: Cell) -> int | None:

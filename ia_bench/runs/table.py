@@ -18,6 +18,7 @@ from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.identity import hash_of, identity
+from ia_bench.runs.launchers import Launcher, Local
 from ia_bench.scores.columns import METRIC_OF
 
 
@@ -57,13 +58,14 @@ class Table:
 
 @dataclass(frozen=True)
 class Request:
-    """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell."""
+    """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell, and where."""
 
     table: str = "paper"
     scenes: tuple[str, ...] | None = None
     seeds: tuple[int, ...] | None = None
     jobs: int | None = None
     overrides: tuple[str, ...] = ()
+    launcher: Launcher = field(default_factory=Local)
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,8 @@ def make_cells(table: Table, request: Request, threads: int, results: Path) -> l
     def composed(place: int, scene: str) -> RunConfig:
         """A cell of any seed: composing takes long, and nothing of a configuration depends on its seed."""
         row = table.rows[place]
-        return compose([*row.overrides, *_own(row, scene, 0, threads), *request.overrides])
+        overrides = [*row.overrides, *_own(row, scene, 0, threads), *request.overrides]
+        return compose(overrides, here=request.launcher.here)
 
     cells = [
         _cell(row, replace(composed(place, scene), seed=seed), _own(row, scene, seed, threads), request, results)

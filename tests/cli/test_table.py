@@ -20,11 +20,12 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import TERMINATED
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.progress import Progress
-from ia_bench.runs import schedule
+from ia_bench.runs import launchers
 from ia_bench.runs import table as module
 from ia_bench.runs.composition import compose
+from ia_bench.runs.launchers import Local
 from ia_bench.runs.metrics import finished_metrics
-from ia_bench.runs.schedule import jobs_and_threads, run_cells
+from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Request, Row, Table, load_table, make_cells
 
 HERE = Path(__file__).parent
@@ -171,15 +172,15 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_threads_share_the_cores_and_depend_on_the_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(schedule.os, "sched_getaffinity", lambda _: set(range(8)))
-    monkeypatch.setattr(schedule, "total_memory", lambda: 64 << 30)
-    assert jobs_and_threads(None, "cpu") == (8, 1)
-    assert jobs_and_threads(3, "cpu") == (3, 2)
-    assert jobs_and_threads(None, "cuda") == (1, 8)
-    monkeypatch.setattr(schedule, "total_memory", lambda: 7 << 30)
-    assert jobs_and_threads(None, "cpu") == (2, 4)
-    monkeypatch.setattr(schedule, "total_memory", lambda: 1 << 30)
-    assert jobs_and_threads(None, "cpu") == (1, 8)
+    monkeypatch.setattr(launchers.os, "sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(launchers, "total_memory", lambda: 64 << 30)
+    assert Local().jobs_and_threads(None, "cpu") == (8, 1)
+    assert Local().jobs_and_threads(3, "cpu") == (3, 2)
+    assert Local().jobs_and_threads(None, "cuda") == (1, 8)
+    monkeypatch.setattr(launchers, "total_memory", lambda: 7 << 30)
+    assert Local().jobs_and_threads(None, "cpu") == (2, 4)
+    monkeypatch.setattr(launchers, "total_memory", lambda: 1 << 30)
+    assert Local().jobs_and_threads(None, "cpu") == (1, 8)
 
 
 def test_what_is_wrong_in_the_last_row_is_told_before_the_first_starts(
@@ -197,21 +198,21 @@ def test_crash_stays_in_its_cell_and_finished_cells_are_skipped(capfd: pytest.Ca
     cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=rows))
     logs = Path("results/paper/logs")
     with Progress() as progress:
-        failed = run_cells(cells, 2, logs, progress)
+        failed = run_cells(cells, Local(attempts=1), 2, logs, progress)
     assert failed == 2
     said = capfd.readouterr().err
     assert "hat / good / seed 0: ok" in said
-    assert "hat / crash / seed 0: FAILED (killed by signal 9" in said
+    assert "hat / crash / seed 0: FAILED (worker died: killed by signal 9" in said
     assert "hat / raise / seed 0: FAILED (exit status 1: RuntimeError: boom)" in said
     assert "failed 2" in said
     good, crash, raised = (json.loads((cell.folder / "metrics.json").read_text()) for cell in cells)
     assert (good["status"], crash["status"], raised["status"]) == ("ok", "failed", "failed")
-    assert crash["error"].startswith("killed by signal 9")
+    assert crash["error"].startswith("worker died: killed by signal 9")
     assert raised["error"] == "RuntimeError: boom"
     assert "RuntimeError: boom" in next(logs.glob("hat-raise-*.log")).read_text()
 
     with Progress() as progress:
-        run_cells(cells, 2, logs, progress)
+        run_cells(cells, Local(attempts=1), 2, logs, progress)
     assert started() == ["hat crash 0", "hat crash 0", "hat good 0", "hat raise 0", "hat raise 0"]
     assert "1 of 3 cells are finished already" in capfd.readouterr().err
 
@@ -237,7 +238,7 @@ def test_a_cell_whose_folder_is_taken_fails_alone(capfd: pytest.CaptureFixture[s
     taken.mkdir(parents=True)
     (taken / "config.json").write_text("{")
     with Progress() as progress:
-        assert run_cells(cells, 1, Path("results/paper/logs"), progress) == 1
+        assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 1
     said = capfd.readouterr().err
     assert "hat / taken / seed 0: FAILED (" in said
     assert "config.json: not valid JSON" in said

@@ -17,8 +17,9 @@ from pathlib import Path
 def run(config, folder, progress):
     """A fit of 40 steps with a checkpoint after each; its result depends on every step having been made once.
 
-    FAKE_STEP_SECONDS makes it slow; FAKE_LOG is a file that gets a line whenever it starts. The row "crash" dies by
-    signal, "raise" raises, "stuck" never comes to a step.
+    FAKE_STEP_SECONDS makes it slow; FAKE_LOG is a file that gets a line whenever it starts,
+    FAKE_CPU one that gets the seconds of CPU time of its process. The row "crash" dies by
+    signal, "killed" does so at step 20 unless it has resumed there, "raise" raises, "stuck" never comes to a step.
     """
     from ia_bench.runs.config import labels
 
@@ -40,6 +41,8 @@ def run(config, folder, progress):
         state = {"step": state["step"] + 1, "value": (state["value"] * 6364136223846793005 + state["step"]) % 2**61}
         folder.save_checkpoint(state)
         task.advance(1, loss=1 / state["step"])
+        if config.row == "killed" and state["step"] == 20:
+            os.kill(os.getpid(), signal.SIGKILL)
     folder.write_curve([{"stage": 1, "step": 40, "seconds": 0.5, "albedo_psnr": 20.0}])
     metrics = {
         "schema": 2,
@@ -56,6 +59,9 @@ def run(config, folder, progress):
         "plan": {"needed": [], "left_out": []},
         "environment": {},
     }
+    if "FAKE_CPU" in os.environ:
+        with Path(os.environ["FAKE_CPU"]).open("a") as spent:
+            spent.write(f"{time.process_time()}\n")
     return folder.write_metrics(metrics)
 
 

@@ -1,0 +1,344 @@
+"""Where the cells of a table run: processes of this machine, tasks of Ray, or jobs that submitit hands to Slurm.
+
+A launcher is its own settings (``launcher=ray launcher.cpus=4``). It starts runs and says when they are done; what that means
+for the table is decided in :mod:`ia_bench.runs.schedule`, for all launchers alike. Workers read scenes and weights and write
+results under the same paths as the table, so whatever a cell has saved is found wherever it is tried again.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Protocol
+
+from pydantic import Field
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.machine import total_memory
+from ia_bench.runs.config import RunConfig, resolved
+from ia_bench.runs.execute import execute
+
+MEMORY_PER_JOB = 3 << 30
+"""Bytes that one job may need at the default preset; ``jobs=auto`` starts no more jobs than fit."""
+
+AS_MANY_AS_FIT = 1_000_000
+"""So many cells at a time: whoever runs them decides."""
+
+ARRAY = 1000
+"""So many jobs are handed in at once: Slurm's arrays have no more than 1001 unless it is told otherwise."""
+
+ANSWER_SECONDS = 10
+"""Who does not answer in this time is not there."""
+
+DELAY_SECONDS = {"local": 0.0, "slurm": 15.0}
+"""How long a file that another machine has written may take to be seen here."""
+
+AtLeastOne = Annotated[int, Field(ge=1)]
+
+
+class WorkerDied(RuntimeError):
+    """The process that a run was in is gone, and the run has not ended by itself; the message says how in one line."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """One run to start: its resolved configuration, the command line that makes it, and the file for what it says."""
+
+    config: RunConfig
+    overrides: tuple[str, ...]
+    log: Path
+
+
+class Job(Protocol):
+    """A run that was started."""
+
+    def done(self) -> bool:
+        """Whether it has ended, in whatever way."""
+
+    def result(self) -> int:
+        """Exit status of one that is done, negative for a signal. Raises WorkerDied."""
+
+    def cancel(self) -> None:
+        """Ask it to end; it saves its state first, if it has begun."""
+
+
+Start = Callable[[Sequence[Work]], Sequence[Job]]
+
+
+@dataclass(frozen=True)
+class Launcher(ABC):
+    """What the settings of every launcher begin with.
+
+    Attributes:
+        attempts: How often a cell is started whose worker dies; each attempt goes on from the last checkpoint.
+    """
+
+    extra: ClassVar[str | None] = None
+    """The package that it needs beyond those of ia_bench, which is also the name of the extra that brings it."""
+    here: ClassVar[bool] = False
+    """Whether cells run on the machine that the table is called on, and may be checked against it."""
+    poll_seconds: ClassVar[float] = 0.1
+    """How often jobs are asked whether they are done."""
+
+    attempts: AtLeastOne = 3
+
+    @abstractmethod
+    def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
+        """How many cells are started side by side where ``jobs`` are wanted (None: decide), and on how many threads each.
+
+        Depends on the machine and the settings alone, never on what is left to do: threads are part of a run's identity, and a
+        table that is resumed or extended has to find its finished cells again.
+        """
+
+    @abstractmethod
+    def opened(self, folder: Path) -> Any:  # noqa: ANN401 (a context manager, which contextmanager makes)
+        """A context that gives a function to start runs with; ``folder`` is for what the launcher has to write."""
+
+
+@dataclass(frozen=True)
+class Local(Launcher):
+    """Processes of this machine, one a cell, so that one that crashes takes no other with it."""
+
+    here: ClassVar[bool] = True
+
+    def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
+        """One GPU does one cell at a time. Raises InputError for more jobs than cores."""
+        cores = len(os.sched_getaffinity(0))
+        if jobs is not None and jobs > cores:
+            raise InputError(f"jobs={jobs}: expected at most {cores}, the cores that this process may use")
+        if jobs is None:
+            jobs = 1 if device == "cuda" else max(1, min(cores, total_memory() // MEMORY_PER_JOB))
+        return jobs, max(1, cores // jobs)
+
+    @contextmanager
+    def opened(self, folder: Path) -> Iterator[Start]:
+        """Nothing to open."""
+        yield lambda works: [_Process(work) for work in works]
+
+
+class _Process:
+    def __init__(self, work: Work) -> None:
+        command = [sys.executable, "-m", "ia_bench", *work.overrides]
+        with work.log.open("ab") as log:
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
+
+    def done(self) -> bool:
+        return self._process.poll() is not None
+
+    def result(self) -> int:
+        return self._process.wait()
+
+    def cancel(self) -> None:
+        self._process.terminate()
+
+
+@dataclass(frozen=True)
+class Remote(Launcher):
+    """What every cell gets that runs elsewhere.
+
+    Attributes:
+        cpus: CPUs of a cell, which computes on as many threads.
+        gpus: GPUs of a cell; with one, cells run with device=cuda unless told otherwise.
+        memory_gb: Memory of a cell in GB.
+    """
+
+    cpus: AtLeastOne = 1
+    gpus: Annotated[int, Field(ge=0)] = 0
+    memory_gb: Annotated[float, Field(gt=0)] = 4.0
+
+    def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
+        """As many at a time as the cluster has room for, unless fewer are wanted."""
+        return jobs or AS_MANY_AS_FIT, self.cpus
+
+
+@dataclass(frozen=True)
+class Ray(Remote):
+    """Tasks of Ray, each in a worker process of its own.
+
+    Attributes:
+        address: A running Ray (``auto``: the one on this machine); null starts one here for as long as the table runs.
+    """
+
+    extra: ClassVar[str] = "ray"
+
+    address: str | None = None
+
+    @contextmanager
+    def opened(self, folder: Path) -> Iterator[Start]:
+        """Connect to Ray, or start it. Raises InputError for an address at which there is none."""
+        import ray
+
+        own = {} if self.address else {"num_cpus": len(os.sched_getaffinity(0)), "include_dashboard": False}
+        handler = signal.getsignal(signal.SIGTERM)
+        host, _, port = (self.address or "").rpartition(":")
+        try:
+            if host and port.isdecimal():
+                socket.create_connection((host, int(port)), ANSWER_SECONDS).close()  # Ray itself would try for many minutes
+            ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **own)
+        except (OSError, OverflowError, ValueError) as error:
+            raise InputError(f"launcher.address={self.address}: expected a running Ray, found none ({_first(error)})") from None
+        signal.signal(signal.SIGTERM, handler)  # Ray would end the process with a status of its own
+        # A worker does one run and ends, as a process of Local does: nothing of one run is left to the next.
+        options = {"num_cpus": self.cpus, "num_gpus": self.gpus, "memory": int(self.memory_gb * 1e9)}
+        task = ray.remote(max_retries=0, max_calls=1, **options)(run_here)
+        with (folder / "ray.log").open("w", buffering=1) as said, redirect_stdout(said):  # where Ray prints why workers end
+            try:
+                yield lambda works: [_RayJob(task.remote(*_arguments(work))) for work in works]
+            finally:
+                ray.shutdown()
+
+
+class _RayJob:
+    def __init__(self, reference: Any) -> None:  # noqa: ANN401 (of a package without types)
+        self._reference, self._future = reference, reference.future()
+
+    def done(self) -> bool:
+        return bool(self._future.done())
+
+    def result(self) -> int:
+        try:
+            return int(self._future.result())
+        except Exception as error:  # Ray has one for every way in which a worker ends
+            cause = getattr(error, "cause", None) or error
+            raise WorkerDied(f"{type(cause).__name__}: {_first(cause)}") from None
+
+    def cancel(self) -> None:
+        import ray
+
+        ray.cancel(self._reference)
+
+
+@dataclass(frozen=True)
+class SubmititLocal(Remote):
+    """Jobs that submitit runs on this machine, to try what would go to Slurm.
+
+    Attributes:
+        minutes: A job's time. One that needs longer is ended with its state saved, which costs its cell an attempt.
+    """
+
+    extra: ClassVar[str] = "submitit"
+    cluster: ClassVar[str] = "local"
+
+    minutes: AtLeastOne = 240
+
+    def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
+        """As many at a time as there are cores, unless told otherwise: nobody else counts here."""
+        return jobs or max(1, len(os.sched_getaffinity(0)) // self.cpus), self.cpus
+
+    def parameters(self) -> dict[str, Any]:
+        """What submitit has to know of a job."""
+        return {"name": "ia_bench", "timeout_min": self.minutes, "cpus_per_task": self.cpus, "gpus_per_node": self.gpus}
+
+    @contextmanager
+    def opened(self, folder: Path) -> Iterator[Start]:
+        """Everything that submitit keeps of its jobs goes into ``folder``. Raises InputError for what the cluster does not take."""
+        import submitit
+
+        named = f"launcher=submitit_{self.cluster}"
+        try:
+            executor = submitit.AutoExecutor(folder=folder.resolve() / "submitit", cluster=self.cluster)
+            executor.update_parameters(**self.parameters())
+        except (RuntimeError, ValueError) as error:
+            raise InputError(f"{named}: {_first(error)}") from None
+
+        def start(works: Sequence[Work]) -> list[Job]:
+            try:
+                with executor.batch():  # for Slurm one array
+                    jobs = [executor.submit(run_here, *_arguments(work)) for work in works]
+            except (submitit.core.utils.FailedJobError, subprocess.CalledProcessError, OSError) as error:
+                raise InputError(f"{named}: the jobs were refused ({_first(error)})") from None
+            return [_SubmititJob(job, self.cluster) for job in jobs]
+
+        yield start
+
+
+class _SubmititJob:
+    def __init__(self, job: Any, cluster: str) -> None:  # noqa: ANN401 (of a package without types)
+        self._job, self._cluster = job, cluster
+        self._ended: float | None = None
+
+    def done(self) -> bool:
+        if self._ended is None and self._job.done():
+            self._ended = time.monotonic()
+        return self._ended is not None and (self._has_result() or time.monotonic() >= self._ended + DELAY_SECONDS[self._cluster])
+
+    def result(self) -> int:
+        try:
+            if self._has_result():  # else submitit would wait for it, and nobody else be served
+                return int(self._job.result())
+        except Exception:  # what submitit raises is the job's whole log
+            pass
+        raise WorkerDied(f"job {self._job.job_id}, see {self._job.paths.stderr}")
+
+    def _has_result(self) -> bool:
+        return bool(self._job.paths.result_pickle.exists())
+
+    def cancel(self) -> None:
+        if self._cluster == "local":  # whose own way kills after a second; the id is that of a process that hands signals on
+            os.kill(int(self._job.job_id), signal.SIGTERM)
+        else:
+            self._job.cancel(check=False)
+
+
+@dataclass(frozen=True)
+class SubmititSlurm(SubmititLocal):
+    """Jobs that submitit hands to Slurm, all that are to be started as one array.
+
+    Attributes:
+        partition: Slurm's partition; null takes the cluster's default.
+        account: Who pays; null takes the user's default.
+        options: Further parameters of submitit's SlurmExecutor, most of them sbatch's: ``launcher.options.qos=low``.
+    """
+
+    cluster: ClassVar[str] = "slurm"
+    poll_seconds: ClassVar[float] = 5.0
+
+    partition: str | None = None
+    account: str | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def parameters(self) -> dict[str, Any]:
+        """What submitit has to know of a job."""
+        own = {"partition": self.partition, "account": self.account, "array_parallelism": ARRAY, **self.options}
+        chosen = {f"slurm_{name}": value for name, value in own.items() if value is not None}
+        return {**super().parameters(), "mem_gb": self.memory_gb, **chosen}
+
+
+LAUNCHERS: dict[str, type[Launcher]] = {
+    "local": Local, "ray": Ray, "submitit_slurm": SubmititSlurm, "submitit_local": SubmititLocal,
+}  # fmt: skip
+"""By their names on the command line."""
+
+
+def run_here(content: Mapping[str, Any], log: str, folder: str, variables: Mapping[str, str]) -> int:
+    """What a remote worker does: one run in this process, with what it says in ``log``; returns its exit status.
+
+    ``content`` is the run's resolved configuration, which is checked again for the worker's machine; ``folder`` and ``variables``
+    are the table's working directory and its environment as far as ia_bench reads it.
+    """
+    os.chdir(folder)
+    os.environ.update(variables)
+    signal.signal(signal.SIGUSR2, lambda *_: signal.raise_signal(signal.SIGTERM))  # from submitit, shortly before the time is up
+    with Path(log).open("a", encoding="utf-8") as said, redirect_stdout(said), redirect_stderr(said):
+        return status_of(lambda: (execute(resolved(content)), OK)[1])
+
+
+def _arguments(work: Work) -> tuple[dict[str, Any], str, str, dict[str, str]]:
+    """What :func:`run_here` is called with."""
+    variables = {name: value for name, value in os.environ.items() if name.startswith("IA_BENCH_")}
+    return asdict(work.config), str(work.log.resolve()), os.getcwd(), variables
+
+
+def _first(error: BaseException) -> str:
+    """The first line of an error that may have many."""
+    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

@@ -1,0 +1,197 @@
+"""Every launcher makes the same table of the same cells, workers that die included; settings; what Slurm is told.
+
+Cells are real processes in which tests/cli/fake_run stands for the run. Ray and submitit are extras: without one, its cases are
+skipped. Slurm's commands are those of fake_slurm beside this file.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import pytest
+
+from ia_bench.cli.table import main, parse
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import INTERRUPTED, TERMINATED
+from ia_bench.common.progress import Progress
+from ia_bench.runs.composition import compose
+from ia_bench.runs.config import resolved
+from ia_bench.runs.launchers import LAUNCHERS, Local, Ray, SubmititLocal, SubmititSlurm
+from ia_bench.runs.schedule import run_cells
+from ia_bench.runs.table import Cell, Row, Table, make_cells
+
+TESTS = Path(__file__).resolve().parents[1]
+ROWS = {"killed": "prior=none", "crash": "prior=oracle", "raise": "method=ceiling", "good": "method=constant"}
+
+
+def needs(package: str) -> pytest.MarkDecorator:
+    return pytest.mark.skipif(importlib.util.find_spec(package) is None, reason=f"needs the extra: pip install -e '.[{package}]'")
+
+
+REMOTE = [pytest.param("submitit_local", marks=needs("submitit")), pytest.param("ray", marks=[needs("ray"), pytest.mark.slow])]
+EVERY = ["local", *REMOTE]
+
+
+@pytest.fixture(autouse=True)
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for scene in ("hat", "ship"):
+        (tmp_path / "datasets" / "scenes" / scene).mkdir(parents=True)
+    monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
+    monkeypatch.setenv("FAKE_LOG", str(tmp_path / "log"))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(TESTS / "cli" / "fake_run"), str(TESTS.parent)]))
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    monkeypatch.delenv("IA_BENCH_DEBUG", raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+def run(*arguments: str, rows: tuple[str, ...] = tuple(ROWS), jobs: int = 2) -> tuple[list[Cell], int]:
+    """Run one cell of each of the rows; the cells, and how many failed."""
+    request = parse(["device=cpu", *arguments])
+    cells = make_cells(Table(scenes=["hat"], rows=[Row(row, [ROWS[row]]) for row in rows]), request, 1, Path("results/t"))
+    with Progress() as progress:
+        return cells, run_cells(cells, request.launcher, jobs, Path("results/t/logs"), progress)
+
+
+def metrics(cell: Cell) -> dict:
+    return json.loads((cell.folder / "metrics.json").read_text())
+
+
+@pytest.mark.parametrize("launcher", EVERY)
+def test_a_worker_that_dies_costs_its_cell_one_attempt(launcher: str, capfd: pytest.CaptureFixture[str]) -> None:
+    """`killed` dies by SIGKILL in the middle and resumes, `crash` dies whenever it is started, `raise` fails by itself."""
+    cells, failed = run(f"launcher={launcher}", "launcher.attempts=2")
+    assert failed == 2
+    killed, crash, raised, good = map(metrics, cells)
+    assert [one["status"] for one in (killed, crash, raised, good)] == ["ok", "failed", "failed", "ok"]
+    assert killed["metrics"] == good["metrics"], "as if nothing had happened: no step twice, none left out"
+    assert "resumed at 20" in next(Path("results/t/logs").glob("hat-killed-*.log")).read_text()
+    assert "RuntimeError: boom" in next(Path("results/t/logs").glob("hat-raise-*.log")).read_text()
+    assert crash["error"].startswith("worker died: ")
+    assert crash["error"].endswith("; 2 attempts")
+    starts = sorted(Path(os.environ["FAKE_LOG"]).read_text().splitlines())
+    assert starts == ["hat crash 0"] * 2 + ["hat good 0"] + ["hat killed 0"] * 2 + ["hat raise 0"]
+    out, said = capfd.readouterr()
+    assert out == ""
+    for line in (
+        "hat / killed / seed 0: worker died: ", "hat / killed / seed 0: ok",
+        "hat / crash / seed 0: worker died: ", "hat / crash / seed 0: FAILED (worker died: ",
+        "hat / raise / seed 0: FAILED (exit status 1: RuntimeError: boom), see results/t/logs/hat-raise-",
+        "hat / good / seed 0: ok", "table: 4/4, failed 2",
+    ):  # fmt: skip
+        assert f"\n{line}" in f"\n{said}"
+    assert said.count("; attempt 2 of 2") == 2
+    assert "Traceback" not in said
+
+    cells, failed = run("launcher=local", "launcher.attempts=1", rows=("killed", "good"))  # finished is finished, wherever it was
+    assert failed == 0
+    assert "2 of 2 cells are finished already" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("launcher", REMOTE)
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, TERMINATED), (signal.SIGINT, INTERRUPTED)])
+def test_an_interrupted_table_ends_its_jobs_with_their_state_saved(launcher: str, number: int, status: int) -> None:
+    environment = os.environ | {"FAKE_STEP_SECONDS": "0.5"}
+    command = [sys.executable, "-m", "ia_bench.table", f"launcher={launcher}", "scenes=hat", "jobs=1", "device=cpu"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and not list(Path("results").rglob("checkpoint.pt")):
+        time.sleep(0.05)
+    process.send_signal(number)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == status, said
+    assert "ending 1 cells; they save their state first" in said
+    assert "interrupted; the same command resumes" in said
+    (checkpoint,) = Path("results").rglob("checkpoint.pt")
+    assert list(Path("results").rglob("metrics.json")) == []
+    with (checkpoint.parent / ".lock").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # nobody is at work there any more
+    assert "interrupted" in next(Path("results/paper/logs").glob("hat-*.log")).read_text(), "not killed"
+
+
+@needs("ray")
+@pytest.mark.slow
+def test_ray_that_is_not_there_is_told(capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["device=cpu", "scenes=hat", "launcher=ray", "launcher.address=127.0.0.1:1"]) == 2
+    assert "launcher.address=127.0.0.1:1: expected a running Ray, found none" in capfd.readouterr().err
+
+
+@needs("submitit")
+def test_slurm_gets_one_array_and_every_setting(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("PATH", f"{Path(__file__).parent / 'fake_slurm'}:{os.environ['PATH']}")
+    monkeypatch.setattr(SubmititSlurm, "poll_seconds", 0.1)
+    monkeypatch.setitem(sys.modules[SubmititSlurm.__module__].DELAY_SECONDS, "slurm", 0.0)
+    own = {"cpus": 2, "memory_gb": 3, "minutes": 90, "partition": "cpu", "account": "me", "options.qos": "low"}
+    settings = [f"launcher.{key}={value}" for key, value in own.items()]
+    cells, failed = run("launcher=submitit_slurm", "launcher.attempts=1", *settings, rows=("raise", "good", "crash"), jobs=3)
+    said = capfd.readouterr().err
+    assert failed == 2, said
+    assert [metrics(cell)["status"] for cell in cells] == ["failed", "ok", "failed"]
+    (script,) = Path("results/t/logs/submitit").glob("100_submission.sh")
+    asked = {line.removeprefix("#SBATCH --") for line in script.read_text().splitlines() if line.startswith("#SBATCH")}
+    expected = {"array=0-2%3", "cpus-per-task=2", "mem=3GB", "time=90", "partition=cpu", "account=me", "qos=low"}
+    assert expected | {"job-name=ia_bench"} <= asked
+
+
+@needs("submitit")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["launcher=submitit_slurm"], "launcher=submitit_slurm: Could not detect \"srun\""),
+        (["launcher=submitit_slurm", "launcher.cpu=4"], "unknown setting 'launcher.cpu'; did you mean 'launcher.cpus'?"),
+        (["launcher=submitit_slurm", "launcher.minutes=soon"], "launcher.minutes: expected a whole number, found 'soon'"),
+        (["launcher=submitit_local", "launcher.partition=cpu"], "unknown setting 'launcher.partition'"),
+        (["launcher.attempts=0"], "launcher.attempts: expected 1 or more, found 0"),
+        (["launcher=slurm"], "unknown launcher 'slurm'"),
+    ],
+)  # fmt: skip
+def test_mistake_is_one_message(arguments: list[str], message: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["device=cpu", "scenes=hat", *arguments]) == 2
+    said = capfd.readouterr().err
+    assert message in said
+    assert "Traceback" not in said
+
+
+def test_settings_of_the_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ia_bench.cli.table.find_spec", lambda name: name)
+    assert parse([]).launcher == Local(attempts=3)
+    assert parse(["launcher=ray", "launcher.address=auto", "launcher.cpus=4"]).launcher == Ray(address="auto", cpus=4)
+    assert parse(["launcher.minutes=5", "launcher=submitit_local"]).launcher == SubmititLocal(minutes=5)
+    assert parse(["launcher=submitit_slurm", "launcher.options.qos=low"]).launcher == SubmititSlurm(options={"qos": "low"})
+
+
+def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ia_bench.cli.table.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"launcher=ray needs an extra: pip install 'ia_bench\[ray\]'"):
+        parse(["launcher=ray"])
+
+
+def test_cells_with_a_gpu_use_it_though_the_table_is_called_where_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ia_bench.cli.table.find_spec", lambda name: name)
+    request = parse(["launcher=ray", "launcher.gpus=1", "launcher.cpus=3"])
+    assert request.overrides == ("device=cuda",)
+    assert parse(["launcher=ray", "launcher.gpus=1", "device=cpu"]).overrides == ("device=cpu",)
+    (cell,) = make_cells(Table(scenes=["hat"], rows=[Row("a", ["prior=none"])]), request, 3, Path("results/t"))
+    assert (cell.config.device, cell.config.threads) == ("cuda", 3)
+    assert Ray(cpus=3).jobs_and_threads(None, "cuda")[1] == 3
+
+
+@pytest.mark.parametrize("row", [["prior=none", "fit.pixels=77"], ["prior=diffusion"], ["method=ceiling"]])
+def test_a_worker_resolves_a_configuration_to_itself(row: list[str]) -> None:
+    config = compose([*row, "scene=hat", "device=cpu", "threads=1"])
+    assert resolved(json.loads(json.dumps(asdict(config)))) == config
+
+
+def test_every_launcher_has_its_settings_described() -> None:
+    page = (TESTS.parent / "docs" / "clusters.md").read_text(encoding="utf-8")
+    for name, kind in LAUNCHERS.items():
+        assert f"`{name}`" in page
+        assert all(f"`{field.name}`" in page for field in fields(kind)), name
