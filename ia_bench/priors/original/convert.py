@@ -20,7 +20,7 @@ from ia_bench.common.ranges import Number
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.original import layout
 from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
-from ia_bench.priors.original.names import Source, clip_source, ema, unet_source, vae_source
+from ia_bench.priors.original.names import Source, clip_source, unet_sources, vae_sources
 
 RECORD = "source.json"
 """Written last, so that a folder which holds it is complete: where the weights come from."""
@@ -93,31 +93,23 @@ def convert_component(checkpoint: Checkpoint, folder: Path, resolution: int, tel
     from transformers import CLIPVisionConfig, CLIPVisionModelWithProjection
 
     vae = layout.vae_config(checkpoint, resolution)
-    levels = len(vae["block_out_channels"])
-    reduction = 1 << (levels - 1)
+    reduction = 1 << (len(vae["block_out_channels"]) - 1)
     if resolution % reduction:
         raise InputError(f"resolution: expected a multiple of {reduction} (the autoencoder's reduction), found {resolution}")
     unet = layout.unet_config(checkpoint, resolution // reduction)
-    attention = [kind.startswith("CrossAttn") for kind in unet["up_block_types"]]
     clip = CLIPVisionConfig(**layout.clip_config(checkpoint))
     scheduler: Any = DDIMScheduler(**layout.scheduler_config(checkpoint))
 
-    def averaged(name: str) -> Source:
-        raw = unet_source(name, unet["layers_per_block"], attention)
-        return raw._replace(key=ema(raw.key))
-
-    def of_vae(name: str) -> Source:
-        return vae_source(name, levels)
-
     with torch.device("meta"):  # names and shapes, no memory
-        parts: list[tuple[str, Any, Callable[[str], Source], str]] = [
-            ("unet", UNet2DConditionModel(**unet), averaged, "diffusion_pytorch_model"),
-            ("vae", AutoencoderKL(**vae), of_vae, "diffusion_pytorch_model"),
-            ("image_encoder", CLIPVisionModelWithProjection(clip), clip_source, "model"),
+        encoder: Any = CLIPVisionModelWithProjection(clip)
+        parts: list[tuple[str, Any, Mapping[str, Source], str]] = [
+            ("unet", UNet2DConditionModel(**unet), unet_sources(checkpoint, unet), "diffusion_pytorch_model"),
+            ("vae", AutoencoderKL(**vae), vae_sources(checkpoint, vae), "diffusion_pytorch_model"),
+            ("image_encoder", encoder, {key: clip_source(key) for key in encoder.state_dict()}, "model"),
         ]
-    for name, model, source, stem in parts:
+    for name, model, sources, stem in parts:
         shapes = {key: tuple(value.shape) for key, value in model.state_dict().items()}
-        tensors = half_precision(checkpoint, shapes, source)
+        tensors = half_precision(checkpoint, shapes, sources)
         (folder / name).mkdir(parents=True, exist_ok=True)
         with whole_file(folder / name / f"{stem}.safetensors") as partial:
             save_file(tensors, partial, metadata={"format": "pt"})  # both libraries refuse a file that does not say so
@@ -145,15 +137,17 @@ def _read_record(path: Path) -> dict[str, Any]:
 
 
 def half_precision(
-    checkpoint: Checkpoint, shapes: Mapping[str, tuple[int, ...]], source: Callable[[str], Source]
+    checkpoint: Checkpoint, shapes: Mapping[str, tuple[int, ...]], sources: Mapping[str, Source]
 ) -> dict[str, Tensor]:
-    """The parameters of ``shapes``, each taken from where ``source`` says, as float16.
+    """The parameters of ``shapes``, each taken from where ``sources`` says, as float16.
 
     Raises InputError naming file and key: one that is missing, has another shape, or does not fit half precision.
     """
     parameters = {}
     for name, shape in shapes.items():
-        key, take = source(name)
+        if name not in sources:
+            raise InputError(f"{checkpoint.path}: expected a tensor for {name}, found none that is its")
+        key, take = sources[name]
         tensor = checkpoint.tensor(key)
         try:
             value = take(tensor)

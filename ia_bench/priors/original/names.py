@@ -1,29 +1,22 @@
 """Which tensor of a latent-diffusion checkpoint is which parameter of the same network in diffusers or transformers.
 
-One function per network: from a parameter's name in the library to its :class:`Source` in the checkpoint. Going this way
-round, every parameter is accounted for: one without a source is an error that names the key.
+For UNet and autoencoder diffusers knows it: its conversions move keys about here instead of tensors, so that nothing is read
+before it is used. Every parameter is accounted for: one without a source is an error that names it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 from torch import Tensor
+
+from ia_bench.common.torchvision_shim import import_torchvision
+from ia_bench.priors.original.checkpoint import Checkpoint
 
 UNET, UNET_EMA = "model.diffusion_model.", "model_ema.diffusion_model"
 VAE, CLIP = "first_stage_model.", "cond_stage_model.model.visual."
 
-_RESNET = {
-    "norm1": "in_layers.0",
-    "conv1": "in_layers.2",
-    "time_emb_proj": "emb_layers.1",
-    "norm2": "out_layers.0",
-    "conv2": "out_layers.3",
-    "conv_shortcut": "skip_connection",
-}
-_VAE_RESNET = {"conv_shortcut": "nin_shortcut"}
-_VAE_ATTENTION = {"group_norm": "norm", "to_q": "q", "to_k": "k", "to_v": "v", "to_out": "proj_out"}
 _CLIP_LAYER = {"layer_norm1": "ln_1", "layer_norm2": "ln_2", "mlp.fc1": "mlp.c_fc", "mlp.fc2": "mlp.c_proj"}
 _QKV = ("q_proj", "k_proj", "v_proj")
 
@@ -33,8 +26,8 @@ def _whole(tensor: Tensor) -> Tensor:
 
 
 def _matrix_of_1x1(tensor: Tensor) -> Tensor:
-    """A 1 x 1 convolution (out, in, 1, 1) as the linear layer (out, in) that it is."""
-    return tensor.flatten(1)
+    """A 1 x 1 convolution (out, in, 1, 1) as the linear layer (out, in) that it is; biases and norms as they are."""
+    return tensor.flatten(1) if tensor.ndim == 4 else tensor
 
 
 def _transposed(tensor: Tensor) -> Tensor:
@@ -53,75 +46,29 @@ class Source(NamedTuple):
     take: Callable[[Tensor], Tensor] = _whole
 
 
-def ema(key: str) -> str:
-    """Key of the moving average of a UNet's parameter: a buffer's name can hold no dots, so they were left out."""
-    return UNET_EMA + key.removeprefix(UNET).replace(".", "")
+class _Key(str):
+    """What a conversion moves about in place of a tensor; it asks a tensor for nothing but its axes."""
+
+    __slots__ = ()
+    ndim, shape = 0, ()
 
 
-def unet_source(name: str, layers: int, attention: Sequence[bool]) -> Source:
-    """Raw (not averaged) source of a parameter of UNet2DConditionModel; :func:`ema` turns its key into the average's.
+def unet_sources(checkpoint: Checkpoint, config: Mapping[str, Any]) -> dict[str, Source]:
+    """Parameter of UNet2DConditionModel -> its moving average. A buffer's name can hold no dots, so they were left out of it."""
+    import_torchvision()
+    from diffusers.loaders.single_file_utils import convert_ldm_unet_checkpoint
 
-    ``layers``: residual blocks per level going down. ``attention``: whether each level going up has attention. The
-    checkpoint numbers its blocks through: the stem, then ``layers`` blocks and one reduction per level.
-    """
-    stride = layers + 1
-    match name.split("."):
-        case ["time_embedding", linear, kind]:
-            key = f"time_embed.{ {'linear_1': 0, 'linear_2': 2}[linear] }.{kind}"
-        case ["conv_in", kind]:
-            key = f"input_blocks.0.0.{kind}"
-        case ["conv_norm_out", kind]:
-            key = f"out.0.{kind}"
-        case ["conv_out", kind]:
-            key = f"out.2.{kind}"
-        case ["down_blocks", level, "resnets", layer, part, kind]:
-            key = f"input_blocks.{1 + int(level) * stride + int(layer)}.0.{_RESNET[part]}.{kind}"
-        case ["down_blocks", level, "attentions", layer, *rest]:
-            key = f"input_blocks.{1 + int(level) * stride + int(layer)}.1.{'.'.join(rest)}"
-        case ["down_blocks", level, "downsamplers", "0", "conv", kind]:
-            key = f"input_blocks.{(int(level) + 1) * stride}.0.op.{kind}"
-        case ["mid_block", "resnets", layer, part, kind]:
-            key = f"middle_block.{2 * int(layer)}.{_RESNET[part]}.{kind}"
-        case ["mid_block", "attentions", "0", *rest]:
-            key = f"middle_block.1.{'.'.join(rest)}"
-        case ["up_blocks", level, "resnets", layer, part, kind]:
-            key = f"output_blocks.{int(level) * stride + int(layer)}.0.{_RESNET[part]}.{kind}"
-        case ["up_blocks", level, "attentions", layer, *rest]:
-            key = f"output_blocks.{int(level) * stride + int(layer)}.1.{'.'.join(rest)}"
-        case ["up_blocks", level, "upsamplers", "0", "conv", kind]:
-            place = 2 if attention[int(level)] else 1  # after the residual block, and the attention if there is one
-            key = f"output_blocks.{int(level) * stride + layers}.{place}.conv.{kind}"
-        case _:
-            raise KeyError(name)
-    return Source(UNET + key)
+    raw = convert_ldm_unet_checkpoint({key: _Key(key) for key in checkpoint if key.startswith(UNET)}, config)
+    return {name: Source(UNET_EMA + key.removeprefix(UNET).replace(".", "")) for name, key in raw.items()}
 
 
-def vae_source(name: str, levels: int) -> Source:
-    """Source of a parameter of AutoencoderKL with ``levels`` resolutions; the checkpoint counts those from fine to coarse."""
-    take: Callable[[Tensor], Tensor] = _whole
-    match name.split("."):
-        case ["quant_conv" | "post_quant_conv", _]:
-            key = name
-        case [side, "conv_in" | "conv_out" as part, kind]:
-            key = f"{side}.{part}.{kind}"
-        case [side, "conv_norm_out", kind]:
-            key = f"{side}.norm_out.{kind}"
-        case ["encoder", "down_blocks", level, "resnets", layer, part, kind]:
-            key = f"encoder.down.{level}.block.{layer}.{_VAE_RESNET.get(part, part)}.{kind}"
-        case ["encoder", "down_blocks", level, "downsamplers", "0", "conv", kind]:
-            key = f"encoder.down.{level}.downsample.conv.{kind}"
-        case ["decoder", "up_blocks", level, "resnets", layer, part, kind]:
-            key = f"decoder.up.{levels - 1 - int(level)}.block.{layer}.{_VAE_RESNET.get(part, part)}.{kind}"
-        case ["decoder", "up_blocks", level, "upsamplers", "0", "conv", kind]:
-            key = f"decoder.up.{levels - 1 - int(level)}.upsample.conv.{kind}"
-        case [side, "mid_block", "resnets", layer, part, kind]:
-            key = f"{side}.mid.block_{int(layer) + 1}.{_VAE_RESNET.get(part, part)}.{kind}"
-        case [side, "mid_block", "attentions", "0", part, *_, kind]:
-            key = f"{side}.mid.attn_1.{_VAE_ATTENTION[part]}.{kind}"
-            take = _matrix_of_1x1 if kind == "weight" and part != "group_norm" else _whole
-        case _:
-            raise KeyError(name)
-    return Source(VAE + key, take)
+def vae_sources(checkpoint: Checkpoint, config: Mapping[str, Any]) -> dict[str, Source]:
+    """Parameter of AutoencoderKL -> its source."""
+    import_torchvision()
+    from diffusers.loaders.single_file_utils import convert_ldm_vae_checkpoint
+
+    raw = convert_ldm_vae_checkpoint({key: _Key(key) for key in checkpoint if key.startswith(VAE)}, config)
+    return {name: Source(str(key), _matrix_of_1x1 if ".attentions." in name else _whole) for name, key in raw.items()}
 
 
 def clip_source(name: str) -> Source:

@@ -74,6 +74,8 @@ def test_full_size_layout_is_stable_diffusion_with_eight_input_channels() -> Non
     from transformers import CLIPVisionConfig, CLIPVisionModelWithProjection
 
     state = LatentDiffusion.full_size().state_dict()
+    raw = [key for key in state if key.startswith(names.UNET)]
+    state |= {names.UNET_EMA + key.removeprefix(names.UNET).replace(".", ""): state[key] for key in raw}
     checkpoint = Checkpoint(Path("last.ckpt"), state)
     unet, vae, clip = layout.unet_config(checkpoint, 32), layout.vae_config(checkpoint, 256), layout.clip_config(checkpoint)
     assert unet["block_out_channels"] == [320, 640, 1280, 1280]
@@ -82,12 +84,11 @@ def test_full_size_layout_is_stable_diffusion_with_eight_input_channels() -> Non
     assert (vae["block_out_channels"], vae["layers_per_block"], vae["latent_channels"]) == ([128, 256, 512, 512], 2, 4)
     assert (clip["hidden_size"], clip["num_attention_heads"], clip["num_hidden_layers"]) == (1024, 16, 24)
     assert (clip["image_size"], clip["patch_size"], clip["projection_dim"]) == (224, 14, 768)
-    attention = [kind.startswith("Cross") for kind in unet["up_block_types"]]
     used: list[str] = []
     with torch.device("meta"):
         models = (
-            (UNet2DConditionModel(**unet), lambda name: names.unet_source(name, 2, attention)),
-            (AutoencoderKL(**vae), lambda name: names.vae_source(name, 4)),
+            (UNet2DConditionModel(**unet), names.unet_sources(checkpoint, unet).__getitem__),
+            (AutoencoderKL(**vae), names.vae_sources(checkpoint, vae).__getitem__),
             (CLIPVisionModelWithProjection(CLIPVisionConfig(**clip)), names.clip_source),
         )
     for model, source in models:
@@ -97,7 +98,7 @@ def test_full_size_layout_is_stable_diffusion_with_eight_input_channels() -> Non
             used.append(key)
     assert sum(value.numel() for value in models[0][0].state_dict().values()) == 859_532_484  # SD 1.5: 859 520 964
     stacked = {key for key in used if "in_proj_" in key}  # queries, keys and values are stacked in one tensor
-    assert {key: used.count(key) for key in set(used)} == {key: 3 if key in stacked else 1 for key in set(state) - {"betas"}}
+    assert {key: used.count(key) for key in set(used)} == {key: 3 if key in stacked else 1 for key in set(state) - {"betas", *raw}}
 
 
 def test_files_are_safetensors_in_half_precision_with_their_origin(release: Path, weights: Path) -> None:
@@ -217,7 +218,7 @@ def test_cut_off_file_and_other_kinds(release: Path, tmp_path: Path) -> None:
         ),
         (
             lambda c: c["state_dict"].pop("first_stage_model.decoder.mid.attn_1.q.weight"),
-            r"expected a tensor first_stage_model.decoder.mid.attn_1.q.weight",
+            r"expected a tensor for decoder.mid_block.attentions.0.to_q.weight, found none",
         ),
         (
             lambda c: c["state_dict"].update({"model_ema.diffusion_modelout0bias": torch.zeros(33)}),
@@ -247,7 +248,7 @@ def test_number_beyond_half_precision_is_an_error() -> None:
     checkpoint = Checkpoint(Path("last.ckpt"), {"a": torch.tensor([1.0, 7e4]), "b": torch.tensor([torch.nan])})
     for key in ("a", "b"):
         with pytest.raises(InputError, match=f"last.ckpt: {key}: expected numbers below 65504"):
-            half_precision(checkpoint, {"x": tuple(checkpoint.tensor(key).shape)}, lambda name, k=key: names.Source(k))
+            half_precision(checkpoint, {"x": tuple(checkpoint.tensor(key).shape)}, {"x": names.Source(key)})
 
 
 @pytest.mark.parametrize(
