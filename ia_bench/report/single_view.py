@@ -20,7 +20,7 @@ from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene
 from ia_bench.training.dataset import TrainingImages
-from ia_bench.training.validation import aligned_psnr, psnr
+from ia_bench.training.validation import psnr_by_name
 
 SAMPLES = 8
 HELD_OUT = 64  # images of a folder of shards
@@ -69,25 +69,18 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
 def score(prior: Prior, examples: Examples, *, samples: int, seed: int) -> dict[str, float]:
     """Mean PSNR by column of the report, of one prior and one seed."""
     images, masks = examples.shown.images, examples.shown.masks
-    inside = masks > 0.5
     count = samples if prior.info.stochastic else 1
-    drawn = [ask(prior, examples.shown, seed=derive_seed(seed, draw)).values for draw in range(count)]
-    figures: dict[str, Tensor] = {}
-    if "albedo" in prior.info.provides:
-        means = torch.stack([sample["albedo"] for sample in drawn]).mean(0)
-        for name, value in (("image", images), ("one sample", drawn[0]["albedo"]), (f"mean of {count}", means)):
-            for kind, channels in (("", False), (", channels", True)):
-                figures[f"albedo: {name}{kind}"] = aligned_psnr(value, examples.albedo, inside, channels=channels)
-    if "specular" in prior.info.provides:
-        factor = exposure(images, masks)[:, None, None, None]
-        truth = (examples.specular * factor).clamp(0, 1)
-        weight = inside[..., None].float()
-        constant = (truth * weight).sum((1, 2), keepdim=True) / weight.sum((1, 2), keepdim=True).clamp_min(1)
-        means = torch.stack([sample["specular"] for sample in drawn]).mean(0)
-        figures["specular: constant"] = psnr(constant.expand_as(truth), truth, inside)
-        figures["specular: one sample"] = psnr((drawn[0]["specular"] * factor).clamp(0, 1), truth, inside)
-        figures[f"specular: mean of {count}"] = psnr((means * factor).clamp(0, 1), truth, inside)
-    return {name: float(values.mean()) for name, values in figures.items()}
+    answers = [ask(prior, examples.shown, seed=derive_seed(seed, draw)).values for draw in range(count)]
+    drawn = {name: torch.stack([answer[name] for answer in answers]) for name in sorted(prior.info.provides)}
+    truth = {"albedo": examples.albedo, "specular": examples.specular}
+    figures = psnr_by_name(images, masks > 0.5, exposure(images, masks), truth, drawn)
+    words = {"one": "one sample", "mean": f"mean of {count}"}
+
+    def column(name: str) -> str:
+        component, *rest = name.split("_")
+        return f"{component}: {', '.join(words.get(word, word) for word in rest)}"
+
+    return {column(name): float(values.mean()) for name, values in figures.items()}
 
 
 def _geometry(scene: Scene) -> tuple[Tensor, Tensor]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -40,25 +41,41 @@ def score_single_view(network: MaterialNetwork, images: TrainingImages, index: T
     batch = encode(linear, network.config, NO_AUGMENTATION, torch.Generator().manual_seed(seed))
     inside = batch.masks > 0.5
     predictions = predict(network, batch, samples=MEAN_SAMPLES, steps=steps, seed=seed)
-    figures: dict[str, float] = {}
-    radiance = linear["image"][..., :3]
-    pictures = {"image": (radiance * batch.factor[:, None, None, None]).clamp(0, 1)}
-    if "albedo" in predictions:
-        truth, drawn = linear["albedo"], predictions["albedo"]
-        candidates = {"image": radiance, "one": drawn[0], "mean": drawn.mean(0)}
-        for name, value in candidates.items():
-            figures[f"albedo_{name}"] = _mean(aligned_psnr(value, truth, inside, channels=False))
-            figures[f"albedo_{name}_channels"] = _mean(aligned_psnr(value, truth, inside, channels=True))
-        pictures |= {"albedo": truth, "albedo_one": drawn[0], "albedo_mean": drawn.mean(0)}
-    if "specular" in predictions:
-        scale = batch.factor[:, None, None, None]
-        truth, drawn = (linear["specular"] * scale).clamp(0, 1), predictions["specular"] * scale
-        weight = inside[..., None].float()
-        constant = (truth * weight).sum((1, 2), keepdim=True) / weight.sum((1, 2), keepdim=True).clamp_min(1)
-        for name, value in {"constant": constant.expand_as(truth), "one": drawn[0], "mean": drawn.mean(0)}.items():
-            figures[f"specular_{name}"] = _mean(psnr(value.clamp(0, 1), truth, inside))
-        pictures |= {"specular": truth, "specular_one": drawn[0], "specular_mean": drawn.mean(0)}
-    return SingleView(figures, pictures)
+    radiance, scale = linear["image"][..., :3], batch.factor[:, None, None, None]
+    pictures = {"image": (radiance * scale).clamp(0, 1)}
+    for component, drawn in predictions.items():
+        shown = torch.ones_like(scale) if component == "albedo" else scale
+        parts = {"": linear[component], "_one": drawn[0], "_mean": drawn.mean(0)}
+        pictures |= {f"{component}{part}": (value * shown).clamp(0, 1) for part, value in parts.items()}
+    scored = psnr_by_name(radiance, inside, batch.factor, linear, predictions)
+    return SingleView({name: float(values.mean()) for name, values in scored.items()}, pictures)
+
+
+def psnr_by_name(
+    images: Tensor, inside: Tensor, factor: Tensor, truth: Mapping[str, Tensor], drawn: Mapping[str, Tensor]
+) -> dict[str, Tensor]:
+    """PSNR (N,) of samples ``drawn`` (S, N, H, W, 3) by component; :class:`SingleView` says what the names mean.
+
+    Args:
+        images: (N, H, W, 3), of which the samples are.
+        inside: (N, H, W) bool, the pixels that count.
+        factor: (N,), at which specular shading is exposed.
+        truth: Component -> (N, H, W, 3).
+        drawn: Component -> samples, linear.
+    """
+    figures = {}
+    if "albedo" in drawn:
+        for name, value in {"image": images, "one": drawn["albedo"][0], "mean": drawn["albedo"].mean(0)}.items():
+            for kind, channels in (("", False), ("_channels", True)):
+                figures[f"albedo_{name}{kind}"] = aligned_psnr(value, truth["albedo"], inside, channels=channels)
+    if "specular" in drawn:
+        exposed, weight = factor[:, None, None, None], inside[..., None].float()
+        true = (truth["specular"] * exposed).clamp(0, 1)
+        constant = (true * weight).sum((1, 2), keepdim=True) / weight.sum((1, 2), keepdim=True).clamp_min(1)
+        samples = drawn["specular"] * exposed
+        for name, value in {"constant": constant.expand_as(true), "one": samples[0], "mean": samples.mean(0)}.items():
+            figures[f"specular_{name}"] = psnr(value.clamp(0, 1), true, inside)
+    return figures
 
 
 def predict(network: MaterialNetwork, batch: Batch, *, samples: int, steps: int, seed: int) -> dict[str, Tensor]:
@@ -99,7 +116,3 @@ def psnr(predicted: Tensor, truth: Tensor, inside: Tensor) -> Tensor:
     weight = inside[..., None].float()
     error = ((predicted - truth).square() * weight).sum((1, 2, 3)) / (3 * weight.sum((1, 2, 3))).clamp_min(1)
     return -10 * torch.log10(error.clamp_min(1e-10))
-
-
-def _mean(values: Tensor) -> float:
-    return float(values.mean())
