@@ -6,7 +6,9 @@ A setting that is not "auto" is taken as it is and recorded as the user's choice
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -85,39 +87,54 @@ def make_plan(
 
     ``prior_views``: the setting prior.supervision.views.
     """
-    surface, rays, device = stage.surface, stage.rays, stage.device
     step = max(1, len(scene.train) // PROBE_VIEWS)
-    views = scene.train[::step]
-    gbuffer = stage.gbuffer([view.camera for view in views], 2)
-    if not bool((gbuffer.face[:, 0] >= 0).any()):
+    probe = _Probe(scene, stage.surface, stage.rays, stage.gbuffer([view.camera for view in scene.train[::step]], 2))
+    if not bool((probe.gbuffer.face[:, 0] >= 0).any()):
         raise InputError(
             f"{scene.source}: no training camera sees the mesh: expected transform_matrix to be camera-to-world in the "
             "OpenGL convention (the camera looks along its -z axis, +y is up), in the units of mesh.ply"
         )
-    footprint = _footprints(surface, gbuffer)
-    decisions = [
-        _shadows(surface, rays, settings, gbuffer, device),
-        _bounces(surface, rays, settings, gbuffer, device),
-        _subsamples(surface, settings, gbuffer, footprint),
-        _texture(settings, footprint),
-        _light(settings, footprint),
-        _metallic(scene, settings),
-    ]
+    decisions = []
+    for name, decide in DECISIONS.items():
+        chosen = getattr(settings, name)
+        decisions.append(decide(probe) if chosen == "auto" else Decision(f"render.{name}", chosen, "set by the user", None))
+    value = {name: decision.value for name, decision in zip(DECISIONS, decisions, strict=True)}
+    _check_memory(settings.samples, **{name: value[name] for name in ("subsamples", "texture", "light_height")})
+    asked: int | str = "all"
     if prior.info.provides:
-        decisions.append(_prior_views(scene, surface, rays, prior_views, gbuffer, device))
-    by_name = {decision.what: decision.value for decision in decisions}
-    _check_memory(settings.samples, **{name: by_name[f"render.{name}"] for name in ("subsamples", "texture", "light_height")})
-    return Plan(
-        samples=settings.samples,
-        subsamples=by_name["render.subsamples"],
-        texture=by_name["render.texture"],
-        light_height=by_name["render.light_height"],
-        shadows=by_name["render.shadows"],
-        bounces=by_name["render.bounces"],
-        metallic=by_name["render.metallic"],
-        prior_views=by_name.get("prior.supervision.views", "all"),
-        decisions=tuple(decisions),
-    )
+        decisions.append(_prior_views(probe, prior_views))
+        asked = decisions[-1].value
+    return Plan(samples=settings.samples, prior_views=asked, decisions=tuple(decisions), **value)
+
+
+@dataclass(frozen=True)
+class _Probe:
+    """What the plan measures on: some training views of the scene, 2 x 2 points a pixel."""
+
+    scene: Scene
+    surface: SurfaceInterpolator
+    rays: RayCaster
+    gbuffer: GBuffer
+
+    @cached_property
+    def footprint(self) -> dict[str, Tensor]:
+        """How far apart two neighbouring points of a pixel are, see :func:`_footprints`."""
+        return _footprints(self)
+
+    def generator(self) -> torch.Generator:
+        """Of one measurement's own draws."""
+        return torch.Generator(device=self.gbuffer.face.device).manual_seed(0)
+
+    def cameras(self) -> Tensor:
+        """Where each pixel is seen from, (P, 3)."""
+        return self.gbuffer.origin[self.gbuffer.pixel // (self.gbuffer.shape[1] * self.gbuffer.shape[2])]
+
+    def points(self, count: int, generator: torch.Generator) -> SurfacePoints:
+        """``count`` points that the cameras see, with replacement."""
+        gbuffer = self.gbuffer
+        chosen = torch.nonzero(gbuffer.face[:, 0] >= 0)[:, 0]
+        chosen = chosen[torch.randint(len(chosen), (count,), generator=generator, device=chosen.device)]
+        return self.surface(gbuffer.face[chosen, 0].long(), gbuffer.barycentric[chosen, 0], self.cameras()[chosen])
 
 
 def _check_memory(samples: int, *, subsamples: int, texture: int, light_height: int) -> None:
@@ -129,16 +146,11 @@ def _check_memory(samples: int, *, subsamples: int, texture: int, light_height: 
     expect_memory(asked, 300 * PROBE_PIXELS * taken)
 
 
-def _users(what: str, value: int | str | bool) -> Decision:
-    return Decision(what, value, "set by the user", None)
-
-
-def _footprints(surface: SurfaceInterpolator, gbuffer: GBuffer) -> dict[str, Tensor]:
+def _footprints(probe: _Probe) -> dict[str, Tensor]:
     """How far apart two neighbouring points of a pixel (half a pixel) are: in UV, and in angle of normal and mirror direction."""
-    left, right = gbuffer.face[:, 0], gbuffer.face[:, 1]
-    camera = gbuffer.origin[gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])]
-    both = (left >= 0) & (right >= 0)
-    a, b = (surface(gbuffer.face[both, i].long(), gbuffer.barycentric[both, i], camera[both]) for i in (0, 1))
+    gbuffer, camera = probe.gbuffer, probe.cameras()
+    both = (gbuffer.face[:, :2] >= 0).all(1)
+    a, b = (probe.surface(gbuffer.face[both, i].long(), gbuffer.barycentric[both, i], camera[both]) for i in (0, 1))
     extent = (a.position - b.position).norm(dim=-1)
     continuous = extent < 4 * extent.median()  # a jump to another part of the object is no footprint
     uv = (a.uv - b.uv).norm(dim=-1)
@@ -160,16 +172,11 @@ def _closest_quarter(footprint: Tensor) -> float:
     return float(footprint.sort().values[(len(footprint) - 1) // 4])
 
 
-def _shadows(
-    surface: SurfaceInterpolator, rays: RayCaster, settings: RenderSettings, gbuffer: GBuffer, device: torch.device
-) -> Decision:
-    what = "render.shadows"
-    if settings.shadows != "auto":
-        return _users(what, settings.shadows)
-    generator = torch.Generator(device=device).manual_seed(0)
-    points = _probe_points(surface, gbuffer, PROBE_RAYS, generator)
+def _shadows(probe: _Probe) -> Decision:
+    what, generator = "render.shadows", probe.generator()
+    points = probe.points(PROBE_RAYS, generator)
     directions = _cosine_directions(points.geometric, generator)
-    share = float(rays.occluded(points.position + surface.offset * points.geometric, directions).double().mean())
+    share = float(probe.rays.occluded(points.position + probe.surface.offset * points.geometric, directions).double().mean())
     measured = {"occluded_share": share, "probe_rays": float(PROBE_RAYS)}
     if share == 0:
         why = f"none of {PROBE_RAYS} cosine-distributed probe rays hit the object: no shadows to trace"
@@ -177,13 +184,8 @@ def _shadows(
     return Decision(what, "traced", f"{100 * share:.1f} % of cosine-distributed probe rays hit the object itself", measured)
 
 
-def _bounces(
-    surface: SurfaceInterpolator, rays: RayCaster, settings: RenderSettings, gbuffer: GBuffer, device: torch.device
-) -> Decision:
-    what = "render.bounces"
-    if settings.bounces != "auto":
-        return _users(what, int(settings.bounces))
-    seen = _light_by_bounces(surface, rays, gbuffer, device)
+def _bounces(probe: _Probe) -> Decision:
+    seen = _light_by_bounces(probe)
     if not sum(seen):
         raise InputError(
             f"mesh: expected light from outside to reach what the cameras see, found none on {PROBE_RAYS} paths (triangles that "
@@ -197,21 +199,21 @@ def _bounces(
         + (f", {100 * beyond[chosen]:.1f} % more than {chosen} times" if chosen else "")
     )
     left_out = "indirect light" if chosen == 0 else f"more than {chosen} bounces" if chosen < MAX_BOUNCES else None
-    return Decision(what, chosen, why, measured, left_out=left_out)
+    return Decision("render.bounces", chosen, why, measured, left_out=left_out)
 
 
-def _light_by_bounces(surface: SurfaceInterpolator, rays: RayCaster, gbuffer: GBuffer, device: torch.device) -> list[float]:
+def _light_by_bounces(probe: _Probe) -> list[float]:
     """Light that reaches the camera after 0, 1, ... MAX_BOUNCES + 1 bounces before the point that is seen; relative to each other.
 
     Paths from points that are seen, on until they leave the object, under light 1 from everywhere. Backs of triangles are black.
     """
-    generator = torch.Generator(device=device).manual_seed(0)
-    points = _probe_points(surface, gbuffer, PROBE_RAYS, generator)
+    surface, generator = probe.surface, probe.generator()
+    points = probe.points(PROBE_RAYS, generator)
     position, normal = points.position, points.geometric
     seen = []
     for bounces in range(MAX_BOUNCES + 2):
         direction = _cosine_directions(normal, generator)
-        face, barycentric, _ = rays.intersect(position + surface.offset * normal, direction)
+        face, barycentric, _ = probe.rays.intersect(position + surface.offset * normal, direction)
         hit = face >= 0
         seen.append(PROBE_ALBEDO**bounces * float((~hit).double().sum()))
         normal, position = surface.geometry(face[hit], barycentric[hit])
@@ -220,30 +222,18 @@ def _light_by_bounces(surface: SurfaceInterpolator, rays: RayCaster, gbuffer: GB
     return seen
 
 
-def _probe_points(surface: SurfaceInterpolator, gbuffer: GBuffer, count: int, generator: torch.Generator) -> SurfacePoints:
-    """``count`` points that the cameras see, with replacement."""
-    chosen = torch.nonzero(gbuffer.face[:, 0] >= 0)[:, 0]
-    chosen = chosen[torch.randint(len(chosen), (count,), generator=generator, device=chosen.device)]
-    camera = gbuffer.origin[gbuffer.pixel[chosen] // (gbuffer.shape[1] * gbuffer.shape[2])]
-    return surface(gbuffer.face[chosen, 0].long(), gbuffer.barycentric[chosen, 0], camera)
-
-
 def _cosine_directions(normal: Tensor, generator: torch.Generator) -> Tensor:
     """A cosine-distributed direction around each unit normal, (N, 3)."""
     scattered = torch.randn(normal.shape, generator=generator, device=normal.device)
     return normalize(normal + normalize(scattered))
 
 
-def _subsamples(
-    surface: SurfaceInterpolator, settings: RenderSettings, gbuffer: GBuffer, footprint: dict[str, Tensor]
-) -> Decision:
-    what = "render.subsamples"
-    if settings.subsamples != "auto":
-        return _users(what, int(settings.subsamples))
-    hits = (gbuffer.face >= 0).float().mean(1)
+def _subsamples(probe: _Probe) -> Decision:
+    what, normals = "render.subsamples", probe.footprint["normal"]
+    hits = (probe.gbuffer.face >= 0).float().mean(1)
     edge = float((hits < 1).double().mean())
-    bend = math.degrees(float(footprint["normal"].mean())) if len(footprint["normal"]) else 0.0
-    spread = _normal_spread(surface, gbuffer)
+    bend = math.degrees(float(normals.mean())) if len(normals) else 0.0
+    spread = _normal_spread(probe)
     error = {side: normal_error(spread, side) for side in POINT_SIDES}
     measured = {"edge_pixel_share": edge, "mean_normal_change_degrees": bend, "normal_error_of_2_x_2": error[2]}
     why = f"{100 * edge:.1f} % of pixels are partly covered, normals change by {bend:.1f} degrees across a pixel"
@@ -255,12 +245,12 @@ def _subsamples(
     return Decision(what, chosen, why, measured, left_out=left_out)
 
 
-def _normal_spread(surface: SurfaceInterpolator, gbuffer: GBuffer) -> float:
+def _normal_spread(probe: _Probe) -> float:
     """Root mean square deviation of the normals of a pixel's points from their mean, misses counting as zero normals."""
-    hit = gbuffer.face >= 0
-    camera = gbuffer.origin[gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])][:, None].expand(*hit.shape, 3)
+    gbuffer, hit = probe.gbuffer, probe.gbuffer.face >= 0
+    camera = probe.cameras()[:, None].expand(*hit.shape, 3)
     normal = torch.zeros(*hit.shape, 3, device=hit.device)
-    normal[hit] = surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit]).normal
+    normal[hit] = probe.surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit]).normal
     return float((normal - normal.mean(1, keepdim=True)).square().sum(-1).mean().sqrt())
 
 
@@ -273,26 +263,22 @@ def normal_error(spread: float, side: int) -> float:
     return spread / 3 * (2 / side) ** 1.4
 
 
-def _texture(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
-    what = "render.texture"
-    if settings.texture != "auto":
-        return _users(what, int(settings.texture))
-    if len(footprint["uv"]) == 0:
+def _texture(probe: _Probe) -> Decision:
+    what, across = "render.texture", probe.footprint["uv"]
+    if len(across) == 0:
         return Decision(what, TEXTURE_SIZES[0], "no pixel has two neighbouring points on one UV island", None)
-    pixel = _closest_quarter(footprint["uv"])  # the closer quarter of the surface decides
+    pixel = _closest_quarter(across)  # the closer quarter of the surface decides
     size = next((s for s in TEXTURE_SIZES if pixel * s >= 1), TEXTURE_SIZES[-1])
     why = f"a pixel spans {pixel * size:.2f} texels at {size} (closest quarter of the surface)"
     left_out = f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None
     return Decision(what, size, why, {"pixel_footprint_uv": pixel}, left_out=left_out)
 
 
-def _light(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
-    what = "render.light_height"
-    if settings.light_height != "auto":
-        return _users(what, int(settings.light_height))
-    if len(footprint["mirror"]) == 0:
+def _light(probe: _Probe) -> Decision:
+    what, mirrored = "render.light_height", probe.footprint["mirror"]
+    if len(mirrored) == 0:
         return Decision(what, LIGHT_HEIGHTS[0], "no pixel has two neighbouring points", None)
-    angle = _closest_quarter(footprint["mirror"])
+    angle = _closest_quarter(mirrored)
     rows = math.pi / max(angle, 1e-6)
     size = min(LIGHT_HEIGHTS, key=lambda height: abs(math.log2(height / rows)))
     why = f"mirror directions of a pixel span {math.degrees(angle):.1f} degrees, a texel {180 / size:.1f}"
@@ -303,34 +289,24 @@ def _light(settings: RenderSettings, footprint: dict[str, Tensor]) -> Decision:
     return Decision(what, size, why, {"mirror_footprint_degrees": math.degrees(angle)}, left_out=left_out)
 
 
-def _metallic(scene: Scene, settings: RenderSettings) -> Decision:
-    what = "render.metallic"
-    if settings.metallic != "auto":
-        return _users(what, bool(settings.metallic))
-    why = f"the scene's description names {'' if scene.metallic else 'no '}parts of metal"
-    left_out = None if scene.metallic else "a metallic texture"
-    return Decision(what, scene.metallic, why, {"metallic": float(scene.metallic)}, left_out=left_out)
+def _metallic(probe: _Probe) -> Decision:
+    metallic = probe.scene.metallic
+    why = f"the scene's description names {'' if metallic else 'no '}parts of metal"
+    left_out = None if metallic else "a metallic texture"
+    return Decision("render.metallic", metallic, why, {"metallic": float(metallic)}, left_out=left_out)
 
 
-def _prior_views(
-    scene: Scene,
-    surface: SurfaceInterpolator,
-    rays: RayCaster,
-    setting: int | str,
-    gbuffer: GBuffer,
-    device: torch.device,
-) -> Decision:
+def _prior_views(probe: _Probe, setting: int | str) -> Decision:
     what = "prior.supervision.views"
     if setting == "all":
         return Decision(what, "all", "the prior is asked about every training view", None)
     if setting != "auto":
-        return _users(what, setting)
-    total = len(scene.train)
+        return Decision(what, setting, "set by the user", None)
+    scene, surface, total = probe.scene, probe.surface, len(probe.scene.train)
     order = spreading_order(scene, total)
-    generator = torch.Generator(device=device).manual_seed(0)
-    points = _probe_points(surface, gbuffer, PROBE_POINTS, generator)
+    points = probe.points(PROBE_POINTS, probe.generator())
     cameras = [scene.train[view].camera for view in order]
-    seen = sees(cameras, points.position, points.geometric, rays, surface.offset)
+    seen = sees(cameras, points.position, points.geometric, probe.rays, surface.offset)
     count = views_needed(seen, VIEWS_A_POINT, SEEN_SHARE)
     measured = {"views": float(total), "seen_by_all_views": float(seen.sum(1).double().mean())}
     measured["seen_by_chosen_views"] = float(seen[:, :count].sum(1).double().mean())
@@ -339,3 +315,14 @@ def _prior_views(
         f"(a point {measured['seen_by_chosen_views']:.1f} times in the mean, {measured['seen_by_all_views']:.1f} with all)"
     )
     return Decision(what, count, why, measured, left_out=f"prior samples of {total - count} views" if count < total else None)
+
+
+DECISIONS: dict[str, Callable[[_Probe], Decision]] = {
+    "shadows": _shadows,
+    "bounces": _bounces,
+    "subsamples": _subsamples,
+    "texture": _texture,
+    "light_height": _light,
+    "metallic": _metallic,
+}
+"""What is measured, by the setting of the renderer that it decides where that is "auto"."""
