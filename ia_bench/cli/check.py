@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -13,7 +12,7 @@ from rich.text import Text
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, OK, status_of
+from ia_bench.common.exit_codes import FAULT, OK, command
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
@@ -63,16 +62,13 @@ SHORT = {"scene": "tiny", "preset": "smoke", "threads": "1"}
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
-    if not {"-h", "--help"}.isdisjoint(arguments):
-        print(USAGE.format(**{kind: _plugins(kind) for kind in registry.KINDS}), end="")
-        return OK
-    return status_of(lambda: _check([text for text in arguments if text != "--json"], as_json="--json" in arguments))
+    return command(lambda: USAGE.format(**{kind: _plugins(kind) for kind in registry.KINDS}), _check, arguments)
 
 
-def _check(arguments: Sequence[str], *, as_json: bool) -> int:
+def _check(given: Sequence[str]) -> int:
+    arguments = [text for text in given if text != "--json"]
     what, findings = CHECKS[_kind(arguments)](arguments)
-    return _told_as_json(findings) if as_json else _told(what, findings, Console(highlight=False, soft_wrap=True))
+    return _told_as_json(findings) if "--json" in given else _told(what, findings, Console(highlight=False, soft_wrap=True))
 
 
 def _told(what: str, findings: Iterable[Finding], console: Console) -> int:
@@ -161,6 +157,6 @@ CHECKS: dict[str, Callable[[Sequence[str]], tuple[str, Iterable[Finding]]]] = {
 
 def _plugins(kind: registry.Kind) -> str:
     working, broken = registry.load_installed(kind)
-    found = {**registry.built_in(kind), **{name: registry.installed(kind)[name] for name in working}}
+    found = {**registry.built_in(kind), **working}
     lines = [f"  {name:<20}{plugin.target} of {plugin.distribution}\n" for name, plugin in found.items()]
     return "".join([*lines, *(f"  ! {problem}\n" for problem in broken)])

@@ -6,8 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from ia_bench.common.arguments import read_arguments
-from ia_bench.common.exit_codes import OK, status_of
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, command
 
 USAGE = """\
 python -m ia_bench.cli.convert_weights [albedo=CKPT] [specular=CKPT] out=FOLDER
@@ -24,11 +23,7 @@ resolution   side in pixels of the images that the model was trained on
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 0 done, 2 a mistake in what was asked."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    if not {"-h", "--help"}.isdisjoint(arguments):
-        say(USAGE.rstrip(), sys.stdout)
-        return OK
-    return status_of(lambda: _convert(arguments))
+    return command(lambda: USAGE, _convert, arguments)
 
 
 def _convert(arguments: Sequence[str]) -> int:

@@ -6,8 +6,7 @@ import sys
 from collections.abc import Sequence
 
 from ia_bench.common.arguments import read_arguments
-from ia_bench.common.exit_codes import OK, status_of
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
 from ia_bench.training.data import Request, make_data
 
@@ -30,11 +29,7 @@ or repeated with more images. Held-out images: another seed.
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
-    if not {"-h", "--help"}.isdisjoint(arguments):
-        say(USAGE.rstrip(), sys.stdout)
-        return OK
-    return status_of(lambda: _make(arguments))
+    return command(lambda: USAGE, _make, arguments)
 
 
 def _make(arguments: Sequence[str]) -> int:

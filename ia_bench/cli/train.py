@@ -7,8 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from ia_bench.common.arguments import read_arguments, settings_of
-from ia_bench.common.exit_codes import OK, status_of
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
 
 USAGE = """\
@@ -33,11 +32,7 @@ def usage() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
-    if not {"-h", "--help"}.isdisjoint(arguments):
-        say(usage(), sys.stdout)
-        return OK
-    return status_of(lambda: _train(arguments))
+    return command(usage, _train, arguments)
 
 
 def _train(arguments: Sequence[str]) -> int:

@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FrameType
 
 from ia_bench.common.errors import Fault, InputError
@@ -53,6 +53,18 @@ def status_of(work: Callable[[], int]) -> int:
     finally:
         if before is not None:
             signal.signal(signal.SIGTERM, before)
+
+
+def command(usage: Callable[[], str], work: Callable[[list[str]], int], arguments: Sequence[str] | None) -> int:
+    """Show the help where it is asked for, else do a command's work on its arguments (None: those of this process).
+
+    Returns the exit status.
+    """
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    if not {"-h", "--help"}.isdisjoint(given):
+        say(usage().rstrip(), sys.stdout)
+        return OK
+    return status_of(lambda: work(given))
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

@@ -47,19 +47,6 @@ class Plugin:
     distribution: str
 
 
-@dataclass(frozen=True)
-class BrokenPlugin:
-    """A plugin that cannot be used, and why in one line."""
-
-    plugin: Plugin
-    reason: str
-
-    def __str__(self) -> str:
-        """The line shown to the user."""
-        plugin = self.plugin
-        return f"{plugin.kind} '{plugin.name}' of {plugin.distribution} is skipped: {self.reason}"
-
-
 def installed(kind: Kind) -> dict[str, Plugin]:
     """Plugins that other distributions offer, by name. Reads their metadata and imports nothing.
 
@@ -133,22 +120,33 @@ def named(kind: Kind, name: str, target: str) -> Plugin:
 
 def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author put there)
     """Import what a plugin points to. Raises InputError with the plugin, its distribution and the cause in one line."""
-    broken = _try_load(plugin)
-    if isinstance(broken, BrokenPlugin):
-        raise InputError(f"{plugin.kind} '{plugin.name}' of {plugin.distribution} cannot be used: {broken.reason}")
-    return broken
+    who = f"{plugin.kind} '{plugin.name}' of {plugin.distribution} cannot be used"
+    module, separator, attribute = plugin.target.partition(":")
+    if not (module and separator and attribute):
+        raise InputError(f"{who}: expected a target 'module:Class', found '{plugin.target}'")
+    try:
+        found: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except (Exception, SystemExit) as error:  # whatever foreign code does on import stays with that plugin
+        reason = str(error).splitlines()[0] if str(error) else "no message"
+        raise InputError(f"{who}: importing {plugin.target} raised {type(error).__name__}: {reason}") from error
+    members = MEMBERS[plugin.kind]
+    if not all(hasattr(found, member) for member in members) or not callable(found):
+        raise InputError(f"{who}: expected a class with {', '.join(members)}, found that {plugin.target} is none")
+    return found
 
 
-def load_installed(kind: Kind) -> tuple[dict[str, Any], list[BrokenPlugin]]:
-    """Import every plugin of other distributions: what works by name, and what does not."""
-    working: dict[str, Any] = {}
-    broken: list[BrokenPlugin] = []
+def load_installed(kind: Kind) -> tuple[dict[str, Plugin], list[str]]:
+    """Import every plugin of other distributions: those that work by name, and why others do not, in one line each."""
+    working, broken = {}, []
     for name, plugin in installed(kind).items():
-        loaded = _try_load(plugin)
-        if isinstance(loaded, BrokenPlugin):
-            broken.append(loaded)
+        try:
+            load(plugin)
+        except InputError as error:
+            broken.append(str(error))
         else:
-            working[name] = loaded
+            working[name] = plugin
     return working, broken
 
 
@@ -177,20 +175,3 @@ def at_work(kind: Kind, name: str) -> Iterator[None]:
     except (Exception, SystemExit) as error:
         reason = str(error).splitlines()[0] if str(error) else "no message"
         raise InputError(f"{kind} {name} raised {type(error).__name__}: {reason}") from error
-
-
-def _try_load(plugin: Plugin) -> Any:  # noqa: ANN401 (as load)
-    module, separator, attribute = plugin.target.partition(":")
-    if not (module and separator and attribute):
-        return BrokenPlugin(plugin, f"expected a target 'module:Class', found '{plugin.target}'")
-    try:
-        found: Any = importlib.import_module(module)
-        for part in attribute.split("."):
-            found = getattr(found, part)
-    except (Exception, SystemExit) as error:  # whatever foreign code does on import stays with that plugin
-        reason = str(error).splitlines()[0] if str(error) else "no message"
-        return BrokenPlugin(plugin, f"importing {plugin.target} raised {type(error).__name__}: {reason}")
-    members = MEMBERS[plugin.kind]
-    if not all(hasattr(found, member) for member in members) or not callable(found):
-        return BrokenPlugin(plugin, f"expected a class with {', '.join(members)}, found that {plugin.target} is none")
-    return found

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -221,9 +220,8 @@ class _Training:
             "optimizer": self.optimizer.state_dict(),
             "ema": self.ema.state_dict(),
         }
-        partial = settings.out / ".state.partial"
-        torch.save(state, partial)
-        os.replace(partial, settings.out / "state.pt")
+        with whole_file(settings.out / "state.pt") as partial:
+            torch.save(state, partial)
         self.ema.store(self.network.parameters())
         self.ema.copy_to(self.network.parameters())
         save_network(settings.out / "weights", self.network, self._provenance())

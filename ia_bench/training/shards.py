@@ -15,15 +15,15 @@ Radiance is as lit, its mean over the foreground about 0.3; training chooses exp
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
+from safetensors.torch import save_file
 from torch import Tensor
 
+from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 
 DATA_VERSION = 2
@@ -76,15 +76,10 @@ def shard_paths(folder: Path) -> list[Path]:
 
 
 def write_shard(path: Path, tensors: dict[str, Tensor], info: ShardInfo) -> None:
-    """Write a shard under a temporary name, then rename it, so that a killed writer leaves no half of one."""
+    """Write a shard, whole or not at all."""
     metadata = {name: str(value) for name, value in vars(info).items()}
-    content = save({name: tensors[name].half().contiguous() for name in CHANNELS}, metadata=metadata)
-    partial = path.with_name(f".tmp-{path.name}")
-    with partial.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(partial, path)
+    with whole_file(path) as partial:
+        save_file({name: tensors[name].half().contiguous() for name in CHANNELS}, partial, metadata=metadata)
 
 
 def read_info(path: Path) -> ShardInfo:

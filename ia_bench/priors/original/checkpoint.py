@@ -20,8 +20,6 @@ from torch.serialization import get_unsafe_globals_in_checkpoint, safe_globals
 
 from ia_bench.common.errors import InputError
 
-CHUNK = 1 << 24  # bytes hashed at a time
-
 
 class _Ignored:
     """Stands for a numpy scalar or its type: takes any arguments and any state, and keeps none."""
@@ -65,14 +63,11 @@ class Checkpoint:
 
 def sha256(path: Path) -> str:
     """SHA-256 (hex) of a file's content. Raises InputError if it cannot be read."""
-    digest = hashlib.sha256()
     try:
         with path.open("rb") as file:
-            while chunk := file.read(CHUNK):
-                digest.update(chunk)
+            return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    return digest.hexdigest()
 
 
 def open_checkpoint(path: Path) -> Checkpoint:
