@@ -18,7 +18,6 @@ import math
 import time
 from pathlib import Path
 
-import torch
 from stage import run_as_a_run
 
 from benchmarks.work_precision.precision import first_time, without_compilation
@@ -66,7 +65,6 @@ class Clock:
 
 def curve_of(method: Method, problem: Problem, scorer: Scorer) -> list[dict[str, float]]:
     """The curve of one fit."""
-    torch.compiler.reset()  # the compiler keeps few versions of a function
     clock = Clock(scorer)
     monitor = Monitor.silent(note=print, score=lambda _, step, __, found: clock.score(step, found))
     result = method.fit(problem, seed=0, monitor=monitor)
@@ -110,7 +108,7 @@ def main() -> None:
     run_as_a_run(arguments.threads)
     prior: Prior = OraclePrior(components=["albedo"]) if arguments.prior == "oracle" else NoPrior()
     scene = NativeReader(scenes_folder() / arguments.scene).read(truth=True)
-    render = RenderSettings(bounces=0, coat="added", shading="compiled")
+    render = RenderSettings(bounces=0, coat="added")
     problem = Problem(scene.blind(), render, make_prior=lambda problem: tell_truth(prior, scene, problem), note=lambda _: None)
     scorer = Scorer(scene, Protocol(), problem.device)
     plain = {steps: MitsubaAdam(MitsubaAdamOptions(steps=steps)) for steps in arguments.mitsuba_steps}

@@ -1,8 +1,9 @@
-"""One optimisation step, the image and the gradients of albedo, roughness and light: ours beside Mitsuba 3's.
+"""One optimisation step, the image and the gradients of albedo, roughness and light: ours beside torch's and Mitsuba 3's.
 
     python benchmarks/gradient_step.py --threads 1   # ours, and Mitsuba's where it is (pip install mitsuba==3.9.1, libLLVM)
 
-The object, textures and light of a shipped scene; light and BRDF sampling joined by the balance heuristic, shadows.
+The object, textures and light of a shipped scene; light and BRDF sampling joined by the balance heuristic, shadows. "torch,
+compiled" is our estimator written in torch (benchmarks/reference.py) under torch.compile, where there is a C++ compiler.
 
 1. *Per sample*: 4096 random pixels x 32 samples a step. Mitsuba (``llvm_ad_rgb``, ``direct`` with 4 + 4 samples, ``principled``,
    bitmaps, envmap) renders a whole view with as many samples on the object, and once more with 8 times as many, which it
@@ -33,6 +34,7 @@ from phases import Phase, measure_phases
 from stage import Stage
 from torch import Tensor
 
+from benchmarks.reference import TorchRenderer, can_compile
 from benchmarks.work_precision.precision import Moments, efficiency, time_in_turns
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import environment
@@ -53,10 +55,11 @@ class OurStep:
     """The gradient of our image of some pixels, as the two-stage trainer computes it."""
 
     def __init__(
-        self, stage: Stage, gbuffer: GBuffer, shading: str, *, bounces: int = 0, coat: str = "added"
+        self, stage: Stage, gbuffer: GBuffer, *, bounces: int = 0, coat: str = "added", torch_compiled: bool = False
     ) -> None:
         self.gbuffer = gbuffer
-        self.renderer = stage.geometry.renderer(bounces=bounces, coat=coat, shading=shading)
+        renderer = stage.geometry.renderer(bounces=bounces, coat=coat)
+        self.renderer = TorchRenderer(renderer, compiled=True) if torch_compiled else renderer
         tensors = stage.material.albedo, stage.material.roughness, stage.light
         self.albedo, self.roughness, self.light = (tensor.clone().requires_grad_() for tensor in tensors)
         self.generator = torch.Generator().manual_seed(0)
@@ -81,8 +84,10 @@ def per_sample(stage: Stage, rounds: int, threads: int, mitsuba: bool) -> dict[s
     """Milliseconds per million samples of every case: median and best, wall and CPU."""
     cameras = stage.cameras(VIEWS, SIZE)
     gbuffer = stage.gbuffer(cameras)
-    steps = {"ours": OurStep(stage, gbuffer, "compiled"), "ours, eager": OurStep(stage, gbuffer, "eager")}
-    steps[f"ours, {BOUNCES} bounces"] = OurStep(stage, gbuffer, "compiled", bounces=BOUNCES, coat="layered")
+    steps = {"ours": OurStep(stage, gbuffer)}
+    steps[f"ours, {BOUNCES} bounces"] = OurStep(stage, gbuffer, bounces=BOUNCES, coat="layered")
+    if can_compile():
+        steps["torch, compiled"] = OurStep(stage, gbuffer, torch_compiled=True)
     cases: dict[str, Callable[[int], None]] = {name: step.random_step for name, step in steps.items()}
     samples = dict.fromkeys(cases, float(PIXELS * SAMPLES))
     covered = float(gbuffer.coverage()[0].sum())
@@ -117,7 +122,7 @@ def at_equal_variance(stage: Stage, rounds: int, threads: int, mitsuba: bool) ->
     cameras = stage.cameras(1, SIZE)
     gbuffer = stage.gbuffer(cameras)
     pixels = torch.arange(len(gbuffer.pixel))
-    ours = OurStep(stage, gbuffer, "compiled")
+    ours = OurStep(stage, gbuffer)
     cases: dict[str, Callable[[int], object]] = {"ours": lambda _: ours.gradient(pixels, Tensor.sum)}
     read: dict[str, Callable[[object], dict[str, np.ndarray]]] = {
         name: lambda gradients: {key: value.numpy() for key, value in gradients.items()} for name in cases
@@ -207,8 +212,7 @@ def main() -> None:
             mitsuba = False
     speed = per_sample(stage, arguments.rounds, arguments.threads, mitsuba)
     noise = at_equal_variance(stage, arguments.rounds, arguments.threads, mitsuba)
-    step = OurStep(stage, stage.gbuffer(stage.cameras(VIEWS, SIZE)), "compiled")
-    phases = measure_phases(stage, step.gbuffer, PIXELS, SAMPLES, arguments.rounds, mitsuba)
+    phases = measure_phases(stage, stage.gbuffer(stage.cameras(VIEWS, SIZE)), PIXELS, SAMPLES, arguments.rounds, mitsuba)
     print_report(speed, noise, phases)
     if arguments.out:
         arguments.out.mkdir(parents=True, exist_ok=True)

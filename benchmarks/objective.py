@@ -10,9 +10,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from benchmarks.reference import TorchRenderer, fetch
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
-from ia_bench.material.textures import Material, fetch
+from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.methods.two_stage.neighbours import find_neighbours
@@ -104,7 +105,7 @@ class Objective:
     """The trainer's objective without a prior: sums of weighted absolute residuals."""
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
-        self.problem, self._settings = problem, settings
+        self.problem, self._settings, self._renderer = problem, settings, TorchRenderer(problem.renderer)
         self._images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]))
         self._neighbours = find_neighbours(problem, self._images, settings.smooth_scale)
         self.pixel_count = len(problem.gbuffer.pixel)
@@ -121,7 +122,7 @@ class Objective:
             if sampled is None
             else SampledLight(radiance, sampled.sampler)
         )
-        rendered = problem.renderer.render_pixels(
+        rendered = self._renderer.render_pixels(
             problem.gbuffer, pixels, unknowns.material(), light, problem.plan.samples, torch.Generator().manual_seed(seed)
         )
         image = (tone_map(rendered.radiance) - tone_map(self._images[pixels])).reshape(-1)

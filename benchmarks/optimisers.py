@@ -4,8 +4,8 @@
 
 Every case minimises the trainer's objective without a prior (L1 of tone-mapped radiance and smoothness) from the trainer's own
 start, on batches of random pixels, with the textures' late starts and with rates that fall to 5 % over the case. A case that
-does more work a step takes fewer steps, so that all cost about the same. Shading is eager for all: second-order methods need
-derivatives that the compiled code has not, so this favours them. Scores (off the clock) are the curve's: every fourth view.
+does more work a step takes fewer steps, so that all cost about the same. Torch renders for all, eagerly: second-order methods need
+derivatives that the renderer's kernels have not, so this favours them. Scores (off the clock) are the curve's: every fourth view.
 
 "adam": the trainer's. "adam, one rate x": the same rate for everything. "diagonal": momentum, divided by the diagonal of the
 Gauss-Newton matrix (Hutchinson's estimate, one more backward pass a step). "gauss-newton": Levenberg-Marquardt, ten iterations of
@@ -241,7 +241,7 @@ class Scored:
 def load(folder: Path, settings: FitSettings) -> tuple[Problem, Scorer, TexturedReconstruction]:
     """The problem that a run would have, how it would be scored, and where its trainer would start."""
     scene = NativeReader(folder).read(truth=True)
-    problem = Problem(scene.blind(), RenderSettings(bounces=0, coat="added", shading="eager"), note=print)
+    problem = Problem(scene.blind(), RenderSettings(bounces=0, coat="added"), note=print)
     method = TwoStage(replace(settings, stage1_steps=0, stage2_steps=0))
     start = method.fit(problem, seed=0, monitor=Monitor.silent()).reconstruction
     assert isinstance(start, TexturedReconstruction)

@@ -56,32 +56,33 @@ class TimedShadows:
 
     def __init__(self, shadows: TracedShadows, surface_offset: float, watch: Stopwatch) -> None:
         self._shadows, self._offset, self._watch = shadows, surface_offset, watch
-        self.asked: tuple[SurfacePoints, Tensor, Tensor] | None = None
+        self._last: tuple[SurfacePoints, Tensor, Tensor] | None = None
 
-    def blocked(self, points: SurfacePoints, index: Tensor, direction: Tensor) -> Tensor:
+    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
         """See :class:`ia_bench.render.visibility.Visibility`."""
         self._watch.lap("sampling")
-        blocked = self._shadows.blocked(points, index, direction)
+        blocked = self._shadows.blocked(points, direction, asked)
         self._watch.lap("rays")
-        self.asked = points, index, direction
+        self._last = points, direction, asked
         return blocked
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
         """Origins and directions (M, 3) of the last step's shadow rays."""
-        assert self.asked is not None
-        points, index, direction = self.asked
-        return (points.position + self._offset * points.geometric)[index].numpy(), direction.numpy()
+        assert self._last is not None
+        points, direction, asked = self._last
+        origin = (points.position + self._offset * points.geometric)[:, None].expand_as(direction)
+        return origin[asked].numpy(), direction[asked].numpy()
 
 
 def measure_phases(stage: Stage, gbuffer: GBuffer, pixels: int, samples: int, rounds: int, mitsuba: bool) -> list[Phase]:
     """Time ``rounds`` steps over ``pixels`` random pixels by phase, and the machine's limits in the same process.
 
     The bytes are those a phase cannot avoid if it keeps nothing: its inputs read and its outputs written once, as float32
-    (texels as int64). The limit of rays is Embree's packet rate on the same mesh and the same rays, through Mitsuba.
+    (texels as int32). The limit of rays is Embree's packet rate on the same mesh and the same rays, through Mitsuba.
     """
     watch = Stopwatch()
     shadows = TimedShadows(TracedShadows(stage.geometry.rays, stage.geometry.surface.offset), stage.geometry.surface.offset, watch)
-    renderer = Renderer(stage.geometry.surface, shadows, shading="compiled")
+    renderer = Renderer(stage.geometry.surface, shadows)
     log_light = torch.log(stage.light.clamp_min(1e-6)).requires_grad_()
     albedo, roughness = stage.material.albedo.clone().requires_grad_(), stage.material.roughness.clone().requires_grad_()
     optimizer = torch.optim.Adam([albedo, roughness, log_light], lr=1e-3, betas=(0.9, 0.99), fused=True)
@@ -119,15 +120,15 @@ def _bytes(
     points, drawn = pixels * points_a_pixel, pixels * samples
     surface = 4 * (3 + 3 + 3 + 2 + 3)  # position, normal, view, UV, geometric normal of a point
     taps = 4 * 4 * (3 + 1)  # of two bilinear lookups
-    sample = 12 + 8 + 4  # direction, texel, weight
+    sample = 4 + 16 + 2  # texel, terms, and the weight of those by the BRDF alone
     values = sum(parameter.numel() for parameter in parameters)
     light = parameters[2].numel()
     shading = points * (32 + taps) + drawn * (sample + 12)  # 12: the light's radiance, gathered
     return {
-        "sampling": points * (surface + 16) + drawn * sample + light * 4 * 4,  # the light's exp and its tables
+        "sampling": points * (surface + 16) + drawn * (sample + 12) + light * 4 * 4,  # 12: directions; the light's exp and tables
         "rays": traced * (24 + 1),
         "shading": shading + points * 36,
-        "backward": shading + points * (36 + 2 * taps) + drawn * 24 + values * 4,  # gathers, and scattered sums
+        "backward": shading + points * (36 + 2 * taps) + drawn * 24 + values * 4,  # 24: the light's gradient, read and written
         "update": values * 28,  # Adam reads value, gradient and two moments, and writes all but the gradient
     }
 

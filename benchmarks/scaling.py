@@ -65,7 +65,7 @@ def measure(case: dict[str, int], name: str, threads: int) -> dict[str, float]:
     stage = Stage.of(name, light_rows=case["light_rows"], threads=threads)
     scene = enlarged(stage.scene, case["views"], case["size"])
     sizes = {"subsamples": POINTS, "texture": case["texture"], "light_height": case["light_rows"]}
-    settings = RenderSettings(case["samples"], **sizes, shadows="traced", bounces=0, coat="added", shading="compiled")
+    settings = RenderSettings(case["samples"], **sizes, shadows="traced", bounces=0, coat="added")
     problem = Problem(scene, settings, note=print)
     _ = problem.plan, problem.stage.rays
     started = time.process_time()

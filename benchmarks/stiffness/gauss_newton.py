@@ -1,8 +1,9 @@
 """J and its transpose without ever forming J: one recorded evaluation of the residuals, played forward and backward.
 
 Reverse mode gives v -> J^T v, which is linear in v; its own derivative is J. So both products come from one graph, in which
-every random sample is fixed, whatever made the residuals. Only code that torch can differentiate twice will do (eager
-shading). Products are in the precision of the recording, float32 for the renderer: what they add up to is float64.
+every random sample is fixed, whatever made the residuals. Only code that torch can differentiate twice will do, which the
+renderer's kernels are not: benchmarks/reference.py renders instead. Products are in the precision of the recording, float32
+for the renderer: what they add up to is float64.
 """
 
 from __future__ import annotations

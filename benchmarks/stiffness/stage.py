@@ -11,6 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from benchmarks.reference import TorchRenderer
 from benchmarks.stiffness.gauss_newton import Jacobian
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight, resize_light
@@ -58,7 +59,7 @@ class Stage:
         stage = render.Stage(scene.mesh, cpu)
         settings = RenderSettings(bounces=bounces)
         plan = make_plan(scene.blind(), stage, settings, NoPrior())
-        renderer = stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat)
+        renderer = TorchRenderer(stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat))
         gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
         albedo = _resized(torch.from_numpy(truth.albedo).float(), plan.texture)
         roughness = _resized(torch.from_numpy(truth.roughness).float()[..., None], plan.texture).clamp(MIN_ROUGHNESS, 1)

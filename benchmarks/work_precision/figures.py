@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 PANELS: dict[str, Callable[[str], bool]] = {
     "directions (lattice points, traced)": lambda case: case in ("uniform", "cosine", "light", "BRDF", "MIS"),
     "points and shadows (MIS)": lambda case: case.startswith("MIS"),
-    "beside Mitsuba 3": lambda case: case in ("MIS", "renderer (compiled)", "Mitsuba 3"),
+    "beside Mitsuba 3": lambda case: case in ("MIS", "renderer", "renderer (torch, compiled)", "Mitsuba 3"),
 }
 INVERSE_METRICS = {"aligned_albedo_psnr": "aligned albedo, dB", "view_synthesis_psnr": "held-out views, dB"}
 

@@ -11,14 +11,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.reference import TorchRenderer, can_compile, fetch, shade_directions
 from benchmarks.work_precision.precision import converged, log_slope, relative_rmse, time_in_turns
 from benchmarks.work_precision.techniques import TECHNIQUES, technique_directions, unit_points
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
-from ia_bench.material.textures import Material, fetch
+from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
-from ia_bench.render.estimator import shade_directions
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Renderer
@@ -32,7 +32,7 @@ REFERENCE_PARTS, REFERENCE_SAMPLES = 32, 512
 MAX_LIGHT_ROWS = 128  # as in benchmarks/gradient_step.py
 SIDE = 2  # points along a side of a pixel
 CHUNK_SAMPLES = 2**17
-PRODUCT, MITSUBA = "renderer (compiled)", "Mitsuba 3"
+PRODUCT, TORCH, MITSUBA = "renderer", "renderer (torch, compiled)", "Mitsuba 3"
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ WAYS: dict[str, Way] = {
     "MIS, independent": Way("MIS", rule="independent"),
     "MIS, stratified": Way("MIS", rule="stratified"),
 }
-"""What the product has not is here; "MIS" is what it does, without its compiler, to be compared with the others."""
+"""What the product has not is here; "MIS" is what it does, by torch and without a compiler, to be compared with the others."""
 
 
 class ForwardStage:
@@ -104,17 +104,14 @@ class ForwardStage:
         direction, texel, weight = technique_directions(
             way.technique, surface.normal, surface.view, roughness, unit, self.light.sampler
         )
-        index = torch.nonzero(((weight[..., 0] > 0) & hit[:, None]).reshape(-1))[:, 0]
-        blocked = self.visibility.blocked(surface, index // direction.shape[1], direction.reshape(-1, 3)[index])
-        visible = torch.zeros(weight.numel())
-        visible[index] = (~blocked).float()
+        blocked = self.visibility.blocked(surface, direction, (weight[..., 0] > 0) & hit[:, None])
         diffuse, specular, _ = shade_directions(
             surface.normal,
             surface.view,
             surface.uv,
             direction,
             texel,
-            weight * visible.reshape(weight.shape),
+            weight * ~blocked[..., None],
             self.material.albedo,
             self.material.roughness,
             self.light.radiance.reshape(-1, 3),
@@ -125,7 +122,7 @@ class ForwardStage:
 def measure(scene: str, *, threads: int, quick: bool) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Rows of forward.csv, and the summary: floors, slopes, whether Mitsuba took part."""
     stage = ForwardStage(scene)
-    renderer = Renderer(stage.surface, stage.visibility, shading="eager" if quick else "compiled")
+    renderer = Renderer(stage.surface, stage.visibility)
     counts = SAMPLES[:2] if quick else SAMPLES
     parts = 4 if quick else REFERENCE_PARTS
     reference_samples = 64 if quick else REFERENCE_SAMPLES
@@ -135,6 +132,8 @@ def measure(scene: str, *, threads: int, quick: bool) -> tuple[list[dict[str, An
     renders: dict[str, Callable[[int, int], np.ndarray]]
     renders = {name: functools.partial(stage.estimate, way) for name, way in WAYS.items()}
     renders[PRODUCT] = functools.partial(stage.render, renderer)
+    if not quick and can_compile():
+        renders[TORCH] = functools.partial(stage.render, TorchRenderer(renderer, compiled=True))
     references = dict.fromkeys(renders, reference)
     summary: dict[str, Any] = {"scene": scene, "reference_samples": parts * reference_samples, "floor": floor}
     try:

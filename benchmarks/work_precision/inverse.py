@@ -19,8 +19,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from benchmarks.work_precision.precision import without_compilation
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folder
@@ -116,7 +114,6 @@ def _summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def measure_one(setting: Setting, budget: int, folder: Path, threads: int) -> dict[str, Any]:
     """One run; a run that fails is a row with the reason."""
-    torch.compiler.reset()  # the compiler keeps few versions of a function
     row: dict[str, Any] = {"case": setting.case, **vars(setting), "budget": budget, "seconds": None}
     row |= {"cpu_s": None} | dict.fromkeys(METRICS) | {"failure": ""}
     out = folder / f"{setting.prior}-{setting.pixels}-{setting.samples}-{budget}"

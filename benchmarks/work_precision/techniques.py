@@ -12,9 +12,11 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from ia_bench.light.latlong import LatLongSampler, direction_to_texel, normal_bin, texel_to_direction
+from benchmarks.reference import density as light_density
+from benchmarks.reference import normal_bin, sample_texel
+from ia_bench.light.latlong import LatLongSampler, direction_to_texel, texel_to_direction
 from ia_bench.material.brdf import dot, sample_visible_ggx, tangent_frame, visible_ggx_pdf
-from ia_bench.render.estimator import lattice
+from ia_bench.render.lattice import lattice
 
 TECHNIQUES: dict[str, tuple[str, ...]] = {
     "uniform": ("hemisphere",),
@@ -45,7 +47,7 @@ def unit_points(rule: str, pixels: int, points: int, count: int, generator: torc
 def technique_directions(
     technique: str, normal: Tensor, view: Tensor, roughness: Tensor, unit: tuple[Tensor, ...], sampler: LatLongSampler
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Directions of a technique for N points, as :func:`ia_bench.render.estimator.sample_directions` gives them.
+    """Directions of a technique for N points, as :func:`benchmarks.reference.sample_directions` gives them.
 
     ``normal``, ``view`` (N, 3); ``roughness`` (N, 1); ``unit``: one (N, K, 3) set in [0, 1) for each of the technique's samplers.
     Returns direction (N, J K, 3), light texel (N, J K) and the balance heuristic's weight (N, J K, 1) of J samplers.
@@ -55,7 +57,7 @@ def technique_directions(
     directions, texels = [], []
     for name, u in zip(samplers, unit, strict=True):
         if name == "light":
-            texel = sampler.sample(cell, u[..., 0])
+            texel = sample_texel(sampler, cell, u[..., 0])
             v = u.float()
             directions.append(texel_to_direction(texel, v[..., 1], v[..., 2], sampler.height, sampler.width))
         else:
@@ -68,7 +70,7 @@ def technique_directions(
     density: dict[str, Callable[[], Tensor]] = {
         "hemisphere": lambda: torch.full_like(cosine, 1 / (2 * math.pi)),
         "cosine": lambda: cosine / math.pi,
-        "light": lambda: sampler.density(cell, texel)[..., None],
+        "light": lambda: light_density(sampler, cell, texel)[..., None],
         "ggx": lambda: visible_ggx_pdf(n, o, direction, r),
     }
     pdf = torch.stack([density[name]() for name in samplers]).sum(0)

@@ -60,15 +60,6 @@ BIN_RADIUS = math.radians(29.4)  # the farthest normal of a cell is this far fro
 BLOCK_ROWS = 16  # the cosine is bounded on at most this many rows of blocks of texels, and twice as many columns
 
 
-def normal_bin(normal: Tensor) -> Tensor:
-    """The octahedral cell (...,) int64 in [0, BIN_SIDE^2) that each unit normal (..., 3) falls into."""
-    x, y, z = (normal / normal.abs().sum(-1, keepdim=True)).unbind(-1)
-    folded_x = torch.where(z >= 0, x, (1 - y.abs()) * torch.where(x >= 0, 1.0, -1.0))
-    folded_y = torch.where(z >= 0, y, (1 - x.abs()) * torch.where(y >= 0, 1.0, -1.0))
-    column, row = (((0.5 + 0.5 * c) * BIN_SIDE).long().clamp(0, BIN_SIDE - 1) for c in (folded_x, folded_y))
-    return row * BIN_SIDE + column
-
-
 @functools.cache
 def bin_centres() -> Tensor:
     """Unit normal at the centre of every octahedral cell, (BIN_SIDE^2, 3) float64."""
@@ -88,9 +79,9 @@ class SamplingGrid(NamedTuple):
         bound: (B, K) float32, no smaller than the cosine between any normal of the cell and any direction of the block.
         total: (B, 1), the integral of ``bound`` over the sphere.
         solid_angle: (T,) float64 steradians.
-        order: (T,), the texels sorted by their block.
-        block: (T,), the block of each texel.
-        end: (K,), where each block's texels end in ``order``.
+        order: (T,) int32, the texels sorted by their block.
+        block: (T,) int32, the block of each texel.
+        end: (K,) int32, where each block's texels end in ``order``.
     """
 
     bound: Tensor
@@ -120,7 +111,8 @@ def sampling_grid(height: int, width: int, device: torch.device) -> SamplingGrid
     solid_angle = row_solid_angles(height, width).repeat_interleave(width)
     total = (bound[:, block] * solid_angle).sum(1, keepdim=True).float()
     end = torch.bincount(block).cumsum(0)
-    grid = SamplingGrid(bound, total, solid_angle, torch.argsort(block, stable=True), block, end)
+    order = torch.argsort(block, stable=True)
+    grid = SamplingGrid(bound, total, solid_angle, order.int(), block.int(), end.int())
     return SamplingGrid(*(table.to(device) for table in grid))
 
 
@@ -188,25 +180,6 @@ class LatLongSampler(NamedTuple):
             entries, texels, edges, brightness, share[:, 0].float(), evenly[:, 0].float(), grid, height, width
         )
 
-    def sample(self, cell: Tensor, u: Tensor) -> Tensor:
-        """Draw texel indices by float64 ``u`` (..., N), uniform in [0, 1), for the normals' cells (..., 1)."""
-        last = len(self.edges) - 2
-        target = cell + u
-        place = torch.searchsorted(self.entries, target.contiguous(), right=True) - 1
-        entry = (place - cell * (last + 1)).clamp(0, last)
-        place = cell * (last + 1) + entry
-        lower, upper = self.entries[place], self.entries[place + 1]
-        rest = ((target - lower) / (upper - lower)).clamp(0, 1 - 2**-40)  # uniform again, inside the entry
-        lower, upper = self.edges[entry], self.edges[entry + 1]
-        found = torch.searchsorted(self.texels, lower + rest * (upper - lower), right=True)
-        first = torch.where(entry <= last // 2, 0, len(self.grid.order))
-        return self.grid.order[(found - first).clamp(0, len(self.grid.order) - 1)]
-
-    def density(self, cell: Tensor, texel: Tensor) -> Tensor:
-        """Density per steradian with which ``texel`` (...,) is drawn for the normals of ``cell``, which broadcasts."""
-        bound = self.grid.bound.reshape(-1)[cell * self.grid.bound.shape[1] + self.grid.block[texel]]
-        return bound * (self.brightness[texel] * self.share[cell] + self.evenly[cell])
-
 
 @dataclass(frozen=True)
 class SampledLight:
@@ -219,6 +192,11 @@ class SampledLight:
 
     radiance: Tensor
     sampler: LatLongSampler
+
+    def __post_init__(self) -> None:
+        size = (self.sampler.height, self.sampler.width, 3)
+        if self.radiance.shape != size:  # kernels would read beyond its end
+            raise ValueError(f"light: expected radiance of the sampler's size {size}, found {tuple(self.radiance.shape)}")
 
     @classmethod
     def of(cls, radiance: Tensor, *, uniform_fraction: float = 0.0) -> SampledLight:

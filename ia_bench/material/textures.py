@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
-from torch.nn.functional import grid_sample
+from torch.autograd.function import once_differentiable
+
+from ia_bench.common.warp_launch import launch, launch_summing
+from ia_bench.material.warp_textures import look_up, look_up_adjoint
 
 
 @dataclass
@@ -45,15 +49,27 @@ def bilinear_taps(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
 
 def fetch(texture: Tensor, uv: Tensor) -> Tensor:
     """Look up a texture (H, W, C) bilinearly at UV (..., 2): (..., C). Differentiable in the texture only."""
-    height, width, channels = texture.shape
-    index, weight = bilinear_taps(uv, height, width)
-    return (texture.reshape(-1, channels)[index] * weight[..., None]).sum(-2)
+    found: Tensor = _Fetch.apply(texture.contiguous(), uv.detach().reshape(-1, 2).contiguous())
+    return found.reshape(*uv.shape[:-1], texture.shape[-1])
 
 
-def look_up(texture: Tensor, uv: Tensor) -> Tensor:
-    """What :func:`fetch` returns, up to rounding and channels first, (C, N, S), of UV (N, S, 2); many times faster on a CPU."""
-    grid = torch.stack([2 * uv[..., 0] - 1, 1 - 2 * uv[..., 1]], -1)[None]
-    return grid_sample(texture.permute(2, 0, 1)[None], grid, padding_mode="border", align_corners=False)[0]
+class _Fetch(torch.autograd.Function):
+    """A look-up and its transpose, of which either is the other's gradient."""
+
+    @staticmethod
+    def forward(ctx: Any, texture: Tensor, uv: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
+        ctx.save_for_backward(uv)
+        ctx.shape = texture.shape
+        found = texture.new_empty(len(uv), texture.shape[-1])
+        launch(look_up, len(uv), uv, texture, found, device=uv.device)
+        return found
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401 (torch's context)
+        (uv,), texture = ctx.saved_tensors, gradients[0].new_zeros(ctx.shape)
+        launch_summing(look_up_adjoint, len(uv), uv, gradients[0].contiguous(), sums=[texture], device=uv.device)
+        return texture, None
 
 
 def splat(uv: Tensor, values: Tensor, size: int) -> tuple[Tensor, Tensor]:

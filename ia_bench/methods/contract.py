@@ -21,7 +21,6 @@ from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.render.renderer import Renderer
 from ia_bench.render.settings import RenderSettings
-from ia_bench.render.shading import choose_shading
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 
@@ -54,7 +53,7 @@ class Problem:
     def stage(self) -> Stage:
         """The scene's mesh on the device, with whatever rendering it takes."""
         with self.books.aside("bake"):
-            stage = Stage(self.scene.mesh, self.device, notice=self.note)
+            stage = Stage(self.scene.mesh, self.device)
             self.books.watch(stage.counts)
             return stage
 
@@ -77,8 +76,7 @@ class Problem:
     def renderer(self) -> Renderer:
         """The renderer of the plan."""
         with self.books.aside("bake"):
-            plan, shading = self.plan, choose_shading(self.render.shading, self.note)
-            return self.stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=self.render.coat, shading=shading)
+            return self.stage.renderer(shadows=self.plan.shadows, bounces=self.plan.bounces, coat=self.render.coat)
 
     @cached_property
     def prior(self) -> Prior:

@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.cache import content_key
-from ia_bench.material.textures import bilinear_taps
-from ia_bench.render.rays import EmbreeRays
+from ia_bench.render.embree import EmbreeRays
 from ia_bench.scenes.scene import Mesh
 
 
@@ -19,7 +18,7 @@ class Atlas:
     """The N texels of a square atlas whose centres lie on a triangle.
 
     ``place`` (N,) int64: flat index in the atlas; ``face`` (N,) int64 and ``barycentric`` (N, 2): the point on the mesh.
-    ``row`` (size, size) int64: which of the N stands for a texel of the atlas, the nearest where the texel is none itself.
+    ``row`` (size, size) int32: which of the N stands for a texel of the atlas, the nearest where the texel is none itself.
     """
 
     place: Tensor
@@ -48,23 +47,18 @@ class Atlas:
         return replace(self, row=_nearest(self.place[which].cpu(), which.cpu(), len(self.row)).to(self.row.device))
 
     def nearest(self, uv: Tensor) -> Tensor:
-        """The texel at (..., 2) texture coordinates: (...,) int64 in [0, N)."""
+        """The texel at (..., 2) texture coordinates: (...,) int32 in [0, N)."""
         size = len(self.row)
         column = (uv[..., 0] * size).long().clamp(0, size - 1)
         row = ((1 - uv[..., 1]) * size).long().clamp(0, size - 1)
         return self.row[row, column]
-
-    def interpolate(self, values: Tensor, uv: Tensor) -> Tensor:
-        """Bilinear lookup of (N, C) values at (..., 2) texture coordinates: (..., C). Differentiable in the values."""
-        index, weight = bilinear_taps(uv, *self.row.shape)
-        return (values[self.row.reshape(-1)[index]] * weight[..., None]).sum(-2)
 
 
 def _nearest(place: Tensor, texel: Tensor, size: int) -> Tensor:
     """For every texel of the atlas the one of ``texel`` (M,), which lie at ``place`` (M,), that is nearest: (size, size)."""
     from scipy.ndimage import distance_transform_edt
 
-    row_of = np.zeros(size * size, np.int64)
+    row_of = np.zeros(size * size, np.int32)
     covered = np.zeros(size * size, bool)
     row_of[place.numpy()], covered[place.numpy()] = texel.numpy(), True
     nearest = distance_transform_edt(~covered.reshape(size, size), return_distances=False, return_indices=True)

@@ -1,94 +1,152 @@
-"""The Monte-Carlo estimator of the paper's equation 3: light and BRDF samples joined by the balance heuristic.
-
-Half of the samples follow the light, half the visible GGX normals. Both come from one randomly shifted lattice per pixel:
-its first coordinate is stratified over all the samples of the pixel, each sample alone is uniform, so every point of the
-pixel has an unbiased estimate whatever its share of the samples. Directions, densities and visibility carry no gradient:
-gradients flow through the radiance of the light, the albedo, and the BRDF's value only ("detached" sampling).
-"""
+"""The estimator of :mod:`ia_bench.render.kernels` over torch tensors, differentiable in textures and light."""
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
-from ia_bench.light.latlong import LatLongSampler, direction_to_texel, normal_bin, texel_to_direction
-from ia_bench.material.brdf import F0, dot, normal_reflectance, sample_visible_ggx, specular_lobes, visible_ggx_pdf
-from ia_bench.material.textures import fetch
+from ia_bench.common.warp_launch import launch, launch_summing
+from ia_bench.light.latlong import LatLongSampler
+from ia_bench.light.warp_latlong import tables_of
+from ia_bench.material.coat import coat_reflectance
+from ia_bench.material.textures import Material
+from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.kernels import draw, shade, shade_adjoint
 
-GOLDEN = 0.6180339887498949  # the lattice's second generator is the golden ratio's fraction ...
-PLASTIC = 0.7548776662466927  # ... and its third comes from the plastic number (Roberts' R2 sequence)
 
+@dataclass(frozen=True)
+class Samples:
+    """Directions of N points, ``count`` by the light and then ``count`` by the BRDF.
 
-def lattice(shift: Tensor, points: int, count: int, part: int = 0, parts: int = 1) -> Tensor:
-    """Lattice samples of (P, 3) pixel shifts in [0, 1): (P, points, count, 3), uniform in [0, 1)^3, float64.
-
-    Point s of a pixel takes the lattice's entries s, s + points, s + 2 points, ..., so that each spans the whole range. A
-    lattice too long for one pass is dealt out to ``parts`` of them: of each point's entries the first pass takes the first, the
-    second the second, and so on in turn; ``part`` says which pass this is.
+    Attributes:
+        direction: (N, 2 count, 3), unit.
+        texel: (N, 2 count) int32, of the light; -1 where a sample adds nothing.
+        terms: (N, 2 count, 4), what the sample is worth; see :func:`ia_bench.render.kernels.draw`.
+        boost: (N, count), by how much more the directions by the BRDF would weigh if there were no others.
     """
-    entry = part + parts * torch.arange(count, dtype=torch.float64, device=shift.device)
-    index = (points * entry[:, None] + torch.arange(points, device=shift.device)).reshape(-1)
-    generators = torch.stack([index / (parts * points * count), index * GOLDEN, index * PLASTIC], -1)
-    samples = torch.remainder(shift[:, None] + generators, 1.0).clamp(max=1 - 2**-24)
-    return samples.reshape(len(shift), count, points, 3).transpose(1, 2)
+
+    direction: Tensor
+    texel: Tensor
+    terms: Tensor
+    boost: Tensor
 
 
-def sample_directions(
-    normal: Tensor,
-    view: Tensor,
+class FromObject(NamedTuple):
+    """What the object throws onto itself, in the eyes of N points.
+
+    Attributes:
+        arriving: (A, 3), the irradiance of the texels of an atlas; differentiable.
+        leaving: (A, 3), their radiance; differentiable.
+        atlas: (side, side) int32, the texel at each place.
+        seen: (N, count) int32, the texel that each direction by the BRDF ends on, -1 for none.
+    """
+
+    arriving: Tensor
+    leaving: Tensor
+    atlas: Tensor
+    seen: Tensor
+
+
+class Shaded(NamedTuple):
+    """Of N points, each (N, 3): ``diffuse`` and ``specular`` radiance, what the object ``mirrored`` of itself, and ``albedo``."""
+
+    diffuse: Tensor
+    specular: Tensor
+    mirrored: Tensor
+    albedo: Tensor
+
+
+@torch.no_grad()
+def draw_samples(
+    surface: SurfacePoints,
+    hit: Tensor,
     roughness: Tensor,
-    lattice_light: Tensor,
-    lattice_brdf: Tensor,
     sampler: LatLongSampler,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Draw K/2 directions by each technique for N points: direction (N, K, 3), light texel (N, K), weight (N, K, 1).
+    shift: Tensor,
+    *,
+    points: int,
+    count: int,
+    part: int = 0,
+    parts: int = 1,
+) -> Samples:
+    """Draw for N = P ``points`` surface points of P pixels; what occludes the light is not known here yet.
 
-    ``normal``, ``view`` (N, 3); ``roughness`` (N, 1); lattices (N, K/2, 3). The weight is the balance heuristic's
-    1 / (n_light p_light + n_brdf p_brdf), zero below the horizon; what the mesh occludes is not known here yet.
+    Args:
+        surface: The points, those of a pixel one after another.
+        hit: (N,) bool, whether there is a point.
+        roughness: Texture (T, T, 1).
+        sampler: Of the light.
+        shift: (2, P, 3) float64 in [0, 1), where the lattices of both techniques start.
+        points: Of a pixel.
+        count: Directions of each technique.
+        part: Which of the entries of a lattice that is dealt out to ``parts`` passes.
+        parts: Passes.
     """
-    height, width = sampler.height, sampler.width
-    cell = normal_bin(normal)[:, None]
-    texel = sampler.sample(cell, lattice_light[..., 0])
-    inside = lattice_light[..., 1:].float()
-    to_light = texel_to_direction(texel, inside[..., 0], inside[..., 1], height, width)
-    n, o, r = normal[:, None], view[:, None], roughness[:, None]
-    reflected = sample_visible_ggx(n, o, r, lattice_brdf[..., :2].float())
-    direction = torch.cat([to_light, reflected], 1)
-    texel = torch.cat([texel, direction_to_texel(reflected, height, width)], 1)
-    count = lattice_light.shape[1]
-    pdf = sampler.density(cell, texel)[..., None] + visible_ggx_pdf(n, o, direction, r)
-    above = dot(n, direction) > 0
-    weight = torch.where(above, 1 / (count * pdf.clamp_min(1e-12)), torch.zeros_like(pdf))
-    return direction, texel, weight
+    n, device = len(surface.position), surface.position.device
+    direction = torch.empty(n, 2 * count, 3, device=device)
+    texel = torch.empty(n, 2 * count, dtype=torch.int32, device=device)
+    terms, boost = torch.empty(n, 2 * count, 4, device=device), torch.empty(n, count, device=device)
+    launch(
+        draw, n, hit.view(torch.uint8), surface.normal, surface.view, surface.uv,
+        _flat(roughness, 1), len(roughness), shift, tables_of(sampler), points, count, part, parts,
+        direction, texel, terms, boost, device=device,
+    )  # fmt: skip
+    return Samples(direction, texel, terms, boost)
 
 
-def shade_directions(
-    normal: Tensor,
-    view: Tensor,
-    uv: Tensor,
-    direction: Tensor,
-    texel: Tensor,
-    weight: Tensor,
-    albedo: Tensor,
-    roughness: Tensor,
-    radiance: Tensor,
-    metallic: Tensor | None = None,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Sum the weighted samples: diffuse radiance, specular radiance and albedo of each point, each (N, 3).
+def shade_samples(
+    surface: SurfacePoints, samples: Samples, material: Material, radiance: Tensor, coat: str, of_object: FromObject | None
+) -> Shaded:
+    """Sum the samples under a light of ``radiance`` (H, W, 3). Differentiable in it, in the textures and in ``of_object``.
 
-    Differentiable in the textures ``albedo`` (T, T, 3), ``roughness`` (T', T', 1), ``metallic`` (T'', T'', 1) or None, and in
-    ``radiance`` (H W, 3).
+    ``coat``: "layered" or "added"; see :class:`ia_bench.render.settings.RenderSettings`.
     """
-    point_albedo = fetch(albedo, uv)
-    point_roughness = fetch(roughness, uv)[:, None]
-    incoming = radiance[texel] * weight
-    cosine = dot(normal[:, None], direction).clamp_min(0)
-    diffuse = point_albedo * (incoming * cosine).sum(1) / math.pi
-    base, grazing = specular_lobes(normal[:, None], view[:, None], direction, point_roughness)
-    if metallic is None:
-        return diffuse, (incoming * (F0 * base + grazing)).sum(1), point_albedo
-    point_metallic = fetch(metallic, uv)
-    specular = normal_reflectance(point_albedo, point_metallic) * (incoming * base).sum(1) + (incoming * grazing).sum(1)
-    return diffuse * (1 - point_metallic), specular, point_albedo
+    layered = coat_reflectance().to(radiance.device) if coat == "layered" else None
+    textures = material.albedo, material.roughness, material.metallic
+    arriving, leaving, atlas, seen = of_object or (None, None, None, None)
+    fixed = (
+        *(0 if texture is None else len(texture) for texture in textures),
+        surface.normal, surface.view, surface.uv, surface.front[:, 0].float(),
+        samples.texel, samples.terms, samples.boost, seen, samples.boost.shape[1],
+        *_table(atlas), *_table(layered),
+    )  # fmt: skip
+    albedo, roughness = _flat(material.albedo, 3), _flat(material.roughness, 1)
+    metallic = None if material.metallic is None else _flat(material.metallic, 1)
+    return Shaded(*_Shade.apply(fixed, radiance.reshape(-1, 3).contiguous(), albedo, roughness, metallic, arriving, leaving))
+
+
+def _flat(texture: Tensor, channels: int) -> Tensor:
+    """A square texture as the kernels take it, which would read beyond the end of any other."""
+    if texture.shape != (len(texture), len(texture), channels):
+        raise ValueError(f"texture: expected the shape (T, T, {channels}), found {tuple(texture.shape)}")
+    return texture.reshape((-1, channels) if channels > 1 else -1).contiguous()
+
+
+def _table(values: Tensor | None) -> tuple[Tensor | None, int]:
+    """Square and flat, and its side."""
+    return (None, 0) if values is None else (values.reshape(-1), len(values))
+
+
+class _Shade(torch.autograd.Function):
+    """:func:`ia_bench.render.kernels.shade` and its adjoint."""
+
+    @staticmethod
+    def forward(ctx: Any, fixed: tuple[Any, ...], *leaves: Tensor | None) -> tuple[Tensor, ...]:  # noqa: ANN401 (torch's context)
+        normals = fixed[3]
+        results = tuple(torch.empty_like(normals) for _ in range(4))
+        launch(shade, len(normals), *leaves, *fixed, *results, device=normals.device)
+        ctx.save_for_backward(*leaves)
+        ctx.fixed = fixed
+        return results
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401 (torch's context)
+        leaves, given = ctx.saved_tensors, [gradient.contiguous() for gradient in gradients]
+        adjoints = [None if leaf is None else torch.zeros_like(leaf) for leaf in leaves]
+        launch_summing(shade_adjoint, len(given[0]), *leaves, *ctx.fixed, *given, sums=adjoints, device=given[0].device)
+        return None, *adjoints

@@ -8,7 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.material.brdf import MIN_COSINE, dot, normalize
+from ia_bench.common.warp_launch import launch
+from ia_bench.material.brdf import normalize
+from ia_bench.render.kernels import interpolate
 from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Camera, Mesh
 
@@ -87,13 +89,14 @@ def pixels_in_reach(camera: Camera, mesh: Mesh) -> np.ndarray:
     if (local[:, 2] >= 0).any():  # a triangle that reaches behind the camera may be anywhere
         return np.arange(size[0] * size[1])
     image = np.multiply([1, -1], camera.focal) * local[:, :2] / -local[:, 2:] + camera.centre
-    corners = image[mesh.faces]
-    first = np.floor(corners.min(1) - MARGIN).clip(0, size).astype(int)
-    last = np.ceil(corners.max(1) + MARGIN).clip(0, size).astype(int)
-    boxes = np.zeros((size[1] + 1, size[0] + 1), int)  # summed over rows and columns: how many boxes a pixel lies in
+    corners = [image[corner] for corner in mesh.faces.T]
+    first = np.floor(np.minimum.reduce(corners) - MARGIN).clip(0, size).astype(int)
+    last = np.ceil(np.maximum.reduce(corners) + MARGIN).clip(0, size).astype(int)
+    height, width = size[1] + 1, size[0] + 1
+    boxes = np.zeros(height * width, int)  # summed over rows and columns: how many boxes a pixel lies in
     for columns, rows, sign in ((first, first, 1), (last, first, -1), (first, last, -1), (last, last, 1)):
-        np.add.at(boxes, (rows[:, 1], columns[:, 0]), sign)
-    return np.flatnonzero(boxes.cumsum(0).cumsum(1)[:-1, :-1])
+        boxes += sign * np.bincount(rows[:, 1] * width + columns[:, 0], minlength=height * width)
+    return np.flatnonzero(boxes.reshape(height, width).cumsum(0).cumsum(1)[:-1, :-1])
 
 
 def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: torch.device) -> GBuffer:
@@ -132,9 +135,9 @@ class SurfaceInterpolator:
         uv = torch.from_numpy(mesh.uv)[corners]
         geometric = torch.linalg.cross(position[:, 1] - position[:, 0], position[:, 2] - position[:, 0])
         self.device = device
-        self._corners = torch.cat([position, normal, uv], -1).to(device)  # (F, 3, 8)
-        self._uv = uv.to(device)
-        self._geometric = normalize(geometric).to(device)
+        self._vectors = torch.cat([position, normal], 1).to(device)  # (F, 6, 3)
+        self._uv = uv.contiguous().to(device)
+        self.geometric = normalize(geometric).to(device)
         extent = position.reshape(-1, 3)
         self.offset = 1e-4 * float((extent.amax(0) - extent.amin(0)).norm())  # of shadow rays, in scene units
         self.bent_normals = 0  # how many shading normals faced away from the viewer and were bent to grazing ...
@@ -148,7 +151,7 @@ class SurfaceInterpolator:
     def geometry(self, face: Tensor, barycentric: Tensor) -> tuple[Tensor, Tensor]:
         """Unit normal of the triangle (as it is wound) and position of (N,) points, each (N, 3)."""
         weights = torch.cat([1 - barycentric.sum(-1, keepdim=True), barycentric], -1)
-        return self._geometric[face], (self._corners[face][..., :3] * weights[..., None]).sum(-2)
+        return self.geometric[face], (self._vectors[face, :3] * weights[..., None]).sum(-2)
 
     def __call__(self, face: Tensor, barycentric: Tensor, camera_centre: Tensor) -> SurfacePoints:
         """Points of (N,) faces, (N, 2) barycentrics, seen from (N, 3) camera centres.
@@ -157,18 +160,13 @@ class SurfaceInterpolator:
         over. A shading normal that faces away from the viewer although its triangle does not (a silhouette of a coarse
         mesh) is bent to grazing; ``bent_normals`` counts these.
         """
-        hit, face = (face >= 0)[:, None], face.clamp_min(0)
-        first = 1 - barycentric.sum(-1, keepdim=True)
-        weights = torch.cat([first, barycentric], -1)[..., None]
-        position, normal, uv = (self._corners[face] * weights).sum(1).split([3, 3, 2], -1)
-        view = normalize(camera_centre - position)
-        geometric = self._geometric[face]
-        front = dot(geometric, view) >= 0
-        side = torch.where(front, 1.0, -1.0)
-        geometric, normal = geometric * side, normalize(normal) * side
-        cosine = dot(normal, view)
-        bent = cosine < MIN_COSINE
-        self.bent_normals += int((bent & hit).sum())
-        self.points += int(hit.sum())
-        normal = torch.where(bent, normalize(normal + (10 * MIN_COSINE - cosine) * view), normal)
-        return SurfacePoints(position=position, normal=normal, view=view, uv=uv, geometric=geometric, front=front)
+        count = len(face)
+        position, normal, view, geometric = (torch.empty(count, 3, device=self.device) for _ in range(4))
+        uv, flags = torch.empty(count, 2, device=self.device), torch.empty(count, 2, dtype=torch.uint8, device=self.device)
+        launch(
+            interpolate, count, face.int(), barycentric.contiguous(), camera_centre.contiguous(), self._vectors, self._uv,
+            self.geometric, position, normal, view, geometric, uv, flags, device=self.device,
+        )  # fmt: skip
+        self.points += int((face >= 0).sum())
+        self.bent_normals += int(flags[:, 1].sum())
+        return SurfacePoints(position, normal, view, uv, geometric, flags[:, :1].bool())

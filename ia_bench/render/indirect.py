@@ -17,7 +17,7 @@ import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -25,8 +25,8 @@ from torch import Tensor
 from ia_bench.common.cache import Cache
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import row_solid_angles, texel_to_direction
-from ia_bench.material.brdf import F0, dot, normal_reflectance, specular_lobes, visible_ggx_pdf
-from ia_bench.material.textures import Material, fetch
+from ia_bench.material.brdf import dot
+from ia_bench.material.textures import fetch
 from ia_bench.render.atlas import Atlas, mesh_key
 from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
 from ia_bench.render.rays import RayCaster
@@ -38,8 +38,7 @@ BAKE_CHUNK = 1024  # texels traced at once
 BURIED = 0.3  # a texel that sees more backs of triangles than this (cosine-weighted) lies inside the object
 
 
-@dataclass(frozen=True)
-class IndirectLight:
+class IndirectLight(NamedTuple):
     """Of the N texels of the atlas, each (N, 3): ``arriving``, the irradiance from the object itself, and ``leaving``, radiance."""
 
     arriving: Tensor
@@ -93,38 +92,20 @@ class Interreflection:
             indirect = self._exchange.apply(reflectance * (direct + indirect))
         return IndirectLight(indirect, reflectance * (direct + indirect))
 
-    def arriving(self, light: IndirectLight, points: SurfacePoints) -> Tensor:
-        """Indirect irradiance (N, 3) of surface points."""
-        return self.atlas.interpolate(light.arriving, points.uv) * points.front
+    def seen(self, points: SurfacePoints, direction: Tensor, blocked: Tensor) -> Tensor:
+        """The texels of the object on which directions (N, K, 3) end, (N, K) int32, -1 for none.
 
-    def mirrored(
-        self,
-        light: IndirectLight,
-        points: SurfacePoints,
-        index: Tensor,
-        direction: Tensor,
-        material: Material,
-        count: int,
-    ) -> Tensor:
-        """Specular radiance (N, 3) of N points that the object itself sends along directions in which it is in the way.
-
-        ``direction`` (M, 3), drawn from the visible GGX normals of points ``index`` (M,), ``count`` for every point.
+        ``blocked`` (N, K) bool says in whose way the object is.
         """
+        index, which = torch.nonzero(blocked, as_tuple=True)
+        toward = direction[index, which]
         origin = points.position[index] + self._surface.offset * points.geometric[index]
-        face, barycentric, _ = self._rays.intersect(origin, direction)
-        geometric, _ = self._surface.geometry(face.clamp_min(0), barycentric)
-        lit = (face >= 0) & (dot(geometric, direction)[:, 0] < 0)
-        index, direction, face, barycentric = index[lit], direction[lit], face[lit], barycentric[lit]
-        sent = light.leaving[self.atlas.nearest(self._surface.uv(face, barycentric))]
-        normal, view = points.normal[index], points.view[index]
-        roughness = fetch(material.roughness, points.uv[index])
-        density = visible_ggx_pdf(normal, view, direction, roughness.detach())
-        base, grazing = specular_lobes(normal, view, direction, roughness)
-        at_normal: Tensor | float = F0
-        if material.metallic is not None:
-            at_normal = normal_reflectance(*(fetch(texture, points.uv[index]) for texture in (material.albedo, material.metallic)))
-        reflected = sent * (at_normal * base + grazing) / (count * density.clamp_min(1e-12))
-        return torch.zeros_like(points.normal).index_add(0, index, reflected)
+        face, barycentric, _ = self._rays.intersect(origin, toward)
+        face, hit = face.clamp_min(0), face >= 0
+        lit = hit & (dot(self._surface.geometric[face], toward)[:, 0] < 0)
+        seen = torch.full(blocked.shape, -1, dtype=torch.int32, device=direction.device)
+        seen[index, which] = torch.where(lit, self.atlas.nearest(self._surface.uv(face, barycentric)), -1)
+        return seen
 
 
 def _by_rows(matrix: Tensor) -> Tensor:

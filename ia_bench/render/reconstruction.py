@@ -12,14 +12,13 @@ from torch import Tensor
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.textures import Material, look_up
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator
+from ia_bench.material.textures import Material
+from ia_bench.render.gbuffer import GBuffer
+from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh
-
-POINTS_AT_ONCE = 2**18  # of a map: some 50 MB
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,8 @@ class TexturedReconstruction:
         coverage: list[np.ndarray] = []
         for gbuffer in self._stage.gbuffers(cameras, points):
             coverage += _arrays(gbuffer.coverage())
-            for name, images in zip(found, mapped(self._stage.surface, gbuffer, list(found.values())), strict=True):
+            for name, texture in found.items():
+                images = texture_images(self._stage.surface, gbuffer, texture)
                 pictures[name] += _arrays(images if images.shape[-1] == 3 else images[..., 0])
         return {name: Images(tuple(images), tuple(coverage)) for name, images in pictures.items()}
 
@@ -168,18 +168,6 @@ class TexturedReconstruction:
             metallic=None if metallic is None else metallic[..., 0].cpu().numpy(),
             light=None if self.environment is None else self.environment.texels.cpu().numpy(),
         )
-
-
-def mapped(surface: SurfaceInterpolator, gbuffer: GBuffer, textures: Sequence[Tensor]) -> list[Tensor]:
-    """Premultiplied box-filtered pictures (V, H, W, C) of textures (T, T, C) mapped onto the surface."""
-    pictures = [torch.zeros(*gbuffer.shape, texture.shape[-1], device=texture.device) for texture in textures]
-    most = max(1, POINTS_AT_ONCE // gbuffer.subsamples)
-    parts = (part.split(most) for part in (gbuffer.pixel, gbuffer.face, gbuffer.barycentric))
-    for pixel, face, barycentric in zip(*parts, strict=True):
-        uv, hit = surface.uv(face.clamp_min(0), barycentric), face >= 0
-        for texture, picture in zip(textures, pictures, strict=True):
-            picture.flatten(0, 2)[pixel] = (look_up(texture, uv) * hit).mean(-1).T
-    return pictures
 
 
 def _arrays(images: Tensor) -> list[np.ndarray]:

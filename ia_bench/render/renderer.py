@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import math
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.brdf import dot
-from ia_bench.material.coat import passed_by_coat
 from ia_bench.material.textures import Material, fetch
-from ia_bench.render.estimator import lattice
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
+from ia_bench.render.estimator import FromObject, draw_samples, shade_samples
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator
 from ia_bench.render.indirect import IndirectLight, Interreflection
-from ia_bench.render.shading import Shading
 from ia_bench.render.visibility import Visibility
 
 POINTS_AT_ONCE = 2**18  # of a textured picture: about 50 MB
@@ -58,8 +52,7 @@ class Renderer:
     """One mesh, its shadows and, where ``interreflection`` is given, the light that it throws onto itself.
 
     ``coat``: "added", the paper's sum of a diffuse and a specular lobe, or "layered": the specular lobe lies above the
-    diffuse one, which is left what it does not reflect. ``shading`` is "compiled" or "eager"; a compiler that fails falls
-    back to eager once.
+    diffuse one, which is left what it does not reflect.
     """
 
     def __init__(
@@ -69,19 +62,11 @@ class Renderer:
         *,
         interreflection: Interreflection | None = None,
         coat: str = "added",
-        shading: str = "eager",
-        notice: Callable[[str], None] = warnings.warn,
     ) -> None:
         self.surface = surface
         self.visibility = visibility
         self.interreflection = interreflection
         self.coat = coat
-        self._shading = Shading(shading, notice)
-
-    @property
-    def shading(self) -> str:
-        """What it runs as: "compiled" or "eager"."""
-        return self._shading.kind
 
     def render_pixels(
         self, gbuffer: GBuffer, pixels: Tensor, material: Material, light: SampledLight, samples: int, generator: torch.Generator
@@ -112,66 +97,30 @@ class Renderer:
         """As :meth:`render_pixels`, for one of several parts of the lattices that start at ``shift`` (2, P, 3)."""
         points = gbuffer.subsamples
         count = samples_taken(samples, points) // (2 * points)
-
-        # ---- surface points, (N = P S, ...) -------------------------------------------------------------------
-        face, barycentric = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1), gbuffer.barycentric[pixels]
-        hit = (face >= 0).reshape(-1)
-        camera = gbuffer.origin[gbuffer.pixel[pixels] // (gbuffer.shape[1] * gbuffer.shape[2])]
         with torch.no_grad():
-            surface = self.surface(
-                face.reshape(-1).long(),
-                barycentric.reshape(-1, 2),
-                camera[:, None].expand(-1, points, -1).reshape(-1, 3),
-            )
+            # ---- surface points, (N = P S, ...) ---------------------------------------------------------------
+            face = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1).reshape(-1)
+            camera = gbuffer.origin[gbuffer.pixel[pixels] // (gbuffer.shape[1] * gbuffer.shape[2])]
+            surface = self.surface(face, gbuffer.barycentric[pixels].reshape(-1, 2), camera.repeat_interleave(points, 0))
 
-            # ---- directions by light and by BRDF, (N, 2 count, 3), and whether they see the light --------------
-            lattices = (lattice(start, points, count, part, parts).reshape(-1, count, 3) for start in shift)
-            roughness = fetch(material.roughness.detach(), surface.uv)
-            direction, texel, weight = self._shading.sample(
-                surface.normal, surface.view, roughness, *lattices, light.sampler
-            )
-            visible, blocked = self._visible(surface, direction, weight, hit)
+            # ---- directions by light and by BRDF, (N, 2 count), and what is in their way -------------------------
+            drawn = draw_samples(
+                surface, face >= 0, material.roughness.detach(), light.sampler, shift,
+                points=points, count=count, part=part, parts=parts,
+            )  # fmt: skip
+            blocked = self.visibility.blocked(surface, drawn.direction, drawn.texel >= 0)
+            drawn.texel[blocked] = -1
+            of_object = None
+            if indirect is not None:
+                assert self.interreflection is not None
+                seen = self.interreflection.seen(surface, drawn.direction[:, count:], blocked[:, count:])
+                of_object = FromObject(indirect.arriving, indirect.leaving, self.interreflection.atlas.row, seen)
 
-        # ---- direct light, (N, 3) ---------------------------------------------------------------------------
-        diffuse, specular, albedo = self._shading.shade(
-            surface.normal,
-            surface.view,
-            surface.uv,
-            direction,
-            texel,
-            weight * visible,
-            material.albedo,
-            material.roughness,
-            light.radiance.reshape(-1, 3),
-            material.metallic,
-        )
-
-        # ---- light that the object throws onto itself ---------------------------------------------------------
-        mirrored: list[Tensor] = []
-        if indirect is not None:
-            assert self.interreflection is not None
-            reflected = albedo if material.metallic is None else albedo * (1 - fetch(material.metallic, surface.uv))
-            diffuse = diffuse + reflected * self.interreflection.arriving(indirect, surface) / math.pi
-            onto_itself = blocked[blocked % (2 * count) >= count]  # of a point's directions the second half follows the BRDF
-            index, toward = onto_itself // (2 * count), direction.reshape(-1, 3)[onto_itself]
-            mirrored.append(self.interreflection.mirrored(indirect, surface, index, toward, material, count))
-
-        # ---- coat: the diffuse lobe gets what the specular one leaves --------------------------------------------
-        if self.coat == "layered":
-            diffuse = diffuse * passed_by_coat(fetch(material.roughness, surface.uv), dot(surface.normal, surface.view))
-
-        # ---- mean over the points of a pixel, (P, 3); a miss is black ----------------------------------------------
-        pool = hit.reshape(-1, points, 1) / points
-        return PixelRadiance(*((part.reshape(-1, points, 3) * pool).sum(1) for part in (diffuse, specular, albedo, *mirrored)))
-
-    def _visible(self, surface: SurfacePoints, direction: Tensor, weight: Tensor, hit: Tensor) -> tuple[Tensor, Tensor]:
-        """Which samples that count see the light, 1 or 0: (N, K, 1); and the flat indices (M,) of those that do not."""
-        counts = (weight[..., 0] > 0) & hit[:, None]
-        index = torch.nonzero(counts.reshape(-1))[:, 0]
-        blocked = self.visibility.blocked(surface, index // direction.shape[1], direction.reshape(-1, 3)[index])
-        visible = torch.zeros(counts.numel(), dtype=direction.dtype, device=direction.device)
-        visible[index] = (~blocked).to(direction.dtype)
-        return visible.reshape(*counts.shape, 1), index[blocked]
+        # ---- what reaches the camera, (N, 3), and its mean over the points of a pixel, (P, 3); a miss is black ------
+        shaded = shade_samples(surface, drawn, material, light.radiance, self.coat, of_object)
+        pool = (face >= 0).reshape(-1, points, 1) / points
+        diffuse, specular, mirrored, albedo = ((part.reshape(-1, points, 3) * pool).sum(1) for part in shaded)
+        return PixelRadiance(diffuse, specular, albedo, None if of_object is None else mirrored)
 
     @torch.no_grad()
     def render_images(

@@ -36,7 +36,6 @@ class RenderSettings:
         coat: "layered", the specular lobe takes its share of the light before the diffuse one, as in a Principled BSDF;
             "added", both get all of it, as in the paper's equation 2.
         metallic: Whether a metallic texture is recovered too; "auto" where the scene's description says that parts are metal.
-        shading: "compiled" (torch.compile), "eager" or "auto" (compiled where a C++ compiler is found).
     """
 
     samples: Number = 32
@@ -47,7 +46,6 @@ class RenderSettings:
     bounces: Annotated[int, Field(ge=0, le=64)] | Literal["auto"] = "auto"
     coat: Literal["layered", "added"] = "layered"
     metallic: bool | Literal["auto"] = "auto"
-    shading: Literal["auto", "compiled", "eager"] = "auto"
 
     def memory(self) -> dict[str, int]:
         """Bytes that a fit takes, by the key that decides them."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import torch
@@ -30,12 +29,10 @@ class Stage:
         device: Where tensors live and rays are traced.
     """
 
-    def __init__(self, mesh: Mesh, device: torch.device, *, notice: Callable[[str], None] = warnings.warn) -> None:
-        """``notice`` is told, in one line, when a compiler fails and shading falls back to eager."""
+    def __init__(self, mesh: Mesh, device: torch.device) -> None:
         self.mesh, self.device = mesh, device
-        self._notice = notice
         self._gbuffers: dict[bytes, GBuffer] = {}
-        self._renderers: dict[tuple[str, int, str, str, int], Renderer] = {}
+        self._renderers: dict[tuple[str, int, str, int], Renderer] = {}
 
     @cached_property
     def surface(self) -> SurfaceInterpolator:
@@ -50,7 +47,7 @@ class Stage:
     @cached_property
     def apart(self) -> Stage:
         """Another stage of the same mesh, for scores and pictures: its rays and points are not counted with those of a fit."""
-        return Stage(self.mesh, self.device, notice=self._notice)
+        return Stage(self.mesh, self.device)
 
     def counts(self) -> dict[str, int]:
         """What was asked of the mesh so far: rays, points, and normals that had to be bent toward the camera."""
@@ -89,7 +86,6 @@ class Stage:
         shadows: str = "traced",
         bounces: int = 0,
         coat: str = "layered",
-        shading: str = "eager",
         atlas_size: int = ATLAS_SIZE,
     ) -> Renderer:
         """The renderer of these settings (see :class:`ia_bench.render.settings.RenderSettings`); bakes are kept in the cache.
@@ -99,16 +95,14 @@ class Stage:
         Raises:
             InputError: ``shadows`` is no such kind, or the mesh has no texture coordinates that indirect light could use.
         """
-        key = (shadows, bounces, coat, shading, atlas_size)
+        key = (shadows, bounces, coat, atlas_size)
         if key not in self._renderers:
             visibility = make_visibility(shadows, self.surface, self.rays)
             indirect = None
             if bounces:
                 parts = self.mesh, self.surface, self.rays, bounces, cache_folder()
                 indirect = bake_interreflection(*parts, atlas_size=atlas_size)
-            self._renderers[key] = Renderer(
-                self.surface, visibility, interreflection=indirect, coat=coat, shading=shading, notice=self._notice
-            )
+            self._renderers[key] = Renderer(self.surface, visibility, interreflection=indirect, coat=coat)
         return self._renderers[key]
 
 

@@ -15,17 +15,20 @@ from ia_bench.render.rays import RayCaster
 class Visibility(Protocol):
     """What the estimator asks of shadows."""
 
-    def blocked(self, points: SurfacePoints, index: Tensor, direction: Tensor) -> Tensor:
-        """Whether the mesh is in the way of (M,) points of ``points`` by ``index`` in (M, 3) directions: (M,) bool."""
+    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
+        """Whether the mesh is in the way of N points in K directions each, (N, K, 3): (N, K) bool.
+
+        False wherever it is not ``asked`` for, (N, K) bool.
+        """
         ...
 
 
 class NoShadows:
     """For convex objects: nothing ever blocks."""
 
-    def blocked(self, points: SurfacePoints, index: Tensor, direction: Tensor) -> Tensor:
+    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
         """See :class:`Visibility`."""
-        return torch.zeros(len(index), dtype=torch.bool, device=direction.device)
+        return torch.zeros_like(asked)
 
 
 class TracedShadows:
@@ -34,10 +37,10 @@ class TracedShadows:
     def __init__(self, rays: RayCaster, offset: float) -> None:
         self._rays, self._offset = rays, offset
 
-    def blocked(self, points: SurfacePoints, index: Tensor, direction: Tensor) -> Tensor:
+    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
         """See :class:`Visibility`."""
         origin = points.position + self._offset * points.geometric
-        return self._rays.occluded(origin[index], direction)
+        return self._rays.occluded(origin, direction, asked)
 
 
 def make_visibility(kind: str, surface: SurfaceInterpolator, rays: RayCaster) -> Visibility:

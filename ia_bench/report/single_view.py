@@ -85,5 +85,5 @@ def score(prior: Prior, examples: Examples, *, samples: int, seed: int) -> dict[
 
 def _geometry(scene: Scene) -> tuple[Tensor, Tensor]:
     """Normals and visibility of the training views, as a run gives them to a prior."""
-    problem = Problem(scene, RenderSettings(bounces=0, shading="eager"), note=lambda _: None)
+    problem = Problem(scene, RenderSettings(bounces=0), note=lambda _: None)
     return view_geometry(problem, tuple(range(len(scene.train))))

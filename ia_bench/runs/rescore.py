@@ -75,6 +75,6 @@ class Rescorer:
         if key != self._key:
             scene = run.read_scene(self.scene)
             device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-            self._stage, self._scorer = Stage(scene.mesh, device, notice=self._note), Scorer(scene, self.protocol, device)
+            self._stage, self._scorer = Stage(scene.mesh, device), Scorer(scene, self.protocol, device)
             self._key = key
         return self._stage, self._scorer

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import multiprocessing
 import os
+import shutil
 import threading
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -38,7 +39,7 @@ class Request:
         size: Pixels a side.
         seed: Which of the endless sets.
         workers: Processes, one thread each.
-        shading: As ``render.shading``.
+        shading: "compiled" (torch.compile), "eager" or "auto" (compiled where a C++ compiler is found).
     """
 
     out: Path
@@ -99,8 +100,6 @@ def _finished(path: Path, request: Request, first: int, count: int) -> bool:
 
 def _render(request: Request, progress: Progress, shards: list[tuple[Path, int, int]], advance: Callable[[int], None]) -> None:
     """Share the shards among worker processes."""
-    from ia_bench.render.shading import choose_shading  # brings in torch
-
     compiled = choose_shading(request.shading, progress.note) == "compiled"
     spawn = multiprocessing.get_context("spawn")  # a forked copy of torch's thread pools may hang
     pool = ProcessPoolExecutor(min(request.workers, len(shards)), spawn, _begin_worker, (compiled,))
@@ -145,3 +144,15 @@ def _write_sheet(shard: Path, path: Path) -> None:
     tensors, info = load_shard(shard)
     step = max(1, info.count // _SHEET_IMAGES)
     contact_sheet(path, tensors, list(range(0, info.count, step))[:_SHEET_IMAGES])
+
+
+def choose_shading(wanted: str, notice: Callable[[str], None]) -> str:
+    """Resolve ``shading``: "auto" compiles where a C++ compiler is found, else says so in one line."""
+    if wanted != "auto":
+        return wanted
+    import torch  # takes a second
+
+    if shutil.which("g++") or shutil.which("clang++") or torch.cuda.is_available():
+        return "compiled"
+    notice("shading runs eagerly: no C++ compiler found for torch.compile")
+    return "eager"

@@ -1,4 +1,7 @@
-"""The lat-long map: its geometry against closed forms written out here, its sampling against chi-square tests."""
+"""The lat-long map: its geometry against closed forms written out here, its sampling against chi-square tests.
+
+What the renderer's kernels compute is called as they have it (``kernel_calls``); what torch has too is tested beside it.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +9,29 @@ import itertools
 import math
 from collections.abc import Callable
 
+import kernel_calls
 import numpy as np
 import pytest
 import torch
 from chi_square import assert_frequencies
+from kernel_calls import normal_bin, texel_to_direction
 
+from ia_bench.light import latlong
 from ia_bench.light.latlong import (
     BIN_RADIUS,
     BIN_SIDE,
     LatLongSampler,
     bin_centres,
-    direction_to_texel,
-    normal_bin,
     resize_light,
     row_solid_angles,
     sampling_grid,
     texel_centres,
-    texel_to_direction,
 )
 
 pytestmark = pytest.mark.verify
 
 SIZES = [(1, 1), (1, 2), (2, 4), (16, 32), (37, 31), (256, 512)]
+BY = {"torch": latlong, "kernels": kernel_calls}
 
 
 # ---------------------------------------------------------------- geometry
@@ -45,26 +49,29 @@ def test_solid_angle_of_a_cap() -> None:
     assert float(cap) == pytest.approx(2 * math.pi * (1 - math.cos(5 * math.pi / 12)), rel=1e-12)
 
 
+@pytest.mark.parametrize("by", BY)
 @pytest.mark.parametrize(("height", "width"), SIZES)
-def test_centres_come_back_to_their_texels(height: int, width: int) -> None:
+def test_centres_come_back_to_their_texels(height: int, width: int, by: str) -> None:
     centres = texel_centres(height, width)
     torch.testing.assert_close(centres.norm(dim=-1), torch.ones(height, width))
     expected = torch.arange(height * width).reshape(height, width)
-    assert torch.equal(direction_to_texel(centres, height, width), expected)
+    assert torch.equal(BY[by].direction_to_texel(centres, height, width), expected)
 
 
+@pytest.mark.parametrize("by", BY)
 @pytest.mark.parametrize(("height", "width"), [(16, 32), (37, 31), (256, 512)])
-def test_every_point_of_a_texel_comes_back_to_it(height: int, width: int) -> None:
+def test_every_point_of_a_texel_comes_back_to_it(height: int, width: int, by: str) -> None:
     """Corners are taken a little inside: 0.1 % of a texel is above what float32 resolves."""
     every = torch.arange(height * width)
     for u in (1e-3, 0.5, 1 - 1e-3):
         for v in (1e-3, 0.5, 1 - 1e-3):
             inside = torch.full((len(every),), u), torch.full((len(every),), v)
-            direction = texel_to_direction(every, *inside, height, width)
+            direction = BY[by].texel_to_direction(every, *inside, height, width)
             torch.testing.assert_close(direction.norm(dim=-1), torch.ones(len(every)))
-            assert torch.equal(direction_to_texel(direction, height, width), every)
+            assert torch.equal(BY[by].direction_to_texel(direction, height, width), every)
 
 
+@pytest.mark.parametrize("by", BY)
 @pytest.mark.parametrize(
     ("direction", "row", "column"),
     [
@@ -80,8 +87,8 @@ def test_every_point_of_a_texel_comes_back_to_it(height: int, width: int) -> Non
         ((-1, -0.0, 0), 4, 15),
     ],
 )
-def test_poles_and_seam(direction: tuple[float, float, float], row: int, column: int | None) -> None:
-    texel = int(direction_to_texel(torch.tensor(direction, dtype=torch.float32), 8, 16))
+def test_poles_and_seam(direction: tuple[float, float, float], row: int, column: int | None, by: str) -> None:
+    texel = int(BY[by].direction_to_texel(torch.tensor(direction, dtype=torch.float32), 8, 16))
     assert texel // 16 == row
     assert column is None or texel % 16 == column
 
@@ -93,7 +100,8 @@ def written_convention(row: int, column: int, height: int, width: int) -> np.nda
     return np.array([math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)])
 
 
-def test_mirror_ball_sees_a_single_bright_texel_where_it_is() -> None:
+@pytest.mark.parametrize("by", BY)
+def test_mirror_ball_sees_a_single_bright_texel_where_it_is(by: str) -> None:
     """A mirror ball at the origin, seen along -x, shows each texel's centre at the normal half-way to it.
 
     For a texel toward d and a viewer toward o the highlight sits at the normal (o + d) / |o + d|; mirroring the view
@@ -108,7 +116,7 @@ def test_mirror_ball_sees_a_single_bright_texel_where_it_is() -> None:
             toward = written_convention(row, column, height, width)
             normal = (viewer + toward) / np.linalg.norm(viewer + toward)
             mirrored = 2 * (viewer @ normal) * normal - viewer
-            texel = direction_to_texel(torch.from_numpy(mirrored), height, width)
+            texel = BY[by].direction_to_texel(torch.from_numpy(mirrored), height, width)
             assert one_hot.flatten()[texel] == 1
             centre = texel_centres(height, width)[row, column].numpy()
             np.testing.assert_allclose(centre, toward, atol=1e-6)
@@ -172,11 +180,11 @@ def solid_angles(height: int, width: int) -> np.ndarray:
 
 def density(sampler: LatLongSampler, normal: torch.Tensor) -> np.ndarray:
     """Density (H W,) of every texel for one surface normal."""
-    return sampler.density(normal_bin(normal), torch.arange(sampler.height * sampler.width)).double().numpy()
+    return kernel_calls.density(sampler, normal_bin(normal), torch.arange(sampler.height * sampler.width)).double().numpy()
 
 
 def draw(sampler: LatLongSampler, normal: torch.Tensor, u: torch.Tensor) -> torch.Tensor:
-    return sampler.sample(normal_bin(normal).expand(len(u), 1), u[:, None])[:, 0]
+    return kernel_calls.sample_texel(sampler, normal_bin(normal), u)
 
 
 def test_cells_of_normals_are_as_small_as_the_margin_assumes() -> None:
@@ -246,8 +254,8 @@ def test_every_direction_that_can_light_a_normal_can_be_drawn(height: int) -> No
         for _ in range(2)
     )
     cosine = (normal * direction).sum(-1)
-    texel = direction_to_texel(direction, height, 2 * height)
-    found = sampler.density(normal_bin(normal), texel).double()
+    texel = latlong.direction_to_texel(direction, height, 2 * height)
+    found = kernel_calls.density(sampler, normal_bin(normal), texel).double()
     ratio = (found * math.pi / cosine)[cosine > 1e-3]
     assert float(ratio.min()) > 0.2
 
@@ -315,15 +323,15 @@ def test_blocks_hold_every_texel_once_and_bound_the_cosine() -> None:
     """On a map whose sides no number of blocks divides."""
     height, width = 37, 71
     grid = sampling_grid(height, width, torch.device("cpu"))
-    assert torch.equal(grid.order.sort().values, torch.arange(height * width))
+    assert torch.equal(grid.order.sort().values, torch.arange(height * width).int())
     assert torch.equal(grid.block[grid.order], grid.block.sort().values)
-    assert torch.equal(grid.end.diff(prepend=torch.zeros(1, dtype=torch.int64)), torch.bincount(grid.block))
+    assert torch.equal(grid.end.diff(prepend=torch.zeros(1, dtype=torch.int32)), torch.bincount(grid.block).int())
     rng = torch.Generator().manual_seed(6)
     normal, direction = (
         torch.nn.functional.normalize(torch.randn(200_000, 3, dtype=torch.float64, generator=rng), dim=-1)
         for _ in range(2)
     )
-    block = grid.block[direction_to_texel(direction, height, width)]
+    block = grid.block[latlong.direction_to_texel(direction, height, width)]
     assert (grid.bound[normal_bin(normal), block] >= (normal * direction).sum(-1).float()).all()
 
 
@@ -331,7 +339,7 @@ def test_sampling_tables_carry_no_gradient() -> None:
     radiance = torch.rand(4, 8, 3, requires_grad=True)
     sampler = LatLongSampler.build(radiance)
     assert not any(table.requires_grad for table in (sampler.entries, sampler.texels, sampler.edges, sampler.brightness))
-    assert not sampler.density(torch.tensor([0]), torch.arange(32)).requires_grad
+    assert not any(table.requires_grad for table in (sampler.share, sampler.evenly))
 
 
 # ---------------------------------------------------------------- resizing

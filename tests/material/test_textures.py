@@ -1,41 +1,59 @@
-"""Texture lookup against scipy and by the written convention; filling of what no pixel saw."""
+"""Texture lookup against scipy and by the written convention; filling of what no pixel saw.
+
+The lookup is a kernel, in float32; the same in torch (benchmarks/reference.py), in float64, is tested beside it.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 import torch
 from scipy.ndimage import map_coordinates
 
-from ia_bench.material.textures import bilinear_taps, fetch, fill_unobserved, look_up, splat
+from benchmarks import reference
+from ia_bench.material.textures import bilinear_taps, fetch, fill_unobserved, splat
+
+Fetch = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
+BY = [pytest.param(fetch, torch.float32, 2e-6, id="kernel"), pytest.param(reference.fetch, torch.float64, 1e-12, id="torch")]
 
 
 def numbers(*shape: int, seed: int = 0) -> torch.Tensor:
     return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
+@pytest.mark.parametrize(("by", "dtype", "close"), BY)
+@pytest.mark.parametrize("channels", [1, 2, 3, 5])
 @pytest.mark.parametrize(("height", "width"), [(37, 31), (64, 64), (1, 5), (1, 1)])
-def test_bilinear_lookup_against_scipy(height: int, width: int) -> None:
-    """scipy counts from the centre of texel (0, 0), rows down; UV are drawn beyond the border too."""
-    texture, uv = numbers(height, width, 3), 1.2 * numbers(500, 2, seed=1) - 0.1
+def test_bilinear_lookup_against_scipy(
+    height: int, width: int, channels: int, by: Fetch, dtype: torch.dtype, close: float
+) -> None:
+    """scipy counts from the centre of texel (0, 0), rows down; UV are drawn beyond the border too.
+
+    A UV in float32 is 6e-8 off, 64 times that in texels, of which neighbours differ by up to 1.
+    """
+    texture, uv = numbers(height, width, channels), (1.2 * numbers(500, 2, seed=1) - 0.1).to(dtype).double()
     row, column = (1 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5
     expected = [
         map_coordinates(texture[..., c].numpy(), [row.numpy(), column.numpy()], order=1, mode="nearest")
-        for c in range(3)
+        for c in range(channels)
     ]
-    np.testing.assert_allclose(fetch(texture, uv).numpy(), np.stack(expected, -1), atol=1e-12)
-    np.testing.assert_allclose(look_up(texture, uv[:, None]).numpy()[..., 0], np.stack(expected), atol=1e-12)
+    found = by(texture.to(dtype), uv.to(dtype))
+    assert found.dtype == dtype
+    np.testing.assert_allclose(found.numpy(), np.stack(expected, -1), rtol=0, atol=close * max(1.0, height / 16))
 
 
-def test_texel_centres_return_the_texel_and_row_0_is_the_top() -> None:
-    texture = numbers(5, 7, 2)
+@pytest.mark.parametrize(("by", "dtype", "close"), BY)
+def test_texel_centres_return_the_texel_and_row_0_is_the_top(by: Fetch, dtype: torch.dtype, close: float) -> None:
+    texture = numbers(5, 7, 2).to(dtype)
     for row in range(5):
         for column in range(7):
-            uv = torch.tensor([[(column + 0.5) / 7, 1 - (row + 0.5) / 5]], dtype=torch.float64)
-            torch.testing.assert_close(fetch(texture, uv)[0], texture[row, column])
-    corners = torch.tensor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=torch.float64)
+            uv = torch.tensor([[(column + 0.5) / 7, 1 - (row + 0.5) / 5]], dtype=dtype)
+            torch.testing.assert_close(by(texture, uv)[0], texture[row, column], rtol=0, atol=close)
+    corners = torch.tensor([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]], dtype=dtype)
     torch.testing.assert_close(
-        fetch(texture, corners), torch.stack([texture[-1, 0], texture[-1, -1], texture[0, 0], texture[0, -1]])
+        by(texture, corners), torch.stack([texture[-1, 0], texture[-1, -1], texture[0, 0], texture[0, -1]]), rtol=0, atol=close
     )
 
 
@@ -46,13 +64,58 @@ def test_weights_are_a_partition_and_follow_the_shape() -> None:
     torch.testing.assert_close(weight.sum(-1), torch.ones(4, 6, dtype=torch.float64))
     assert (weight >= 0).all()
     assert 0 <= int(index.min()) <= int(index.max()) < 99
-    assert fetch(numbers(9, 11, 3), uv).shape == (4, 6, 3)
+    for by in (fetch, reference.fetch):
+        assert by(numbers(9, 11, 3).float(), uv.float()).shape == (4, 6, 3)
+        assert by(numbers(9, 11, 3).float(), uv[:0].float()).shape == (0, 6, 3)
 
 
 def test_gradient_of_the_texture() -> None:
     texture = numbers(4, 5, 2).requires_grad_()
     uv = numbers(11, 2, seed=3)
-    assert torch.autograd.gradcheck(lambda t: fetch(t, uv), (texture,))
+    assert torch.autograd.gradcheck(lambda t: reference.fetch(t, uv), (texture,))
+    assert torch.autograd.gradgradcheck(lambda t: reference.fetch(t, uv), (texture,))
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_gradient_of_the_kernel(channels: int, threads: int) -> None:
+    """It is linear: any step is a finite difference without truncation. And it is the reference's, for many points in a texel."""
+    texture, uv = numbers(6, 5, channels).float().requires_grad_(), 1.2 * numbers(5000, 2, seed=3).float() - 0.1
+    values = numbers(5000, channels, seed=4).float()
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        (gradient,) = torch.autograd.grad(fetch(texture, uv), texture, values)
+    finally:
+        torch.set_num_threads(before)
+    exact = texture.detach().double().requires_grad_()
+    (wanted,) = torch.autograd.grad(reference.fetch(exact, uv.double()), exact, values.double())
+    torch.testing.assert_close(gradient.double(), wanted, rtol=1e-5, atol=1e-5 * float(wanted.max()))
+    step = numbers(*texture.shape, seed=5).float()
+    change = (fetch(texture.detach() + step, uv) - fetch(texture.detach(), uv)).double()
+    assert float((change * values).sum()) == pytest.approx(float((gradient.double() * step).sum()), rel=1e-5)
+
+
+def test_textures_and_uv_of_any_layout() -> None:
+    """Slices, transposes and expanded values: the lookup and its gradient see the same numbers."""
+    whole = numbers(5, 7, 6).float()
+    uv = numbers(40, 4, seed=1).float()
+    for texture in (whole[..., 1:4], whole.transpose(0, 1), whole[::2, ::3], whole[:1, :1].expand(5, 7, 6)):
+        for places in (uv[:, 1:3], uv[:, :2].T.contiguous().T, uv[:1, :2].expand(40, 2)):
+            leaf = texture.detach().requires_grad_()
+            found = fetch(leaf, places)
+            torch.testing.assert_close(found, reference.fetch(texture.contiguous(), places.contiguous()))
+            values = numbers(4, found.shape[-1], seed=2).float()[:1].expand_as(found)  # a gradient without memory of its own
+            (gradient,) = torch.autograd.grad(found, leaf, values)
+            same = texture.contiguous().detach().requires_grad_()
+            (wanted,) = torch.autograd.grad(reference.fetch(same, places), same, values)
+            torch.testing.assert_close(gradient, wanted)
+
+
+def test_float64_is_refused() -> None:
+    """Not read as if it were float32."""
+    with pytest.raises((RuntimeError, TypeError, ValueError)):
+        fetch(numbers(4, 4, 3), numbers(5, 2).float())
 
 
 def test_splatting_is_the_transpose_of_the_lookup() -> None:

@@ -1,4 +1,4 @@
-"""A small, eager problem over a scene, and a monitor that keeps what a method tells it."""
+"""A small problem over a scene, and a monitor that keeps what a method tells it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from ia_bench.scenes.scene import Scene
 
 RENDER = RenderSettings(
     samples=16, subsamples=2, texture=64, light_height=16, shadows="traced", bounces=0, coat="added", metallic=False,
-    shading="eager",
 )
 OF_THE_PRIOR = ("prior",)
 

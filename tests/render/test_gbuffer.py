@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from shapes import camera_at, mesh_of, plate, sphere
+from shapes import camera_at, mesh_of, plate, soup, sphere
 from stage import CPU
 
+from benchmarks import reference
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, pixels_in_reach, primary_rays, trace_gbuffer
 from ia_bench.render.rays import make_rays
 from ia_bench.scenes.scene import Scene
@@ -176,6 +177,32 @@ def test_smooth_normals_of_a_sphere() -> None:
     points = surface(gbuffer.face[:, 0].long(), gbuffer.barycentric[:, 0], gbuffer.origin.expand(len(gbuffer.pixel), 3))
     radial = points.position / points.position.norm(dim=-1, keepdim=True)
     assert float((points.normal * radial).sum(-1).min()) > np.cos(np.radians(1))
+
+
+def test_points_are_those_of_torch() -> None:
+    """In float64: a mesh of triangles in any direction with smooth normals of their own, seen from all around, some misses."""
+    rng = torch.Generator().manual_seed(0)
+    mesh = soup(60, 3)
+    normals = torch.nn.functional.normalize(torch.randn(len(mesh.vertices), 3, generator=rng), dim=-1).numpy()
+    mesh = replace(mesh, normals=normals, uv=np.random.default_rng(0).random((len(mesh.vertices), 2)).astype(np.float32))
+    count = 20_000
+    face = torch.randint(-1, len(mesh.faces), (count,), generator=rng)
+    corner = torch.rand(count, 2, generator=rng)
+    barycentric = torch.where(corner.sum(-1, keepdim=True) > 1, 1 - corner, corner)
+    camera = 5 * torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=-1)
+    surface = SurfaceInterpolator(mesh, CPU)
+    found = surface(face, barycentric, camera)
+    wanted, bent = reference.interpolate(mesh, face, barycentric.double(), camera.double())
+    cosine = (wanted.geometric * wanted.view).sum(-1)
+    clear = cosine.abs() > 1e-4  # which side is seen, and whether a normal faces away, is clear
+    assert clear.float().mean() > 0.99
+    assert torch.equal(found.front[clear], wanted.front[clear])
+    assert 0.3 < float(found.front.float().mean()) < 0.7
+    assert (surface.points, surface.bent_normals) == (int((face >= 0).sum()), int(bent.sum()))
+    assert surface.bent_normals > 1000
+    for name in ("position", "uv", "view", "geometric", "normal"):
+        ours, theirs = (getattr(points, name)[clear] for points in (found, wanted))
+        torch.testing.assert_close(ours.double(), theirs, rtol=0, atol=2e-5 if name == "normal" else 2e-6)
 
 
 def test_views_of_two_sizes_are_refused() -> None:

@@ -1,6 +1,6 @@
 """Gradients of the whole renderer without bias, and the bias of a squared loss whose two factors share their samples.
 
-Gradients against finite differences with the samples held, and against quadrature: test_estimator.py.
+Gradients against finite differences with the samples held, and against quadrature: test_detached_gradients.py.
 """
 
 from __future__ import annotations
@@ -16,8 +16,10 @@ from means import assert_same_mean
 from stage import Stage
 from torch import Tensor
 
+from benchmarks.reference import TorchRenderer
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material
+from ia_bench.render.renderer import Renderer
 
 pytestmark = [
     pytest.mark.verify,
@@ -50,10 +52,15 @@ def estimate(tiny_stage: Stage) -> Estimate:
     points = tiny_stage.points(chosen)
     chosen = chosen[(points.normal * points.view).sum(-1) > 0.1]
 
-    def run(leaves: Leaves, seed: int, *, samples: int = SAMPLES, repeats: int = REPEATS) -> Tensor:
+    def same(renderer: Renderer) -> Renderer:
+        return renderer
+
+    def run(
+        leaves: Leaves, seed: int, *, samples: int = SAMPLES, repeats: int = REPEATS, by: Callable[[Renderer], Renderer] = same
+    ) -> Tensor:
         light = SampledLight.of(leaves["log_light"].exp(), uniform_fraction=0.1)
         material = Material(leaves["albedo"], leaves["roughness"])
-        drawn = tiny_stage.renderer().render_pixels(
+        drawn = by(tiny_stage.renderer()).render_pixels(
             tiny_stage.gbuffer, chosen.repeat(repeats), material, light, samples, torch.Generator().manual_seed(seed)
         )
         return drawn.radiance.reshape(repeats, len(chosen), 3)
@@ -67,12 +74,22 @@ def moves(leaf: Tensor) -> tuple[Tensor, Tensor]:
     return torch.ones_like(leaf), signs.repeat_interleave(len(leaf) // 4, 0).repeat_interleave(leaf.shape[1] // 4, 1)
 
 
-@torch.no_grad()
-def with_slopes(estimate: Estimate, leaves: Leaves, name: str, move: Tensor, seed: int, **size: int) -> tuple[Tensor, Tensor]:
-    """Estimates and their slopes along a direction of change, by forward differentiation."""
-    with fwAD.dual_level():
-        dual = fwAD.unpack_dual(estimate({**leaves, name: fwAD.make_dual(leaves[name], move)}, seed, **size))
-        return dual.primal, dual.tangent
+def slopes(
+    estimate: Estimate, leaves: Leaves, name: str, move: Tensor, seed: int, towards: Callable[[int, Tensor], Tensor], **size: int
+) -> tuple[Tensor, Tensor]:
+    """Estimates (R, P, 3), and how <estimate, ``towards`` (repeat, estimate)> of each grows along ``move``, (R,) float64.
+
+    By backward differentiation, as the fit has it, of one repeat after another; the weights are held still.
+    """
+    repeats = size.pop("repeats", REPEATS)
+    found, grown = [], []
+    for repeat in range(repeats):
+        leaf = leaves[name].clone().requires_grad_()
+        (value,) = estimate({**leaves, name: leaf}, 100_000 * seed + repeat, repeats=1, **size)
+        (gradient,) = torch.autograd.grad((value * towards(repeat, value.detach())).sum(), leaf)
+        found.append(value.detach())
+        grown.append((gradient * move).double().sum())
+    return torch.stack(found), torch.stack(grown)
 
 
 @pytest.mark.parametrize("name", STEPS)
@@ -80,23 +97,32 @@ def test_gradient_is_unbiased(leaves: Leaves, estimate: Estimate, name: str) -> 
     """t-test of the gradient's mean against central differences of the estimate itself, along two directions.
 
     Both ends of a difference have the same random numbers, so their directions, densities, shadows and texels move with the
-    parameter: all that the gradient, which holds them still, leaves out. The pixels are weighted at random. Forward
-    differentiation gives the gradient of each repeat; their sum is that of backward differentiation, which the fit uses.
+    parameter: all that the gradient, which holds them still, leaves out. The pixels are weighted at random. The gradient of
+    the sum over all repeats is the sum of theirs.
     """
-    step, found, expected, summed = STEPS[name], [], [], []
-    proxy = torch.rand(estimate(leaves, 0, repeats=1).shape, generator=torch.Generator().manual_seed(5))
+    step, found, expected = STEPS[name], [], []
+    proxy = torch.rand(estimate(leaves, 0, repeats=1)[0].shape, generator=torch.Generator().manual_seed(5))
     for move in moves(leaves[name]):
-        slopes = (with_slopes(estimate, leaves, name, move, 1)[1] * proxy).double().sum((1, 2))
+        found.append(slopes(estimate, leaves, name, move, 1, lambda *_: proxy)[1])
         with torch.no_grad():
             high, low = (estimate({**leaves, name: leaves[name] + sign * step * move}, 2) for sign in (1, -1))
-        found.append(slopes)
         expected.append(((high - low) * proxy).double().sum((1, 2)) / (2 * step))
+    assert_same_mean(torch.stack(found, 1).numpy(), torch.stack(expected, 1).numpy(), resolution=0.05)
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_the_gradient_of_many_pixels_is_the_sum_of_theirs(leaves: Leaves, estimate: Estimate, name: str) -> None:
+    """Against torch's forward differentiation of the same estimates, one slope a repeat."""
+    proxy = torch.rand(estimate(leaves, 0, repeats=1)[0].shape, generator=torch.Generator().manual_seed(5))
+    for move in moves(leaves[name]):
         leaf = leaves[name].clone().requires_grad_()
         (gradient,) = torch.autograd.grad((estimate({**leaves, name: leaf}, 1) * proxy).sum(), leaf)
-        summed.append(float((gradient * move).sum()))
-        error = float(expected[-1].std()) / math.sqrt(REPEATS)
-        assert summed[-1] == pytest.approx(float(slopes.sum()), rel=1e-3, abs=1e-3 * error * REPEATS)
-    assert_same_mean(torch.stack(found, 1).numpy(), torch.stack(expected, 1).numpy(), resolution=0.05)
+        with torch.no_grad(), fwAD.dual_level():
+            dual = {**leaves, name: fwAD.make_dual(leaves[name], move)}
+            tangent = fwAD.unpack_dual(estimate(dual, 1, by=TorchRenderer)).tangent
+        each = (tangent * proxy).double().sum((1, 2))
+        error = float(each.std()) / math.sqrt(REPEATS)
+        assert float((gradient * move).sum()) == pytest.approx(float(each.sum()), rel=1e-3, abs=1e-3 * error * REPEATS)
 
 
 @pytest.mark.parametrize("name", ["albedo", "log_light"])
@@ -108,15 +134,18 @@ def test_squared_loss_is_biased_by_shared_samples_alone(leaves: Leaves, estimate
     """
     size = {"samples": 8, "repeats": 600}
     move = moves(leaves[name])[0]
-    (value, slope), (second, _), (third, third_slope) = (
-        [part.double().numpy() for part in with_slopes(estimate, leaves, name, move, seed, **size)] for seed in (6, 7, 8)
-    )
-    target = 1.03 * value.mean(0)
-    shared = (2 * (value - target) * slope).mean((1, 2))
-    independent = (2 * (second - target) * slope).mean((1, 2))
-    fourth = np.roll(third, 1, 0)  # the estimate of another repeat
-    without_noise = (2 * (fourth - target) * third_slope).mean((1, 2))
-    covariance = (2 * (third - fourth) * third_slope).mean((1, 2))
+    with torch.no_grad():
+        value, second, third = (estimate(leaves, seed, **size) for seed in (6, 7, 8))
+    target, fourth = 1.03 * value.double().mean(0).float(), value  # of other draws than those of the gradients
+    weight = 2 / value[0].numel()
+
+    def slope(towards: Callable[[int, Tensor], Tensor], seed: int) -> np.ndarray:
+        return slopes(estimate, leaves, name, move, seed, towards, **size)[1].numpy()
+
+    shared = slope(lambda _, own: weight * (own - target), 9)
+    independent = slope(lambda repeat, _: weight * (second[repeat] - target), 9)
+    without_noise = slope(lambda repeat, _: weight * (fourth[repeat] - target), 10)
+    covariance = slope(lambda repeat, own: weight * (own - third[repeat]), 10)
     assert covariance.mean() > 10 * covariance.std() / math.sqrt(len(covariance))
     assert covariance.mean() > 0.5 * abs(without_noise.mean())
     assert_same_mean(independent[:, None], without_noise[:, None], resolution=0.2)

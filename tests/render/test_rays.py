@@ -7,7 +7,9 @@ import pytest
 import torch
 from shapes import disk, mesh_of, plate, soup, sphere, together
 
-from ia_bench.render.rays import EmbreeRays, RayCaster, make_rays
+from ia_bench.render.embree import EmbreeRays
+from ia_bench.render.rays import RayCaster, make_rays
+from ia_bench.render.warp_rays import WarpRays
 from ia_bench.scenes.scene import Mesh
 
 CPU = torch.device("cpu")
@@ -15,12 +17,7 @@ TRACERS = ("embree", "warp")
 
 
 def tracer(name: str, mesh: Mesh) -> RayCaster:
-    if name == "embree":
-        return EmbreeRays(mesh)
-    pytest.importorskip("warp", reason="warp-lang is not installed (it comes with the extra `cuda`)")
-    from ia_bench.render.warp_rays import WarpRays
-
-    return WarpRays(mesh, CPU)
+    return EmbreeRays(mesh) if name == "embree" else WarpRays(mesh, CPU)
 
 
 def brute_force(mesh: Mesh, origins: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -96,6 +93,90 @@ def test_occlusion(kind: str, name: str) -> None:
     assert blocked.dtype == torch.bool
     np.testing.assert_array_equal(blocked.numpy()[~doubtful], face[~doubtful] >= 0)
     assert rays.rays == len(origins)
+
+
+# ---------------------------------------------------------------- packets
+COUNTS = (0, 1, 15, 16, 17, 127, 128, 129, 1000)  # about the sizes of Embree's packets and of a kernel's item
+
+
+@pytest.fixture(scope="module")
+def many() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Origins and directions of rays through random triangles, clear of edges; their faces, and whether they hit one."""
+    origins, directions = rays_through(3, 4000)
+    face, _, _, doubtful = brute_force(MESHES["random triangles"], origins, directions)
+    rays = (torch.from_numpy(a[~doubtful]).float() for a in (origins, directions))
+    face = torch.from_numpy(face[~doubtful])
+    return *rays, face, face >= 0
+
+
+@pytest.mark.parametrize("kind", TRACERS)
+@pytest.mark.parametrize("count", COUNTS)
+def test_any_number_of_rays(kind: str, count: int, many: tuple[torch.Tensor, ...]) -> None:
+    """No ray is left out and none is asked twice, whatever is left of the last packet."""
+    rays = tracer(kind, MESHES["random triangles"])
+    for first in (0, 5):
+        origins, directions, face, hit = (values[first : first + count] for values in many)
+        assert torch.equal(rays.occluded(origins, directions), hit)
+        found, barycentric, distance = rays.intersect(origins, directions)
+        assert torch.equal(found, face)
+        assert torch.equal(torch.isinf(distance), ~hit)
+        assert (barycentric[~hit] == 0).all()
+    assert rays.rays == 4 * count
+
+
+@pytest.mark.parametrize("kind", TRACERS)
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 1.0])
+@pytest.mark.parametrize("count", COUNTS)
+def test_only_what_is_asked_for_is_traced(kind: str, count: int, share: float, many: tuple[torch.Tensor, ...]) -> None:
+    rays = tracer(kind, MESHES["random triangles"])
+    origins, directions, _, hit = (values[:count] for values in many)
+    asked = torch.rand(count, generator=torch.Generator().manual_seed(count)) < share
+    assert torch.equal(rays.occluded(origins, directions, asked), hit & asked)
+    assert rays.rays == int(asked.sum())
+
+
+@pytest.mark.parametrize("kind", TRACERS)
+@pytest.mark.parametrize(("points", "each"), [(0, 4), (1, 1), (7, 1), (50, 3), (33, 16), (9, 130)])
+def test_several_directions_from_every_origin(kind: str, points: int, each: int) -> None:
+    """Against the same rays one from each origin, with a mask and without, and with directions that are no memory of their own."""
+    rays = tracer(kind, MESHES["sphere"])
+    generator = torch.Generator().manual_seed(points * each)
+    origins = 1.5 * torch.randn(points, 3, generator=generator)
+    directions = torch.nn.functional.normalize(torch.randn(points, each, 3, generator=generator), dim=-1)
+    repeated = origins[:, None].expand(-1, each, -1).reshape(-1, 3)
+    flat = rays.occluded(repeated, directions.reshape(-1, 3)).reshape(points, each)
+    assert torch.equal(rays.occluded(origins, directions), flat)
+    asked = torch.rand(points, each, generator=generator) < 0.4
+    assert torch.equal(rays.occluded(origins, directions, asked), flat & asked)
+    back = torch.cat([directions, directions], 1)[:, each:]
+    assert torch.equal(rays.occluded(origins, back, torch.cat([asked, asked], 1)[:, :each]), flat & asked)
+    assert points == 0 or each < 16 or (flat.any() and not flat.all())
+
+
+def test_both_tracers_agree() -> None:
+    """On all but one in a thousand rays through a closed mesh of small triangles, which graze an edge."""
+    mesh = sphere(4)
+    origins, directions = (torch.from_numpy(a).float() for a in rays_through(4, 20_000))
+    embree, warp = (tracer(kind, mesh) for kind in TRACERS)
+    assert float((embree.occluded(origins, directions) != warp.occluded(origins, directions)).float().mean()) < 1e-3
+    nearest = embree.intersect(origins, directions), warp.intersect(origins, directions)
+    same = nearest[0][0] == nearest[1][0]
+    assert float((~same).float().mean()) < 1e-3
+    torch.testing.assert_close(nearest[0][2][same], nearest[1][2][same], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", TRACERS)
+def test_the_number_of_threads_changes_nothing(kind: str, many: tuple[torch.Tensor, ...]) -> None:
+    rays = tracer(kind, MESHES["random triangles"])
+    origins, directions, face, hit = (values.repeat(*(100, 1)[: values.dim()]) for values in many)
+    before = torch.get_num_threads()
+    try:
+        for threads in (1, 2, 3):
+            torch.set_num_threads(threads)
+            assert torch.equal(rays.occluded(origins, directions), hit)
+            assert torch.equal(rays.intersect(origins, directions)[0], face)
+    finally:
+        torch.set_num_threads(before)
 
 
 @pytest.mark.parametrize("kind", TRACERS)

@@ -1,8 +1,8 @@
-"""The renderer around the estimator: pictures, compilation and its fall-back, and Cycles' direct light as a whole."""
+"""The renderer around the estimator: pictures, what it does not depend on, and Cycles' direct light as a whole."""
 
 from __future__ import annotations
 
-import shutil
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,14 +11,11 @@ import pytest
 import torch
 from shapes import camera_at, plate, sphere
 from stage import Stage
-from torch._inductor.exc import InvalidCxxCompiler
 
-from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.estimator import sample_directions
+from ia_bench.render.estimator import draw_samples
 from ia_bench.render.renderer import PixelRadiance, Renderer, texture_images
-from ia_bench.render.shading import choose_shading
 from ia_bench.render.visibility import NoShadows
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_exr
@@ -109,8 +106,8 @@ def test_samples_of_a_picture_are_those_asked_for(
     stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=8)])
     drawn: list[int] = []
     monkeypatch.setattr(
-        "ia_bench.render.shading.sample_directions",
-        lambda *a: drawn.append(2 * a[3].shape[1]) or sample_directions(*a),  # type: ignore[func-returns-value]
+        "ia_bench.render.renderer.draw_samples",
+        lambda *a, **named: drawn.append(2 * named["count"]) or draw_samples(*a, **named),  # type: ignore[func-returns-value]
     )
     rng = torch.Generator().manual_seed(1)
     stage.renderer().render_images(stage.gbuffer, tiny_material, SampledLight.of(soft_light), samples, rng)
@@ -141,7 +138,7 @@ def test_points_that_miss_count_as_nothing() -> None:
     assert float(images["radiance"][0, 0].max()) == 0
 
 
-# ---------------------------------------------------------------- compilation
+# ---------------------------------------------------------------- mistakes and layouts
 def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[torch.Tensor, ...]]:
     stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=16)])
     rng = torch.Generator().manual_seed(4)
@@ -153,98 +150,50 @@ def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[tor
     for leaf in leaves:
         leaf.requires_grad_()
 
-    def render(renderer: Renderer) -> PixelRadiance:
+    def render(renderer: Renderer, change: Callable[[torch.Tensor], torch.Tensor] = lambda leaf: leaf) -> PixelRadiance:
         pixels = torch.arange(len(stage.gbuffer.pixel))
-        material, light = Material(leaves[0], leaves[1]), SampledLight.of(leaves[2])
-        return renderer.render_pixels(stage.gbuffer, pixels, material, light, 16, torch.Generator().manual_seed(5))
+        albedo, roughness, light = (change(leaf) for leaf in leaves)
+        rng = torch.Generator().manual_seed(5)
+        return renderer.render_pixels(stage.gbuffer, pixels, Material(albedo, roughness), SampledLight.of(light), 16, rng)
 
     return stage, render, leaves
 
 
-def test_compiled_shading_gives_the_same_numbers_and_gradients() -> None:
-    if choose_shading("auto", lambda _: None) != "compiled":
-        pytest.skip("no C++ compiler found")
+@pytest.mark.parametrize("name", ["channels first", "a slice", "columns first"])
+def test_the_layout_of_the_leaves_does_not_matter(name: str) -> None:
+    layouts = {
+        "channels first": lambda leaf: leaf.permute(2, 0, 1).contiguous().permute(1, 2, 0),
+        "a slice": lambda leaf: torch.cat([leaf, leaf, leaf], -1)[..., : leaf.shape[-1]],
+        "columns first": lambda leaf: leaf.transpose(0, 1).contiguous().transpose(0, 1),
+    }
     stage, render, leaves = small_setup()
-    notices: list[str] = []
     results = []
-    for shading in ("eager", "compiled"):
-        renderer = Renderer(stage.surface, NoShadows(), shading=shading, notice=notices.append)
-        part = render(renderer)
-        gradients = torch.autograd.grad((part.radiance**2).sum(), leaves)
-        assert renderer.shading == shading
-        results.append((part.diffuse, part.specular, part.albedo, *gradients))
-    assert notices == []
-    for eager, compiled in zip(*results, strict=True):
-        torch.testing.assert_close(compiled, eager, rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.parametrize("fails", ["when asked", "when run"])
-def test_a_compiler_that_fails_is_noticed_once(monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
-    """Whether torch.compile raises itself (a Python it does not know) or the first call does (a broken compiler)."""
-    stage, render, leaves = small_setup()
-    expected = render(Renderer(stage.surface, NoShadows()))
-
-    def broken(*_: object, **__: object) -> object:
-        raise InvalidCxxCompiler("no such compiler\nand more")
-
-    monkeypatch.setattr(torch, "compile", broken if fails == "when asked" else lambda *_, **__: broken)
-    notices: list[str] = []
-    renderer = Renderer(stage.surface, NoShadows(), shading="compiled", notice=notices.append)
-    for _ in range(2):
-        part = render(renderer)
-        torch.testing.assert_close(part.radiance, expected.radiance, rtol=0, atol=0)
-    assert renderer.shading == "eager"
-    assert notices == ["shading runs eagerly: torch.compile failed (InvalidCxxCompiler: Compiler: no such compiler)"]
-    assert all(torch.isfinite(g).all() for g in torch.autograd.grad(part.radiance.sum(), leaves))
-
-
-@pytest.mark.parametrize("error", [InputError("their file"), FloatingPointError("NaN"), MemoryError(), RuntimeError("bug")])
-def test_errors_inside_compiled_shading_are_not_taken_for_the_compilers(
-    monkeypatch: pytest.MonkeyPatch, error: Exception
-) -> None:
-    stage, render, _ = small_setup()
-
-    def fails(*_: object, **__: object) -> object:
-        raise error
-
-    monkeypatch.setattr(torch, "compile", lambda *_, **__: fails)
-    notices: list[str] = []
-    renderer = Renderer(stage.surface, NoShadows(), shading="compiled", notice=notices.append)
-    with pytest.raises(type(error)) as raised:
-        render(renderer)
-    assert raised.value is error
-    assert (renderer.shading, notices) == ("compiled", [])
-
-
-def test_an_error_that_is_not_the_compilers_is_raised() -> None:
-    stage, _, _ = small_setup()
-    renderer = Renderer(stage.surface, NoShadows())
-    material = Material(torch.zeros(4, 4, 3), torch.full((4, 4), 0.5))  # roughness without its last axis
-    with pytest.raises(ValueError, match="unpack"):
-        renderer.render_pixels(
-            stage.gbuffer, torch.arange(3), material, SampledLight.of(torch.ones(2, 4, 3)), 4, torch.Generator().manual_seed(0)
-        )
+    for change in (torch.clone, layouts[name]):
+        part = render(Renderer(stage.surface, NoShadows()), change)
+        results.append((part.diffuse, part.specular, *torch.autograd.grad((part.radiance**2).sum(), leaves)))
+    for plain, other in zip(*results, strict=True):
+        torch.testing.assert_close(other, plain, rtol=1e-5, atol=1e-7)
 
 
 @pytest.mark.parametrize(
-    ("wanted", "compilers", "chosen"),
+    ("shape", "where", "wanted"),
     [
-        ("eager", ["g++"], "eager"),
-        ("compiled", [], "compiled"),
-        ("auto", ["g++"], "compiled"),
-        ("auto", ["clang++"], "compiled"),
+        ((4, 4), 1, "(T, T, 1), found (4, 4)"),  # roughness without its last axis
+        ((4, 4, 3), 1, "(T, T, 1), found (4, 4, 3)"),
+        ((4, 4, 4), 0, "(T, T, 3), found (4, 4, 4)"),
+        ((8, 4, 3), 0, "(T, T, 3), found (8, 4, 3)"),  # more rows than columns: beyond the end of the memory
+        ((4, 8, 1), 2, "(T, T, 1), found (4, 8, 1)"),
     ],
 )
-def test_choice_of_shading(monkeypatch: pytest.MonkeyPatch, wanted: str, compilers: list[str], chosen: str) -> None:
-    monkeypatch.setattr(shutil, "which", lambda name: name if name in compilers else None)
-    notices: list[str] = []
-    assert choose_shading(wanted, notices.append) == chosen
-    assert notices == []
+def test_textures_of_another_shape_are_refused(shape: tuple[int, ...], where: int, wanted: str) -> None:
+    stage, _, _ = small_setup()
+    textures = [torch.zeros(4, 4, 3), torch.full((4, 4, 1), 0.5), torch.zeros(4, 4, 1)]
+    textures[where] = torch.full(shape, 0.5)
+    light, rng = SampledLight.of(torch.ones(2, 4, 3)), torch.Generator().manual_seed(0)
+    with pytest.raises(ValueError, match=re.escape(wanted)):
+        Renderer(stage.surface, NoShadows()).render_pixels(stage.gbuffer, torch.arange(3), Material(*textures), light, 4, rng)
 
 
-def test_without_a_compiler_shading_is_eager_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    notices: list[str] = []
-    assert choose_shading("auto", notices.append) == "eager"
-    assert notices == ["shading runs eagerly: no C++ compiler found for torch.compile"]
+def test_a_light_of_another_size_than_its_sampler_is_refused() -> None:
+    with pytest.raises(ValueError, match=re.escape("expected radiance of the sampler's size (4, 8, 3), found (2, 4, 3)")):
+        SampledLight(torch.ones(2, 4, 3), SampledLight.of(torch.ones(4, 8, 3)).sampler)

@@ -8,10 +8,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from kernel_calls import density as light_density
+from kernel_calls import normal_bin, sample_texel
 from means import assert_same_mean
 from stage import Stage
 
-from ia_bench.light.latlong import SampledLight, direction_to_texel, normal_bin, resize_light, texel_to_direction
+from ia_bench.light.latlong import SampledLight, direction_to_texel, resize_light, texel_to_direction
 from ia_bench.material.brdf import dot, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
 from ia_bench.material.textures import Material, fetch
 
@@ -51,9 +53,9 @@ def alone(
     height, width = light.radiance.shape[:2]
     cell = normal_bin(points.normal)[:, None]
     if technique == "light":
-        texel = light.sampler.sample(cell, u[..., 0])
+        texel = sample_texel(light.sampler, cell, u[..., 0])
         direction = texel_to_direction(texel, u[..., 1].float(), u[..., 2].float(), height, width)
-        density = light.sampler.density(cell, texel)[..., None]
+        density = light_density(light.sampler, cell, texel)[..., None]
     else:
         direction = sample_visible_ggx(normal, view, roughness, u[..., :2].float())
         texel = direction_to_texel(direction, height, width)

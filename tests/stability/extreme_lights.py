@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import kernel_calls
 import numpy as np
 import torch
+from kernel_calls import density, direction_to_texel, texel_to_direction
 from stability.case import Case, Measured, all_finite, deviation, refused
 from torch import Tensor
 
-from ia_bench.light.latlong import (
-    LatLongSampler,
-    direction_to_texel,
-    resize_light,
-    row_solid_angles,
-    texel_to_direction,
-)
+from ia_bench.light.latlong import LatLongSampler, resize_light, row_solid_angles
 
 GROUP = "light"
 DRAWS = 200_000
@@ -59,8 +55,8 @@ def _solid_angles(radiance: Tensor) -> Tensor:
 def _integral(radiance: Tensor) -> Measured:
     sampler = LatLongSampler.build(radiance, uniform_fraction=0.2)
     texels = torch.arange(radiance.shape[0] * radiance.shape[1])
-    density = sampler.density(torch.arange(64)[:, None], texels[None]).double()
-    return Measured(float(((density * _solid_angles(radiance)).sum(1) - 1).abs().max()), finite=all_finite(density))
+    found = density(sampler, torch.arange(64)[:, None], texels[None]).double()
+    return Measured(float(((found * _solid_angles(radiance)).sum(1) - 1).abs().max()), finite=all_finite(found))
 
 
 def _shares(radiance: Tensor) -> Measured:
@@ -68,8 +64,9 @@ def _shares(radiance: Tensor) -> Measured:
     height, width, _ = radiance.shape
     sampler = LatLongSampler.build(radiance, uniform_fraction=0.2)
     cell = torch.tensor([0])
-    mass = (sampler.density(cell[:, None], torch.arange(height * width)[None])[0].double() * _solid_angles(radiance))
-    drawn = sampler.sample(cell.expand(DRAWS), torch.rand(DRAWS, generator=torch.Generator().manual_seed(0), dtype=torch.float64))
+    mass = (density(sampler, cell[:, None], torch.arange(height * width)[None])[0].double() * _solid_angles(radiance))
+    u = torch.rand(DRAWS, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    drawn = kernel_calls.sample_texel(sampler, cell.expand(DRAWS), u)
     expected = mass.reshape(height, width).sum(1) * DRAWS
     found = torch.bincount(drawn // width, minlength=height).double()
     rare = expected < 20

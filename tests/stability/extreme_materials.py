@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+import kernel_calls
 import torch
 from stability.case import Case, Measured, all_finite, deviation
 from torch import Tensor
 
 from ia_bench.material.brdf import (
+    F0,
     MIN_ROUGHNESS,
     dot,
     normalize,
@@ -26,22 +28,27 @@ STEP = 1e-5  # of the central differences in roughness, float64
 def cases() -> Iterator[Case]:
     """All of them."""
     value, double = "specular BRDF x cosine", "float64; gradient: differences"
-    for roughness in (MIN_ROUGHNESS, 0.1, 0.5, 1.0):
-        extreme = f"roughness {roughness:g}, around the lobe"
-        yield Case(GROUP, extreme, value, double, 2e-3, lambda r=roughness: _precision(r, None), 5e-3)
-    yield Case(GROUP, "roughness 0, off the mirror direction", value, "0", 0.0, _mirror)
-    for cosine in (1e-1, 1e-2, 1e-3, 1e-4, 1e-6):
-        extreme = f"view at cosine {cosine:g}, roughness 0.3"
-        yield Case(GROUP, extreme, value, double, 2e-3, lambda c=cosine: _precision(0.3, c), 5e-3)
+    for kind, by in ((value, _by_torch), (f"{value}, kernel", _by_kernel)):
+        for roughness in (MIN_ROUGHNESS, 0.1, 0.5, 1.0):
+            extreme = f"roughness {roughness:g}, around the lobe"
+            yield Case(GROUP, extreme, kind, double, 2e-3, lambda b=by, r=roughness: _precision(b, r, None), 5e-3)
+        yield Case(GROUP, "roughness 0, off the mirror direction", kind, "0", 0.0, lambda b=by: _mirror(b))
+        for cosine in (1e-1, 1e-2, 1e-3, 1e-4, 1e-6):
+            extreme = f"view at cosine {cosine:g}, roughness 0.3"
+            yield Case(GROUP, extreme, kind, double, 2e-3, lambda b=by, c=cosine: _precision(b, 0.3, c), 5e-3)
     yield Case(GROUP, "light below the horizon", value, "0; gradient: 0", 0.0, _below, 0.0)
     yield Case(GROUP, "light opposite to the view (no half vector)", value, "finite", 1.0, _no_half_vector)
     yield Case(GROUP, "zero vector", "normalize", "0; gradient: finite", 0.0, _zero_vector)
-    yield Case(GROUP, "normals at both poles and 1e-7 beside", "tangent frame", "orthonormal", 1e-6, _frames)
-    for roughness in (MIN_ROUGHNESS, 0.1, 0.5, 1.0):
-        extreme, quantity = f"roughness {roughness:g}, view from the normal to grazing", "reflected energy beyond 1"
-        yield Case(GROUP, extreme, quantity, "0", 0.0, lambda r=roughness: _energy(r))
-        quantity = "share of samples without density"
-        yield Case(GROUP, extreme, quantity, "0", 0.0, lambda r=roughness: _densities(r))
+    yield Case(GROUP, "zero vector", "normalize, kernel", "0", 0.0, _zero_vector_of_kernel)
+    poles = "normals at both poles and 1e-7 beside"
+    yield Case(GROUP, poles, "tangent frame", "orthonormal", 1e-6, lambda: _frames(tangent_frame))
+    yield Case(GROUP, poles, "tangent frame, kernel", "orthonormal", 1e-6, lambda: _frames(kernel_calls.tangent_frame))
+    for where, sampled in (("", _sampled_by_torch), (", kernel", _sampled_by_kernel)):
+        for roughness in (MIN_ROUGHNESS, 0.1, 0.5, 1.0):
+            extreme, quantity = f"roughness {roughness:g}, view from the normal to grazing", f"reflected energy beyond 1{where}"
+            yield Case(GROUP, extreme, quantity, "0", 0.0, lambda s=sampled, r=roughness: _energy(s, r))
+            quantity = f"share of samples without density{where}"
+            yield Case(GROUP, extreme, quantity, "0", 0.0, lambda s=sampled, r=roughness: _densities(s, r))
 
 
 def _pairs(roughness: float, cosine: float | None) -> tuple[Tensor, Tensor, Tensor]:
@@ -59,12 +66,27 @@ def _pairs(roughness: float, cosine: float | None) -> tuple[Tensor, Tensor, Tens
     return normal[above], view[above], incident[above]
 
 
-def _precision(roughness: float, cosine: float | None) -> Measured:
-    vectors = _pairs(roughness, cosine)
+Vectors = tuple[Tensor, Tensor, Tensor]
+
+
+def _by_torch(vectors: Vectors, roughness: float) -> tuple[Tensor, Tensor]:
+    """Value and slope in the roughness, (N, 1) each."""
     single = torch.full((len(vectors[0]), 1), roughness, requires_grad=True)
     value = specular_brdf_cosine(*vectors, single)
-    (gradient,) = torch.autograd.grad(value.sum(), single)
-    value = value.detach()
+    (slope,) = torch.autograd.grad(value.sum(), single)
+    return value.detach(), slope
+
+
+def _by_kernel(vectors: Vectors, roughness: float) -> tuple[Tensor, Tensor]:
+    """The same from a kernel's lobe, whose slope is that in alpha."""
+    value, slope, grazing, _ = kernel_calls.lobe(*vectors, torch.full((len(vectors[0]), 1), roughness))
+    fresnel = F0 * (1 - grazing) + grazing
+    return value * fresnel, 2 * roughness * slope * fresnel
+
+
+def _precision(by: Callable[[Vectors, float], tuple[Tensor, Tensor]], roughness: float, cosine: float | None) -> Measured:
+    vectors = _pairs(roughness, cosine)
+    value, gradient = by(vectors, roughness)
 
     def exact(offset: float) -> Tensor:
         normal, view, incident = (vector.double() for vector in vectors)
@@ -75,12 +97,9 @@ def _precision(roughness: float, cosine: float | None) -> Measured:
     return Measured(error, deviation(gradient, slope, 1e-3 * float(slope.abs().max())), finite=all_finite(value, gradient))
 
 
-def _mirror() -> Measured:
-    vectors = _pairs(0.5, None)
-    roughness = torch.zeros(len(vectors[0]), 1, requires_grad=True)
-    value = specular_brdf_cosine(*vectors, roughness)
-    (gradient,) = torch.autograd.grad(value.sum(), roughness)
-    return Measured(float(value.detach().abs().max()), finite=all_finite(value, gradient))
+def _mirror(by: Callable[[Vectors, float], tuple[Tensor, Tensor]]) -> Measured:
+    value, gradient = by(_pairs(0.5, None), 0.0)
+    return Measured(float(value.abs().max()), finite=all_finite(value, gradient))
 
 
 def _below() -> Measured:
@@ -107,7 +126,12 @@ def _zero_vector() -> Measured:
     return Measured(float(unit.detach().abs().max()), finite=all_finite(unit, gradient))
 
 
-def _frames() -> Measured:
+def _zero_vector_of_kernel() -> Measured:
+    unit = kernel_calls.normalize(torch.zeros(1, 3))
+    return Measured(float(unit.abs().max()), finite=all_finite(unit))
+
+
+def _frames(tangent_frame: Callable[[Tensor], tuple[Tensor, Tensor]]) -> Measured:
     near = [(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1e-7, 0.0, -1.0), (0.0, -1e-7, -1.0), (1e-7, 1e-7, 1.0), (1.0, 0.0, 0.0)]
     normal = normalize(torch.tensor(near))
     axes = torch.stack([*tangent_frame(normal), normal], 1)
@@ -115,25 +139,40 @@ def _frames() -> Measured:
     return Measured(float(error), finite=all_finite(axes))
 
 
-def _sampled(roughness: float) -> tuple[Tensor, Tensor]:
-    """Value over density of BRDF samples above the horizon, and these densities, for views from the normal to grazing."""
-    generator = torch.Generator().manual_seed(0)
+def _grazing_views(roughness: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Normals, views from the normal to grazing, roughness and random numbers of 5 COUNT samples."""
     height = torch.tensor([1.0, 0.5, 0.1, 1e-2, 1e-3]).repeat_interleave(COUNT)[:, None]
     view = torch.cat([(1 - height**2).sqrt(), torch.zeros_like(height), height], 1)
     normal = torch.tensor([0.0, 0.0, 1.0]).expand_as(view)
-    rough = torch.full_like(height, roughness)
-    incident = sample_visible_ggx(normal, view, rough, torch.rand(len(view), 2, generator=generator))
-    density = visible_ggx_pdf(normal, view, incident, rough)
-    ratio = specular_brdf_cosine(normal, view, incident, rough) / density
+    drawn = torch.rand(len(view), 2, generator=torch.Generator().manual_seed(0))
+    return normal, view, torch.full_like(height, roughness), drawn
+
+
+def _above(incident: Tensor, value: Tensor, density: Tensor) -> tuple[Tensor, Tensor]:
+    """Value over density of BRDF samples above the horizon, and these densities, (5, COUNT) each."""
     above = incident[:, 2:] > 0
-    return torch.where(above, ratio, 0.0).reshape(5, COUNT), torch.where(above, density, 1.0).reshape(5, COUNT)
+    return torch.where(above, value / density, 0.0).reshape(5, COUNT), torch.where(above, density, 1.0).reshape(5, COUNT)
 
 
-def _energy(roughness: float) -> Measured:
-    ratio, _ = _sampled(roughness)
+def _sampled_by_torch(roughness: float) -> tuple[Tensor, Tensor]:
+    normal, view, rough, drawn = _grazing_views(roughness)
+    incident = sample_visible_ggx(normal, view, rough, drawn)
+    value = specular_brdf_cosine(normal, view, incident, rough)
+    return _above(incident, value, visible_ggx_pdf(normal, view, incident, rough))
+
+
+def _sampled_by_kernel(roughness: float) -> tuple[Tensor, Tensor]:
+    normal, view, rough, drawn = _grazing_views(roughness)
+    incident = kernel_calls.sample_visible_ggx(normal, view, rough, drawn)
+    value, _, grazing, density = kernel_calls.lobe(normal, view, incident, rough)
+    return _above(incident, value * (F0 * (1 - grazing) + grazing), density)
+
+
+def _energy(sampled: Callable[[float], tuple[Tensor, Tensor]], roughness: float) -> Measured:
+    ratio, _ = sampled(roughness)
     return Measured(max(0.0, float(ratio.mean(1).max()) - 1), finite=all_finite(ratio))
 
 
-def _densities(roughness: float) -> Measured:
-    _, density = _sampled(roughness)
+def _densities(sampled: Callable[[float], tuple[Tensor, Tensor]], roughness: float) -> Measured:
+    _, density = sampled(roughness)
     return Measured(float((density <= 0).double().mean()), finite=all_finite(density))

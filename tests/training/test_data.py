@@ -1,5 +1,6 @@
 """``python -m ia_bench.cli.prior_data``: its arguments, what it refuses, and that a kill loses no finished shard."""
 
+import shutil
 import subprocess
 import sys
 import time
@@ -12,7 +13,7 @@ from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.training import data
-from ia_bench.training.data import Request, make_data
+from ia_bench.training.data import Request, choose_shading, make_data
 from ia_bench.training.shards import CHANNELS, ShardInfo, load_shard, shard_path, write_shard
 
 
@@ -97,3 +98,27 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(tmp_path):
         (a, first), (b, second) = load_shard(path), load_shard(killed / path.name)
         assert first == second
         assert all(torch.equal(a[name], b[name]) for name in CHANNELS)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "compilers", "chosen"),
+    [
+        ("eager", ["g++"], "eager"),
+        ("compiled", [], "compiled"),
+        ("auto", ["g++"], "compiled"),
+        ("auto", ["clang++"], "compiled"),
+    ],
+)
+def test_choice_of_shading(monkeypatch, wanted, compilers, chosen):
+    monkeypatch.setattr(shutil, "which", lambda name: name if name in compilers else None)
+    notices = []
+    assert choose_shading(wanted, notices.append) == chosen
+    assert notices == []
+
+
+def test_without_a_compiler_shading_is_eager_and_says_so(monkeypatch):
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    notices = []
+    assert choose_shading("auto", notices.append) == "eager"
+    assert notices == ["shading runs eagerly: no C++ compiler found for torch.compile"]

@@ -11,8 +11,8 @@ from torch import Tensor
 from ia_bench.material.brdf import normalize, tangent_frame
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
-from ia_bench.render.estimator import lattice
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
+from ia_bench.render.lattice import lattice
 
 AMBIENT_RAYS = 32  # a pixel, shared by its points
 CHUNK = 16_384  # pixels at a time
@@ -60,11 +60,9 @@ def _ambient(problem: Problem, hit: Tensor, points: SurfacePoints, generator: to
     shift = torch.rand(pixels, 3, generator=generator, dtype=torch.float64, device=hit.device)
     samples = lattice(shift, side, count)[..., :2].float().reshape(pixels * side, count, 2)
     direction = cosine_directions(points.normal, samples)
-    index = torch.nonzero(hit.reshape(-1).repeat_interleave(count))[:, 0]
-    blocked = problem.renderer.visibility.blocked(points, index // count, direction.reshape(-1, 3)[index])
-    visible = torch.zeros(pixels * side * count, device=hit.device)
-    visible[index] = (~blocked).float()
-    return visible.reshape(pixels, side, count).mean(-1)
+    asked = hit.reshape(-1, 1).expand(-1, count)
+    visible = asked & ~problem.renderer.visibility.blocked(points, direction, asked)
+    return visible.float().reshape(pixels, side, count).mean(-1)
 
 
 def cosine_directions(normal: Tensor, samples: Tensor) -> Tensor:

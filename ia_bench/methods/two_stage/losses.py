@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
+from ia_bench.common.warp_launch import launch_summing
+from ia_bench.methods.two_stage.neighbours import Neighbours
+from ia_bench.methods.two_stage.warp_smoothness import differences
 from ia_bench.scenes.tensor_color import linear_to_srgb
 
 
@@ -97,6 +102,27 @@ def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mo
     return Alignment(scale, mean_target - scale * mean_prediction)
 
 
-def smoothness(here: Tensor, there: Tensor, similarity: Tensor) -> Tensor:
-    """Mean of |here - there| over (N, C) pairs of neighbouring surface points, weighted by ``similarity`` (N,) in [0, 1]."""
-    return ((here - there).abs().mean(-1) * similarity).mean()
+def smoothness(texture: Tensor, neighbours: Neighbours, pixels: Tensor) -> Tensor:
+    """Mean over (B,) pixels' pairs of neighbours, and over channels, of |difference| in a texture (T, T, C) times similarity."""
+    value: Tensor = _Smoothness.apply(texture, neighbours, pixels)
+    return value
+
+
+class _Smoothness(torch.autograd.Function):
+    """Its gradient is found with it, and kept until it is asked for."""
+
+    @staticmethod
+    def forward(ctx: Any, texture: Tensor, neighbours: Neighbours, pixels: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
+        ctx.gradient, totals = torch.zeros_like(texture), texture.new_zeros(len(pixels))
+        launch_summing(
+            differences, len(pixels), pixels, neighbours.index, neighbours.similarity, neighbours.uv, texture, totals,
+            sums=[ctx.gradient], device=texture.device,
+        )  # fmt: skip
+        count = 2 * len(pixels) * texture.shape[-1]
+        ctx.gradient /= count
+        return totals.sum() / count
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401 (torch's context)
+        return ctx.gradient * gradients[0], None, None

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.textures import Material, fetch
+from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.losses import crossed_loss, smoothness, tone_map, total_variation
 from ia_bench.methods.two_stage.neighbours import find_neighbours
@@ -81,14 +81,11 @@ class Objective:
         return self._problem.renderer.render_pixels(self._problem.gbuffer, pixels, material, light, samples, generator)
 
     def _smoothness(self, pixels: Tensor, tensors: dict[str, Tensor], frozen: list[str]) -> Tensor:
-        weights, neighbours = self._settings.weights, self._neighbours
-        other = neighbours.index[pixels].reshape(-1)
-        uv = neighbours.uv[pixels].repeat_interleave(2, 0)
-        similarity = neighbours.similarity[pixels].reshape(-1)
+        weights = self._settings.weights
         total = torch.zeros((), device=pixels.device)
         smooth = {"albedo": weights.smooth_albedo, "roughness": weights.smooth_roughness, "metallic": weights.smooth_roughness}
         for name, weight in smooth.items():
             texture = tensors.get(name)
             if weight and texture is not None and name not in frozen:
-                total = total + weight * smoothness(fetch(texture, uv), fetch(texture, neighbours.uv[other]), similarity)
+                total = total + weight * smoothness(texture, self._neighbours, pixels)
         return total

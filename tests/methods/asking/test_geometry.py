@@ -21,7 +21,7 @@ def problem_of(mesh: Mesh, cameras: list[Camera], side: int = 2, *, shadows: boo
     nothing = np.zeros((cameras[0].height, cameras[0].width, 3), np.float32)
     views = tuple(View(str(n), camera, nothing, nothing[..., 0]) for n, camera in enumerate(cameras))
     settings = RenderSettings(
-        samples=8, subsamples=side, texture=64, light_height=16, shadows="traced" if shadows else "none", bounces=0, shading="eager"
+        samples=8, subsamples=side, texture=64, light_height=16, shadows="traced" if shadows else "none", bounces=0
     )
     return Problem(Scene("shape", "shape", mesh, views), settings, note=lambda _: None)
 

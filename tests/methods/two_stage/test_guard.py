@@ -70,8 +70,8 @@ class Failing:
         self.step = first
         self.spoiled: list[int] = []
 
-    def render_pixels(self, gbuffer: Any, pixels: Tensor, *rest: Any) -> PixelRadiance:
-        rendered = self._renderer.render_pixels(gbuffer, pixels, *rest)
+    def render_pixels(self, gbuffer: Any, pixels: Tensor, *rest: Any, **options: Any) -> PixelRadiance:
+        rendered = self._renderer.render_pixels(gbuffer, pixels, *rest, **options)
         if self.step in self._steps:
             rendered = self._spoil(rendered)
             self.spoiled.append(int(gbuffer.pixel[pixels[ENTRY]]))

@@ -7,9 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from benchmarks.reference import fetch
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.losses import align_views, crossed_loss, smoothness, tone_map, total_variation
-from ia_bench.methods.two_stage.neighbours import find_neighbours
+from ia_bench.methods.two_stage.neighbours import Neighbours, find_neighbours
 
 VIEWS = 4
 
@@ -120,11 +121,43 @@ def test_tone_map_is_monotone_with_finite_slope_everywhere() -> None:
 
 
 def test_smoothness() -> None:
-    constant = torch.full((50, 3), 0.7)
-    assert float(smoothness(constant, constant, torch.rand(50))) == 0
-    here, there = torch.tensor([[0.1, 0.2], [0.5, 0.5]]), torch.tensor([[0.3, 0.2], [0.1, 0.9]])
-    assert float(smoothness(here, there, torch.tensor([1.0, 0.5]))) == pytest.approx((0.1 * 1 + 0.4 * 0.5) / 2)
-    assert float(smoothness(here, there, torch.zeros(2))) == 0
+    """Two pixels at the centres of a texture's upper texels, their neighbours at those of the lower ones."""
+    uv = torch.tensor([[0.25, 0.75], [0.75, 0.75], [0.25, 0.25], [0.75, 0.25]])
+    index = torch.tensor([[2, 0], [3, 1], [2, 2], [3, 3]])  # each has one neighbour, and the lower ones none
+    texture = torch.tensor([[[0.1, 0.2], [0.5, 0.5]], [[0.3, 0.2], [0.1, 0.9]]])
+    upper = torch.tensor([0, 1])
+
+    def value(texture: Tensor, *similarity: float) -> float:
+        similar = torch.tensor([*similarity, 0.0, 0.0])[:, None] * torch.tensor([1.0, 0.0])
+        return float(smoothness(texture, Neighbours(index, similar, uv), upper))
+
+    assert value(torch.full((2, 2, 3), 0.7), 0.3, 0.9) == 0
+    assert value(texture, 1.0, 0.5) == pytest.approx((0.1 * 1 + 0.4 * 0.5) / 4)  # the mean over two pairs a pixel
+    assert value(texture, 0.0, 0.0) == 0
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_smoothness_and_its_gradient_by_torch(channels: int, threads: int) -> None:
+    """In float64; pixels may come twice."""
+    rng = torch.Generator().manual_seed(0)
+    uv, index = torch.rand(3000, 2, generator=rng), torch.randint(3000, (3000, 2), generator=rng)
+    neighbours = Neighbours(index, torch.rand(3000, 2, generator=rng) * (torch.rand(3000, 2, generator=rng) < 0.8), uv)
+    chosen = torch.randint(3000, (5000,), generator=rng)
+    texture = torch.rand(9, 9, channels, generator=rng).requires_grad_()
+    exact = texture.detach().double().requires_grad_()
+    here, there = fetch(exact, uv.double()[chosen].repeat_interleave(2, 0)), fetch(exact, uv.double()[index[chosen].reshape(-1)])
+    wanted = ((here - there).abs().mean(-1) * neighbours.similarity[chosen].reshape(-1)).mean()
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        found = smoothness(texture, neighbours, chosen)
+        (gradient,) = torch.autograd.grad(3 * found, texture)
+    finally:
+        torch.set_num_threads(before)
+    assert found.item() == pytest.approx(wanted.item(), rel=1e-5)
+    (expected,) = torch.autograd.grad(3 * wanted, exact)
+    torch.testing.assert_close(gradient.double(), expected, rtol=0, atol=1e-4 * float(expected.abs().max()))
 
 
 def first_hits(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,0 +1,95 @@
+"""Warp kernels over torch tensors: on CUDA as they are, on the CPU one range of their items per thread of torch."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import torch
+import warp as wp
+from torch import Tensor
+
+LEAST_ITEMS = 256  # of a range: fewer are not worth a thread
+_pool = ThreadPoolExecutor(thread_name_prefix="kernels")
+
+
+def _begin() -> None:
+    """Load Warp without a word: of every module that it loads, and, from below Python, of a GPU that is not there."""
+    wp.config.log_level = wp.LOG_ERROR
+    shown, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        wp.init()
+    finally:
+        os.dup2(shown, 2)
+        os.close(shown)
+        os.close(nowhere)
+
+
+_begin()
+
+
+def launch(kernel: wp.Kernel, count: int, *arguments: object, device: torch.device) -> None:
+    """Run ``kernel`` for ``count`` items; it reads and writes tensors among its ``arguments`` in place.
+
+    A kernel's first parameter is the number of the first item of its range, which is given here. Tensors have to be contiguous
+    and of the kernel's own types (a ``vec3`` is a last axis of 3, for instance).
+    """
+    values = _values(kernel, arguments)
+
+    def run(first: int, items: int) -> None:
+        wp.launch(kernel, items, [first, *values], device=str(device))
+
+    _each([partial(run, *share) for share in _ranges(count, device)])
+
+
+def launch_summing(
+    kernel: wp.Kernel, count: int, *arguments: object, sums: Sequence[Tensor | None], device: torch.device
+) -> None:
+    """The same for a kernel whose last parameters are ``sums``, to which any item may add anywhere.
+
+    Sums into one place by two threads would be lost, so every range but the first has some of its own, which are added at the
+    end. None stands for a sum that the kernel leaves alone.
+    """
+    ranges = _ranges(count, device)
+    own = [[s if k == 0 or s is None else torch.zeros_like(s) for s in sums] for k in range(len(ranges))]
+
+    def run(first: int, items: int, into: Sequence[Tensor | None]) -> None:
+        wp.launch(kernel, items, [first, *_values(kernel, [*arguments, *into])], device=str(device))
+
+    _each([partial(run, *share, into) for share, into in zip(ranges, own, strict=True)])
+    for others in own[1:]:
+        for total, part in zip(own[0], others, strict=True):
+            if total is not None and part is not None:
+                total += part
+
+
+def _values(kernel: wp.Kernel, arguments: Sequence[object]) -> list[Any]:
+    """The arguments as Warp takes them; None stands for an array of nothing."""
+    values = []
+    for value, argument in zip(arguments, kernel.adj.args[1:], strict=True):
+        if isinstance(value, Tensor):
+            value = wp.from_torch(value.detach(), dtype=argument.type.dtype, return_ctype=True)
+            if value.ndim != argument.type.ndim:  # Warp would read beyond the end
+                raise ValueError(f"{kernel.key}({argument.label}): expected {argument.type.ndim} axes, found {value.ndim}")
+        values.append(value)
+    return values
+
+
+def _ranges(count: int, device: torch.device) -> list[tuple[int, int]]:
+    """First item and number of items of each thread's share."""
+    threads = torch.get_num_threads() if device.type == "cpu" else 1
+    share = max(LEAST_ITEMS, -(-count // threads))
+    return [(first, min(share, count - first)) for first in range(0, count, share)]
+
+
+def _each(jobs: Sequence[Callable[[], None]]) -> None:
+    """Do the jobs at once; the first in this thread."""
+    others = [_pool.submit(job) for job in jobs[1:]]
+    for job in jobs[:1]:
+        job()
+    for other in others:
+        other.result()

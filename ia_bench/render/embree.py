@@ -1,0 +1,107 @@
+"""Rays on the CPU by Embree 4, the library that ``embreex`` brings, asked for sixteen rays at a time.
+
+embreex itself asks for one after another, from Python arrays, which takes half as long again (benchmarks/rays.py). So its library
+is loaded here, the mesh is handed to it, and Warp kernels call its packet queries by their addresses.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+from ctypes import c_char_p, c_int, c_size_t, c_uint, c_void_p
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.warp_launch import launch
+from ia_bench.render.embree_packets import BLOCK, nearest, occluded
+from ia_bench.scenes.scene import Mesh
+
+TRIANGLES, INDICES, VERTICES, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # Embree's enumerations
+
+
+class EmbreeRays:
+    """See :class:`ia_bench.render.rays.RayCaster`."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        """Raises InputError where the embreex that is installed brings no Embree 4 that can be loaded."""
+        library = _library()
+        device = library.rtcNewDevice(f"threads={torch.get_num_threads()}".encode())
+        self._scene = library.rtcNewScene(device)
+        weakref.finalize(self, _release, library, self._scene, device)
+        geometry = library.rtcNewGeometry(device, TRIANGLES)
+        faces, vertices = mesh.faces.astype(np.uint32), np.ascontiguousarray(mesh.vertices, np.float32)
+        for values, kind, form in ((faces, INDICES, UINT3), (vertices, VERTICES, FLOAT3)):
+            buffer = library.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(values))
+            ctypes.memmove(buffer, np.ascontiguousarray(values).ctypes.data, 12 * len(values))
+        library.rtcCommitGeometry(geometry)
+        library.rtcAttachGeometry(self._scene, geometry)
+        library.rtcReleaseGeometry(geometry)
+        library.rtcCommitScene(self._scene)
+        self._occluded, self._nearest = (
+            ctypes.cast(getattr(library, name), c_void_p).value for name in ("rtcOccluded16", "rtcIntersect16")
+        )
+        self.mesh, self.rays = mesh, 0
+
+    def intersect(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """See :meth:`ia_bench.render.rays.RayCaster.intersect`."""
+        count = len(directions)
+        face = torch.full((count,), -1, dtype=torch.int32)
+        barycentric, distance = torch.zeros(count, 2), torch.full((count,), torch.inf)
+        self._ask(nearest, self._nearest, origins, directions, None, face, barycentric, distance)
+        return face.long(), barycentric, distance
+
+    def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:
+        """See :meth:`ia_bench.render.rays.RayCaster.occluded`."""
+        blocked = torch.zeros(directions.shape[:-1], dtype=torch.uint8)
+        self._ask(occluded, self._occluded, origins, directions, asked, blocked.reshape(-1))
+        return blocked.bool()
+
+    def _ask(
+        self, kernel: wp.Kernel, query: int | None, origins: Tensor, directions: Tensor, asked: Tensor | None, *results: Tensor
+    ) -> None:
+        count = directions.numel() // 3
+        if count:
+            mask = None if asked is None else asked.contiguous().view(torch.uint8).reshape(-1)
+            launch(
+                kernel, -(-count // BLOCK), query, self._scene, origins.contiguous(), directions.contiguous().reshape(-1, 3),
+                count // len(origins), int(asked is not None), mask, count, *results, device=origins.device,
+            )  # fmt: skip
+        self.rays += count if asked is None else int(asked.sum())
+
+
+def _release(library: ctypes.CDLL, scene: int, device: int) -> None:
+    library.rtcReleaseScene(scene)
+    library.rtcReleaseDevice(device)
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """Embree 4, from where the wheels of embreex have it: beside the package, or inside it on macOS."""
+    import embreex
+
+    package = Path(embreex.__file__).parent
+    found = [*package.parent.glob("embreex.libs/*embree4*"), *package.glob(".dylibs/*embree4*")]
+    if not found:
+        raise InputError(f"{package}: expected the library embree4 that comes with the wheel of embreex 4, found none")
+    library = ctypes.CDLL(str(found[0]))
+    for name, result, *arguments in (
+        ("rtcNewDevice", c_void_p, c_char_p),
+        ("rtcNewScene", c_void_p, c_void_p),
+        ("rtcNewGeometry", c_void_p, c_void_p, c_int),
+        ("rtcSetNewGeometryBuffer", c_void_p, c_void_p, c_int, c_uint, c_int, c_size_t, c_size_t),
+        ("rtcCommitGeometry", None, c_void_p),
+        ("rtcAttachGeometry", c_uint, c_void_p, c_void_p),
+        ("rtcReleaseGeometry", None, c_void_p),
+        ("rtcCommitScene", None, c_void_p),
+        ("rtcReleaseScene", None, c_void_p),
+        ("rtcReleaseDevice", None, c_void_p),
+    ):
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library

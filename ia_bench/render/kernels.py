@@ -1,0 +1,334 @@
+"""The renderer's Warp kernels: surface points, and the Monte-Carlo estimator of the paper's equation 3 over them.
+
+Light and BRDF samples are joined by the balance heuristic: half of the samples of a point follow the light, half the visible GGX
+normals. Both come from one randomly shifted lattice per pixel: its first coordinate is stratified over all the samples of the
+pixel, each sample alone is uniform, so every point of the pixel has an unbiased estimate whatever its share of the samples.
+Directions, densities and visibility carry no gradient: gradients flow through the radiance of the light, the albedo, and the
+BRDF's value only ("detached" sampling).
+
+:func:`shade_adjoint` is written by hand: what Warp 1.19 derives of :func:`shade` takes several times as long and loses a part of
+the gradient of the albedo. Tests compare it with torch's.
+"""
+
+import warp as wp
+
+from ia_bench.common.warp_math import unit
+from ia_bench.light.warp_latlong import Tables, density, direction_to_texel, normal_bin, sample_texel, texel_to_direction
+from ia_bench.material.brdf import F0, MIN_COSINE
+from ia_bench.material.warp_brdf import lobe_towards, sample_visible_ggx, seen_point
+from ia_bench.material.warp_textures import Taps, add_colour, add_scalar, bilinear_taps, fetch_colour, fetch_scalar
+from ia_bench.render.lattice import GOLDEN, PLASTIC
+
+wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+_GOLDEN = wp.constant(wp.float64(GOLDEN))
+_PLASTIC = wp.constant(wp.float64(PLASTIC))
+_BELOW_ONE = wp.constant(wp.float64(1 - 2**-24))
+_PI = wp.constant(wp.float32(wp.pi))
+_MIN_COSINE = wp.constant(wp.float32(MIN_COSINE))
+_DIELECTRIC = wp.constant(wp.vec3(F0, F0, F0))
+
+
+@wp.kernel
+def interpolate(
+    first: int,
+    faces: wp.array(dtype=int),
+    barycentrics: wp.array(dtype=wp.vec2),
+    cameras: wp.array(dtype=wp.vec3),
+    corners: wp.array2d(dtype=wp.vec3),
+    corner_uvs: wp.array2d(dtype=wp.vec2),
+    geometrics: wp.array(dtype=wp.vec3),
+    positions: wp.array(dtype=wp.vec3),
+    normals: wp.array(dtype=wp.vec3),
+    views: wp.array(dtype=wp.vec3),
+    turned_geometrics: wp.array(dtype=wp.vec3),
+    uvs: wp.array(dtype=wp.vec2),
+    flags: wp.array2d(dtype=wp.uint8),
+):
+    """See :class:`ia_bench.render.gbuffer.SurfaceInterpolator`.
+
+    Of a triangle's ``corners`` the first three are positions, the others normals; of a point's ``flags`` the first says whether its
+    front is seen, the second whether its normal had to be bent.
+    """
+    n = first + wp.tid()
+    face = wp.max(faces[n], 0)
+    b = barycentrics[n]
+    a = 1.0 - b[0] - b[1]
+    position = a * corners[face, 0] + b[0] * corners[face, 1] + b[1] * corners[face, 2]
+    normal = unit(a * corners[face, 3] + b[0] * corners[face, 4] + b[1] * corners[face, 5])
+    view = unit(cameras[n] - position)
+    geometric = geometrics[face]
+    side = wp.where(wp.dot(geometric, view) >= 0.0, 1.0, -1.0)
+    normal = normal * side
+    cosine = wp.dot(normal, view)
+    bent = wp.uint8(0)
+    if cosine < _MIN_COSINE:
+        normal = unit(normal + (10.0 * _MIN_COSINE - cosine) * view)
+        bent = wp.where(faces[n] >= 0, wp.uint8(1), wp.uint8(0))
+    positions[n] = position
+    normals[n] = normal
+    views[n] = view
+    turned_geometrics[n] = side * geometric
+    uvs[n] = a * corner_uvs[face, 0] + b[0] * corner_uvs[face, 1] + b[1] * corner_uvs[face, 2]
+    flags[n, 0] = wp.where(side > 0.0, wp.uint8(1), wp.uint8(0))
+    flags[n, 1] = bent
+
+
+@wp.func
+def fraction(x: wp.float64) -> wp.float64:
+    """What is left of ``x`` beyond whole numbers, below 1 even as float32."""
+    return wp.min(x - wp.floor(x), _BELOW_ONE)
+
+
+@wp.kernel
+def draw(
+    first: int,
+    hit: wp.array(dtype=wp.uint8),
+    normals: wp.array(dtype=wp.vec3),
+    views: wp.array(dtype=wp.vec3),
+    uvs: wp.array(dtype=wp.vec2),
+    roughness: wp.array(dtype=float),
+    roughness_side: int,
+    shifts: wp.array2d(dtype=wp.vec3d),
+    tables: Tables,
+    points: int,
+    count: int,
+    part: int,
+    parts: int,
+    directions: wp.array2d(dtype=wp.vec3),
+    texels: wp.array2d(dtype=int),
+    terms: wp.array2d(dtype=wp.vec4),
+    boosts: wp.array2d(dtype=float),
+):
+    """Draw ``count`` directions by each technique for a point of a pixel of ``points``.
+
+    Of each: the texel of the light, -1 below the horizon and where the camera sees nothing; the cosine, the lobe's value and its
+    slope, times the balance heuristic's weight 1 / (n_light p_light + n_brdf p_brdf), and its grazing part. ``boosts`` are the
+    weights of the directions by the BRDF if there were no others, over that. Of a lattice that is dealt out to several ``parts``
+    this one takes every such entry of each point.
+    """
+    n = first + wp.tid()
+    if hit[n] == wp.uint8(0):
+        for k in range(2 * count):
+            texels[n, k] = -1
+        return
+    pixel = n // points
+    start = n - pixel * points + points * part
+    rough = fetch_scalar(roughness, bilinear_taps(uvs[n], roughness_side, roughness_side))
+    point = seen_point(normals[n], views[n], rough * rough)
+    cell = normal_bin(point.normal)
+    spacing = wp.float64(1.0) / wp.float64(parts * points * count)
+    for k in range(2 * count):
+        technique = wp.where(k < count, 0, 1)
+        index = wp.float64(start + points * parts * (k - technique * count))
+        shift = shifts[technique, pixel]
+        u = fraction(shift[0] + index * spacing)
+        v = float(fraction(shift[1] + index * _GOLDEN))
+        direction = wp.vec3(0.0, 0.0, 0.0)
+        texel = int(0)
+        if technique == 0:
+            texel = sample_texel(tables, cell, u)
+            w = float(fraction(shift[2] + index * _PLASTIC))
+            direction = texel_to_direction(texel, v, w, tables.height, tables.width)
+        else:
+            direction = sample_visible_ggx(point, float(u), v)
+        cosine = wp.dot(point.normal, direction)
+        if cosine > 0.0:
+            if technique == 1:
+                texel = direction_to_texel(direction, tables.height, tables.width)
+            lobe = lobe_towards(point, direction, cosine)
+            pdf = density(tables, cell, texel) + lobe.pdf
+            weight = 1.0 / (float(count) * wp.max(pdf, 1.0e-12))
+            terms[n, k] = wp.vec4(cosine * weight, lobe.value * weight, lobe.slope * weight, lobe.grazing)
+            if technique == 1:
+                boosts[n, k - count] = wp.max(pdf, 1.0e-12) / wp.max(lobe.pdf, 1.0e-12)
+        else:
+            texel = -1
+        directions[n, k] = direction
+        texels[n, k] = texel
+
+
+@wp.func
+def coat_taps(rough: float, cosine: float, side: int) -> Taps:
+    """Where the table of :func:`ia_bench.material.coat.coat_reflectance` is looked up: its entries are texel centres."""
+    last = float(side - 1)
+    return bilinear_taps(wp.vec2((cosine * last + 0.5) / float(side), 1.0 - (rough * last + 0.5) / float(side)), side, side)
+
+
+@wp.kernel
+def shade(
+    first: int,
+    radiance: wp.array(dtype=wp.vec3),
+    albedo: wp.array(dtype=wp.vec3),
+    roughness: wp.array(dtype=float),
+    metallic: wp.array(dtype=float),
+    arriving: wp.array(dtype=wp.vec3),
+    leaving: wp.array(dtype=wp.vec3),
+    albedo_side: int,
+    roughness_side: int,
+    metallic_side: int,
+    normals: wp.array(dtype=wp.vec3),
+    views: wp.array(dtype=wp.vec3),
+    uvs: wp.array(dtype=wp.vec2),
+    fronts: wp.array(dtype=float),
+    texels: wp.array2d(dtype=int),
+    terms: wp.array2d(dtype=wp.vec4),
+    boosts: wp.array2d(dtype=float),
+    seen: wp.array2d(dtype=int),
+    count: int,
+    atlas: wp.array(dtype=int),
+    atlas_side: int,
+    coat: wp.array(dtype=float),
+    coat_side: int,
+    diffuse: wp.array(dtype=wp.vec3),
+    specular: wp.array(dtype=wp.vec3),
+    mirrored: wp.array(dtype=wp.vec3),
+    albedos: wp.array(dtype=wp.vec3),
+):
+    """Sum the weighted samples of a point. A side of 0 stands for a texture, an atlas or a table that there is not.
+
+    ``seen`` says which texel of the atlas each direction by the BRDF ends on, -1 for none.
+    """
+    n = first + wp.tid()
+    uv = uvs[n]
+    colour = fetch_colour(albedo, bilinear_taps(uv, albedo_side, albedo_side))
+    metal = float(0.0)
+    if metallic_side > 0:
+        metal = fetch_scalar(metallic, bilinear_taps(uv, metallic_side, metallic_side))
+    at_normal = _DIELECTRIC * (1.0 - metal) + metal * colour
+    irradiance = wp.vec3(0.0, 0.0, 0.0)
+    base = wp.vec3(0.0, 0.0, 0.0)
+    grazing = wp.vec3(0.0, 0.0, 0.0)
+    for k in range(2 * count):
+        texel = texels[n, k]
+        if texel >= 0:
+            incoming = radiance[texel]
+            term = terms[n, k]
+            irradiance += incoming * term[0]
+            base += incoming * (term[1] * (1.0 - term[3]))
+            grazing += incoming * (term[1] * term[3])
+    base_of_object = wp.vec3(0.0, 0.0, 0.0)
+    grazing_of_object = wp.vec3(0.0, 0.0, 0.0)
+    if atlas_side > 0:
+        taps = bilinear_taps(uv, atlas_side, atlas_side)
+        for t in range(4):
+            irradiance += arriving[atlas[taps.index[t]]] * (taps.weight[t] * fronts[n])
+        for k in range(count):
+            texel = seen[n, k]
+            if texel >= 0:
+                term = terms[n, count + k]
+                incoming = leaving[texel] * (term[1] * boosts[n, k])
+                base_of_object += incoming * (1.0 - term[3])
+                grazing_of_object += incoming * term[3]
+    passed = float(1.0)
+    if coat_side > 0:
+        rough = fetch_scalar(roughness, bilinear_taps(uv, roughness_side, roughness_side))
+        passed = 1.0 - fetch_scalar(coat, coat_taps(rough, wp.dot(normals[n], views[n]), coat_side))
+    diffuse[n] = wp.cw_mul(colour, irradiance) * ((1.0 - metal) * passed / _PI)
+    specular[n] = wp.cw_mul(at_normal, base) + grazing
+    mirrored[n] = wp.cw_mul(at_normal, base_of_object) + grazing_of_object
+    albedos[n] = colour
+
+
+@wp.kernel
+def shade_adjoint(
+    first: int,
+    radiance: wp.array(dtype=wp.vec3),
+    albedo: wp.array(dtype=wp.vec3),
+    roughness: wp.array(dtype=float),
+    metallic: wp.array(dtype=float),
+    arriving: wp.array(dtype=wp.vec3),
+    leaving: wp.array(dtype=wp.vec3),
+    albedo_side: int,
+    roughness_side: int,
+    metallic_side: int,
+    normals: wp.array(dtype=wp.vec3),
+    views: wp.array(dtype=wp.vec3),
+    uvs: wp.array(dtype=wp.vec2),
+    fronts: wp.array(dtype=float),
+    texels: wp.array2d(dtype=int),
+    terms: wp.array2d(dtype=wp.vec4),
+    boosts: wp.array2d(dtype=float),
+    seen: wp.array2d(dtype=int),
+    count: int,
+    atlas: wp.array(dtype=int),
+    atlas_side: int,
+    coat: wp.array(dtype=float),
+    coat_side: int,
+    of_diffuse: wp.array(dtype=wp.vec3),
+    of_specular: wp.array(dtype=wp.vec3),
+    of_mirrored: wp.array(dtype=wp.vec3),
+    of_albedo: wp.array(dtype=wp.vec3),
+    of_radiance: wp.array(dtype=wp.vec3),
+    of_albedos: wp.array(dtype=wp.vec3),
+    of_roughness: wp.array(dtype=float),
+    of_metallic: wp.array(dtype=float),
+    of_arriving: wp.array(dtype=wp.vec3),
+    of_leaving: wp.array(dtype=wp.vec3),
+):
+    """Add to the gradients of all that :func:`shade` is differentiable in, by the gradients of its results.
+
+    Written for results R = colour * irradiance * q + at_normal * base + grazing, with q = (1 - metallic) * passed / pi, of
+    which ``irradiance``, ``base`` and ``grazing`` are sums over samples.
+    """
+    n = first + wp.tid()
+    uv = uvs[n]
+    colour_taps = bilinear_taps(uv, albedo_side, albedo_side)
+    rough_taps = bilinear_taps(uv, roughness_side, roughness_side)
+    colour = fetch_colour(albedo, colour_taps)
+    rough = fetch_scalar(roughness, rough_taps)
+    metal = float(0.0)
+    if metallic_side > 0:
+        metal = fetch_scalar(metallic, bilinear_taps(uv, metallic_side, metallic_side))
+    at_normal = _DIELECTRIC * (1.0 - metal) + metal * colour
+    passed = float(1.0)
+    passed_slope = float(0.0)
+    if coat_side > 0:
+        taps = coat_taps(rough, wp.dot(normals[n], views[n]), coat_side)
+        passed = 1.0 - fetch_scalar(coat, taps)
+        right = taps.weight[1] + taps.weight[3]
+        upper = (1.0 - right) * coat[taps.index[0]] + right * coat[taps.index[1]]
+        lower = (1.0 - right) * coat[taps.index[2]] + right * coat[taps.index[3]]
+        passed_slope = (upper - lower) * float(coat_side - 1)
+    q = (1.0 - metal) * passed / _PI
+    of_irradiance = wp.cw_mul(colour, of_diffuse[n]) * q
+    of_grazing = of_specular[n]
+    of_base = wp.cw_mul(at_normal, of_grazing)
+    irradiance = wp.vec3(0.0, 0.0, 0.0)
+    of_at_normal = wp.vec3(0.0, 0.0, 0.0)
+    of_alpha = float(0.0)
+    for k in range(2 * count):
+        texel = texels[n, k]
+        if texel >= 0:
+            incoming = radiance[texel]
+            term = terms[n, k]
+            of_lobe = of_base * (1.0 - term[3]) + of_grazing * term[3]
+            wp.atomic_add(of_radiance, texel, of_irradiance * term[0] + of_lobe * term[1])
+            of_alpha += wp.dot(incoming, of_lobe) * term[2]
+            irradiance += incoming * term[0]
+            of_at_normal += incoming * (term[1] * (1.0 - term[3]))
+    of_at_normal = wp.cw_mul(of_at_normal, of_grazing)
+    if atlas_side > 0:
+        taps = bilinear_taps(uv, atlas_side, atlas_side)
+        for t in range(4):
+            share = taps.weight[t] * fronts[n]
+            irradiance += arriving[atlas[taps.index[t]]] * share
+            wp.atomic_add(of_arriving, atlas[taps.index[t]], of_irradiance * share)
+        of_grazing = of_mirrored[n]
+        of_base = wp.cw_mul(at_normal, of_grazing)
+        for k in range(count):
+            texel = seen[n, k]
+            if texel >= 0:
+                incoming = leaving[texel] * boosts[n, k]
+                term = terms[n, count + k]
+                of_lobe = of_base * (1.0 - term[3]) + of_grazing * term[3]
+                wp.atomic_add(of_leaving, texel, of_lobe * (term[1] * boosts[n, k]))
+                of_alpha += wp.dot(incoming, of_lobe) * term[2]
+                of_at_normal += wp.cw_mul(incoming, of_grazing) * (term[1] * (1.0 - term[3]))
+    of_q = wp.dot(of_diffuse[n], wp.cw_mul(colour, irradiance)) / _PI
+    of_rough = 2.0 * rough * of_alpha + of_q * (1.0 - metal) * passed_slope
+    add_scalar(of_roughness, rough_taps, of_rough)
+    if metallic_side > 0:
+        of_metal = wp.dot(of_at_normal, colour - _DIELECTRIC) - of_q * passed
+        add_scalar(of_metallic, bilinear_taps(uv, metallic_side, metallic_side), of_metal)
+    add_colour(of_albedos, colour_taps, of_albedo[n] + wp.cw_mul(irradiance, of_diffuse[n]) * q + of_at_normal * metal)
