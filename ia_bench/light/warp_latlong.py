@@ -1,10 +1,14 @@
 """Drawing directions from :class:`ia_bench.light.latlong.LatLongSampler` as functions of Warp kernels."""
 
+import torch
 import warp as wp
 
-from ia_bench.common.warp_math import turned
+from ia_bench.common.warp_launch import launch
+from ia_bench.common.warp_math import arc_cosine, arc_tangent, turned
 from ia_bench.light.latlong import BIN_SIDE, LatLongSampler
 
+GUIDE = wp.constant(256)
+_GUIDE = wp.constant(wp.float64(256.0))
 _PI = wp.constant(wp.float32(wp.pi))
 _SIDE = wp.constant(BIN_SIDE)
 _WITHIN = wp.constant(wp.float64(1 - 2**-40))
@@ -12,7 +16,11 @@ _WITHIN = wp.constant(wp.float64(1 - 2**-40))
 
 @wp.struct
 class Tables:
-    """The tensors of a :class:`~ia_bench.light.latlong.LatLongSampler`, for ``height`` x ``width`` texels in ``blocks`` blocks."""
+    """The tensors of a :class:`~ia_bench.light.latlong.LatLongSampler`, for ``height`` x ``width`` texels in ``blocks`` blocks.
+
+    ``guide`` (cells, GUIDE + 1) says which of a cell's entries is the first above 0, 1 / GUIDE, ..., 1, so that a search has little
+    left to look through.
+    """
 
     entries: wp.array(dtype=wp.float64)
     texels: wp.array(dtype=wp.float64)
@@ -24,21 +32,36 @@ class Tables:
     order: wp.array(dtype=wp.int32)
     block: wp.array(dtype=wp.int32)
     end: wp.array(dtype=wp.int32)
+    guide: wp.array2d(dtype=wp.int32)
     blocks: wp.int32
     height: wp.int32
     width: wp.int32
 
 
 def tables_of(sampler: LatLongSampler) -> Tables:
-    """The sampler's tensors for a kernel, without a copy."""
+    """The sampler's tensors for a kernel, without a copy, and a guide to them."""
     tables, grid = Tables(), sampler.grid
     for name in ("entries", "texels", "edges", "brightness", "share", "evenly"):
         setattr(tables, name, wp.from_torch(getattr(sampler, name)))
     for name in ("order", "block", "end"):
         setattr(tables, name, wp.from_torch(getattr(grid, name)))
     tables.bound = wp.from_torch(grid.bound.reshape(-1))
+    guide = torch.empty(BIN_SIDE**2, GUIDE + 1, dtype=torch.int32, device=sampler.entries.device)
+    launch(_find_guide, len(guide), sampler.entries, 2 * len(grid.end), guide, device=guide.device)
+    tables.guide = wp.from_torch(guide)
     tables.blocks, tables.height, tables.width = len(grid.end), sampler.height, sampler.width
     return tables
+
+
+@wp.kernel(enable_backward=False)
+def _find_guide(first: int, entries: wp.array(dtype=wp.float64), count: int, guide: wp.array2d(dtype=wp.int32)):
+    cell = first + wp.tid()
+    place = cell * count
+    for step in range(GUIDE + 1):
+        value = wp.float64(cell) + wp.float64(step) / _GUIDE
+        while place < (cell + 1) * count and entries[place] <= value:
+            place += 1
+        guide[cell, step] = place
 
 
 @wp.func
@@ -75,7 +98,9 @@ def sample_texel(tables: Tables, cell: int, u: wp.float64) -> int:
     count = 2 * tables.blocks
     target = wp.float64(cell) + u
     begin = cell * count
-    entry = wp.clamp(first_above(tables.entries, begin, begin + count, target) - 1 - begin, 0, count - 1)
+    step = wp.min(int(u * _GUIDE), GUIDE - 1)
+    found = first_above(tables.entries, tables.guide[cell, step], wp.min(tables.guide[cell, step + 1], begin + count), target)
+    entry = wp.clamp(found - 1 - begin, 0, count - 1)
     place = begin + entry
     lower = tables.entries[place]
     upper = tables.entries[place + 1]
@@ -116,6 +141,6 @@ def texel_to_direction(texel: int, u: float, v: float, height: int, width: int) 
 @wp.func
 def direction_to_texel(direction: wp.vec3, height: int, width: int) -> int:
     """The texel that a unit direction falls into."""
-    row = int(wp.acos(wp.clamp(direction[2], -1.0, 1.0)) * (float(height) / _PI))
-    column = int((_PI - wp.atan2(direction[1], direction[0])) * (float(width) / (2.0 * _PI)))
+    row = int(arc_cosine(wp.clamp(direction[2], -1.0, 1.0)) * (float(height) / _PI))
+    column = int((_PI - arc_tangent(direction[1], direction[0])) * (float(width) / (2.0 * _PI)))
     return wp.clamp(row, 0, height - 1) * width + wp.clamp(column, 0, width - 1)

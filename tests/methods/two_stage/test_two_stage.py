@@ -345,37 +345,32 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("image_loss", "points", "samples", "taken"),
+    ("image_loss", "samples", "taken"),
     [
-        ("crossed", None, 24, 32),
-        ("crossed", None, 8, 16),
-        ("crossed", 9, 24, 32),  # a pixel has no more than 4
-        ("crossed", 2, 24, 24),
-        ("crossed", 1, 8, 8),
-        ("l1", None, 24, 24),
-        ("l1", None, 1, 8),
+        ("crossed", 24, 32),
+        ("crossed", 8, 16),
+        ("l1", 24, 24),
+        ("l1", 1, 8),
     ],
 )
 def test_samples_are_those_that_the_renderer_takes(
-    problem: Problem, image_loss: str, points: int | None, samples: int, taken: int, monkeypatch: pytest.MonkeyPatch
+    problem: Problem, image_loss: str, samples: int, taken: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of pixels with 2 x 2 points; a step draws as many as the record says, of as many points as it looks at."""
+    """Of pixels with 2 x 2 points; a step draws as many as the record says."""
     assert problem.gbuffer.subsamples == 4
     drawn = []
     original = renderer_module.draw_samples
 
     def spy(*arguments: object, points: int, count: int, **parts: int) -> object:
-        drawn.append((points, 2 * points * count))
+        drawn.append(2 * points * count)
         return original(*arguments, points=points, count=count, **parts)
 
     monkeypatch.setattr(renderer_module, "draw_samples", spy)
-    settings = replace(SETTINGS, stage1_steps=1, stage2_steps=0, image_loss=image_loss, points=points, albedo_start=0.0)
+    settings = replace(SETTINGS, stage1_steps=1, stage2_steps=0, image_loss=image_loss, albedo_start=0.0)
     record = Record()
     found = fit(altered(problem, plan=replace(problem.plan, samples=samples)), NoPrior(), settings, record)
     assert found.counters["samples_per_pixel"] == taken
-    seen, directions = drawn[-1]
-    assert seen == min(points or 4, 4)
-    assert directions * (2 if image_loss == "crossed" else 1) == taken
+    assert drawn[-1] * (2 if image_loss == "crossed" else 1) == taken
     assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
 
 
