@@ -30,10 +30,9 @@ class EmbreeRays:
 
     def __init__(self, mesh: Mesh) -> None:
         """Raises InputError where the embreex that is installed brings no Embree 4 that can be loaded."""
-        library = _library()
-        device = library.rtcNewDevice(f"threads={torch.get_num_threads()}".encode())
+        library, device = _library()
         self._scene = library.rtcNewScene(device)
-        weakref.finalize(self, _release, library, self._scene, device)
+        weakref.finalize(self, library.rtcReleaseScene, self._scene)
         geometry = library.rtcNewGeometry(device, TRIANGLES)
         faces, vertices = mesh.faces.astype(np.uint32), np.ascontiguousarray(mesh.vertices, np.float32)
         for values, kind, form in ((faces, INDICES, UINT3), (vertices, VERTICES, FLOAT3)):
@@ -75,14 +74,12 @@ class EmbreeRays:
         self.rays += count if asked is None else int(asked.sum())
 
 
-def _release(library: ctypes.CDLL, scene: int, device: int) -> None:
-    library.rtcReleaseScene(scene)
-    library.rtcReleaseDevice(device)
-
-
 @cache
-def _library() -> ctypes.CDLL:
-    """Embree 4, from where the wheels of embreex have it: beside the package, or inside it on macOS."""
+def _library() -> tuple[ctypes.CDLL, int]:
+    """Embree 4, from where the wheels of embreex have it (beside the package, or inside it on macOS), and its one device.
+
+    The device takes no ``threads``: workers of TBB that it limits and no longer needs would wait for work without sleeping.
+    """
     import embreex
 
     package = Path(embreex.__file__).parent
@@ -100,8 +97,7 @@ def _library() -> ctypes.CDLL:
         ("rtcReleaseGeometry", None, c_void_p),
         ("rtcCommitScene", None, c_void_p),
         ("rtcReleaseScene", None, c_void_p),
-        ("rtcReleaseDevice", None, c_void_p),
     ):
         function = getattr(library, name)
         function.restype, function.argtypes = result, arguments
-    return library
+    return library, library.rtcNewDevice(None)
