@@ -47,12 +47,15 @@ class EmbreeRays:
         )
         self.mesh, self.rays = mesh, 0
 
-    def intersect(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def intersect(
+        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """See :meth:`ia_bench.render.rays.RayCaster.intersect`."""
-        count = len(directions)
-        face = torch.full((count,), -1, dtype=torch.int32)
-        barycentric, distance = torch.zeros(count, 2), torch.full((count,), torch.inf)
-        self._ask(nearest, self._nearest, origins, directions, None, face, barycentric, distance)
+        shape = directions.shape[:-1]
+        face = torch.full(shape, -1, dtype=torch.int32)
+        barycentric, distance = torch.zeros(*shape, 2), torch.full(shape, torch.inf)
+        results = face.reshape(-1), barycentric.reshape(-1, 2), distance.reshape(-1)
+        self._ask(nearest, self._nearest, origins, directions, asked, *results)
         return face.long(), barycentric, distance
 
     def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:

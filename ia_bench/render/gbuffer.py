@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ia_bench.common.warp_launch import launch
 from ia_bench.material.brdf import normalize
-from ia_bench.render.kernels import interpolate
+from ia_bench.render.kernels import interpolate, land
 from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Camera, Mesh
 
@@ -152,6 +152,19 @@ class SurfaceInterpolator:
         """Unit normal of the triangle (as it is wound) and position of (N,) points, each (N, 3)."""
         weights = torch.cat([1 - barycentric.sum(-1, keepdim=True), barycentric], -1)
         return self.geometric[face], (self._vectors[face, :3] * weights[..., None]).sum(-2)
+
+    def landed(self, direction: Tensor, face: Tensor, barycentric: Tensor, atlas: Tensor) -> Tensor:
+        """The texels of a square ``atlas`` (A, A) int32 at which rays along ``direction`` (N, K, 3) end, (N, K) int32.
+
+        ``face`` (N, K), -1 for a miss, and ``barycentric`` (N, K, 2) are what they hit. -1 for a miss and for the back of a
+        triangle, which sends nothing.
+        """
+        texel = torch.empty(face.shape, dtype=torch.int32, device=self.device)
+        launch(
+            land, face.numel(), direction.reshape(-1, 3).contiguous(), face.reshape(-1), barycentric.reshape(-1, 2), self.geometric,
+            self._uv, atlas.reshape(-1), len(atlas), texel.reshape(-1), device=self.device,
+        )  # fmt: skip
+        return texel
 
     def __call__(self, face: Tensor, barycentric: Tensor, camera_centre: Tensor) -> SurfacePoints:
         """Points of (N,) faces, (N, 2) barycentrics, seen from (N, 3) camera centres.

@@ -97,15 +97,9 @@ class Interreflection:
 
         ``blocked`` (N, K) bool says in whose way the object is.
         """
-        index, which = torch.nonzero(blocked, as_tuple=True)
-        toward = direction[index, which]
-        origin = points.position[index] + self._surface.offset * points.geometric[index]
-        face, barycentric, _ = self._rays.intersect(origin, toward)
-        face, hit = face.clamp_min(0), face >= 0
-        lit = hit & (dot(self._surface.geometric[face], toward)[:, 0] < 0)
-        seen = torch.full(blocked.shape, -1, dtype=torch.int32, device=direction.device)
-        seen[index, which] = torch.where(lit, self.atlas.nearest(self._surface.uv(face, barycentric)), -1)
-        return seen
+        origin = points.position + self._surface.offset * points.geometric
+        face, barycentric, _ = self._rays.intersect(origin, direction, blocked)
+        return self._surface.landed(direction, face, barycentric, self.atlas.row)
 
 
 def _by_rows(matrix: Tensor) -> Tensor:

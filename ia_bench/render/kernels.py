@@ -74,6 +74,32 @@ def interpolate(
     flags[n, 1] = bent
 
 
+@wp.kernel
+def land(
+    first: int,
+    directions: wp.array(dtype=wp.vec3),
+    faces: wp.array(dtype=wp.int64),
+    barycentrics: wp.array(dtype=wp.vec2),
+    geometrics: wp.array(dtype=wp.vec3),
+    corner_uvs: wp.array2d(dtype=wp.vec2),
+    atlas: wp.array(dtype=int),
+    side: int,
+    texels: wp.array(dtype=int),
+):
+    """See :meth:`ia_bench.render.gbuffer.SurfaceInterpolator.landed`."""
+    n = first + wp.tid()
+    face = int(faces[n])
+    texel = int(-1)
+    if face >= 0:
+        if wp.dot(geometrics[face], directions[n]) < 0.0:
+            b = barycentrics[n]
+            uv = (1.0 - b[0] - b[1]) * corner_uvs[face, 0] + b[0] * corner_uvs[face, 1] + b[1] * corner_uvs[face, 2]
+            column = wp.clamp(int(uv[0] * float(side)), 0, side - 1)
+            row = wp.clamp(int((1.0 - uv[1]) * float(side)), 0, side - 1)
+            texel = atlas[row * side + column]
+    texels[n] = texel
+
+
 @wp.func
 def fraction(x: wp.float64) -> wp.float64:
     """What is left of ``x`` beyond whole numbers, below 1 even as float32."""

@@ -16,19 +16,21 @@ class RayCaster(Protocol):
     mesh: Mesh
     rays: int
 
-    def intersect(self, origins: Tensor, directions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Nearest hits of (N, 3) rays.
+    def intersect(
+        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Nearest hits of rays, (N, 3) origins and directions.
 
         Returns the triangle (N,) int64, -1 for a miss; the barycentrics (N, 2) of corners 1 and 2; the distance (N,), Inf
-        for a miss.
+        for a miss. Or (N, K) of each for (N, K, 3) directions, K from every origin, of which only those are traced that are
+        ``asked`` (N, K) bool for; the others count as misses.
         """
         ...
 
     def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:
         """Whether rays of infinite length hit anything: (N,) bool for (N, 3) origins and directions.
 
-        Or (N, K) for (N, K, 3) directions, K from every origin, of which only those are traced that are ``asked`` (N, K) bool
-        for; the others count as free.
+        Or (N, K) for (N, K, 3) directions, as :meth:`intersect` has them; those that are not asked for count as free.
         """
         ...
 
