@@ -91,7 +91,6 @@ def _version(package: str) -> str | None:
 def limit_threads(threads: int) -> None:
     """Make every library of this process use ``threads`` CPU threads."""
     os.environ["OMP_NUM_THREADS"] = str(threads)  # for what is not loaded yet, and for child processes
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # torch's idle threads would keep a core from those of our kernels
     import torch
 
     torch.set_num_threads(threads)
