@@ -10,8 +10,8 @@ from torch import Tensor
 
 from ia_bench.common.warp_launch import launch
 from ia_bench.material.brdf import normalize
-from ia_bench.render.kernels import interpolate, land
 from ia_bench.render.rays import RayCaster
+from ia_bench.render.surface_kernels import interpolate, land
 from ia_bench.scenes.scene import Camera, Mesh
 
 RAYS_AT_ONCE = 2**18  # primary rays traced together: about 50 MB while they are made

@@ -1,6 +1,6 @@
-"""The renderer's Warp kernels: surface points, and the Monte-Carlo estimator of the paper's equation 3 over them.
+"""The Monte-Carlo estimator of the paper's equation 3 as Warp kernels: light and BRDF samples joined by the balance heuristic.
 
-Light and BRDF samples are joined by the balance heuristic: half of the samples of a point follow the light, half the visible GGX
+Half of the samples of a point follow the light, half the visible GGX
 normals. Both come from one randomly shifted lattice per pixel: its first coordinate is stratified over all the samples of the
 pixel, each sample alone is uniform, so every point of the pixel has an unbiased estimate whatever its share of the samples.
 Directions, densities and visibility carry no gradient: gradients flow through the radiance of the light, the albedo, and the
@@ -12,9 +12,8 @@ the gradient of the albedo. Tests compare it with torch's.
 
 import warp as wp
 
-from ia_bench.common.warp_math import unit
 from ia_bench.light.warp_latlong import Tables, density, direction_to_texel, normal_bin, sample_texel, texel_to_direction
-from ia_bench.material.brdf import F0, MIN_COSINE
+from ia_bench.material.brdf import F0
 from ia_bench.material.warp_brdf import lobe_towards, sample_visible_ggx, seen_point
 from ia_bench.material.warp_textures import Taps, add_colour, add_scalar, bilinear_taps, fetch_colour, fetch_scalar
 from ia_bench.render.lattice import GOLDEN, PLASTIC
@@ -25,79 +24,7 @@ _GOLDEN = wp.constant(wp.float64(GOLDEN))
 _PLASTIC = wp.constant(wp.float64(PLASTIC))
 _BELOW_ONE = wp.constant(wp.float64(1 - 2**-24))
 _PI = wp.constant(wp.float32(wp.pi))
-_MIN_COSINE = wp.constant(wp.float32(MIN_COSINE))
 _DIELECTRIC = wp.constant(wp.vec3(F0, F0, F0))
-
-
-@wp.kernel
-def interpolate(
-    first: int,
-    faces: wp.array(dtype=int),
-    barycentrics: wp.array(dtype=wp.vec2),
-    cameras: wp.array(dtype=wp.vec3),
-    corners: wp.array2d(dtype=wp.vec3),
-    corner_uvs: wp.array2d(dtype=wp.vec2),
-    geometrics: wp.array(dtype=wp.vec3),
-    positions: wp.array(dtype=wp.vec3),
-    normals: wp.array(dtype=wp.vec3),
-    views: wp.array(dtype=wp.vec3),
-    turned_geometrics: wp.array(dtype=wp.vec3),
-    uvs: wp.array(dtype=wp.vec2),
-    flags: wp.array2d(dtype=wp.uint8),
-):
-    """See :class:`ia_bench.render.gbuffer.SurfaceInterpolator`.
-
-    Of a triangle's ``corners`` the first three are positions, the others normals; of a point's ``flags`` the first says whether its
-    front is seen, the second whether its normal had to be bent.
-    """
-    n = first + wp.tid()
-    face = wp.max(faces[n], 0)
-    b = barycentrics[n]
-    a = 1.0 - b[0] - b[1]
-    position = a * corners[face, 0] + b[0] * corners[face, 1] + b[1] * corners[face, 2]
-    normal = unit(a * corners[face, 3] + b[0] * corners[face, 4] + b[1] * corners[face, 5])
-    view = unit(cameras[n] - position)
-    geometric = geometrics[face]
-    side = wp.where(wp.dot(geometric, view) >= 0.0, 1.0, -1.0)
-    normal = normal * side
-    cosine = wp.dot(normal, view)
-    bent = wp.uint8(0)
-    if cosine < _MIN_COSINE:
-        normal = unit(normal + (10.0 * _MIN_COSINE - cosine) * view)
-        bent = wp.where(faces[n] >= 0, wp.uint8(1), wp.uint8(0))
-    positions[n] = position
-    normals[n] = normal
-    views[n] = view
-    turned_geometrics[n] = side * geometric
-    uvs[n] = a * corner_uvs[face, 0] + b[0] * corner_uvs[face, 1] + b[1] * corner_uvs[face, 2]
-    flags[n, 0] = wp.where(side > 0.0, wp.uint8(1), wp.uint8(0))
-    flags[n, 1] = bent
-
-
-@wp.kernel
-def land(
-    first: int,
-    directions: wp.array(dtype=wp.vec3),
-    faces: wp.array(dtype=wp.int64),
-    barycentrics: wp.array(dtype=wp.vec2),
-    geometrics: wp.array(dtype=wp.vec3),
-    corner_uvs: wp.array2d(dtype=wp.vec2),
-    atlas: wp.array(dtype=int),
-    side: int,
-    texels: wp.array(dtype=int),
-):
-    """See :meth:`ia_bench.render.gbuffer.SurfaceInterpolator.landed`."""
-    n = first + wp.tid()
-    face = int(faces[n])
-    texel = int(-1)
-    if face >= 0:
-        if wp.dot(geometrics[face], directions[n]) < 0.0:
-            b = barycentrics[n]
-            uv = (1.0 - b[0] - b[1]) * corner_uvs[face, 0] + b[0] * corner_uvs[face, 1] + b[1] * corner_uvs[face, 2]
-            column = wp.clamp(int(uv[0] * float(side)), 0, side - 1)
-            row = wp.clamp(int((1.0 - uv[1]) * float(side)), 0, side - 1)
-            texel = atlas[row * side + column]
-    texels[n] = texel
 
 
 @wp.func
