@@ -256,7 +256,7 @@ def test_whole_table_on_the_tiny_scene(monkeypatch: pytest.MonkeyPatch, capfd: p
     said = capfd.readouterr().out
     assert all(row in said for row in ROWS)
     results = Path("results/paper")
-    for name in ("report.md", "table.tex", "table.csv", "table.json", "pictures/tiny.png"):
+    for name in ("report.md", "table.tex", "table.csv", "runs.csv", "pictures/tiny.png"):
         assert (results / name).stat().st_size > 0
     files = sorted(results.rglob("metrics.json"))
     times = [path.stat().st_mtime_ns for path in files]
