@@ -8,7 +8,7 @@ from ia_bench.common.warp_math import arc_cosine, arc_tangent, turned
 from ia_bench.light.latlong import BIN_SIDE, LatLongSampler
 
 GUIDE = wp.constant(256)
-_GUIDE = wp.constant(wp.float64(256.0))
+_GUIDE = wp.constant(wp.float64(int(GUIDE)))  # for arithmetic in float64
 _PI = wp.constant(wp.float32(wp.pi))
 _SIDE = wp.constant(BIN_SIDE)
 _WITHIN = wp.constant(wp.float64(1 - 2**-40))
