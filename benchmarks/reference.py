@@ -22,13 +22,12 @@ from ia_bench.material.brdf import (
     F0,
     MIN_COSINE,
     dot,
-    normal_reflectance,
+    microfacets,
     normalize,
     sample_visible_ggx,
-    specular_lobes,
     visible_ggx_pdf,
 )
-from ia_bench.material.coat import passed_by_coat
+from ia_bench.material.coat import coat_reflectance
 from ia_bench.material.textures import Material, bilinear_taps
 from ia_bench.render import indirect as interreflections
 from ia_bench.render.estimator import FromObject, Shaded
@@ -47,6 +46,34 @@ def fetch(texture: Tensor, uv: Tensor) -> Tensor:
     height, width, channels = texture.shape
     index, weight = bilinear_taps(uv, height, width)
     return (texture.reshape(-1, channels)[index] * weight[..., None]).sum(-2)
+
+
+def specular_lobes(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
+    """Two parts of the specular BRDF times (n.i), which is the reflectance at normal incidence times the first plus the second.
+
+    (Schlick's approximation is linear in that reflectance.) Arguments as of :func:`specular_brdf_cosine`.
+    """
+    value, cosine = microfacets(normal, view, incident, roughness)
+    grazing = value * (1 - cosine) ** 5
+    return value - grazing, grazing
+
+
+def normal_reflectance(albedo: Tensor, metallic: Tensor | None) -> Tensor | float:
+    """Reflectance at normal incidence: F0, or (N, 3) of albedo (N, 3) and metallic (N, 1)."""
+    return F0 if metallic is None else F0 + metallic * (albedo - F0)
+
+
+def passed_by_coat(roughness: Tensor, cosine: Tensor) -> Tensor:
+    """The share of light that the coat leaves to the diffuse lobe, (N, 1), by roughness (N, 1) and cosine to the viewer (N, 1).
+
+    It is one minus the directional albedo toward the viewer, as the Principled BSDF of Blender has it (Burley 2015 without
+    its diffuse retro-reflection). Differentiable in the roughness.
+    """
+    table = coat_reflectance().to(roughness)
+    size = len(table)
+    column, row = ((place * (size - 1) + 0.5) / size for place in (cosine, roughness))  # entries are texel centres
+    index, weight = bilinear_taps(torch.cat([column, 1 - row], -1), size, size)
+    return 1 - (table.reshape(-1)[index] * weight).sum(-1, keepdim=True)
 
 
 def fetch_atlas(values: Tensor, row: Tensor, uv: Tensor) -> Tensor:

@@ -62,21 +62,11 @@ def specular_brdf_cosine(normal: Tensor, view: Tensor, incident: Tensor, roughne
 
     ``roughness`` is perceptual, in [MIN_ROUGHNESS, 1]. Differentiable in all arguments.
     """
-    microfacets, cosine = _microfacets(normal, view, incident, roughness)
-    return microfacets * fresnel_schlick(cosine)
+    value, cosine = microfacets(normal, view, incident, roughness)
+    return value * fresnel_schlick(cosine)
 
 
-def specular_lobes(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
-    """Two parts of the specular BRDF times (n.i), which is the reflectance at normal incidence times the first plus the second.
-
-    (Schlick's approximation is linear in that reflectance.) Arguments as of :func:`specular_brdf_cosine`.
-    """
-    microfacets, cosine = _microfacets(normal, view, incident, roughness)
-    grazing = microfacets * (1 - cosine) ** 5
-    return microfacets - grazing, grazing
-
-
-def _microfacets(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
+def microfacets(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tensor) -> tuple[Tensor, Tensor]:
     """D G / (4 (n.o)(n.i)) times (n.i), and (o.h)."""
     alpha = roughness * roughness
     half = normalize(view + incident)
@@ -85,11 +75,6 @@ def _microfacets(normal: Tensor, view: Tensor, incident: Tensor, roughness: Tens
     cos_i, cos_o = cos_i.clamp_min(MIN_COSINE), dot(normal, view).clamp_min(MIN_COSINE)
     value = ggx_ndf(normal, half, alpha) * smith_visibility(cos_i, cos_o, alpha) * cos_i
     return torch.where(lit, value, torch.zeros_like(value)), dot(view, half).clamp(0, 1)
-
-
-def normal_reflectance(albedo: Tensor, metallic: Tensor | None) -> Tensor | float:
-    """Reflectance at normal incidence: F0, or (N, 3) of albedo (N, 3) and metallic (N, 1)."""
-    return F0 if metallic is None else F0 + metallic * (albedo - F0)
 
 
 def fresnel_schlick(cosine: Tensor) -> Tensor:

@@ -8,7 +8,6 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.brdf import MIN_COSINE, MIN_ROUGHNESS, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
-from ia_bench.material.textures import bilinear_taps
 
 GRID = 32
 SAMPLES = 1024
@@ -30,16 +29,3 @@ def coat_reflectance(size: int = GRID, samples: int = SAMPLES) -> Tensor:
     density = visible_ggx_pdf(normal, view, incident, rough)
     value = specular_brdf_cosine(normal, view, incident, rough) / density.clamp_min(1e-12)
     return torch.where(density > 0, value, torch.zeros_like(value)).mean(2)[..., 0]
-
-
-def passed_by_coat(roughness: Tensor, cosine: Tensor) -> Tensor:
-    """The share of light that the coat leaves to the diffuse lobe, (N, 1), by roughness (N, 1) and cosine to the viewer (N, 1).
-
-    It is one minus the directional albedo toward the viewer, as the Principled BSDF of Blender has it (Burley 2015 without
-    its diffuse retro-reflection). Differentiable in the roughness.
-    """
-    table = coat_reflectance().to(roughness)
-    size = len(table)
-    column, row = ((place * (size - 1) + 0.5) / size for place in (cosine, roughness))  # entries are texel centres
-    index, weight = bilinear_taps(torch.cat([column, 1 - row], -1), size, size)
-    return 1 - (table.reshape(-1)[index] * weight).sum(-1, keepdim=True)

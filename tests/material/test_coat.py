@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from ia_bench.material.coat import coat_reflectance, passed_by_coat
+from benchmarks.reference import passed_by_coat
+from ia_bench.material.coat import coat_reflectance
 
 
 def test_coat_reflects_a_little_head_on_and_much_at_grazing() -> None:

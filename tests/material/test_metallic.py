@@ -6,9 +6,9 @@ import kernel_calls
 import pytest
 import torch
 
-from benchmarks.reference import shade_directions
+from benchmarks.reference import normal_reflectance, shade_directions, specular_lobes
 from ia_bench.light.latlong import texel_centres
-from ia_bench.material.brdf import F0, fresnel_schlick, normal_reflectance, specular_brdf_cosine, specular_lobes
+from ia_bench.material.brdf import F0, fresnel_schlick, specular_brdf_cosine
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import shade_samples
 from ia_bench.render.gbuffer import SurfacePoints

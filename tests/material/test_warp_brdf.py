@@ -24,6 +24,7 @@ from test_brdf import (
     view_at,
 )
 
+from benchmarks.reference import specular_lobes
 from ia_bench.material.brdf import (
     F0,
     MIN_ROUGHNESS,
@@ -31,7 +32,6 @@ from ia_bench.material.brdf import (
     normalize,
     sample_visible_ggx,
     specular_brdf_cosine,
-    specular_lobes,
     visible_ggx_pdf,
 )
 

@@ -15,8 +15,9 @@ import torch
 from torch import Tensor
 
 from benchmarks import reference
+from benchmarks.reference import specular_lobes
 from ia_bench.light.latlong import SampledLight, direction_to_texel
-from ia_bench.material.brdf import MIN_ROUGHNESS, dot, specular_lobes, tangent_frame, visible_ggx_pdf
+from ia_bench.material.brdf import MIN_ROUGHNESS, dot, tangent_frame, visible_ggx_pdf
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import FromObject, Samples, draw_samples, shade_samples
 from ia_bench.render.gbuffer import SurfacePoints

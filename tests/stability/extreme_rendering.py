@@ -13,9 +13,9 @@ import trimesh
 from stability.case import Case, Measured, all_finite, deviation
 from torch import Tensor
 
+from benchmarks.reference import passed_by_coat
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS, dot
-from ia_bench.material.coat import passed_by_coat
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.indirect import bake_interreflection
