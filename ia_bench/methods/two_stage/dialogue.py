@@ -16,7 +16,7 @@ from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.two_stage.state import Some
+from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.supervision import Supervision
 from ia_bench.methods.two_stage.targets import Targets, make_targets
 from ia_bench.render.renderer import texture_images
@@ -96,7 +96,7 @@ class Dialogue:
         return {"alignment": self.supervision.alignment(), "counters": dict(self.counters)}
 
     def form(self) -> dict[str, Any]:
-        """The form of :meth:`state`, for :func:`ia_bench.methods.two_stage.state.check_form`."""
+        """The form of :meth:`state`, for :func:`ia_bench.methods.state.check_form`."""
         return {"alignment": Some(self.supervision.form_of_alignment()), "counters": int}
 
     def form_of_targets(self) -> dict[str, Any]:

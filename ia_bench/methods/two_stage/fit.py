@@ -16,7 +16,7 @@ from ia_bench.methods.two_stage.objective import Objective
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.start import start_albedo, start_light
-from ia_bench.methods.two_stage.state import check_form
+from ia_bench.methods.state import check_form
 from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.render.reconstruction import TexturedReconstruction
 

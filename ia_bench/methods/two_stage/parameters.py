@@ -13,7 +13,7 @@ from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.exchange import ColourExchange
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.two_stage.state import form_of_adam
+from ia_bench.methods.state import form_of_adam
 
 LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
 """The least value of each texture; the largest is 1."""
@@ -97,7 +97,7 @@ class Parameters:
         }
 
     def form(self) -> dict[str, Any]:
-        """The form of :meth:`state`, for :func:`ia_bench.methods.two_stage.state.check_form`."""
+        """The form of :meth:`state`, for :func:`ia_bench.methods.state.check_form`."""
         exchange = {"optimizer": form_of_adam(self.exchange.optimizer), "blocked": 0}
         return {**self.state(), "optimizer": form_of_adam(self.optimizer), "exchange": exchange}
 

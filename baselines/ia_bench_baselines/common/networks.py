@@ -1,0 +1,62 @@
+"""The small networks that fields of these papers are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor, nn
+
+
+def positional_encoding(values: Tensor, frequencies: int) -> Tensor:
+    """x, and sin and cos of 2^k x for k < ``frequencies`` (Mildenhall et al. 2020, without pi): (N, C) to (N, C (2 F + 1))."""
+    scaled = (values[:, None] * 2.0 ** torch.arange(frequencies, device=values.device)[:, None]).flatten(1)
+    return torch.cat([values, torch.sin(scaled), torch.cos(scaled)], 1)
+
+
+def encoded(channels: int, frequencies: int) -> int:
+    """How many channels :func:`positional_encoding` makes of ``channels``."""
+    return channels * (2 * frequencies + 1)
+
+
+def perceptron(widths: Sequence[int], activation: Callable[[], nn.Module] = nn.ReLU) -> nn.Sequential:
+    """Linear layers between these ``widths``, the activation between each two of them and none at the end."""
+    layers: list[nn.Module] = []
+    for place, (before, after) in enumerate(zip(widths[:-1], widths[1:], strict=True)):
+        layers += ([activation()] if place else []) + [nn.Linear(before, after)]
+    return nn.Sequential(*layers)
+
+
+class Sine(nn.Module):
+    """sin(omega x), the activation of SIREN (Sitzmann et al. 2020)."""
+
+    def __init__(self, omega: float = 30.0) -> None:
+        super().__init__()
+        self.omega = omega
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Element by element."""
+        return torch.sin(self.omega * values)
+
+
+@torch.no_grad()
+def initialise_siren(network: nn.Sequential, generator: torch.Generator, omega: float = 30.0) -> None:
+    """Draw the weights of a perceptron of sines as Sitzmann et al. (2020, section 3.2) do: uniform, the first layer wider."""
+    first = True
+    for layer in network:
+        if isinstance(layer, nn.Linear):
+            bound = 1 / layer.in_features if first else math.sqrt(6 / layer.in_features) / omega
+            layer.weight.uniform_(-bound, bound, generator=generator)
+            layer.bias.uniform_(-bound, bound, generator=generator)
+            first = False
+
+
+@torch.no_grad()
+def initialise(network: nn.Module, generator: torch.Generator) -> None:
+    """Draw the weights of linear layers again, uniform in +-1 / sqrt(inputs) as torch does, but from a generator of the fit."""
+    for layer in network.modules():
+        if isinstance(layer, nn.Linear):
+            bound = 1 / math.sqrt(layer.in_features)
+            layer.weight.uniform_(-bound, bound, generator=generator)
+            layer.bias.uniform_(-bound, bound, generator=generator)

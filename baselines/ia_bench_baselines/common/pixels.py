@@ -1,0 +1,55 @@
+"""The training pixels that show nothing but the object, and the surface points behind them."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ia_bench.common.errors import InputError
+from ia_bench.methods.contract import Problem
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
+
+COVERED = 0.999  # of a pixel that shows the object alone
+
+
+class TrainingPixels:
+    """Pixels (P,) of all training views that lie wholly inside the object, as methods that shade points are trained on.
+
+    Attributes:
+        gbuffer: What the training cameras see.
+        entries: (P,) int64, which pixels of the G-buffer these are.
+        radiance: (P, 3) of the photographs, linear.
+        view: (P,) int64, the photograph that each belongs to.
+    """
+
+    def __init__(self, problem: Problem, side: int = 1) -> None:
+        """``side`` x ``side`` points a pixel; 1 is the ray through its centre, which the original methods take.
+
+        Raises InputError where no pixel lies inside the object.
+        """
+        views = problem.scene.train
+        self._surface: SurfaceInterpolator = problem.stage.surface
+        self.gbuffer: GBuffer = problem.stage.gbuffer([view.camera for view in views], side)
+        place = self.gbuffer.pixel
+        images = torch.stack([torch.from_numpy(view.image) for view in views]).reshape(-1, 3).to(place.device)
+        masks = torch.stack([torch.from_numpy(view.mask) for view in views]).reshape(-1).to(place.device)
+        inside = (self.gbuffer.face >= 0).all(1) & (masks[place] > COVERED)
+        self.entries = torch.nonzero(inside)[:, 0]
+        if len(self.entries) == 0:
+            raise InputError(f"{problem.scene.source}: expected training pixels that show nothing but the object, found none")
+        self.radiance = images[place[self.entries]]
+        self.view = place[self.entries] // (self.gbuffer.shape[1] * self.gbuffer.shape[2])
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def draw(self, count: int, generator: torch.Generator) -> Tensor:
+        """``count`` of the P pixels at random, with repetition."""
+        return torch.randint(len(self), (count,), generator=generator, device=self.entries.device)
+
+    def points(self, pixels: Tensor) -> SurfacePoints:
+        """The surface points of ``pixels`` (N,) in [0, P), ``side`` ^ 2 of each, one pixel after the other."""
+        entries = self.entries[pixels]
+        face = self.gbuffer.face[entries]
+        origin = self.gbuffer.origin[self.view[pixels]].repeat_interleave(face.shape[1], 0)
+        return self._surface(face.reshape(-1), self.gbuffer.barycentric[entries].reshape(-1, 2), origin)

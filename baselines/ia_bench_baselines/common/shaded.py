@@ -1,0 +1,112 @@
+"""A reconstruction that shades points with a renderer of its own, and whose maps are textures baked from what it recovered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.environment import Environment
+from ia_bench.material.textures import Material, fill_unobserved
+from ia_bench.render.atlas import Atlas
+from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.reconstruction import Assets, Quality, TexturedReconstruction
+from ia_bench.render.stage import Stage
+from ia_bench.scenes.images import Images
+from ia_bench.scenes.scene import Camera
+
+POINTS_AT_ONCE = 2**14  # of a render
+TEXELS_AT_ONCE = 2**16  # of a texture that is baked
+
+
+class Shader(Protocol):
+    """How a method shades surface points under one light."""
+
+    def __call__(self, points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
+        """Radiance (N, 3) toward the camera; ``albedo_scale`` (3,) multiplies the albedo."""
+        ...
+
+
+class ShadedReconstruction:
+    """See :class:`ia_bench.render.reconstruction.Reconstruction`.
+
+    Maps and assets are the method's textures. Renders are the method's own, at ``points`` x ``points`` points a pixel: a quality's
+    own points, which are the reference renderer's, would cost a network more than its fit did.
+    """
+
+    def __init__(
+        self,
+        stage: Stage,
+        material: Material,
+        *,
+        renderer: str,
+        environment: Environment | None,
+        shader: Callable[[Environment | None, Quality], Shader | None],
+        points: int = 2,
+        light_rows: int = 32,
+    ) -> None:
+        """What was recovered.
+
+        Args:
+            stage: Of the mesh.
+            material: Textures; see :func:`bake` for what is none.
+            renderer: The name of what draws it.
+            environment: The recovered light, None where the method has none that is infinitely far away.
+            shader: Makes what shades points under a light, None standing for the recovered one; it answers None where the method
+                cannot render under that light.
+            points: Along a side of a pixel, of renders.
+            light_rows: Of the lat-long map that an environment which is none is exported as.
+        """
+        self.renderer, self.environment = renderer, environment
+        light = None if environment is None else environment.latlong(light_rows)
+        self._textures = TexturedReconstruction(stage, material, light)
+        self._stage, self._shader, self._points = stage.apart, shader, points
+
+    def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
+        """See :meth:`ia_bench.render.reconstruction.Reconstruction.maps`."""
+        return self._textures.maps(cameras, names, points=points)
+
+    @torch.no_grad()
+    def render(
+        self, cameras: Sequence[Camera], *, light: Environment | None, albedo_scale: Tensor | None, quality: Quality
+    ) -> Images | None:
+        """See :meth:`ia_bench.render.reconstruction.Reconstruction.render`."""
+        shade = self._shader(light, quality)
+        if shade is None:
+            return None
+        images, coverage = [], []
+        for gbuffer in self._stage.gbuffers(cameras, self._points):
+            picture = torch.zeros(*gbuffer.shape, 3, device=self._stage.device)
+            flat, height, width = picture.reshape(-1, 3), *gbuffer.shape[1:]
+            hit = gbuffer.face >= 0
+            pixel, _ = torch.nonzero(hit, as_tuple=True)
+            face, barycentric = gbuffer.face[hit], gbuffer.barycentric[hit]
+            origin = gbuffer.origin[gbuffer.pixel[pixel] // (height * width)]
+            for part in torch.arange(len(face), device=face.device).split(POINTS_AT_ONCE):
+                radiance = shade(self._stage.surface(face[part], barycentric[part], origin[part]), albedo_scale)
+                flat.index_add_(0, gbuffer.pixel[pixel[part]], radiance / gbuffer.subsamples)
+            images += list(picture.cpu().numpy())
+            coverage += list(gbuffer.coverage().cpu().numpy())
+        return Images(tuple(images), tuple(coverage))
+
+    def assets(self) -> Assets:
+        """See :meth:`ia_bench.render.reconstruction.Reconstruction.assets`."""
+        return self._textures.assets()
+
+
+@torch.no_grad()
+def bake(stage: Stage, size: int, values: Callable[[Tensor], Tensor]) -> Tensor:
+    """A texture (size, size, C) of ``values``, which gives (N, C) of positions (N, 3) on the mesh.
+
+    Texels that lie on no triangle are filled from their neighbours.
+    """
+    atlas = Atlas.of(stage.mesh, size, stage.device)
+    _, position = stage.surface.geometry(atlas.face, atlas.barycentric)
+    found = torch.cat([values(part) for part in position.split(TEXELS_AT_ONCE)])
+    texture = torch.zeros(size * size, found.shape[-1], device=stage.device)
+    texture[atlas.place] = found
+    there = torch.zeros(size * size, dtype=torch.bool, device=stage.device)
+    there[atlas.place] = True
+    return fill_unobserved(texture.reshape(size, size, -1), there.reshape(size, size))
