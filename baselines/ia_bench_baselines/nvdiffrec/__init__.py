@@ -1,0 +1,1 @@
+"""nvdiffrec on a shared mesh: split-sum shading, without shadows."""
