@@ -45,9 +45,18 @@ class TexturedScene(nn.Module):
         """Radiance of the light, (H, 2 H, 3)."""
         return torch.exp(self.log_light)
 
+    def material(self) -> Material:
+        """The textures as they are, through which gradients flow."""
+        return Material(self.base_colour, self.roughness, self.metallic)
+
     def textures(self) -> Tensor:
         """Base colour, roughness and metal as one texture (T, T, 5)."""
         return torch.cat([self.base_colour, self.roughness, self.metallic], -1)
+
+    def at(self, uv: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Base colour (N, 3), roughness and metal (N, 1) at ``uv`` (N, 2)."""
+        colour, roughness, metallic = fetch(self.textures(), uv).split((3, 1, 1), -1)
+        return colour, roughness, metallic
 
     def project(self) -> None:
         """Back to valid values, in place."""
@@ -61,7 +70,8 @@ class TexturedScene(nn.Module):
         Their distance is normal with a standard deviation of ``texels`` along u and v.
         """
         step = torch.randn(uv.shape, generator=generator, device=uv.device) * (texels / len(self.base_colour))
-        change = (fetch(self.textures(), uv) - fetch(self.textures(), uv + step)).abs()
+        textures = self.textures()
+        change = (fetch(textures, uv) - fetch(textures, uv + step)).abs()
         return change[:, :3].mean(), change[:, 3:].mean()
 
     def recovered(self) -> Material:

@@ -1,0 +1,1 @@
+"""nvdiffrecmc on a shared mesh: Monte Carlo shading with a denoiser in the loop."""

@@ -1,0 +1,106 @@
+"""The fit of nvdiffrecmc on a shared mesh, and what it recovers."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.two_stage.losses import tone_map
+from ia_bench.render.reconstruction import TexturedReconstruction
+from ia_bench.render.renderer import PixelRadiance
+from ia_bench_baselines.common.descent import Descent, Phase
+from ia_bench_baselines.common.pixels import TrainingPixels
+from ia_bench_baselines.common.textured import TexturedScene
+from ia_bench_baselines.nvdiffrecmc.denoiser import Guides, denoise
+from ia_bench_baselines.nvdiffrecmc.settings import NvdiffrecmcOptions
+
+LEAST = 0.01  # of the base colour, and of what is no metal: light is demodulated by their product
+LUMA = (0.2126, 0.7152, 0.0722)  # Y of linear Rec.709
+
+
+class Fit:
+    """State of one fit of :class:`ia_bench_baselines.nvdiffrecmc.method.Nvdiffrecmc`."""
+
+    def __init__(self, problem: Problem, options: NvdiffrecmcOptions, *, seed: int, monitor: Monitor) -> None:
+        self._problem, self._options = problem, options
+        self._pixels = TrainingPixels(problem)
+        self._views = [torch.nonzero(self._pixels.view == view)[:, 0] for view in range(len(problem.scene.train))]
+        self._views = [pixels for pixels in self._views if len(pixels)]
+        self._renderer = problem.stage.renderer(shadows="traced", bounces=0, coat="added")
+        self._scene = TexturedScene(
+            problem,
+            self._pixels.gbuffer,
+            roughness=options.roughness_initial,
+            metallic=options.metallic_initial,
+            least=LEAST,
+            least_roughness=MIN_ROUGHNESS,
+        )
+        self._start(torch.Generator(device=problem.device).manual_seed(seed))
+        phase = Phase(
+            "fit",
+            options.steps,
+            lambda: self._scene.optimizer(material=options.material_rate, light=options.light_rate),
+            self._loss,
+            rate=lambda share: options.final_rate**share,
+            project=self._scene.project,
+        )
+        parts = {"seed": seed, "monitor": monitor, "checkpoint_seconds": options.checkpoint_seconds}
+        self._descent = Descent(self._scene, [phase], **parts)
+
+    def finish(self) -> Result:
+        """Take the remaining steps and return what was recovered."""
+        self._descent.run(self._recovered)
+        return Result(self._recovered(), self._descent.seconds, steps=self._descent.steps)
+
+    @torch.no_grad()
+    def _start(self, generator: torch.Generator) -> None:
+        """Images are linear in the light: begin with the even, grey one under which the object is as bright as they are."""
+        some = self._pixels.draw(4096, generator)
+        unlit = self._render(some, self._scene.light, generator).radiance.mean()
+        self._scene.log_light += torch.log(self._pixels.radiance.mean().clamp_min(1e-8) / unlit.clamp_min(1e-8))
+
+    def _loss(self, step: int, generator: torch.Generator) -> Tensor:
+        options, scene = self._options, self._scene
+        chosen = self._views[int(torch.randint(len(self._views), (), generator=generator))]
+        points = self._pixels.points(chosen)
+        rendered = self._render(chosen, scene.light, generator)
+
+        # ---- what reaches the surface, without its colour, and without noise ------------------------------------
+        colour = self._diffuse_colour(points.uv)
+        demodulated = torch.cat([rendered.diffuse / colour, rendered.specular], -1)
+        sigma = options.denoiser_width * min(1.0, (step + 1) / max(options.denoiser_steps, 1))
+        matt, glossy = denoise(demodulated, self._guides(chosen, points.normal, points.position), sigma).split(3, -1)
+
+        # ---- image and regularisers -----------------------------------------------------------------------------
+        target = self._pixels.radiance[chosen]
+        image = (tone_map((matt * colour + glossy).clamp_min(0)) - tone_map(target)).abs().mean()
+        brightness = (matt + glossy) @ torch.tensor(LUMA, device=target.device)
+        monochrome = (tone_map(brightness.clamp_min(0)) - tone_map(target.amax(-1))).abs().mean()
+        change, material = scene.variation(points.uv, options.smooth_texels, generator)
+        smooth = options.smooth_colour * change + options.smooth_material * material
+        return image + options.monochrome_light * monochrome + smooth
+
+    def _render(self, pixels: Tensor, light: Tensor, generator: torch.Generator) -> PixelRadiance:
+        sampled = SampledLight.of(light, uniform_fraction=self._options.light_uniform)
+        entries = self._pixels.entries[pixels]
+        return self._renderer.render_pixels(
+            self._pixels.gbuffer, entries, self._scene.material(), sampled, self._options.samples, generator
+        )
+
+    def _diffuse_colour(self, uv: Tensor) -> Tensor:
+        """k_d (1 - m) of points at ``uv`` (N, 2), looked up as the renderer does."""
+        albedo, _, metallic = self._scene.at(uv)
+        return albedo * (1 - metallic)
+
+    def _guides(self, pixels: Tensor, normal: Tensor, position: Tensor) -> Guides:
+        buffer = self._pixels.gbuffer
+        _, height, width = buffer.shape
+        place = buffer.pixel[self._pixels.entries[pixels]] % (height * width)
+        depth = (position - buffer.origin[self._pixels.view[pixels]]).norm(dim=-1, keepdim=True)
+        return Guides(place // width, place % width, normal, depth, (height, width))
+
+    def _recovered(self) -> TexturedReconstruction:
+        return TexturedReconstruction(self._problem.stage, self._scene.recovered(), self._scene.light.detach())

@@ -1,0 +1,46 @@
+"""What may be set of nvdiffrecmc on a shared mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ia_bench.common.ranges import NO_NUMBER, Count, NotNegative, Number, Positive, Rate, Share, Weight
+
+
+@dataclass(frozen=True)
+class NvdiffrecmcOptions:
+    """Sizes of textures and light are the plan's, ``render.texture`` and ``render.light_height``.
+
+    Attributes:
+        steps: Of Adam; each renders one training view.
+        samples: Directions of light a pixel, one shadow ray each: half by the light, half by the BRDF.
+        material_rate: Adam rate of the textures.
+        light_rate: Adam rate of the log radiance of the light.
+        final_rate: What the rates fall to over the fit, as a fraction.
+        roughness_initial: Roughness at the start.
+        metallic_initial: Metal at the start.
+        denoiser_width: Of the denoiser's window at the end, standard deviation in pixels; 0 is no denoiser.
+        denoiser_steps: In which it grows from nothing to that.
+        smooth_colour: Weight of the base colour's change between points near by.
+        smooth_material: Weight of the same of roughness and metal.
+        smooth_texels: Standard deviation of their distance, texels.
+        monochrome_light: Weight of what keeps the demodulated light as bright as the photographs and leaves hue to the base colour.
+        light_uniform: Share of light samples spread over the sphere, so that dark texels are visited too.
+        checkpoint_seconds: Time between two checkpoints. Decides no number.
+    """
+
+    steps: Number = 1000
+    samples: Number = 16
+    material_rate: Rate = 0.03
+    light_rate: Rate = 0.03
+    final_rate: Positive = 0.05
+    roughness_initial: Share = 0.5
+    metallic_initial: Share = 0.1
+    denoiser_width: NotNegative = 2.0
+    denoiser_steps: Count = 500
+    smooth_colour: Weight = 0.03
+    smooth_material: Weight = 0.03
+    smooth_texels: Positive = 1.0
+    monochrome_light: Weight = 0.05
+    light_uniform: Share = 0.2
+    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)
