@@ -56,7 +56,9 @@ class Phase:
 class Descent:
     """A fit of all tensors of a module by one phase after the other."""
 
-    def __init__(self, module: nn.Module, phases: Sequence[Phase], *, seed: int, monitor: Monitor, checkpoint_seconds: float) -> None:
+    def __init__(
+        self, module: nn.Module, phases: Sequence[Phase], *, seed: int, monitor: Monitor, checkpoint_seconds: float
+    ) -> None:
         """``module``: holds everything that is trained, and every buffer that a resumed fit cannot make again.
 
         Raises ValueError where the monitor's checkpoint is none that this fit could have written.

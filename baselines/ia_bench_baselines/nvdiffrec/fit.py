@@ -35,10 +35,10 @@ def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Moni
         least=0.0,
         least_roughness=LEAST_ROUGHNESS,
     )
-    with torch.no_grad():  # images are linear in the light: the even one that is as bright as they are, and as grey as it is asked to be
+    with torch.no_grad():  # images are linear in the light: begin with the even, grey one under which the object is as bright
         some = pixels.draw(options.pixels, torch.Generator(device=problem.device).manual_seed(seed))
         unlit = _radiance(scene.textures(), PrefilteredLight(scene.light), pixels.points(some))
-        scene.log_light += torch.log(pixels.radiance.mean().clamp_min(1e-8) / unlit.mean().clamp_min(1e-8))
+        scene.log_light.add_(torch.log(pixels.radiance.mean().clamp_min(1e-8) / unlit.mean().clamp_min(1e-8)))
 
     def loss(step: int, generator: torch.Generator) -> Tensor:
         chosen = pixels.draw(options.pixels, generator)

@@ -18,7 +18,7 @@ from ia_bench.material.brdf import MIN_COSINE, MIN_ROUGHNESS, dot, normalize, sa
 from ia_bench_baselines.nvdiffrec.prefilter import PrefilteredLight
 
 DIELECTRIC = 0.04  # reflectance at normal incidence
-GRID, SAMPLES = 64, 1024
+GRID, SAMPLES = 32, 512
 GOLDEN = 0.6180339887498949  # fraction of the golden ratio: its multiples fill [0, 1] evenly
 
 
@@ -44,7 +44,9 @@ def white_reflectance(size: int = GRID, samples: int = SAMPLES) -> Tensor:
     return torch.stack([scale, bias])
 
 
-def shade(light: PrefilteredLight, normal: Tensor, view: Tensor, base_colour: Tensor, roughness: Tensor, metallic: Tensor) -> Tensor:
+def shade(
+    light: PrefilteredLight, normal: Tensor, view: Tensor, base_colour: Tensor, roughness: Tensor, metallic: Tensor
+) -> Tensor:
     """Radiance (N, 3) toward unit ``view`` (N, 3) of points with unit ``normal`` (N, 3).
 
     ``base_colour`` (N, 3) linear, perceptual ``roughness`` and ``metallic`` (N, 1), all in [0, 1]. Differentiable in these and in

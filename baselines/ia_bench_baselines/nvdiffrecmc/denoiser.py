@@ -38,7 +38,10 @@ class Guides:
 
 
 def denoise(values: Tensor, guides: Guides, sigma: float) -> Tensor:
-    """Filter ``values`` (N, C) with a width of ``sigma`` pixels; 0 leaves them as they are. Pixels that are not among the N have no part."""
+    """Filter ``values`` (N, C) with a width of ``sigma`` pixels; 0 leaves them as they are.
+
+    Pixels of the image that are not among the N have no part in it.
+    """
     radius = round(REACH * sigma)
     if radius == 0:
         return values
@@ -76,6 +79,6 @@ def _slope(guides: Guides, where: Tensor, radius: int) -> Tensor:
             other = where[row + sign * down, column + sign * across]
             change = sign * (guides.depth[other.clamp_min(0), 0] - guides.depth[:, 0])
             sides.append(torch.where(other >= 0, change, torch.full_like(change, torch.inf)))
-        nearer = torch.where(sides[0].abs() < sides[1].abs(), *sides)
+        nearer = torch.where(sides[0].abs() < sides[1].abs(), sides[0], sides[1])
         slopes.append(torch.where(nearer.isfinite(), nearer, torch.zeros_like(nearer)))
     return torch.stack(slopes, -1)

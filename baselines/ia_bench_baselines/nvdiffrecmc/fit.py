@@ -47,8 +47,9 @@ class Fit:
             rate=lambda share: options.final_rate**share,
             project=self._scene.project,
         )
-        parts = {"seed": seed, "monitor": monitor, "checkpoint_seconds": options.checkpoint_seconds}
-        self._descent = Descent(self._scene, [phase], **parts)
+        self._descent = Descent(
+            self._scene, [phase], seed=seed, monitor=monitor, checkpoint_seconds=options.checkpoint_seconds
+        )
 
     def finish(self) -> Result:
         """Take the remaining steps and return what was recovered."""
@@ -60,7 +61,7 @@ class Fit:
         """Images are linear in the light: begin with the even, grey one under which the object is as bright as they are."""
         some = self._pixels.draw(4096, generator)
         unlit = self._render(some, self._scene.light, generator).radiance.mean()
-        self._scene.log_light += torch.log(self._pixels.radiance.mean().clamp_min(1e-8) / unlit.clamp_min(1e-8))
+        self._scene.log_light.add_(torch.log(self._pixels.radiance.mean().clamp_min(1e-8) / unlit.clamp_min(1e-8)))
 
     def _loss(self, step: int, generator: torch.Generator) -> Tensor:
         options, scene = self._options, self._scene

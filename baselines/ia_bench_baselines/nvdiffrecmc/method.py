@@ -23,8 +23,8 @@ class Nvdiffrecmc:
     }
     info = MethodInfo(
         uses_prior=False,
-        paper="J. Hasselgren et al., Shape, Light, and Material Decomposition from Images using Monte Carlo Rendering and Denoising, "
-        "NeurIPS 2022",
+        paper="J. Hasselgren et al., Shape, Light, and Material Decomposition from Images using Monte Carlo Rendering and "
+        "Denoising, NeurIPS 2022",
         deviations=(
             "The mesh is given: of its two phases only the second, textures on a mesh, is left.",
             "Two techniques share the samples, light and GGX: there are no samples by the cosine.",

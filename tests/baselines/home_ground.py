@@ -1,0 +1,80 @@
+"""Scenes on which a method is at home: photographs that its own renderer took of a known material under a known light."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.light.latlong import texel_centres
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import Problem
+from ia_bench.render.reconstruction import Quality, Reconstruction
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.scene import Scene
+
+RENDER = RenderSettings(samples=16, texture=64, light_height=16)
+QUALITY = Quality(points=2, samples=512)
+
+
+def smooth_light(rows: int = 16) -> Tensor:
+    """A bluish sky with three soft lamps of different colours, (rows, 2 rows, 3)."""
+    direction = texel_centres(rows, 2 * rows)
+    lamps = [
+        ((0.5, 0.3, 0.8), 20.0, (4.0, 3.6, 3.0)),
+        ((-0.7, 0.2, 0.4), 8.0, (0.6, 1.0, 1.6)),
+        ((0.1, -0.9, 0.2), 12.0, (1.8, 1.2, 1.4)),
+    ]
+    light = torch.tensor([0.25, 0.28, 0.33]) * (1.5 + direction[..., 2:]) / 2
+    for axis, sharpness, colour in lamps:
+        cosine = direction @ torch.nn.functional.normalize(torch.tensor(axis), dim=0)
+        light = light + torch.exp(sharpness * (cosine[..., None] - 1)) * torch.tensor(colour)
+    return light
+
+
+def smooth_material(size: int = 64, *, metallic: bool = False) -> Material:
+    """Slow waves of albedo, whose mean is grey, and of roughness between .3 and .7; ``metallic``: with a texture that is 0."""
+    line = (torch.arange(size) + 0.5) / size * 2 * math.pi
+    v, u = torch.meshgrid(line, line, indexing="ij")
+    waves = [torch.sin(2 * u) * torch.cos(v), torch.sin(v + 2) * torch.cos(2 * u), torch.cos(2 * v) * torch.sin(u + 1)]
+    albedo = 0.45 + 0.3 * torch.stack(waves, -1)
+    roughness = 0.5 + 0.2 * torch.sin(u + v)[..., None]
+    return Material(albedo, roughness, torch.zeros(size, size, 1) if metallic else None)
+
+
+def photographed(scene: Scene, taken: Reconstruction) -> Scene:
+    """The same cameras, all photographs taken by the renderer of ``taken`` under its own light; masks are its coverage."""
+    images = taken.render([view.camera for view in scene.train], light=None, albedo_scale=None, quality=QUALITY)
+    assert images is not None
+    shown = zip(scene.train, images.images, images.coverage, strict=True)
+    return replace(scene, train=tuple(replace(view, image=image.astype(np.float32), mask=mask) for view, image, mask in shown))
+
+
+def problem_of(scene: Scene) -> Problem:
+    """What a run would hand to a method."""
+    return Problem(scene.blind(), RENDER, note=lambda _: None)
+
+
+class Recovered(NamedTuple):
+    """PSNR of the albedo after one scale for all, dB, and mean squared error of the roughness, inside the object."""
+
+    albedo: float
+    roughness: float
+
+
+def compare(found: Reconstruction, truth: Reconstruction, scene: Scene) -> Recovered:
+    """Both as the test cameras see them, where the object covers the pixel."""
+    cameras = [view.camera for view in scene.test]
+    its, true = (one.maps(cameras, ("albedo", "roughness"), points=4) for one in (found, truth))
+    inside = np.concatenate([cover.ravel() for cover in true["albedo"].coverage]) > 0.999
+    albedo, reference = (np.concatenate([image.reshape(-1, 3) for image in maps["albedo"].images])[inside] for maps in (its, true))
+    scale = (albedo * reference).sum() / np.square(albedo).sum()
+    roughness = [np.concatenate([image.ravel() for image in maps["roughness"].images])[inside] for maps in (its, true)]
+    return Recovered(
+        albedo=float(-10 * np.log10(np.square(scale * albedo - reference).mean())),
+        roughness=float(np.square(roughness[0] - roughness[1]).mean()),
+    )
