@@ -1,0 +1,187 @@
+"""Spherical Gaussians against quadrature over the sphere: energy, products, integrals over the hemisphere, GGX, fits of a light."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from ia_bench.light.environment import Environment, LatLongEnvironment
+from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_centres
+from ia_bench.material.brdf import specular_brdf_cosine
+from ia_bench_baselines.common.spherical_gaussians import fit
+from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment, fibonacci_axes
+from ia_bench_baselines.common.spherical_gaussians.integrals import clamped_cosine_integral, hemisphere_integral
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, lobe_integral, product
+from ia_bench_baselines.common.spherical_gaussians.shading import Gloss, glossy, irradiance, reflected_lobe
+
+ROWS = 256
+DIRECTIONS = texel_centres(ROWS, 2 * ROWS).double().reshape(-1, 3)
+SOLID_ANGLE = row_solid_angles(ROWS, 2 * ROWS).repeat_interleave(2 * ROWS)
+UP = torch.tensor([[0.0, 0.0, 1.0]])
+
+
+def tilted(degrees: float) -> Tensor:
+    return torch.tensor([[math.sin(math.radians(degrees)), 0.0, math.cos(math.radians(degrees))]])
+
+
+def lobe(axis: Tensor, sharpness: float) -> Tensor:
+    """Its values at all DIRECTIONS, float64."""
+    return torch.exp(sharpness * (DIRECTIONS @ axis[0].double() - 1))
+
+
+def random_lobes(count: int, seed: int, *shape: int) -> SphericalGaussians:
+    generator = torch.Generator().manual_seed(seed)
+    axis = torch.nn.functional.normalize(torch.randn(*shape, count, 3, generator=generator), dim=-1)
+    sharpness = torch.exp(torch.rand(*shape, count, generator=generator) * math.log(100)) * 2
+    return SphericalGaussians(axis, sharpness, torch.rand(*shape, count, 3, generator=generator))
+
+
+@pytest.mark.parametrize("sharpness", [0.1, 3.0, 300.0])
+def test_energy_is_the_integral_over_the_sphere(sharpness: float) -> None:
+    expected = float(SOLID_ANGLE @ lobe(tilted(50), sharpness))
+    assert float(lobe_integral(torch.tensor(sharpness))) == pytest.approx(expected, rel=1e-3)
+
+
+PAIRS = [(4.0, 4.0, 180.0), (0.03, 900.0, 120.0), (50.0, 20.0, 15.0), (3e4, 2.0, 70.0)]
+
+
+@pytest.mark.parametrize(("first", "second", "degrees"), PAIRS)
+def test_a_product_of_two_lobes_is_a_lobe(first: float, second: float, degrees: float) -> None:
+    one, other = tilted(0).double(), tilted(degrees).double()
+    sharpness, amplitude = product(torch.tensor(first), torch.tensor(second), (tilted(0) @ tilted(degrees).T)[0, 0])
+    axis = first * one + second * other
+    axis = axis / axis.norm() if axis.norm() > 1e-3 else axis  # of a constant there is no axis
+    near = torch.nn.functional.normalize(axis + 0.3 * one + 1e-3, dim=1)
+    for direction in (one, other, near):
+        expected = torch.exp(first * (direction @ one.T - 1) + second * (direction @ other.T - 1))
+        found = amplitude * torch.exp(sharpness * ((direction @ axis.T).float() - 1))
+        assert float(found) == pytest.approx(float(expected), rel=2e-2 if first > 1e4 else 1e-3, abs=1e-6)
+
+
+@pytest.mark.parametrize("sharpness", [0.1, 0.5, 2.0, 10.0, 60.0, 300.0])
+@pytest.mark.parametrize("degrees", [0.0, 45.0, 80.0, 95.0, 130.0, 180.0])
+def test_integrals_over_the_hemisphere(sharpness: float, degrees: float) -> None:
+    values, cosine = lobe(tilted(degrees), sharpness) * SOLID_ANGLE, DIRECTIONS[:, 2].clamp_min(0)
+    mass, given = float(values.sum()), (torch.tensor(sharpness), torch.tensor(math.cos(math.radians(degrees))))
+    assert float(hemisphere_integral(*given)) == pytest.approx(float(values @ (cosine > 0).double()), abs=0.015 * mass)
+    assert float(clamped_cosine_integral(*given)) == pytest.approx(float(values @ cosine), abs=0.02 * mass)
+
+
+def test_an_even_sky_gives_an_irradiance_of_pi() -> None:
+    axis = fibonacci_axes(128)
+    even = SphericalGaussians(axis, torch.full((128,), 10.0), torch.ones(128, 3))
+    even = even._replace(amplitude=even.amplitude * 4 * math.pi / even.energy().sum(0))
+    assert torch.allclose(irradiance(even, fibonacci_axes(50)), torch.tensor(math.pi), rtol=0.02)
+    half = torch.full((50, 128), 0.5)
+    assert torch.allclose(irradiance(even, fibonacci_axes(50), half), torch.tensor(math.pi / 2), rtol=0.02)
+
+
+def test_lobes_of_all_points_and_lobes_of_each_shade_alike() -> None:
+    shared, normal = random_lobes(7, 0), fibonacci_axes(5)
+    own = SphericalGaussians(*(part.expand(5, *part.shape) for part in shared))
+    view, roughness = torch.nn.functional.normalize(normal + 0.3, dim=1), torch.full((5, 1), 0.4)
+    assert torch.allclose(irradiance(shared, normal), irradiance(own, normal), rtol=1e-5)
+    assert torch.allclose(glossy(shared, normal, view, roughness), glossy(own, normal, view, roughness), rtol=1e-4, atol=1e-6)
+    assert torch.allclose(shared.radiance(normal).expand(5, 5, 3), own.radiance(normal.expand(5, 5, 3)), rtol=1e-5)
+
+
+@pytest.mark.parametrize("roughness", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize("degrees", [0.0, 40.0, 70.0])
+def test_gloss_in_closed_form_is_its_own_quadrature(roughness: float, degrees: float) -> None:
+    lobes, view, rough = random_lobes(16, 1), tilted(degrees), torch.tensor([[roughness]])
+    axis, sharpness, amplitude = reflected_lobe(UP, view, rough, Gloss())
+    lit = SphericalGaussians(*(part.double() for part in lobes)).radiance(DIRECTIONS)
+    weight = lobe(axis, float(sharpness)) * float(amplitude) * DIRECTIONS[:, 2].clamp_min(0) * SOLID_ANGLE
+    expected = (weight[:, None] * lit).sum(0)
+    assert torch.allclose(glossy(lobes, UP, view, rough)[0].double(), expected, rtol=0.045)
+
+
+@pytest.mark.parametrize("gloss", [Gloss(), Gloss(0.02, 2.0)])
+@pytest.mark.parametrize(("roughness", "degrees"), [(0.2, 0.0), (0.35, 30.0), (0.6, 0.0), (0.6, 45.0)])
+def test_gloss_is_near_ggx_under_a_smooth_light(gloss: Gloss, roughness: float, degrees: float) -> None:
+    light = SphericalGaussians(UP, torch.tensor([3.0]), torch.ones(1, 3))
+    view, rough = tilted(degrees).double(), torch.tensor([[roughness]], dtype=torch.float64)
+    brdf = specular_brdf_cosine(UP.double(), view, DIRECTIONS, rough)[:, 0]
+    expected = float((brdf * lobe(UP, 3.0)) @ SOLID_ANGLE)
+    found = float(glossy(light, UP, tilted(degrees), torch.tensor([[roughness]]), gloss)[0, 0])
+    assert 0.9 < found / expected < 1.3
+
+
+@pytest.mark.parametrize("roughness", [0.09, 0.99])
+def test_values_and_gradients_are_finite_at_grazing_views_and_opposed_lobes(roughness: float) -> None:
+    lobes = SphericalGaussians(torch.cat([UP, -UP, tilted(90)]), torch.tensor([1000.0, 0.0315, 2.0]), torch.ones(3, 3))
+    lobes = SphericalGaussians(*(part.clone().requires_grad_() for part in lobes))
+    view = torch.cat([tilted(degrees) for degrees in (0, 60, 89.99, 90, 90.001)])
+    rough = torch.full((5, 1), roughness, requires_grad=True)
+    shaded = irradiance(lobes, UP.expand(5, 3)) + glossy(lobes, UP.expand(5, 3), view, rough)
+    shaded.sum().backward()
+    assert bool(torch.isfinite(shaded).all() and (shaded >= 0).all())
+    for part in (*lobes, rough):
+        assert part.grad is not None
+        assert bool(torch.isfinite(part.grad).all())
+
+
+def test_an_environment_lies_as_its_map_does_and_keeps_power() -> None:
+    environment = SphericalGaussianEnvironment(random_lobes(1, 3))
+    assert isinstance(environment, Environment)
+    found = environment.latlong(32)
+    brightest = int(found.sum(-1).argmax())
+    assert brightest == int(direction_to_texel(environment.lobes.axis, 32, 64)[0])
+    power = (found.double() * row_solid_angles(32, 64)[:, None, None]).sum((0, 1))
+    assert torch.allclose(power.float(), environment.lobes.energy().sum(0), rtol=1e-3)
+
+
+# ---- fits of a light -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def no_cache(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+
+
+@pytest.mark.usefixtures("no_cache")
+def test_a_fit_finds_lobes_again_and_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fit, "STEPS", 150)
+    light = SphericalGaussianEnvironment(random_lobes(5, 4))
+    found = fit.fit_light(light, count=24)
+    assert found.residual.mean < 0.005
+    assert found.residual.worst < 0.02
+    assert abs(found.residual.energy) < 0.002
+    normal = fibonacci_axes(9)
+    assert torch.allclose(irradiance(found.lobes, normal), irradiance(light.lobes, normal), rtol=0.06)
+    monkeypatch.setattr(fit, "_fit", lambda *_: pytest.fail("it was kept"))
+    assert all(torch.equal(one, other) for one, other in zip(fit.fit_light(light, count=24).lobes, found.lobes, strict=True))
+
+
+@pytest.mark.usefixtures("no_cache")
+def test_a_fit_of_darkness_is_dark() -> None:
+    found = fit.fit_light(LatLongEnvironment(torch.zeros(16, 32, 3)), count=8)
+    assert float(found.lobes.amplitude.abs().max()) == 0
+    assert found.residual == fit.Residual(0.0, 0.0, 0.0)
+
+
+def test_a_sun_smaller_than_any_lobe_keeps_its_power(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fit, "STEPS", 60)
+    radiance = torch.ones(64, 128, 3)
+    radiance[12, 40] = 3000.0
+    lobes = fit._fit(radiance, 32)
+    assert float(lobes.sharpness.max()) <= fit.LARGEST_SHARPNESS
+    centres = texel_centres(64, 128).reshape(-1, 3)
+    solid_angle = row_solid_angles(64, 128).repeat_interleave(128).float()
+    normal = fibonacci_axes(50)
+    true = ((normal @ centres.T).clamp_min(0) * solid_angle) @ radiance.reshape(-1, 3)
+    assert float((irradiance(lobes, normal) / true - 1).abs().mean()) < 0.03
+
+
+def test_a_residual_is_what_two_maps_differ_by() -> None:
+    lobes = random_lobes(6, 5)
+    radiance = SphericalGaussianEnvironment(lobes).latlong(64)
+    more = fit.residual(radiance, lobes._replace(amplitude=1.5 * lobes.amplitude))
+    grey = radiance.mean(-1, keepdim=True).expand_as(radiance)
+    more_grey = fit.residual(grey, lobes._replace(amplitude=1.5 * lobes.amplitude.mean(-1, keepdim=True).expand(-1, 3)))
+    assert more.energy == pytest.approx(0.5, abs=1e-3)
+    assert np.allclose([more_grey.mean, more_grey.worst, more_grey.energy], 0.5, atol=2e-3)
