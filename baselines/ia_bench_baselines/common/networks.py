@@ -41,14 +41,17 @@ class Sine(nn.Module):
 
 
 @torch.no_grad()
-def initialise_siren(network: nn.Sequential, generator: torch.Generator, omega: float = 30.0) -> None:
-    """Draw the weights of a perceptron of sines as Sitzmann et al. (2020, section 3.2) do: uniform, the first layer wider."""
-    first = True
-    for layer in network:
+def initialise_siren(network: nn.Module, generator: torch.Generator, omega: float = 30.0, *, first: bool = True) -> None:
+    """Draw the weights of a perceptron of sines as Sitzmann et al. (2020, section 3.2) do: uniform, the first layer wider.
+
+    ``first``: whether the network begins with what is given, and not with the output of another sine.
+    """
+    for layer in network.modules():
         if isinstance(layer, nn.Linear):
             bound = 1 / layer.in_features if first else math.sqrt(6 / layer.in_features) / omega
             layer.weight.uniform_(-bound, bound, generator=generator)
-            layer.bias.uniform_(-bound, bound, generator=generator)
+            if layer.bias is not None:
+                layer.bias.uniform_(-bound, bound, generator=generator)
             first = False
 
 
@@ -59,4 +62,5 @@ def initialise(network: nn.Module, generator: torch.Generator) -> None:
         if isinstance(layer, nn.Linear):
             bound = 1 / math.sqrt(layer.in_features)
             layer.weight.uniform_(-bound, bound, generator=generator)
-            layer.bias.uniform_(-bound, bound, generator=generator)
+            if layer.bias is not None:
+                layer.bias.uniform_(-bound, bound, generator=generator)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import fields
 from typing import Protocol
 
 import torch
@@ -111,3 +112,9 @@ def bake(stage: Stage, size: int, values: Callable[[Tensor], Tensor]) -> Tensor:
     there = torch.zeros(size * size, dtype=torch.bool, device=stage.device)
     there[atlas.place] = True
     return fill_unobserved(texture.reshape(size, size, -1), there.reshape(size, size))
+
+
+def part_of(points: SurfacePoints, part: Tensor) -> SurfacePoints:
+    """Some of the points, by their indices."""
+    names = (field.name for field in fields(points))
+    return SurfacePoints(**{name: getattr(points, name)[part] for name in names})
