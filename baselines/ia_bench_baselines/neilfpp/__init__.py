@@ -1,0 +1,1 @@
+"""NeILF++ (Zhang et al. 2023) on a shared mesh."""

@@ -1,0 +1,166 @@
+"""The three phases of NeILF++, and what they recover."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.environment import Environment
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.reconstruction import Quality
+from ia_bench.render.settings import REFERENCE
+from ia_bench_baselines.common.descent import Descent, Phase
+from ia_bench_baselines.common.pixels import TrainingPixels
+from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
+from ia_bench_baselines.neilfpp.fields import BRIGHTEST, Neilf
+from ia_bench_baselines.neilfpp.losses import scharr_edges, second_hits, smoothness, trace_loss
+from ia_bench_baselines.neilfpp.settings import NeilfppOptions
+from ia_bench_baselines.neilfpp.shading import reflect, sphere_directions
+
+RATE_DROP = 0.2  # of the learning rate, after each third of the joint phase
+POINTS_AT_ONCE = 512  # of a render: each needs as many evaluations of the incident light as there are directions above it
+
+
+class NeilfFit:
+    """The losses of NeILF++ on one problem.
+
+    Attributes:
+        neilf: What is trained.
+    """
+
+    def __init__(self, problem: Problem, options: NeilfppOptions, seed: int) -> None:
+        """The fields as they start; networks draw their weights from ``seed``."""
+        self._stage, self._options = problem.stage, options
+        self._pixels = TrainingPixels(problem)
+        images = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]).to(problem.device)
+        self._edges = scharr_edges(images).reshape(-1)[self._pixels.gbuffer.pixel[self._pixels.entries]]
+        vertices = torch.from_numpy(problem.scene.mesh.vertices)
+        corners = torch.stack([vertices.amin(0), vertices.amax(0)]).to(problem.device)
+        generator = torch.Generator(device=problem.device).manual_seed(seed)
+        self.neilf = Neilf(options, corners, float(self._pixels.radiance.median()), generator)
+
+    def phases(self) -> list[Phase]:
+        """The surface light field; material and incident light; everything."""
+        options, neilf = self._options, self.neilf
+        optics = [*neilf.material_field.parameters(), *neilf.incident_field.parameters()]
+        outgoing = list(neilf.outgoing_field.parameters())
+
+        def adam(parameters: list[torch.nn.Parameter]) -> Callable[[], torch.optim.Optimizer]:
+            return lambda: torch.optim.AdamW(parameters, lr=options.rate, eps=1e-12)
+
+        return [
+            Phase("surface_light", options.surface_light_steps, adam(outgoing), self._surface_light_loss, scored=False),
+            Phase("material", options.material_steps, adam(optics), lambda _, generator: self._loss(generator, held=True)),
+            Phase(
+                "joint",
+                options.joint_steps,
+                adam(optics + outgoing),
+                lambda _, generator: self._loss(generator, held=False),
+                rate=lambda share: RATE_DROP ** int(3 * share),
+            ),
+        ]
+
+    def _surface_light_loss(self, step: int, generator: torch.Generator) -> Tensor:
+        chosen = self._pixels.draw(self._options.surface_light_pixels, generator)
+        return self._outgoing_error(self._pixels.points(chosen), chosen)
+
+    def _outgoing_error(self, points: SurfacePoints, chosen: Tensor) -> Tensor:
+        seen = self.neilf.outgoing(self.neilf.local(points.position), points.view)
+        return (seen - self._pixels.radiance[chosen]).abs().mean() / BRIGHTEST
+
+    def _loss(self, generator: torch.Generator, *, held: bool) -> Tensor:
+        """All of a step; ``held``: the surface light field is not trained."""
+        options, neilf = self._options, self.neilf
+        chosen = self._pixels.draw(options.pixels, generator)
+        points = self._pixels.points(chosen)
+        local = neilf.local(points.position).requires_grad_()
+        material = neilf.material(local)
+        directions = sphere_directions(options.directions, generator)
+        point, direction = pairs_above(points.normal, directions)
+
+        # ---- image ---------------------------------------------------------------------------------------------
+        incident = neilf.incident(local.detach(), directions, point, direction)
+        seen = reflect(points, material, directions, spread(incident, point, direction, len(points.normal), len(directions)))
+        loss = (seen - self._pixels.radiance[chosen]).abs().mean()
+
+        # ---- light that comes from the object itself -----------------------------------------------------------
+        some = torch.randint(len(point), (options.traced,), generator=generator, device=point.device)
+        start, along = point[some], directions[direction[some]]
+        hit, position = second_hits(self._stage, points.position[start], points.geometric[start], along)
+        loss = loss + options.trace_weight * trace_loss(neilf, incident[some[hit]], position, along[hit], held=held)
+
+        # ---- priors, and the surface light field from images ---------------------------------------------------
+        _, roughness, metallic = material
+        loss = loss + options.metallic_weight * metallic.mean()
+        loss = loss + options.smooth_weight * smoothness(local, roughness, metallic, self._edges[chosen])
+        return loss if held else loss + self._outgoing_error(points, chosen)
+
+
+def fit(problem: Problem, options: NeilfppOptions, *, seed: int, monitor: Monitor) -> Result:
+    """See :class:`ia_bench_baselines.neilfpp.method.Neilfpp`."""
+    fields = NeilfFit(problem, options, seed)
+    size = problem.plan.texture
+
+    def recovered() -> ShadedReconstruction:
+        return reconstruction(problem, fields.neilf, size, options.rendered_directions)
+
+    descent = Descent(fields.neilf, fields.phases(), seed=seed, monitor=monitor, checkpoint_seconds=options.checkpoint_seconds)
+    descent.run(recovered)
+    return Result(recovered(), descent.seconds, steps=descent.steps)
+
+
+def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -> ShadedReconstruction:
+    """Textures of ``size`` that the reference renderer draws under novel lights, and the fields' own view synthesis.
+
+    ``directions``: over the sphere, for every few points of a render.
+    """
+    texels = bake(problem.stage, size, lambda position: torch.cat(neilf.material(neilf.local(position)), 1))
+    colour, roughness, metallic = (part.contiguous() for part in texels.split((3, 1, 1), -1))
+
+    def shader(novel: Environment | None, quality: Quality) -> Shader | None:
+        if novel is not None:
+            return None
+        generator = torch.Generator(device=problem.device).manual_seed(quality.seed)
+
+        def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
+            parts = torch.arange(len(points.normal), device=problem.device).split(POINTS_AT_ONCE)
+            return torch.cat([
+                shade(neilf, part_of(points, part), sphere_directions(directions, generator), albedo_scale) for part in parts
+            ])  # fmt: skip
+
+        return radiance
+
+    return ShadedReconstruction(
+        problem.stage,
+        Material(colour, roughness, metallic),
+        renderer=f"neural incident light; {REFERENCE} under novel lights",
+        environment=None,
+        shader=shader,
+    )
+
+
+def shade(neilf: Neilf, points: SurfacePoints, directions: Tensor, albedo_scale: Tensor | None) -> Tensor:
+    """Radiance (N, 3) that the fields send from points toward the camera."""
+    local = neilf.local(points.position)
+    colour, roughness, metallic = neilf.material(local)
+    colour = colour if albedo_scale is None else colour * albedo_scale.to(colour)
+    point, direction = pairs_above(points.normal, directions)
+    incident = neilf.incident(local, directions, point, direction)
+    light = spread(incident, point, direction, len(local), len(directions))
+    return reflect(points, (colour, roughness, metallic), directions, light)
+
+
+def pairs_above(normal: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+    """Indices (K,) of the points and (K,) of the directions of all pairs of which the direction is above the point's horizon."""
+    point, direction = torch.nonzero(normal @ directions.T > 0, as_tuple=True)
+    return point, direction
+
+
+def spread(values: Tensor, point: Tensor, direction: Tensor, points: int, directions: int) -> Tensor:
+    """Values (K, 3) of pairs as (points, directions, 3), 0 for pairs that are not among them."""
+    flat = values.new_zeros(points * directions, 3).index_copy(0, point * directions + direction, values)
+    return flat.reshape(points, directions, 3)

@@ -1,0 +1,1 @@
+"""TensoIR (Jin et al. 2023) on a shared mesh."""

@@ -1,0 +1,155 @@
+"""The three phases of TensoIR, and what they recover."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.environment import Environment
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.reconstruction import Quality
+from ia_bench.scenes.tensor_color import linear_to_srgb
+from ia_bench_baselines.common.descent import Descent, Phase
+from ia_bench_baselines.common.pixels import TrainingPixels
+from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
+from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment
+from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
+from ia_bench_baselines.tensoir.model import Tensoir
+from ia_bench_baselines.tensoir.settings import TensoirOptions
+from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
+from ia_bench_baselines.tensoir.transport import arriving_light
+
+LAST_RATE = 0.1  # to which all learning rates fall over a phase of both heads
+NEARBY = 0.01  # standard deviation of the distance over which material is to be smooth; the object's box is 2 wide
+POINTS_AT_ONCE = 256  # of a render: each looks into as many directions as there are cells
+
+
+class TensoirFit:
+    """The losses of TensoIR on one problem.
+
+    Attributes:
+        model: What is trained.
+    """
+
+    def __init__(self, problem: Problem, options: TensoirOptions, seed: int) -> None:
+        """The model as it starts, drawn from ``seed``."""
+        self._stage, self._options = problem.stage, options
+        self._pixels = TrainingPixels(problem)
+        self._target = linear_to_srgb(self._pixels.radiance.clamp(max=1))  # the original takes images of 8 bits
+        vertices = torch.from_numpy(problem.scene.mesh.vertices)
+        corners = torch.stack([vertices.amin(0), vertices.amax(0)]).to(problem.device)
+        self.model = Tensoir(options, corners, torch.Generator(device=problem.device).manual_seed(seed))
+
+    def phases(self) -> list[Phase]:
+        """The radiance head; both heads; both heads on the fine tensor."""
+        options, model = self._options, self.model
+
+        def adam(tensor: list[torch.nn.Parameter], *, light: bool) -> torch.optim.Optimizer:
+            groups = [{"params": tensor, "lr": options.tensor_rate}, {"params": model.networks(), "lr": options.network_rate}]
+            if light:
+                groups.append({"params": list(model.light.parameters()), "lr": options.light_rate})
+            return torch.optim.Adam(groups, betas=(0.9, 0.99))
+
+        def decay(share: float) -> float:
+            return LAST_RATE**share
+
+        coarse, fine = model.tensor.coarse(), model.tensor.fine()
+        return [
+            Phase("radiance", options.radiance_steps, lambda: adam(coarse, light=False), self._radiance_loss, scored=False),
+            Phase("coarse", options.coarse_steps, lambda: adam(coarse, light=True), self._joint_loss, decay),
+            Phase("fine", options.fine_steps, lambda: adam(fine, light=True), self._joint_loss, decay, begin=model.tensor.refine),
+        ]
+
+    def _radiance_loss(self, step: int, generator: torch.Generator) -> Tensor:
+        chosen = self._pixels.draw(self._options.radiance_pixels, generator)
+        points, model = self._pixels.points(chosen), self.model
+        seen = model.radiance(model.features(model.local(points.position)), points.view)
+        return self._error(seen, chosen) + self._options.variation_weight * model.tensor.variation()
+
+    def _joint_loss(self, step: int, generator: torch.Generator) -> Tensor:
+        options, model = self._options, self.model
+        chosen = self._pixels.draw(options.pixels, generator)
+        points = self._pixels.points(chosen)
+        local = model.local(points.position)
+        features = model.features(local)
+        albedo, roughness = model.material(features, local)
+
+        # ---- images of both heads ------------------------------------------------------------------------------
+        seen = self._error(model.radiance(features, points.view), chosen)
+        directions, solid_angles = stratified_directions(options.rows, generator)
+        light = arriving_light(self._stage, points, directions, model.light.lobes(), model)
+        shaded = self._error(reflect(points, albedo, roughness, directions, solid_angles, light), chosen)
+
+        # ---- smoothness ----------------------------------------------------------------------------------------
+        near = local + NEARBY * torch.randn(local.shape, generator=generator, device=local.device)
+        others = model.material(model.features(near), near)
+        smooth = sum(relative_change(a, b) for a, b in zip((albedo, roughness), others, strict=True))
+        return seen + options.brdf_weight * shaded + options.smooth_weight * smooth
+
+    def _error(self, radiance: Tensor, chosen: Tensor) -> Tensor:
+        """The mean squared error in sRGB of linear radiance (N, 3) of the chosen pixels."""
+        return (linear_to_srgb(radiance.clamp(0, 1)) - self._target[chosen]).square().mean()
+
+
+def relative_change(first: Tensor, second: Tensor) -> Tensor:
+    """The mean of ((a - b) / max(a, b))^2 of positive values."""
+    return ((first - second) / torch.maximum(first, second).clamp_min(1e-6)).square().mean()
+
+
+def fit(problem: Problem, options: TensoirOptions, *, seed: int, monitor: Monitor) -> Result:
+    """See :class:`ia_bench_baselines.tensoir.method.Tensoir`."""
+    trained = TensoirFit(problem, options, seed)
+    size = problem.plan.texture
+
+    def recovered() -> ShadedReconstruction:
+        return reconstruction(problem, trained.model, size, options)
+
+    descent = Descent(trained.model, trained.phases(), seed=seed, monitor=monitor, checkpoint_seconds=options.checkpoint_seconds)
+    descent.run(recovered)
+    return Result(recovered(), descent.seconds, steps=descent.steps)
+
+
+def reconstruction(problem: Problem, model: Tensoir, size: int, options: TensoirOptions) -> ShadedReconstruction:
+    """What the material's head found, as textures of ``size`` and as its own renders; see ``TensoirOptions.head``."""
+
+    def material_at(position: Tensor) -> Tensor:
+        local = model.local(position)
+        return torch.cat(model.material(model.features(local), local), 1)
+
+    albedo, roughness = (part.contiguous() for part in bake(problem.stage, size, material_at).split((3, 1), -1))
+    with torch.no_grad():
+        lobes = model.light.lobes()
+
+    def head(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
+        return model.radiance(model.features(model.local(points.position)), points.view)
+
+    def shader(novel: Environment | None, quality: Quality) -> Shader:
+        if novel is None and options.head == "radiance":
+            return head
+        light = lobes if novel is None else fit_light(novel, options.lobes).lobes
+        generator = torch.Generator(device=problem.device).manual_seed(quality.seed)
+
+        def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
+            seen = []
+            for part in torch.arange(len(points.normal), device=problem.device).split(POINTS_AT_ONCE):
+                some = part_of(points, part)
+                local = model.local(some.position)
+                colour, rough = model.material(model.features(local), local)
+                colour = colour if albedo_scale is None else colour * albedo_scale.to(colour)
+                directions, solid_angles = stratified_directions(options.rendered_rows, generator)
+                arriving = arriving_light(problem.stage.apart, some, directions, light, model if novel is None else None)
+                seen.append(reflect(some, colour, rough, directions, solid_angles, arriving))
+            return torch.cat(seen)
+
+        return radiance
+
+    renderer = "sums over stratified directions of spherical Gaussians"
+    return ShadedReconstruction(
+        problem.stage,
+        Material(albedo, roughness),
+        renderer=renderer if options.head == "brdf" else f"radiance head; {renderer} under novel lights",
+        environment=SphericalGaussianEnvironment(lobes),
+        shader=shader,
+    )
