@@ -42,6 +42,7 @@ def _report(wanted: argparse.Namespace) -> int:
             scenes_order=table.scenes,
             reference=wanted.reference or table.reference,
             claims=table.claims,
+            papers=table.papers,
         )
     except ValueError as error:
         raise InputError(str(error)) from error

@@ -72,16 +72,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def make_table(request: Request) -> int:
     """Run every cell, write the report, print the table and where the files are."""
     from ia_bench.cli.report import tell  # brings in pandas
+    from ia_bench.report.table import counterparts
     from ia_bench.report.write import write_report
 
     table = load_table(request.table)
+    try:
+        counterparts(table.papers)
+    except ValueError as error:
+        raise InputError(f"table {request.table}: {error}") from None
     launcher = request.launcher
     jobs, threads = launcher.jobs_and_threads(request.jobs, compose(request.overrides, here=launcher.here).device)
     results = Path("results", slug(request.table))
-    cells = make_cells(table, request, threads, results)
+    broken: list[str] = []
+    cells = make_cells(table, request, threads, results, broken.append)
     with Progress() as progress:
         at_a_time = "as many at a time as fit" if jobs == AS_MANY_AS_FIT else f"{jobs} at a time"
         progress.note(f"{results}: {len(cells)} cells, {at_a_time}, {threads} threads each")
+        for line in broken:
+            progress.note(line)
         failed = run_cells(cells, launcher, jobs, results / "logs", progress)
     report = write_report(
         {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells},
@@ -90,10 +98,14 @@ def make_table(request: Request) -> int:
         scenes_order=list(dict.fromkeys(cell.config.scene.name for cell in cells)),
         reference=table.reference,
         claims=table.claims,
+        papers=table.papers,
     )
     tell(report, table)
     say("\n".join(map(str, _write_pictures(table.pictured, cells, results))), sys.stdout)
-    return complain(f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why", FAULT) if failed else OK
+    wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])
+    for line in wrong:
+        complain(line)
+    return FAULT if wrong else OK
 
 
 def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -> list[Path]:

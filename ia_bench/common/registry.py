@@ -37,6 +37,10 @@ MEMBERS = {"prior": ("sample",), "method": ("Options", "presets", "info", "fit")
 """What the class of a plugin must have, by kind; the contracts say what these are."""
 
 
+class BrokenPlugin(InputError):
+    """A plugin that is there and cannot be used: an error of the run that asked for it, and of no other."""
+
+
 @dataclass(frozen=True)
 class Plugin:
     """A name and where its class or function is: ``target`` is ``"module:attribute"``."""
@@ -92,10 +96,11 @@ def find(kind: Kind, name: str) -> Plugin:
 
 
 def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None:
-    """What tells one state of a plugin's code from another, None for a built-in one: distribution and hash of its module's file.
+    """What tells one state of a plugin's code from another, None for a built-in one: its distribution and a hash of its modules.
 
-    ``target``: None for the one that ``name`` stands for. Imports no more than the packages above the module. Other files that
-    the module imports are told by the distribution's version alone.
+    These are the module itself and, where it belongs to a package, all modules beside and below it; what else it imports is told
+    by the distribution's version alone. ``target``: None for the one that ``name`` stands for. Imports no more than the packages
+    above the module.
     """
     known = {**built_in(kind), **installed(kind)}
     plugin = known.get(name)
@@ -104,12 +109,18 @@ def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None
     if plugin.distribution == BUILT_IN:
         return None
     try:
-        found = importlib.util.find_spec(plugin.target.partition(":")[0])
+        module = plugin.target.partition(":")[0]
+        found = importlib.util.find_spec(module)
     except (Exception, SystemExit):  # a package above it raises; creating the plugin will say so
         found = None
     path = Path(found.origin) if found is not None and found.origin else None
-    source = hashlib.sha256(path.read_bytes()).hexdigest() if path is not None and path.is_file() else "no file"
-    return f"{plugin.distribution}, {source}"
+    if path is None or not path.is_file():
+        return f"{plugin.distribution}, no file"
+    beside = sorted(path.parent.rglob("*.py")) if "." in module else [path]
+    digest = hashlib.sha256()
+    for source in beside:
+        digest.update(source.relative_to(path.parent).as_posix().encode() + b"\0" + source.read_bytes())
+    return f"{plugin.distribution}, {digest.hexdigest()}"
 
 
 def named(kind: Kind, name: str, target: str) -> Plugin:
@@ -119,7 +130,7 @@ def named(kind: Kind, name: str, target: str) -> Plugin:
 
 
 def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author put there)
-    """Import what a plugin points to. Raises InputError with the plugin, its distribution and the cause in one line."""
+    """Import what a plugin points to. Raises BrokenPlugin with the plugin, its distribution and the cause in one line."""
     who = f"{plugin.kind} '{plugin.name}' of {plugin.distribution} cannot be used"
     module, separator, attribute = plugin.target.partition(":")
     if not (module and separator and attribute):
@@ -130,10 +141,10 @@ def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author p
             found = getattr(found, part)
     except (Exception, SystemExit) as error:  # whatever foreign code does on import stays with that plugin
         reason = str(error).splitlines()[0] if str(error) else "no message"
-        raise InputError(f"{who}: importing {plugin.target} raised {type(error).__name__}: {reason}") from error
+        raise BrokenPlugin(f"{who}: importing {plugin.target} raised {type(error).__name__}: {reason}") from error
     members = MEMBERS[plugin.kind]
     if not all(hasattr(found, member) for member in members) or not callable(found):
-        raise InputError(f"{who}: expected a class with {', '.join(members)}, found that {plugin.target} is none")
+        raise BrokenPlugin(f"{who}: expected a class with {', '.join(members)}, found that {plugin.target} is none")
     return found
 
 

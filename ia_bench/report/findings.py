@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ia_bench.report.claims import Verdict, judge
 from ia_bench.report.collect import Collection, Run
 from ia_bench.report.curves import TimeToError, Worsening, time_to_beat, time_to_error, worsening
-from ia_bench.report.statistics import Paired, line, paired
-from ia_bench.report.table import Block, PaperRow, carried_text, paper_rows
+from ia_bench.report.statistics import Paired, Redrawn, line, paired, redrawn
+from ia_bench.report.table import Block, PaperRow, carried_text, counterparts, paper_rows
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 
@@ -27,6 +27,8 @@ class Findings:
         overall: Means over scenes.
         blocks: Means over seeds, one block per scene.
         paper: The paper's own rows.
+        counterparts: Row -> the paper's row that it stands for, of those that have one.
+        redrawn: What the reference renderer makes of rows that have another one.
         reference: The row that the others are compared with.
         differences: Row -> metric -> row minus ``reference``.
         verdicts: On what the table claims.
@@ -45,6 +47,8 @@ class Findings:
     overall: Block
     blocks: tuple[Block, ...]
     paper: tuple[PaperRow, ...]
+    counterparts: dict[str, PaperRow]
+    redrawn: tuple[Redrawn, ...]
     reference: str | None
     differences: dict[str, dict[str, Paired]]
     verdicts: tuple[Verdict, ...]
@@ -77,10 +81,13 @@ def analyse(
     scenes_order: Sequence[str],
     reference: str | None,
     claims: Sequence[Claim] = (),
+    papers: Mapping[str, str] | None = None,
 ) -> Findings:
     """Gather the findings. Numbers of different protocols do not mix: the most frequent one is kept, the rest is named.
 
-    Raises ValueError where ``reference`` or a row of ``claims`` is no row, and for a claim about an unknown metric.
+    ``papers``: row -> the paper's row that it stands for.
+    Raises ValueError where ``reference`` or a row of ``claims`` is no row, for a claim about an unknown metric, and where the
+    paper has no such row.
     """
     counted = Counter(run.protocol for run in collection.runs if run.protocol is not None)
     protocol = counted.most_common(1)[0][0] if counted else "(no finished run)"
@@ -101,6 +108,8 @@ def analyse(
         overall=Block("mean over scenes", tuple(line(runs, row) for row in rows), len(scenes)),
         blocks=tuple(Block(name, tuple(line([r for r in runs if r.scene == name], row) for row in rows)) for name in scenes),
         paper=paper_rows(),
+        counterparts=counterparts(papers or {}),
+        redrawn=tuple(found for row in rows if (found := redrawn(runs, row)) is not None),
         reference=reference,
         differences={row: {m.key: paired(runs, row, reference or "", m) for m in METRICS} for row in others},
         verdicts=tuple(judge(runs, claims, scenes)),

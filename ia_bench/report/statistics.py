@@ -15,9 +15,10 @@ import numpy as np
 from scipy.stats import t as student
 
 from ia_bench.report.collect import Run
-from ia_bench.scores.columns import METRICS, Metric
+from ia_bench.scores.columns import METRIC_OF, METRICS, Metric
 
 CONFIDENCE = 0.95
+RENDERED = ("View synthesis", "Relighting")  # groups of metrics that depend on who renders
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,21 @@ class Line:
     peak_memory_bytes: float | None
     failed: int
     runs: int
+
+
+@dataclass(frozen=True)
+class Redrawn:
+    """A row whose renders are its own, and what the reference renderer makes of the textures and the light that it exports.
+
+    Attributes:
+        row: Its name.
+        own: Metric key -> estimate of its own renders.
+        reference: The same of the reference renderer's.
+    """
+
+    row: str
+    own: dict[str, Estimate | None]
+    reference: dict[str, Estimate | None]
 
 
 @dataclass(frozen=True)
@@ -129,22 +145,25 @@ def line(runs: Sequence[Run], row: str) -> Line:
     mine = [run for run in runs if run.row == row]
     done = [run for run in mine if run.problem is None]
 
-    def mean(value: Callable[[Run], float | None]) -> Estimate | None:
-        scenes: dict[str, list[float]] = {}
-        for run, number in _values(done, row, value):
-            scenes.setdefault(run.scene, []).append(number)
-        return over_scenes(list(scenes.values()))
-
     return Line(
         row=row,
         sees_truth=any(run.sees_truth for run in mine),
-        values={metric.key: mean(_metric_of(metric)) for metric in METRICS},
+        values={metric.key: _mean(done, row, _metric_of(metric)) for metric in METRICS},
         reasons={m.key: tuple(dict.fromkeys(r.reason(m.key) for r in done if r.metrics[m.key] is None)) for m in METRICS},
-        seconds=mean(lambda run: run.seconds),
+        seconds=_mean(done, row, lambda run: run.seconds),
         peak_memory_bytes=max((run.peak_memory_bytes for run in done if run.peak_memory_bytes is not None), default=None),
         failed=len(mine) - len(done),
         runs=len(mine),
     )
+
+
+def redrawn(runs: Sequence[Run], row: str) -> Redrawn | None:
+    """What the reference renderer makes of a row in the metrics of renders; None for a row that it draws anyway."""
+    keys = [metric.key for metric in METRICS if metric.group in RENDERED]
+    reference = {key: _mean(runs, row, _variant_of(key.replace(".", "_reference."))) for key in keys}
+    if not any(reference.values()):
+        return None
+    return Redrawn(row, {key: _mean(runs, row, _metric_of(METRIC_OF[key])) for key in keys}, reference)
 
 
 def best_rows(lines: Sequence[Line], metric: Metric, scenes: int) -> set[str]:
@@ -156,6 +175,17 @@ def best_rows(lines: Sequence[Line], metric: Metric, scenes: int) -> set[str]:
             ranked[one.row] = round(value.mean, metric.digits)
     best = (max if metric.higher_is_better else min)(ranked.values(), default=None)
     return {row for row, value in ranked.items() if value == best}
+
+
+def _mean(runs: Sequence[Run], row: str, value: Callable[[Run], float | None]) -> Estimate | None:
+    scenes: dict[str, list[float]] = {}
+    for run, number in _values(runs, row, value):
+        scenes.setdefault(run.scene, []).append(number)
+    return over_scenes(list(scenes.values()))
+
+
+def _variant_of(key: str) -> Callable[[Run], float | None]:
+    return lambda run: run.variants.get(key)
 
 
 def _metric_of(metric: Metric) -> Callable[[Run], float | None]:

@@ -11,10 +11,11 @@ from importlib import resources
 from ia_bench.report.claims import Verdict
 from ia_bench.report.collect import BOUNDS
 from ia_bench.report.curves import TimeToError, Worsening, seconds_text
-from ia_bench.report.statistics import Estimate, Line, Paired, best_rows
-from ia_bench.scores.columns import METRICS, Metric
+from ia_bench.report.statistics import Estimate, Line, Paired, Redrawn, best_rows
+from ia_bench.scores.columns import METRIC_OF, METRICS, Metric
 
 COSTS = ("Seconds", "Peak memory", "Failed")
+HEADLINE = ("PSNR", "MSE")  # labels of the metrics that are compared with the paper's
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,15 @@ def paper_rows() -> tuple[PaperRow, ...]:
         PaperRow(cells["method"], cells["group"], {metric.key: float(cells[metric.column]) for metric in METRICS})
         for cells in csv.DictReader(io.StringIO(text))
     )
+
+
+def counterparts(papers: Mapping[str, str]) -> dict[str, PaperRow]:
+    """Row -> the paper's row, from row -> its name. Raises ValueError where the paper has no such row."""
+    printed = {one.method: one for one in paper_rows()}
+    for row, name in papers.items():
+        if name not in printed:
+            raise ValueError(f"rows: {row}: paper: expected a row of the paper's table, some of {', '.join(printed)}, found {name}")
+    return {row: printed[name] for row, name in papers.items()}
 
 
 def best_paper_methods(rows: Sequence[PaperRow], metric: Metric) -> set[str]:
@@ -118,6 +128,32 @@ def paper_table(rows: Sequence[PaperRow]) -> Table:
         for row in rows
     ]
     return Table(["Paper's row", *(metric.title for metric in METRICS)], body)
+
+
+def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Table:
+    """A line per row that stands for one of the paper's: the headline metrics here, and there on the paper's scenes."""
+    metrics = [metric for metric in METRICS if metric.label in HEADLINE]
+    body = [
+        [one.row, counterparts[one.row].method]
+        + [f"{_short(one.values[m.key], m)} ({m.text(counterparts[one.row].values[m.key])})" for m in metrics]
+        for one in block.lines
+        if one.row in counterparts
+    ]
+    return Table(["Row", "Paper's row", *(f"{metric.title} here (paper's scenes)" for metric in metrics)], body)
+
+
+def redrawn_table(rows: Sequence[Redrawn], scenes: int) -> Table:
+    """A line per row with a renderer of its own: each metric of renders by that one, and by the reference renderer."""
+    metrics = [METRIC_OF[key] for key in (rows[0].own if rows else ())]
+    body = []
+    for one in rows:
+        pairs = ((metric, values[metric.key]) for metric in metrics for values in (one.own, one.reference))
+        body.append([one.row, *(estimate_text(value, metric, scenes) for metric, value in pairs)])
+    return Table(["Row", *(f"{m.title}, {by}" for m in metrics for by in ("its own", "reference"))], body)
+
+
+def _short(value: Estimate | None, metric: Metric) -> str:
+    return "–" if value is None else metric.text(value.mean)
 
 
 def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: Sequence[str]) -> Table:

@@ -40,6 +40,7 @@ def write_report(
     scenes_order: Sequence[str] = (),
     reference: str | None = None,
     claims: Sequence[Claim] = (),
+    papers: Mapping[str, str] | None = None,
 ) -> Report:
     """Write the report of run folders into ``out``.
 
@@ -53,16 +54,17 @@ def write_report(
         scenes_order: The same of scenes.
         reference: The row that all others are compared with.
         claims: Orderings to judge.
+        papers: Row -> the row of the paper's table that it stands for.
 
     Raises:
         ValueError: Where there is no run, two folders hold the same cell, ``reference`` or a row of ``claims`` is no row,
-            or a claim is about an unknown metric.
+            a claim is about an unknown metric, or the paper has no such row.
     """
     collection = collect(folders)
     if not collection.runs:
         problems = [why for _, why in collection.unreadable]
         raise ValueError("; ".join(["expected at least one run's metrics.json, found none", *problems]))
-    findings = analyse(collection, rows_order, scenes_order, reference, claims)
+    findings = analyse(collection, rows_order, scenes_order, reference, claims, papers)
 
     out.mkdir(parents=True, exist_ok=True)
     pictures = _draw(findings, out / "curves")

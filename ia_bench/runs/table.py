@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
+from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
@@ -33,12 +35,21 @@ class Claim:
 
 @dataclass
 class Row:
-    """A row of the table: the overrides that make it, what a reader has to know of it, its seeds if not the table's."""
+    """A row of the table.
+
+    Attributes:
+        name: What tables call it.
+        overrides: Of the configuration, which make it.
+        note: What a reader has to know of it.
+        seeds: Its own, None for the table's.
+        paper: The row of the paper's table 1 that it stands for, None for one that the paper has not.
+    """
 
     name: str
     overrides: list[str]
     note: str = ""
     seeds: list[int] | None = None
+    paper: str | None = None
 
 
 @dataclass
@@ -46,6 +57,8 @@ class Table:
     """``conf/table/<name>.yaml``; ``reference`` names the row that the others are compared with, scene by scene.
 
     ``claims``: orderings of rows that the report judges. ``pictured``: rows that one picture per scene shows beside the truth.
+    ``includes``: names of tables whose rows, claims and pictured rows come before its own; what else it does not say is as the
+    first of them says.
     """
 
     scenes: list[str] = field(default_factory=list)
@@ -54,6 +67,12 @@ class Table:
     reference: str | None = None
     claims: list[Claim] = field(default_factory=list)
     pictured: list[str] = field(default_factory=list)
+    includes: list[str] = field(default_factory=list)
+
+    @property
+    def papers(self) -> dict[str, str]:
+        """Row -> the row of the paper's table that it stands for, of those that have one."""
+        return {row.name: row.paper for row in self.rows if row.paper is not None}
 
 
 @dataclass(frozen=True)
@@ -95,15 +114,12 @@ class Cell:
 
 
 def load_table(name: str) -> Table:
-    """Read ``conf/table/<name>.yaml``. Raises InputError naming the closest table, or the file and key at fault."""
+    """Read ``conf/table/<name>.yaml`` and what it includes.
+
+    Raises InputError naming the closest table, or the file and key at fault.
+    """
     path = conf_folder() / "table" / f"{name}.yaml"
-    if not path.is_file():
-        raise InputError(unknown("table", name, sorted(p.stem for p in path.parent.glob("*.yaml"))))
-    try:
-        table = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(Table), read_yaml(path)))
-    except OmegaConfBaseException as error:
-        raise InputError(f"{path}: {error}") from None
-    assert isinstance(table, Table)
+    table = _whole(name, ())
     names = [row.name for row in table.rows]
     if len(set(names)) != len(names):
         raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
@@ -125,11 +141,36 @@ def load_table(name: str) -> Table:
     return table
 
 
-def make_cells(table: Table, request: Request, threads: int, results: Path) -> list[Cell]:
+def _whole(name: str, within: tuple[str, ...]) -> Table:
+    """A table with what it includes; ``within``: the tables that include it."""
+    path = conf_folder() / "table" / f"{name}.yaml"
+    if not path.is_file():
+        raise InputError(unknown("table", name, sorted(p.stem for p in path.parent.glob("*.yaml"))))
+    if name in within:
+        raise InputError(f"{path}: includes: expected tables that do not include each other, found {' in '.join((name, *within))}")
+    own = read_yaml(path)
+    try:
+        table = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(Table), own))
+    except OmegaConfBaseException as error:
+        raise InputError(f"{path}: {error}") from None
+    assert isinstance(table, Table)
+    parts = [_whole(other, (name, *within)) for other in table.includes]
+    if not parts:
+        return table
+    every: dict[str, Any] = {key: getattr(parts[0], key) for key in ("scenes", "seeds", "reference") if key not in own}
+    for key in ("rows", "claims", "pictured"):
+        every[key] = [one for part in (*parts, table) for one in getattr(part, key)]
+    return replace(table, **every)
+
+
+def make_cells(
+    table: Table, request: Request, threads: int, results: Path, broken: Callable[[str], None] | None = None
+) -> list[Cell]:
     """Every row x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
 
-    The request's seeds replace the table's, not those of a row that has its own. Raises InputError where there
-    is no cell, or one twice.
+    The request's seeds replace the table's, not those of a row that has its own. A row whose prior or method cannot be used
+    has no cell: ``broken`` is told why, once. Raises InputError where there is no cell, or one twice, and for such a row where
+    nobody is told.
     """
     seeds = table.seeds if request.seeds is None else request.seeds
 
@@ -140,12 +181,18 @@ def make_cells(table: Table, request: Request, threads: int, results: Path) -> l
         overrides = [*row.overrides, *_own(row, scene, 0, threads), *request.overrides]
         return compose(overrides, here=request.launcher.here)
 
-    cells = [
-        _cell(row, replace(composed(place, scene), seed=seed), _own(row, scene, seed, threads), request, results)
-        for place, row in enumerate(table.rows)
-        for seed in (seeds if row.seeds is None else row.seeds)
-        for scene in (request.scenes if request.scenes is not None else table.scenes)
-    ]
+    cells = []
+    for place, row in enumerate(table.rows):
+        try:
+            cells += [
+                _cell(row, replace(composed(place, scene), seed=seed), _own(row, scene, seed, threads), request, results)
+                for seed in (seeds if row.seeds is None else row.seeds)
+                for scene in (request.scenes if request.scenes is not None else table.scenes)
+            ]
+        except BrokenPlugin as error:
+            if broken is None:
+                raise
+            broken(f"{row.name}: left out: {error}")
     if not cells:
         raise InputError(f"table {request.table}: expected at least one row and one scene, found none")
     twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]

@@ -15,11 +15,12 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.cli.table import main, parse
+from ia_bench.cli.table import main, make_table, parse
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import TERMINATED
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.progress import Progress
+from ia_bench.report.table import counterparts
 from ia_bench.runs import launchers
 from ia_bench.runs import table as module
 from ia_bench.runs.composition import compose
@@ -29,7 +30,7 @@ from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Request, Row, Table, load_table, make_cells
 
 HERE = Path(__file__).parent
-ABLATIONS = [f"diffusion, targets{part}" for part in ("", " w/o specular", " w/o albedo", " w/o guided")]
+ABLATIONS = [f"diffusion, targets{part}" for part in ("", ", weight .01", " w/o specular", " w/o albedo", " w/o guided")]
 ROWS = ["ceiling", "constant", "none", "oracle", "diffusion, kernel", *ABLATIONS, "diffusion, distilled", "regressor, targets"]
 
 
@@ -65,8 +66,8 @@ def test_shipped_table_is_well_formed(path: Path) -> None:
     assert len({cell.folder for cell in cells}) == len(cells)
 
 
-def test_paper_table_has_the_ablations_as_configuration() -> None:
-    table = load_table("paper")
+def test_the_ablations_are_configuration() -> None:
+    table = load_table("ablations")
     assert [row.name for row in table.rows] == ROWS
     cells = {cell.row.name: cell.config for cell in cells_of(table, scenes=("hat",))}
     assert cells["ceiling"].method.name == "ceiling"
@@ -83,6 +84,29 @@ def test_paper_table_has_the_ablations_as_configuration() -> None:
     assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}
 
 
+def test_the_papers_table_is_the_ablations_and_then_every_other_method_of_the_paper() -> None:
+    table, ablations = load_table("paper"), load_table("ablations")
+    assert table.rows[: len(ablations.rows)] == ablations.rows
+    assert (table.scenes, table.reference, table.pictured) == (ablations.scenes, ablations.reference, ablations.pictured)
+    methods = [cell.config.method.name for cell in cells_of(table, scenes=("hat",)) if cell.row not in ablations.rows]
+    assert methods
+    assert not {"two_stage", "ceiling", "constant"} & set(methods)
+    counterparts(table.papers)  # raises for a row that the paper has not
+
+
+def test_a_row_whose_plugin_is_broken_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [Row("fine", ["prior=none"]), Row("broken", ["method=json:loads"])]
+    told: list[str] = []
+    request = Request(overrides=("device=cpu",))
+    cells = make_cells(Table(scenes=["hat"], rows=rows), request, 1, Path("results/paper"), told.append)
+    assert [cell.row.name for cell in cells] == ["fine"]
+    (line,) = told
+    assert line.startswith("broken: left out: method 'json:loads'")
+    assert "\n" not in line
+    with pytest.raises(InputError, match="cannot be used"):
+        make_cells(Table(scenes=["hat"], rows=rows), request, 1, Path("results/paper"))
+
+
 def test_a_row_may_have_seeds_of_its_own() -> None:
     rows = [Row("a", ["prior=none"]), Row("b", ["prior=oracle"], seeds=[7])]
     cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=rows), seeds=(0, 1))
@@ -90,7 +114,7 @@ def test_a_row_may_have_seeds_of_its_own() -> None:
 
 
 def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
-    cells = cells_of(load_table("paper"), scenes=("ship",), seeds=(3,))
+    cells = cells_of(load_table("ablations"), scenes=("ship",), seeds=(3,))
     (cell,) = [one for one in cells if one.row.name == "diffusion, targets w/o guided"]
     again = compose(cell.overrides)
     assert again == cell.config
@@ -99,14 +123,14 @@ def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
 
 
 def test_overrides_go_to_every_cell() -> None:
-    cells = cells_of(load_table("paper"), scenes=("hat",), overrides=("fit.pixels=77",))
+    cells = cells_of(load_table("ablations"), scenes=("hat",), overrides=("fit.pixels=77",))
     assert {cell.config.method.options.get("pixels") for cell in cells if cell.row.name not in ("ceiling", "constant")} == {77}
 
 
 def test_command_line_is_told_apart() -> None:
     overrides = ("preset=smoke", "protocol.lpips.net=squeeze")
-    request = parse(["table=paper", "seeds=0,1", "scenes=hat,ship", "jobs=2", *overrides])
-    assert request == Request("paper", ("hat", "ship"), (0, 1), 2, overrides)
+    request = parse(["table=ablations", "seeds=0,1", "scenes=hat,ship", "jobs=2", *overrides])
+    assert request == Request("ablations", ("hat", "ship"), (0, 1), 2, overrides)
     assert parse(["jobs=auto"]) == parse([]) == Request()
 
 
@@ -122,7 +146,7 @@ def test_command_line_is_told_apart() -> None:
         ("seed=1", "it has scenes=, seeds= and table="),
         ("++seed=1", "it has scenes=, seeds= and table="),
         ("scene.path=/tmp", "it has scenes=, seeds= and table="),
-        ("seeds=0,0", "found hat / none / seed 0 more than once"),
+        ("seeds=0,0", "found hat / ceiling / seed 0 more than once"),
         ("seds=1", "unknown setting 'seds'; did you mean 'seed'?"),
         ("fit.pixls=1", "did you mean 'fit.pixels'?"),
         ("paper", "expected SETTING=VALUE, found 'paper'"),
@@ -150,6 +174,8 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("rowes: []", r"bad\.yaml: .*rowes"),
         ("rows: [{name: a, overrides: []}, {name: a, overrides: []}]", "expected different names, found a, a"),
         ("rows: [{name: a, overrides: []}]\nreference: b", "reference: unknown row 'b'"),
+        ("includes: [bad]", "includes: expected tables that do not include each other, found bad in bad"),
+        ("includes: [worse]", "unknown table 'worse'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
         ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
@@ -169,6 +195,27 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         (tmp_path / "table" / "bad.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
         with pytest.raises(InputError, match=f"(?s){message}"):
             load_table("bad")
+
+
+def test_a_row_that_the_paper_has_not_is_told_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
+    (tmp_path / "table").mkdir()
+    (tmp_path / "table" / "bad.yaml").write_text("rows: [{name: a, overrides: [], paper: b}]\nscenes: [tiny]")
+    with pytest.raises(InputError, match="table bad: rows: a: paper: expected a row of the paper's table, some of .* found b"):
+        make_table(Request("bad"))
+
+
+def test_a_table_has_the_rows_of_those_that_it_includes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
+    (tmp_path / "table").mkdir()
+    first = "scenes: [tiny]\nseeds: [3]\nreference: a\npictured: [a]\nrows: [{name: a, overrides: []}]\n"
+    (tmp_path / "table" / "first.yaml").write_text(first)
+    second = "includes: [first]\nseeds: [4]\nrows: [{name: b, overrides: []}]\nclaims: [{better: b, worse: a}]\n"
+    (tmp_path / "table" / "second.yaml").write_text(second)
+    table = load_table("second")
+    assert [row.name for row in table.rows] == ["a", "b"]
+    assert (table.scenes, table.seeds, table.reference, table.pictured) == (["tiny"], [4], "a", ["a"])
+    assert [(claim.better, claim.worse) for claim in table.claims] == [("b", "a")]
 
 
 def test_threads_share_the_cores_and_depend_on_the_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -254,13 +301,14 @@ def test_whole_table_on_the_tiny_scene(monkeypatch: pytest.MonkeyPatch, capfd: p
     arguments = ["scenes=tiny", "preset=smoke", "device=cpu"]
     assert main(arguments) == 0, capfd.readouterr().err
     said = capfd.readouterr().out
-    assert all(row in said for row in ROWS)
+    rows = [row.name for row in load_table("paper").rows]
+    assert all(row in said for row in rows)
     results = Path("results/paper")
     for name in ("report.md", "table.tex", "table.csv", "runs.csv", "pictures/tiny.png"):
         assert (results / name).stat().st_size > 0
     files = sorted(results.rglob("metrics.json"))
     times = [path.stat().st_mtime_ns for path in files]
-    assert len(files) == len(ROWS)
+    assert len(files) == len(rows)
     assert main(arguments) == 0
     assert [path.stat().st_mtime_ns for path in files] == times
     (folder,) = results.glob("runs/tiny/none-*")

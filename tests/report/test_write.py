@@ -60,6 +60,26 @@ def test_rows_and_scenes_come_as_asked_for_then_by_name(report: Report) -> None:
     assert report.findings.scenes == ("ship", "hat")
 
 
+def test_rows_stand_beside_the_papers_and_beside_the_reference_renderer(tmp_path: Path, write_run: Callable[..., Path]) -> None:
+    redrawn = {"view_synthesis_reference": {"psnr": 17.0, "ssim": 0.8}, "relighting_reference": {"psnr": 16.0}}
+    for seed in (0, 1):
+        write_run("split sums", "hat", seed, psnr=20.0 + seed, variants=redrawn)
+    write_run("ours", "hat")
+    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out", papers={"split sums": "NvDiffrec*"})
+    tables = (tmp_path / "out" / "report.md").read_text().partition("### The paper's own figures")[0].partition("### Rows with")[2]
+    own, _, beside = tables.partition("### Rows beside")
+    assert "| split sums | 20.50 ± 6.35 | 17.00 ± 0.00 |" in own
+    assert "| ours |" not in own + beside
+    assert r"| split sums | NvDiffrec\* | 20.50 (14.52) |" in beside
+
+
+def test_a_row_that_the_paper_has_not_is_named(tmp_path: Path, write_run: Callable[..., Path]) -> None:
+    write_run("ours", "hat")
+    with pytest.raises(ValueError, match=r"rows: ours: paper: expected a row .* found NeRF"):
+        write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out", papers={"ours": "NeRF"})
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_report_says_where_its_runs_come_from(tmp_path: Path, write_run: Callable[..., Path]) -> None:
     for seed, commit in enumerate(("abc", "abc", "def")):
         write_run("ours", "hat", seed, environment={"commit": commit, "cpu": "Abacus 2", "threads": 1})

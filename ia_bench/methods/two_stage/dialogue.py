@@ -14,9 +14,9 @@ from torch import Tensor
 from ia_bench.methods.asking.sampling import Images, PriorSampler
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
+from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.supervision import Supervision
 from ia_bench.methods.two_stage.targets import Targets, make_targets
 from ia_bench.render.renderer import texture_images

@@ -10,13 +10,13 @@ import numpy as np
 import torch
 
 from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.state import check_form
 from ia_bench.methods.two_stage.dialogue import Dialogue
 from ia_bench.methods.two_stage.guard import PATIENCE, StepGuard
 from ia_bench.methods.two_stage.objective import Objective
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.start import start_albedo, start_light
-from ia_bench.methods.state import check_form
 from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.render.reconstruction import TexturedReconstruction
 

@@ -11,9 +11,9 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
+from ia_bench.methods.state import form_of_adam
 from ia_bench.methods.two_stage.exchange import ColourExchange
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.state import form_of_adam
 
 LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
 """The least value of each texture; the largest is 1."""
