@@ -82,6 +82,7 @@ def residual(radiance: Tensor, lobes: SphericalGaussians) -> Residual:
 # ---- the fit ---------------------------------------------------------------------------------------------------------
 
 
+@torch.enable_grad()  # whoever renders under a light has it off
 def _fit(radiance: Tensor, count: int) -> SphericalGaussians:
     centres, solid_angle = _grid(radiance)
     target = radiance.reshape(-1, 3)

@@ -1,0 +1,46 @@
+"""What may be set of InvRender."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Weight
+
+
+@dataclass(frozen=True)
+class InvRenderOptions:
+    """What the original has otherwise is in card.md.
+
+    Attributes:
+        radiance_steps: Adam steps of the radiance field, which says what parts of the object send to each other.
+        indirect_steps: Adam steps of the indirect light's spherical Gaussians; 0 leaves indirect light out.
+        steps: Adam steps of material and light.
+        pixels: Training pixels of a step, of all views.
+        texels: Surface points of a step of the indirect light.
+        width: Of the hidden layers of all networks but the decoder.
+        network_rate: Adam rate of networks.
+        light_rate: Adam rate of the light's axes and of the logarithms of its sharpness and amplitude.
+        final_rate: What the rates fall to over a phase, as a fraction.
+        sparsity: Weight of the divergence that keeps latent codes sparse.
+        smoothness: Weight of the change of the material where its latent code is perturbed.
+        directions: Over the sphere, in which visibility is traced once from every texel of the atlas.
+        atlas: Texels along a side of the atlas of points that visibility and indirect light are known at.
+        texture: Texels along a side of the textures that the material is written to.
+        checkpoint_seconds: Time between two checkpoints. Decides no number.
+    """
+
+    radiance_steps: Number = 500
+    indirect_steps: Count = 300
+    steps: Number = 1200
+    pixels: Number = 1024
+    texels: Number = 256
+    width: Number = 128
+    network_rate: Rate = 2e-3
+    light_rate: Rate = 0.02
+    final_rate: Positive = 0.1
+    sparsity: Weight = 0.01
+    smoothness: Weight = 0.1
+    directions: Number = 256
+    atlas: Number = 128
+    texture: Number = 512
+    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

@@ -1,0 +1,118 @@
+"""InvRender: visibility of lobes against rays, indirect light against what a bowl sends to itself, and it as a method."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from ia_bench.checks.methods import Memory, check_method
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.material.textures import Material
+from ia_bench.render.stage import Stage
+from ia_bench.scenes.scene import Scene
+from ia_bench_baselines.common.shaded import bake
+from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
+from ia_bench_baselines.invrender.method import InvRender
+from ia_bench_baselines.invrender.networks import ACTIVE, IndirectField, SparseMaterial, sparsity
+from ia_bench_baselines.invrender.reconstruction import reconstruction
+from ia_bench_baselines.invrender.settings import InvRenderOptions
+from ia_bench_baselines.invrender.transport import Transport
+from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light
+from tests.shapes import bowl
+
+SMALL = InvRenderOptions(radiance_steps=3, indirect_steps=3, steps=4, pixels=64, atlas=32, directions=64, texture=64, width=16)
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+
+
+@pytest.fixture
+def stage(tiny: Scene) -> Stage:
+    return Stage(tiny.mesh, torch.device("cpu"))
+
+
+@pytest.mark.parametrize("sharpness", [1.0, 8.0])
+def test_the_visibility_of_a_lobe_is_its_mean_over_rays(stage: Stage, sharpness: float) -> None:
+    transport = Transport.of(stage, 16, 512)
+    rows = torch.arange(0, len(transport.position), 7)
+    axis = torch.nn.functional.normalize(torch.tensor([[0.3, 0.2, 0.9], [-0.8, 0.1, 0.2]]), dim=1)
+    found = transport.of_lobes(rows, axis, torch.full((2,), sharpness))
+
+    directions, area = texel_centres(24, 48).reshape(-1, 3), row_solid_angles(24, 48).repeat_interleave(48).float()
+    geometric, position = stage.surface.geometry(transport.atlas.face[rows], transport.atlas.barycentric[rows])
+    toward = directions.expand(len(rows), -1, -1).contiguous()
+    free = ~stage.rays.occluded(position + stage.surface.offset * geometric, toward) & (geometric @ directions.T > 0)
+    weight = torch.exp(sharpness * (axis @ directions.T - 1)) * area
+    expected = (free.float() @ weight.T) / weight.sum(1)
+    assert torch.allclose(found, expected, atol=0.05)
+    assert float((found - expected).abs().mean()) < 0.01
+    reflected = transport.of_reflection(rows, axis[:1].expand(len(rows), 3), torch.full((len(rows), 1), sharpness))
+    assert torch.allclose(reflected, found[:, :1], atol=1e-5)
+
+
+def test_the_narrowest_lobe_has_the_visibility_of_the_nearest_direction(stage: Stage) -> None:
+    transport = Transport.of(stage, 8, 64)
+    axis = transport.directions[[5, 40]]
+    rows = torch.arange(len(transport.position))
+    assert torch.allclose(transport.of_lobes(rows, axis, torch.tensor([1e3, 1e6])), transport.free[:, [5, 40]].float(), atol=1e-6)
+
+
+def test_a_bowl_lands_on_itself_where_it_sees_no_sky() -> None:
+    transport = Transport.of(Stage(bowl(), torch.device("cpu")), 32, 64)
+    assert torch.equal(transport.landed >= 0, transport.above & ~transport.free)
+    there = transport.position[transport.landed.clamp_min(0).long()] - transport.position[:, None]
+    cosine = (torch.nn.functional.normalize(there, dim=-1) * transport.directions).sum(-1)
+    far = (transport.landed >= 0) & (there.norm(dim=-1) > 0.5)
+    assert float(cosine[far].min()) > 0.95  # as far as a texel is wide
+
+
+def test_the_divergence_is_none_where_codes_are_as_sparse_as_asked() -> None:
+    assert float(sparsity(torch.full((5, 32), ACTIVE))) == pytest.approx(0, abs=1e-7)
+    expected = 0.05 * math.log(0.05 / 0.5) + 0.95 * math.log(0.95 / 0.5)
+    assert float(sparsity(torch.rand(100000, 2, generator=torch.Generator().manual_seed(0)))) == pytest.approx(expected, rel=0.01)
+
+
+def test_material_and_indirect_light_keep_their_ranges() -> None:
+    torch.manual_seed(0)
+    position = 3 * torch.randn(50, 3)
+    values = 100 * SparseMaterial(16).decoder(torch.rand(50, 32))
+    assert bool(torch.isfinite(values).all())
+    found = SparseMaterial(16)(position)
+    assert bool(((found[:, :3] >= 0) & (found[:, :3] <= 1)).all() and ((found[:, 3] >= 0.09) & (found[:, 3] <= 0.99)).all())
+    lobes = IndirectField(16)(position)
+    assert torch.allclose(lobes.axis.norm(dim=-1), torch.tensor(1.0), atol=1e-5)
+    assert bool((lobes.sharpness > 0).all() and (lobes.amplitude >= 0).all())
+
+
+def test_it_keeps_the_contract(tiny: Scene) -> None:
+    found = list(check_method(lambda: InvRender(SMALL), lambda scene: problem_of(scene), tiny))
+    assert [finding for finding in found if finding.status != "pass"] == []
+
+
+def waves(position: Tensor, extent: float) -> Tensor:
+    """Albedo, whose mean is grey, and roughness, as slow waves over space: (N, 4)."""
+    turned = position @ torch.tensor([[1.0, 0.3, 0.0, 0.7], [0.2, 1.0, 0.3, -0.5], [0.0, 0.3, 1.0, 0.4]])
+    amplitude = torch.tensor([0.3, 0.3, 0.3, 0.2])
+    return torch.tensor([0.45, 0.45, 0.45, 0.5]) + amplitude * torch.sin(2 * math.pi / extent * turned)
+
+
+@pytest.mark.slow
+def test_on_its_home_ground_it_recovers_the_material(tiny: Scene, stage: Stage) -> None:
+    """Photographs by its own renderer, without indirect light: what is left is what they do not tell, and the steps."""
+    options = InvRenderOptions(indirect_steps=0, texture=128)
+    extent = float((tiny.mesh.vertices.max(0) - tiny.mesh.vertices.min(0)).max())
+    known = bake(stage, 128, lambda position: waves(position, extent))
+    material = Material(known[..., :3].contiguous(), known[..., 3:].contiguous())
+    light = fit_light(LatLongEnvironment(smooth_light())).lobes
+    truth = reconstruction(stage, material, light, Transport.of(stage, options.atlas, options.directions), None)
+    scene = photographed(tiny, truth)
+    found = InvRender(options).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
+    recovered = compare(found.reconstruction, truth, scene)
+    assert recovered.albedo >= 30, recovered
+    assert recovered.roughness <= 0.01, recovered
