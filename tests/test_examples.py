@@ -72,6 +72,24 @@ def test_example_of_a_method_keeps_the_contract(installed: Path, tmp_path: Path)
     assert done.stdout.splitlines()[-1].endswith(" 0 failed, 1 skipped")  # it saves no checkpoint
 
 
+def test_a_baseline_is_copied_and_renamed_as_the_page_says(installed: Path, tmp_path: Path) -> None:
+    """The commands and the pyproject.toml of docs/methods.md, in a folder where nothing else is."""
+    page = (ROOT / "docs" / "methods.md").read_text().partition("## By copying a baseline")[2]
+    (commands,), (project, *_) = (re.findall(f"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("sh", "toml"))
+    (tmp_path / "baselines").symlink_to(ROOT / "baselines")
+    subprocess.run(["sh", "-ec", commands], cwd=tmp_path, check=True)
+    (tmp_path / "my_method" / "pyproject.toml").write_text(project)
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--disable-pip-version-check"]
+    own = ["--target", tmp_path / "own", tmp_path / "my_method"]
+    subprocess.run([sys.executable, "-m", "pip", "install", *options, *own], check=True)
+    paths = Path(os.pathsep.join([str(tmp_path / "own"), str(installed)]))
+    smoke = ["method.options.steps=4", "preset=smoke", "scene=tiny", "device=cpu", "threads=1", "out=result"]
+    done = call(paths, "ia_bench", "method=my_method", *smoke, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((tmp_path / "result" / "metrics.json").read_text())
+    assert (metrics["row"], metrics["status"]) == ("my_method", "ok")
+
+
 def test_example_of_a_method_runs(installed: Path, tmp_path: Path) -> None:
     settings = ["method.options.mean=0.4", "preset=smoke", "scene=tiny", "device=cpu", "threads=1", "out=result"]
     done = call(installed, "ia_bench", "method=photograph_as_albedo", *settings, folder=tmp_path)

@@ -66,21 +66,31 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
     return Examples(name, shown, albedo, specular)
 
 
+COLUMNS = {
+    "albedo_grey": "albedo: one grey",
+    "albedo_grey_channels": "one colour",
+    "albedo_image": "the image",
+    "albedo_image_channels": "the image, channels",
+    "albedo_one": "one sample",
+    "albedo_one_channels": "one sample, channels",
+    "albedo_mean": "mean of samples",
+    "albedo_mean_channels": "mean of samples, channels",
+    "specular_constant": "specular: best constant",
+    "specular_one": "specular: one sample",
+    "specular_mean": "specular: mean of samples",
+}
+"""What the report calls the figures of :class:`ia_bench.training.validation.SingleView`, in its order."""
+
+
 def score(prior: Prior, examples: Examples, *, samples: int, seed: int) -> dict[str, float]:
-    """Mean PSNR by column of the report, of one prior and one seed."""
+    """Mean PSNR by column of the report, of one prior and one seed; what a prior does not provide has no column."""
     images, masks = examples.shown.images, examples.shown.masks
     count = samples if prior.info.stochastic else 1
     answers = [ask(prior, examples.shown, seed=derive_seed(seed, draw)).values for draw in range(count)]
     drawn = {name: torch.stack([answer[name] for answer in answers]) for name in sorted(prior.info.provides)}
     truth = {"albedo": examples.albedo, "specular": examples.specular}
     figures = psnr_by_name(images, masks > 0.5, exposure(images, masks), truth, drawn)
-    words = {"one": "one sample", "mean": f"mean of {count}"}
-
-    def column(name: str) -> str:
-        component, *rest = name.split("_")
-        return f"{component}: {', '.join(words.get(word, word) for word in rest)}"
-
-    return {column(name): float(values.mean()) for name, values in figures.items()}
+    return {COLUMNS[name]: float(values.mean()) for name, values in figures.items()}
 
 
 def _geometry(scene: Scene) -> tuple[Tensor, Tensor]:

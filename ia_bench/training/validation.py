@@ -23,7 +23,8 @@ class SingleView:
 
     The names of figures begin with what is scored: ``albedo``, scaled by one factor per image so that its mean is the truth's
     (``..._channels``: one factor per channel), or ``specular``, exposed radiance clipped at white, without alignment. They go
-    on with what is taken for it: ``image``, the image itself; ``one`` sample; the ``mean`` of 8; the best ``constant``.
+    on with what is taken for it: ``image``, the image itself; ``grey``, one colour; ``one`` sample; the ``mean`` of 8; the best
+    ``constant``.
 
     Attributes:
         figures: PSNR in dB, means over images, by name.
@@ -65,7 +66,8 @@ def psnr_by_name(
     """
     figures = {}
     if "albedo" in drawn:
-        for name, value in {"image": images, "one": drawn["albedo"][0], "mean": drawn["albedo"].mean(0)}.items():
+        found = {"one": drawn["albedo"][0], "mean": drawn["albedo"].mean(0)}
+        for name, value in {"image": images, "grey": torch.ones_like(images), **found}.items():
             for kind, channels in (("", False), ("_channels", True)):
                 figures[f"albedo_{name}{kind}"] = aligned_psnr(value, truth["albedo"], inside, channels=channels)
     if "specular" in drawn:

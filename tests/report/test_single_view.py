@@ -27,9 +27,9 @@ class Knowing:
 def test_scale_is_forgiven_in_albedo_alone(tiny_folder):
     examples = load_examples(str(tiny_folder))
     figures = score(Knowing(examples), examples, samples=8, seed=0)
-    assert figures["albedo: one sample"] == 100
-    assert figures["specular: mean of 1"] == 100
-    assert figures["specular: constant"] < 60
+    assert figures["one sample"] == 100
+    assert figures["specular: mean of samples"] == 100
+    assert figures["specular: best constant"] < 60
 
 
 def test_the_image_as_albedo_is_scored_as_by_numpy(tiny_folder):
@@ -41,7 +41,7 @@ def test_the_image_as_albedo_is_scored_as_by_numpy(tiny_folder):
         scaled = predicted * ALIGNMENTS["mean_rgb"](predicted, true).scale
         values.append(-10 * np.log10(np.square(scaled - true).mean()))
     figures = score(Knowing(examples), examples, samples=1, seed=0)
-    assert figures["albedo: image"] == pytest.approx(np.mean(values), abs=1e-3)
+    assert figures["the image"] == pytest.approx(np.mean(values), abs=1e-3)
 
 
 def test_the_command_scores_scenes_and_shards(tmp_path, tiny_folder, capsys):
@@ -51,11 +51,21 @@ def test_the_command_scores_scenes_and_shards(tmp_path, tiny_folder, capsys):
     options = ["--option", f"weights={weights}", "--option", "steps=1", "--samples", "2", "--seeds", "0", "1", "--limit", "2"]
     assert main(["tiny", str(tmp_path / "shards"), *options]) == 0
     header, _, scene, shards = capsys.readouterr().out.strip().splitlines()
-    assert header.split(" | ")[1:3] == ["albedo: image", "albedo: image, channels"]
-    assert scene.startswith("| tiny (2) |")
-    assert shards.startswith("| shards (2) |")
+    assert header.split(" | ")[2:4] == ["albedo: one grey", "one colour"]
+    assert scene.startswith("| diffusion | tiny (2) |")
+    assert shards.startswith("| diffusion | shards (2) |")
     assert "±" in shards
-    assert not torch.isnan(torch.tensor([float(cell.split()[0]) for cell in shards.split("|")[2:-1]])).any()
+    assert not torch.isnan(torch.tensor([float(cell.split()[0]) for cell in shards.split("|")[3:-1]])).any()
+
+
+def test_priors_stand_below_each_other_and_what_one_lacks_is_a_dash(capsys):
+    assert main(["tiny", "--prior", "regressor", "ia_bench_baselines.retinex.prior:RetinexPrior", "--limit", "1"]) == 0
+    _, _, regressor, retinex = capsys.readouterr().out.strip().splitlines()
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in (regressor, retinex)]
+    assert [line[0].rpartition(":")[2] for line in cells] == ["regressor", "RetinexPrior"]
+    assert cells[0][2:6] == cells[1][2:6], "floors do not depend on the prior"
+    assert cells[1][-3:] == ["–"] * 3
+    assert "–" not in cells[0]
 
 
 @pytest.mark.parametrize("scene", [True, False])
@@ -73,7 +83,7 @@ def test_geometry_reaches_a_prior_that_reads_it(tmp_path, tiny_folder, scene):
     reading, blind = DiffusionPrior(**options, geometry=True), DiffusionPrior(**options)
     with_geometry = score(reading, examples, samples=1, seed=0)
     without = score(blind, examples, samples=1, seed=0)
-    assert with_geometry["albedo: one sample"] != without["albedo: one sample"]
+    assert with_geometry["one sample"] != without["one sample"]
 
 
 def test_an_unknown_scene_is_a_mistake(capsys):

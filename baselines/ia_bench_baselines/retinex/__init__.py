@@ -1,0 +1,1 @@
+"""Colour Retinex: the oldest way to tell paint from light in one picture."""
