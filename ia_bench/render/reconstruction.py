@@ -81,6 +81,8 @@ class Reconstruction(Protocol):
     ) -> Images | None:
         """Linear radiance of every view; None where the method cannot render that.
 
+        Under novel lights the reference renderer then draws what it exports, if it exports anything.
+
         Args:
             cameras: The views; they may differ in size.
             light: The light to render under, None for the recovered one.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 
@@ -45,14 +46,19 @@ class Scorer:
         }
 
     def full(self, reconstruction: Reconstruction) -> Scores:
-        """Every number of the protocol; and what can be exported is drawn by the reference renderer, too, and scored again."""
-        samples = self._protocol.samples_per_pixel
+        """Every number of the protocol; and what can be exported is drawn by the reference renderer, too, and scored again.
+
+        Its pictures under novel lights stand for those of a method that renders under its own light alone.
+        """
+        samples, renderer = self._protocol.samples_per_pixel, reconstruction.renderer
         truth = self._truth(1)
-        scores = score(self._predict(reconstruction, truth, 1, samples), truth, self._protocol, renderer=reconstruction.renderer)
-        assets = None if reconstruction.renderer == REFERENCE else reconstruction.assets()
-        if assets is not None:
-            reference = TexturedReconstruction.of(assets, self._stage_of(assets.mesh))
-            score_again(scores, self._predict(reference, truth, 1, samples), truth, "_reference")
+        own, exported = self._predict(reconstruction, truth, 1, samples), self._exported(reconstruction)
+        redrawn = None if exported is None else self._predict(exported, truth, 1, samples)
+        if own.relighting is None and redrawn is not None and redrawn.relighting is not None:
+            own, renderer = replace(own, relighting=redrawn.relighting), f"{renderer}; under novel lights {REFERENCE}"
+        scores = score(own, truth, self._protocol, renderer=renderer)
+        if redrawn is not None:
+            score_again(scores, redrawn, truth, "_reference")
         for name in self._novel:
             if name != "train" and name not in self._lights:
                 scores.reasons[f"per_image.relighting.{name}"] = "left out: the scene has no environment map of this light"
@@ -62,7 +68,12 @@ class Scorer:
         """The metric columns of curve.csv, from a fixed subset of the views."""
         stride, samples = self._protocol.curve_stride, min(self._protocol.curve_samples, self._protocol.samples_per_pixel)
         truth = self._truth(stride)
-        return score_quick(self._predict(reconstruction, truth, stride, samples), truth, self._protocol)
+        own = self._predict(reconstruction, truth, stride, samples)
+        exported = self._exported(reconstruction) if own.relighting is None else None
+        if exported is not None:
+            wanted = Predictions(albedo=truth.albedo, relighting=truth.relighting)
+            own = replace(own, relighting=self._predict(exported, wanted, stride, samples).relighting)
+        return score_quick(own, truth, self._protocol)
 
     def _truth(self, stride: int) -> Predictions:
         """The truth of every ``stride``-th view, None for what the scene does not have."""
@@ -97,6 +108,11 @@ class Scorer:
                 relit = {name: rendered(name, factors) for name in truth.relighting}
                 relighting = {name: images for name, images in relit.items() if images is not None} or None
         return Predictions(albedo, roughness, view_synthesis, relighting)
+
+    def _exported(self, reconstruction: Reconstruction) -> TexturedReconstruction | None:
+        """The textures and the light of a method with another renderer than the reference; None where there are none."""
+        assets = None if reconstruction.renderer == REFERENCE else reconstruction.assets()
+        return None if assets is None else TexturedReconstruction.of(assets, self._stage_of(assets.mesh))
 
     def _stage_of(self, mesh: Mesh) -> Stage:
         """The stage of what was exported, kept for the next scores of the same mesh."""

@@ -170,6 +170,30 @@ def test_what_can_be_exported_is_also_drawn_by_the_reference_renderer(
     assert not any(name.endswith("_reference") for name in Scorer(photographed, SMALL, CPU).full(textured).variants)
 
 
+def test_a_method_that_renders_under_its_own_light_alone_is_relit_by_the_reference_renderer(
+    photographed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+    ball = sphere(3)
+    stage = Stage(replace(ball, uv=(0.5 + 0.5 * ball.vertices[:, :2]).astype(np.float32)), CPU)
+    exported = as_assets(BALL, stage)
+
+    class OneLight(type(exported)):
+        def render(self, cameras, *, light, albedo_scale, quality):
+            drawn = super().render(cameras, light=light, albedo_scale=albedo_scale, quality=quality)
+            return drawn if light is None else None
+
+    alone = OneLight(**vars(exported))
+    scorer = Scorer(photographed, SMALL, CPU)
+    scores = scorer.full(alone)
+    assert scores.renderer == f"{BALL.renderer}; under novel lights {REFERENCE}"
+    assert scores.metrics["relighting"] == scores.variants["relighting_reference"]
+    assert scores.metrics["view_synthesis"] == scorer.full(exported).metrics["view_synthesis"]
+    assert scores.metrics["relighting"]["psnr"] is not None
+    textured = TexturedReconstruction.of(exported.assets(), stage)
+    assert scorer.quick(alone)["relighting_psnr"] == pytest.approx(scorer.quick(textured)["relighting_psnr"], abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [

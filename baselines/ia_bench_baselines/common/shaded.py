@@ -34,8 +34,7 @@ class ShadedReconstruction:
     """See :class:`ia_bench.render.reconstruction.Reconstruction`.
 
     Maps and assets are the method's textures. Renders are the method's own, at ``points`` x ``points`` points a pixel: a quality's
-    own points, which are the reference renderer's, would cost a network more than its fit did. Under lights that the method has no
-    way to render, the reference renderer draws the textures, as the paper has Blender draw them; ``renderer`` should say so.
+    own points, which are the reference renderer's, would cost a network more than its fit did.
     """
 
     def __init__(
@@ -56,8 +55,8 @@ class ShadedReconstruction:
             material: Textures; see :func:`bake` for what is none.
             renderer: The name of what draws it.
             environment: The recovered light, None where the method has none that is infinitely far away.
-            shader: Makes what shades points under a light, None standing for the recovered one; it answers None where the
-                reference renderer is to draw the textures instead.
+            shader: Makes what shades points under a light, None standing for the recovered one; it answers None where the method
+                cannot render under that light.
             points: Along a side of a pixel, of renders.
             light_rows: Of the lat-long map that an environment which is none is exported as.
         """
@@ -77,7 +76,7 @@ class ShadedReconstruction:
         """See :meth:`ia_bench.render.reconstruction.Reconstruction.render`."""
         shade = self._shader(light, quality)
         if shade is None:
-            return self._textures.render(cameras, light=light, albedo_scale=albedo_scale, quality=quality)
+            return None
         images, coverage = [], []
         for gbuffer in self._stage.gbuffers(cameras, self._points):
             picture = torch.zeros(*gbuffer.shape, 3, device=self._stage.device)

@@ -12,7 +12,6 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
-from ia_bench.render.settings import REFERENCE
 from ia_bench_baselines.common.descent import Descent, Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
@@ -137,7 +136,7 @@ def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -
     return ShadedReconstruction(
         problem.stage,
         Material(colour, roughness, metallic),
-        renderer=f"neural incident light; {REFERENCE} under novel lights",
+        renderer="neural incident light",
         environment=None,
         shader=shader,
     )

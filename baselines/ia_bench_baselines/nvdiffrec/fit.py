@@ -11,7 +11,6 @@ from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
-from ia_bench.render.settings import REFERENCE
 from ia_bench_baselines.common.descent import Descent, Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader
@@ -71,7 +70,7 @@ def _radiance(textures: Tensor, light: PrefilteredLight, points: SurfacePoints) 
 
 
 def reconstruction(problem: Problem, material: Material, light: Tensor) -> ShadedReconstruction:
-    """Textures and a light (H, 2 H, 3) that split sums draw under that light and the reference renderer under any other."""
+    """Textures and a light (H, 2 H, 3), which split sums draw under that light and under no other."""
     assert material.metallic is not None
     textures = torch.cat([material.albedo, material.roughness, material.metallic], -1)
 
@@ -91,7 +90,7 @@ def reconstruction(problem: Problem, material: Material, light: Tensor) -> Shade
     return ShadedReconstruction(
         problem.stage,
         material,
-        renderer=f"split sum; {REFERENCE} under novel lights",
+        renderer="split sum",
         environment=LatLongEnvironment(light),
         shader=shader,
         points=4,
