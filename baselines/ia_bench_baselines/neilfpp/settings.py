@@ -23,6 +23,8 @@ class NeilfppOptions:
         width: Channels of a hidden layer of both light fields.
         material_width: Channels of a hidden layer of the material's network.
         layers: Hidden layers of every network; the second input enters in the middle.
+        omega: Of the sines of material and surface light field.
+        incident_omega: Of those of the incident light field.
         rate: AdamW rate, a fifth after a third of the joint phase, and a twenty-fifth after two thirds.
         trace_weight: Weight of the distance between incident light and the surface light field where rays hit.
         metallic_weight: Weight of the mean metal.
@@ -41,7 +43,9 @@ class NeilfppOptions:
     width: Number = 64
     material_width: Number = 128
     layers: Number = 6
-    rate: Rate = 0.002
+    omega: Positive = 30.0
+    incident_omega: Positive = 30.0
+    rate: Rate = 0.0003
     trace_weight: Weight = 0.1
     metallic_weight: Weight = 0.005
     smooth_weight: Weight = 0.0005

@@ -16,7 +16,7 @@ from torch import Tensor
 from ia_bench.material.brdf import F0, normalize
 from ia_bench.render.gbuffer import SurfacePoints
 
-GRAZING = 1e-6  # added to the square of a half vector's length, which is 0 where light comes from behind
+GRAZING = 1e-8  # added to the square of a half vector's length, which is 0 where light comes from behind
 
 
 def sphere_directions(count: int, generator: torch.Generator) -> Tensor:

@@ -17,7 +17,7 @@ from ia_bench.light.latlong import row_solid_angles
 from ia_bench.material.brdf import F0
 from ia_bench.render.gbuffer import SurfacePoints
 
-GRAZING = 1e-6  # added to the square of a half vector's length, which is 0 where light comes from behind
+GRAZING = 1e-8  # added to the square of a half vector's length, which is 0 where light comes from behind
 
 
 def stratified_directions(rows: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,75 @@
+"""Photographs of a known material, with light between parts of the object, by any method's sum over directions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.environment import Environment, LatLongEnvironment
+from ia_bench.material.textures import Material, fetch
+from ia_bench.render.atlas import Atlas
+from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.reconstruction import Quality
+from ia_bench.render.stage import Stage
+from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, part_of
+from ia_bench_baselines.neilfpp.shading import sphere_directions
+from tests.baselines.home_ground import smooth_light
+
+Shade = Callable[[SurfacePoints, Tensor, Tensor, Tensor], Tensor]  # points, material (N, C), directions (D, 3), light (N, D, 3)
+Draw = Callable[[torch.Generator], Tensor]
+BOUNCES, DIRECTIONS, POINTS_AT_ONCE = 3, 256, 512
+
+
+class Reflecting(ShadedReconstruction):
+    """The truth of a home ground: what arrives is the light, or what a diffuse bounce on another part of the object sends."""
+
+    def __init__(self, stage: Stage, material: Material, shade: Shade, draw: Draw) -> None:
+        """``shade``: the method's forward model; ``draw``: gives its directions."""
+        light = LatLongEnvironment(smooth_light())
+        parts = [material.albedo, material.roughness] + ([] if material.metallic is None else [material.metallic])
+        textures = torch.cat(parts, -1)
+        sent = _radiosity(stage, material.albedo, light)
+
+        def shader(novel: Environment | None, quality: Quality) -> Shader:
+            generator = torch.Generator().manual_seed(quality.seed)
+
+            def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
+                seen = []
+                for part in torch.arange(len(points.normal)).split(POINTS_AT_ONCE):
+                    some, directions = part_of(points, part), draw(generator)
+                    arriving = _arriving(stage, some.position, some.geometric, directions, light, sent)
+                    seen.append(shade(some, fetch(textures, some.uv), directions, arriving))
+                return torch.cat(seen)
+
+            return radiance
+
+        super().__init__(stage, material, renderer="home ground", environment=light, shader=shader)
+
+
+def _arriving(stage: Stage, position: Tensor, normal: Tensor, directions: Tensor, light: Environment, sent: Tensor) -> Tensor:
+    """(N, D, 3): ``light``, or the texture ``sent`` of what surfaces send where a ray hits one."""
+    every = directions.expand(len(position), -1, -1).contiguous()
+    face, barycentric, _ = stage.rays.intersect(position + stage.surface.offset * normal, every)
+    hit = face >= 0
+    arriving = light.radiance(directions).expand(len(position), -1, -1).clone()
+    arriving[hit] = fetch(sent, stage.surface.uv(face[hit], barycentric[hit]))
+    return arriving
+
+
+def _radiosity(stage: Stage, albedo: Tensor, light: Environment) -> Tensor:
+    """A texture of the radiance that every texel sends, were the object matt: the series of its reflections, added up."""
+    size = len(albedo)
+    atlas = Atlas.of(stage.mesh, size, stage.device)
+    normal, position = stage.surface.geometry(atlas.face, atlas.barycentric)
+    sent, generator = torch.zeros(size, size, 3), torch.Generator().manual_seed(0)
+    for _ in range(BOUNCES):
+        directions, texels = sphere_directions(DIRECTIONS, generator), torch.zeros(size * size, 3)
+        for part in torch.arange(len(normal)).split(POINTS_AT_ONCE):
+            arriving = _arriving(stage, position[part], normal[part], directions, light, sent)
+            cosine = (normal[part] @ directions.T).clamp_min(0)
+            texels[atlas.place[part]] = (cosine[..., None] * arriving).sum(1) * (4 * math.pi / DIRECTIONS / math.pi)
+        sent = texels.reshape(size, size, 3) * albedo
+    return sent

@@ -1,0 +1,257 @@
+"""TensoIR: its tensor, its sums over directions and its light against independent answers, and as a method."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+from torch.nn.functional import grid_sample
+
+from ia_bench.checks.methods import Killed, Memory, check_method
+from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.methods.contract import Monitor, Problem
+from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.reconstruction import Quality
+from ia_bench.scenes.scene import Scene
+from ia_bench_baselines.tensoir.fit import relative_change
+from ia_bench_baselines.tensoir.method import Tensoir as TensoirMethod
+from ia_bench_baselines.tensoir.model import FIRST_ENERGY, Tensoir, TrainedLight
+from ia_bench_baselines.tensoir.settings import TensoirOptions
+from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
+from ia_bench_baselines.tensoir.tensor import LINES, PLANES, VectorMatrix
+from ia_bench_baselines.tensoir.transport import arriving_light
+from tests.baselines.home_ground import RENDER, compare, photographed, problem_of, smooth_material
+from tests.baselines.reflecting import Reflecting
+
+SMALL = TensoirOptions(
+    radiance_steps=4, coarse_steps=3, fine_steps=4, radiance_pixels=64, pixels=32, rows=4, rendered_rows=4, lobes=16, coarse=8,
+    fine=12, components=2,
+)  # fmt: skip
+CORNERS = torch.tensor([[-1.0, -1, -1], [1, 1, 1]])
+
+
+def points_at(normal: Tensor, view: Tensor) -> SurfacePoints:
+    """Points at the origin with these normals and views, (N, 3)."""
+    zero = torch.zeros_like(normal)
+    return SurfacePoints(zero, normal, view, zero[:, :2], normal, torch.ones(len(normal), 1, dtype=torch.bool))
+
+
+# ---- the tensor --------------------------------------------------------------------------------------------------------
+
+
+def test_features_are_those_of_the_dense_grid():
+    """A plane's bilinear value times a line's linear one is the trilinear value of their outer product."""
+    generator = torch.Generator().manual_seed(0)
+    tensor = VectorMatrix(3, 7, 9, generator)
+    position = torch.rand(50, 3, generator=generator) * 2 - 1
+    planes, lines = tensor.values()
+    found = tensor(position)
+    for pair, (axes, along) in enumerate(zip(PLANES, LINES, strict=True)):
+        names = "xyz"
+        plane = names[axes[1]] + names[axes[0]]  # rows of a plane belong to the second of its axes
+        dense = torch.einsum(f"r{plane},r{names[along]}->rzyx", planes[pair], lines[pair, :, :, 0])
+        true = grid_sample(dense[None], position[None, :, None, None], align_corners=True)[0, :, :, 0, 0].T
+        torch.testing.assert_close(found[:, 3 * pair : 3 * pair + 3], true, rtol=1e-4, atol=1e-6)
+
+
+def test_refining_changes_nothing_at_first():
+    """Nodes of 9 are among those of 17, so that interpolation is exact; then what is trained is added."""
+    generator = torch.Generator().manual_seed(0)
+    tensor = VectorMatrix(2, 9, 17, generator)
+    position = torch.rand(50, 3, generator=generator) * 2 - 1
+    before = tensor(position).detach()
+    tensor.refine()
+    torch.testing.assert_close(tensor(position), before, rtol=1e-4, atol=1e-6)
+    tensor(position).sum().backward()
+    assert all(p.grad is None for p in tensor.coarse())
+    assert all(p.grad is not None and bool(p.grad.any()) for p in tensor.fine())
+
+
+def test_variation_is_that_of_a_ramp():
+    tensor = VectorMatrix(1, 5, 5, torch.Generator().manual_seed(0))
+    with torch.no_grad():
+        tensor.coarse_planes.copy_(torch.arange(5.0).expand(3, 1, 5, 5))  # 1 a step along columns, 0 along rows
+        tensor.coarse_lines.copy_(3 * torch.arange(5.0)[:, None].expand(3, 1, 5, 1))
+    assert float(tensor.variation().detach()) == pytest.approx(2 * (1 + 9))
+
+
+# ---- shading -----------------------------------------------------------------------------------------------------------
+
+
+def brute_force(normal: Tensor, view: Tensor, incident: Tensor, albedo: Tensor, roughness: float) -> Tensor:
+    """BRDF times cosine (D, 3) for directions (D, 3), written down anew in float64."""
+    half = torch.nn.functional.normalize(incident + view, dim=-1)
+    cos_i, cos_o, cos_h, cos_d = incident @ normal, view @ normal, half @ normal, half @ view
+    alpha = roughness**2
+    distribution = alpha**2 / (math.pi * (cos_h**2 * (alpha**2 - 1) + 1) ** 2)
+    k = (roughness + 1) ** 2 / 8
+    shadowing = [c / (c * (1 - k) + k) for c in (cos_i, cos_o)]
+    fresnel = 0.04 + 0.96 * 2 ** ((-5.55473 * cos_d - 6.98316) * cos_d)
+    specular = distribution * fresnel * shadowing[0] * shadowing[1] / (4 * cos_i * cos_o)
+    value = (albedo / math.pi + specular[:, None]) * cos_i[:, None]
+    return torch.where(cos_i[:, None] > 0, value, torch.zeros_like(value))
+
+
+@pytest.mark.parametrize("roughness", [0.09, 0.3, 0.99])
+def test_one_direction_is_the_brdf_in_float64(roughness: float):
+    generator = torch.Generator().manual_seed(0)
+    normal = torch.tensor([0.0, 0.6, 0.8])
+    view = torch.nn.functional.normalize(torch.tensor([0.5, 0.2, 0.7]), dim=0)
+    mirrored = 2 * (normal @ view) * normal - view
+    incident = torch.nn.functional.normalize(torch.cat([torch.randn(200, 3, generator=generator), mirrored[None]]), dim=1)
+    albedo, one = torch.tensor([[0.2, 0.5, 0.8]]), torch.ones(1)
+    point, rough = points_at(normal[None], view[None]), torch.tensor([[roughness]])
+    found = torch.cat([reflect(point, albedo, rough, way[None], one, torch.ones(1, 1, 3)) for way in incident])
+    true = brute_force(normal.double(), view.double(), incident.double(), albedo[0].double(), roughness)
+    torch.testing.assert_close(found.double(), true, rtol=1e-2, atol=1e-5)
+
+
+def test_stratified_directions_add_up_to_the_integral():
+    """Many cells against a quadrature; few cells on average over their draws, where the error of 300 is a half per cent."""
+    normal, view = torch.tensor([0.0, 0.6, 0.8]), torch.nn.functional.normalize(torch.tensor([0.5, 0.2, 0.7]), dim=0)
+    albedo, roughness = torch.tensor([[0.2, 0.5, 0.8]]), torch.tensor([[0.5]])
+
+    def light(directions: Tensor) -> Tensor:
+        return 1 + directions + torch.exp(5 * (directions @ directions.new_tensor([0.0, 0.8, 0.6]) - 1))[:, None]
+
+    rows, point = 256, points_at(normal[None], view[None])
+    grid = texel_centres(rows, 2 * rows).double().reshape(-1, 3)
+    area = row_solid_angles(rows, 2 * rows).repeat_interleave(2 * rows)
+    true = (brute_force(normal.double(), view.double(), grid, albedo[0].double(), 0.5) * light(grid) * area[:, None]).sum(0)
+    generator = torch.Generator().manual_seed(0)
+
+    def estimate(rows: int) -> Tensor:
+        directions, solid_angles = stratified_directions(rows, generator)
+        return reflect(point, albedo, roughness, directions, solid_angles, light(directions)[None])[0].double()
+
+    torch.testing.assert_close(estimate(128), true, rtol=5e-3, atol=0)
+    torch.testing.assert_close(torch.stack([estimate(6) for _ in range(300)]).mean(0), true, rtol=0.01, atol=0)
+
+
+def test_every_cell_has_its_direction():
+    directions, solid_angles = stratified_directions(6, torch.Generator().manual_seed(0))
+    assert float(solid_angles.sum()) == pytest.approx(4 * math.pi, rel=1e-6)
+    torch.testing.assert_close(directions.norm(dim=1), torch.ones(72))
+    row = (torch.acos(directions[:, 2]) * 6 / math.pi).long()
+    column = (torch.atan2(directions[:, 1], directions[:, 0]) % (2 * math.pi) * 12 / (2 * math.pi)).long()
+    assert (row * 12 + column).tolist() == list(range(72))
+
+
+# ---- light -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_light_starts_white_with_its_energy():
+    lobes = TrainedLight(128, torch.Generator().manual_seed(0)).lobes()
+    torch.testing.assert_close(lobes.energy().sum(0), torch.full((3,), FIRST_ENERGY))
+    assert float(lobes.sharpness.detach().min()) >= 10
+
+
+def test_what_arrives_is_the_light_or_what_the_radiance_head_sends(tiny: Scene):
+    """Ray by ray; and only the light is asked to change."""
+    stage = problem_of(tiny).stage
+    model = Tensoir(SMALL, CORNERS, torch.Generator().manual_seed(0))
+    gbuffer = stage.gbuffer([tiny.train[0].camera], 1)
+    some = slice(None, None, 7)
+    points = stage.surface(gbuffer.face[some, 0], gbuffer.barycentric[some, 0], gbuffer.origin.expand(len(gbuffer.face[some]), 3))
+    directions, _ = stratified_directions(8, torch.Generator().manual_seed(0))
+    light = arriving_light(stage, points, directions, model.light.lobes(), model)
+    environment, blocked = model.light.lobes().radiance(directions), 0
+    for point in range(0, len(points.position), 5):
+        start = points.position[point] + stage.surface.offset * points.geometric[point]
+        for direction in range(0, len(directions), 3):
+            way = directions[direction]
+            face, barycentric, _ = stage.rays.intersect(start[None], way[None])
+            if float(way @ points.normal[point]) <= 0:
+                expected = torch.zeros(3)
+            elif int(face) < 0:
+                expected = environment[direction]
+            else:
+                normal, position = stage.surface.geometry(face, barycentric)
+                sent = model.radiance(model.features(model.local(position)), -way[None])[0]
+                expected = sent if float(normal[0] @ way) < 0 else torch.zeros(3)
+                blocked += 1
+            torch.testing.assert_close(light[point, direction], expected, rtol=1e-4, atol=1e-5)
+    assert blocked > 20
+    light.sum().backward()
+    assert all(p.grad is None for p in model.radiance_head.parameters())
+    assert model.light.log_amplitude.grad is not None
+    alone = arriving_light(stage, points, directions, model.light.lobes(), None)
+    assert float(alone.sum()) < float(light.sum())
+
+
+def test_relative_change_is_that_of_the_larger():
+    assert float(relative_change(torch.tensor([1.0, 4.0]), torch.tensor([2.0, 4.0]))) == pytest.approx(0.125)
+
+
+# ---- the method --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_it_keeps_the_contract(tiny: Scene):
+    def problem(scene: Scene) -> Problem:
+        return Problem(scene.blind(), RENDER, note=lambda _: None)
+
+    found = list(check_method(lambda: TensoirMethod(SMALL), problem, tiny))
+    assert [finding for finding in found if finding.status != "pass"] == []
+
+
+def test_a_fit_goes_on_in_the_fine_tensor(tiny: Scene):
+    """Killed after the second step of the last phase and resumed, it gives the textures of a fit that was not."""
+    method = TensoirMethod(SMALL)
+    whole = method.fit(problem_of(tiny), seed=3, monitor=Memory().monitor()).reconstruction.assets()
+    memory, asked = Memory(deadly=True), iter(range(1000))
+
+    def monitor(last: int) -> Monitor:
+        parts = memory.monitor()
+        return Monitor.silent(save=parts.save, load=parts.load, stopping=lambda: next(asked) == last)
+
+    with pytest.raises(Killed):
+        method.fit(problem_of(tiny), seed=3, monitor=monitor(SMALL.radiance_steps + SMALL.coarse_steps + 1))
+    resumed = method.fit(problem_of(tiny), seed=3, monitor=monitor(-1)).reconstruction.assets()
+    assert whole is not None
+    assert resumed is not None
+    assert (whole.albedo == resumed.albedo).all()
+    assert (whole.roughness == resumed.roughness).all()
+
+
+def test_either_head_draws_the_recovered_light(tiny: Scene):
+    """The fit is the same, and the pictures under its own light are not."""
+    found = {
+        head: TensoirMethod(
+            replace(SMALL, head=head),  # type: ignore[arg-type]
+        ).fit(problem_of(tiny), seed=0, monitor=Memory().monitor()).reconstruction
+        for head in ("brdf", "radiance")
+    }  # fmt: skip
+    camera, quality = [tiny.test[0].camera], Quality(points=1, samples=1)
+    images = {head: one.render(camera, light=None, albedo_scale=None, quality=quality) for head, one in found.items()}
+    assert images["brdf"] is not None
+    assert images["radiance"] is not None
+    assert abs(images["brdf"].images[0] - images["radiance"].images[0]).max() > 0.01
+    assert "radiance head" in found["radiance"].renderer
+    textures = [one.assets() for one in found.values()]
+    assert textures[0] is not None
+    assert textures[1] is not None
+    assert (textures[0].albedo == textures[1].albedo).all()
+
+
+@pytest.mark.slow
+def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
+    """Photographs by its own sums over directions, of light that other parts of the object send or hide."""
+    directions, solid_angles = stratified_directions(16, torch.Generator().manual_seed(5))
+
+    def shade(points: SurfacePoints, values: Tensor, directions: Tensor, light: Tensor) -> Tensor:
+        albedo, roughness = values.split((3, 1), 1)
+        return reflect(points, albedo, roughness, directions, solid_angles, light)
+
+    truth = Reflecting(
+        problem_of(tiny).stage, smooth_material(), shade, lambda generator: stratified_directions(16, generator)[0]
+    )  # fmt: skip
+    scene = photographed(tiny, truth)
+    found = TensoirMethod(TensoirOptions()).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
+    recovered = compare(found.reconstruction, truth, scene)
+    print(recovered)
+    assert recovered.albedo >= 25, recovered
+    assert recovered.roughness <= 0.02, recovered
