@@ -108,7 +108,7 @@ def test_rotations_are_rotations_and_favour_no_direction():
 def test_a_field_in_parts_is_the_network_of_both_inputs():
     """Frontal layers of the first input alone, then both: written down for every pair."""
     generator = torch.Generator().manual_seed(0)
-    field = SineField(3, width=8, layers=4, start=0.3, second=True, omega=30.0, generator=generator)
+    field = SineField(3, width=8, layers=4, start=0.3, second=True, generator=generator)
     with torch.no_grad():
         field.last.weight.normal_(generator=generator)
     first, second = torch.randn(5, 3, generator=generator), torch.randn(7, 3, generator=generator)

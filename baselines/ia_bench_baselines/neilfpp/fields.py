@@ -22,35 +22,23 @@ class SineField(nn.Module):
     first inputs, ``inserted`` of all of the second ones, and ``finish`` of the sum for those pairs that are asked for.
     """
 
-    def __init__(
-        self, outputs: int, *, width: int, layers: int, start: float, second: bool, omega: float, generator: torch.Generator
-    ) -> None:
-        """Draw the weights.
-
-        Args:
-            outputs: Channels.
-            width: Of a hidden layer.
-            layers: Hidden ones.
-            start: What all outputs are at the start.
-            second: Whether there is a second input, of 3 channels.
-            omega: Of all sines; it says how fast the field can change.
-            generator: Draws the weights.
-        """
+    def __init__(self, outputs: int, *, width: int, layers: int, start: float, second: bool, generator: torch.Generator) -> None:
+        """``start``: what all outputs are at the start; ``second``: whether there is a second input, of 3 channels."""
         super().__init__()
         first = encoded(3, FREQUENCIES)
         front = layers // 2
 
         def sines(sizes: list[int]) -> list[nn.Module]:
-            return [part for size in sizes for part in (nn.Linear(size, width), Sine(omega))]
+            return [part for size in sizes for part in (nn.Linear(size, width), Sine())]
 
         self.front = nn.Sequential(*sines([first, *[width] * (front - 1)]))
         self.centre = nn.Linear(width + first + (3 if second else 0), width)
-        self.back = nn.Sequential(Sine(omega), *sines([width] * (layers - front - 1)))
+        self.back = nn.Sequential(Sine(), *sines([width] * (layers - front - 1)))
         self.last = nn.Linear(width, outputs)
         self.to(generator.device)
-        initialise_siren(self.front, generator, omega)
-        initialise_siren(self.centre, generator, omega, first=False)
-        initialise_siren(self.back, generator, omega, first=False)
+        initialise_siren(self.front, generator)
+        initialise_siren(self.centre, generator, first=False)
+        initialise_siren(self.back, generator, first=False)
         with torch.no_grad():
             self.last.weight.uniform_(-LAST, LAST, generator=generator)
             self.last.bias.fill_(start)
@@ -82,12 +70,11 @@ class Neilf(nn.Module):
         brightness = max(median, 1e-3)
         share = min(brightness / BRIGHTEST, 0.9)
 
-        def field(outputs: int, width: int, start: float, omega: float = options.omega, *, second: bool = True) -> SineField:
-            sizes = {"width": width, "layers": options.layers}
-            return SineField(outputs, **sizes, start=start, second=second, omega=omega, generator=generator)
+        def field(outputs: int, width: int, start: float, *, second: bool = True) -> SineField:
+            return SineField(outputs, width=width, layers=options.layers, start=start, second=second, generator=generator)
 
         self.material_field = field(5, options.material_width, 0.0, second=False)
-        self.incident_field = field(3, options.width, math.log10(brightness / 0.5), options.incident_omega)
+        self.incident_field = field(3, options.width, math.log10(brightness / 0.5))
         self.outgoing_field = field(3, options.width, math.log(share / (1 - share)))
         self.register_buffer("centre", corners.mean(0))
         self.radius = float((corners[1] - corners[0]).norm()) / 2

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Weight
+from ia_bench.common.ranges import NO_NUMBER, Count, Number, Rate, Weight
+
+LEAST_ROUGHNESS = 0.1  # a narrower lobe falls between the directions of any affordable quadrature
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,6 @@ class NeilfppOptions:
         width: Channels of a hidden layer of both light fields.
         material_width: Channels of a hidden layer of the material's network.
         layers: Hidden layers of every network; the second input enters in the middle.
-        omega: Of the sines of material and surface light field.
-        incident_omega: Of those of the incident light field.
         rate: AdamW rate, a fifth after a third of the joint phase, and a twenty-fifth after two thirds.
         trace_weight: Weight of the distance between incident light and the surface light field where rays hit.
         metallic_weight: Weight of the mean metal.
@@ -34,7 +34,7 @@ class NeilfppOptions:
 
     surface_light_steps: Number = 600
     material_steps: Count = 100
-    joint_steps: Number = 700
+    joint_steps: Number = 900
     pixels: Number = 256
     surface_light_pixels: Number = 1024
     directions: Number = 128
@@ -43,18 +43,13 @@ class NeilfppOptions:
     width: Number = 64
     material_width: Number = 128
     layers: Number = 6
-    omega: Positive = 30.0
-    incident_omega: Positive = 30.0
     rate: Rate = 0.0003
     trace_weight: Weight = 0.1
     metallic_weight: Weight = 0.005
-    smooth_weight: Weight = 0.0005
+    smooth_weight: Weight = 0.00005
     checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)
 
     def __post_init__(self) -> None:
         """Raises ValueError where there is no middle for the second input to enter."""
         if self.layers < 2:
             raise ValueError(f"layers: expected at least 2, found {self.layers}")
-
-
-LEAST_ROUGHNESS: Positive = 0.1  # a narrower lobe falls between the directions of any affordable quadrature
