@@ -18,8 +18,15 @@ class InvRender:
     Options: ClassVar[type] = InvRenderOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "smoke": {"radiance_steps": 8, "indirect_steps": 4, "steps": 8, "atlas": 32, "directions": 64, "texture": 64},
-        "full": {"radiance_steps": 2000, "indirect_steps": 1200, "steps": 5000},
-        "paper": {"radiance_steps": 20000, "indirect_steps": 10000, "steps": 10000, "width": 512, "network_rate": 5e-4},
+        "full": {"radiance_steps": 3200, "indirect_steps": 1600, "steps": 7200},
+        "paper": {
+            "radiance_steps": 200000,
+            "indirect_steps": 10000,
+            "steps": 10000,
+            "pixels": 1024,
+            "width": 512,
+            "network_rate": 5e-4,
+        },
     }
     info = MethodInfo(
         uses_prior=False,

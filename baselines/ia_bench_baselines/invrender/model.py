@@ -33,7 +33,8 @@ class InvRenderModel(nn.Module):
         """Networks are drawn from ``generator``, and so is the sharpness of the first light."""
         super().__init__()
         self.material, self.radiance, self.indirect = SparseMaterial(width), RadianceField(width), IndirectField(width)
-        initialise(self, generator)
+        initialise(self, generator, math.sqrt(6))
+        initialise(self.material.decoder, generator)  # whose first albedo and roughness are then near the middle of their ranges
         low, high = (torch.from_numpy(bound) for bound in (mesh.vertices.min(0), mesh.vertices.max(0)))
         self.register_buffer("centre", (low + high) / 2)
         self.register_buffer("extent", ((high - low) / 2).max())

@@ -29,14 +29,14 @@ class InvRenderOptions:
         checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
-    radiance_steps: Number = 500
-    indirect_steps: Count = 300
-    steps: Number = 1200
-    pixels: Number = 1024
+    radiance_steps: Number = 800
+    indirect_steps: Count = 400
+    steps: Number = 1800
+    pixels: Number = 512
     texels: Number = 256
     width: Number = 128
-    network_rate: Rate = 2e-3
-    light_rate: Rate = 0.02
+    network_rate: Rate = 4e-3
+    light_rate: Rate = 0.05
     final_rate: Positive = 0.1
     sparsity: Weight = 0.01
     smoothness: Weight = 0.1
