@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from chi_square import assert_frequencies
-from test_brdf import (
+from half_vectors import (
     DEGREES,
     DRAWS,
     RENDERED,

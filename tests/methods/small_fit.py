@@ -15,18 +15,25 @@ from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.contract import Prior
+from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import RenderSettings
+from ia_bench.runs.truth import ToldPrior
 from ia_bench.scenes.scene import Scene
 
 RENDER = RenderSettings(
     samples=16, subsamples=2, texture=64, light_height=16, shadows="traced", bounces=0, coat="added", metallic=False,
 )
+SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256, checkpoint_seconds=1e9)
 OF_THE_PRIOR = ("prior",)
 
 
 def make_problem(scene: Scene) -> Problem:
     return Problem(scene, RENDER, note=lambda _: None)
+
+
+def oracle(scene: Scene, **dials: Any) -> ToldPrior:
+    return ToldPrior(OraclePrior(**dials), scene.train)
 
 
 def altered(problem: Problem, **parts: Any) -> Problem:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,3 +88,10 @@ def as_assets(ball: Ball, stage: Stage) -> Ball:
     light = None if ball.environment is None else ball.environment.latlong(16).numpy()
     exported = Assets(stage.mesh, material.albedo.numpy().copy(), material.roughness[..., 0].numpy(), light=light)
     return replace(ball, exported=exported)
+
+
+def mapped(images: Images, change: Callable[[np.ndarray], np.ndarray]) -> Images:
+    """Apply a change to the un-premultiplied colours."""
+    weights = [c if i.ndim == 2 else c[..., None] for i, c in zip(images.images, images.coverage, strict=True)]
+    colours = (i / np.where(w > 0, w, 1) for i, w in zip(images.images, weights, strict=True))
+    return Images(tuple(change(c) * w for c, w in zip(colours, weights, strict=True)), images.coverage)

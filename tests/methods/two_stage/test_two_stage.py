@@ -1,51 +1,26 @@
-"""The two-stage trainer on scene tiny: it recovers, repeats, resumes to the same bits, and sees no truth.
+"""The two-stage trainer on scene tiny: it recovers, repeats, resumes to the same bits, and says what goes wrong.
 
 Small (16 samples, 64 texels, tens of steps): the numbers say that learning happens, not how good it gets.
 """
 
 from __future__ import annotations
 
-import io
-import types
-from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from small_fit import Found, Record, altered, fit, make_problem, same
+from small_fit import SETTINGS, Found, Record, fit, make_problem, oracle, same
 from torch import Tensor
 
-from ia_bench.common.progress import Progress
-from ia_bench.light.latlong import SampledLight, resize_light
-from ia_bench.methods.asking.settings import SupervisionSettings
-from ia_bench.methods.ceiling import Ceiling
-from ia_bench.methods.contract import Monitor, Problem, Result
-from ia_bench.methods.info import MethodInfo
-from ia_bench.methods.plan import make_plan
+from ia_bench.light.latlong import resize_light
+from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.fit import FIRST_SCORE
-from ia_bench.methods.two_stage.settings import FitSettings, LossWeights
-from ia_bench.priors.contract import Observations, Samples
+from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
-from ia_bench.priors.oracle import OraclePrior
-from ia_bench.render import renderer as renderer_module
 from ia_bench.render.renderer import texture_images
-from ia_bench.render.settings import RenderSettings
-from ia_bench.render.stage import Stage
-from ia_bench.runs.composition import compose
-from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.run import run
-from ia_bench.runs.truth import ToldPrior
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
-
-SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256, checkpoint_seconds=1e9)
-
-
-def oracle(scene: Scene, **dials: Any) -> ToldPrior:
-    return ToldPrior(OraclePrior(**dials), scene.train)
 
 
 def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
@@ -56,7 +31,6 @@ def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
     picture, truth = picture[inside], truth[inside]
     aligned = picture * (truth.mean() / picture.mean())
     return float(np.sqrt(((linear_to_srgb(aligned.clip(0, 1)) - linear_to_srgb(truth)) ** 2).mean()))
-
 
 # ---- it recovers -----------------------------------------------------------------------------------------------------
 
@@ -170,110 +144,6 @@ def test_scores_come_at_doubling_steps(problem: Problem, record: Record) -> None
     assert len(record.losses) == 120
 
 
-# ---- the prior is asked as the paper says ----------------------------------------------------------------------------
-
-
-class Asked(OraclePrior):
-    """An oracle that remembers its questions."""
-
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options)
-        self.questions: list[tuple[int, Mapping[str, Tensor] | None]] = []
-
-    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
-        self.questions.append((seed, guidance))
-        return super().sample(observations, seed=seed, guidance=guidance)
-
-
-def asked(problem: Problem, scene: Scene, settings: FitSettings, **members: object) -> tuple[Asked, Found]:
-    prior = Asked(noise=0.1)
-    prior.info = replace(prior.info, **members)  # type: ignore[arg-type]
-    return prior, fit(problem, ToldPrior(prior, scene.train), settings, Record(), seed=5)
-
-
-def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
-    prior, _ = asked(problem, scene, SETTINGS)
-    assert [(seed, guidance is not None) for seed, guidance in prior.questions] == [(5, False), (5, True)]
-    guidance = prior.questions[1][1]
-    assert guidance is not None
-    assert set(guidance) == {"albedo", "specular"}
-    coverage = problem.gbuffer.coverage()
-    for render in guidance.values():
-        assert render.shape == (16, 32, 32, 3)
-        assert bool((render >= 0).all())
-        assert float(render[coverage == 0].abs().max()) == 0
-    # The albedo that guides is the texture of that moment, seen from the training cameras.
-    constant = replace(SETTINGS.rates, final=1.0)  # nothing of stage 1 may depend on the length of the whole
-    settings = replace(SETTINGS, rates=constant, albedo_start=0.0, roughness_start=1.0, exchange_start=0.0)
-    whole, _ = asked(problem, scene, settings)
-    half, found = asked(problem, scene, replace(settings, stage2_steps=0))
-    assert len(half.questions) == 1
-    picture = texture_images(problem.renderer.surface, problem.gbuffer, found.material.albedo)
-    guide = whole.questions[1][1]
-    assert guide is not None
-    torch.testing.assert_close(guide["albedo"], picture, rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.parametrize(("changes", "members"), [({"guided": False}, {}), ({}, {"guidable": False})])
-def test_no_second_draw_without_guidance(problem: Problem, scene: Scene, changes: dict, members: dict) -> None:
-    prior, _ = asked(problem, scene, replace(SETTINGS, **changes), **members)
-    assert [guidance for _, guidance in prior.questions] == [None]
-
-
-@pytest.mark.parametrize(
-    ("weights", "specular_weight", "guided"),
-    [
-        ({}, 0.0, {"albedo"}),
-        ({"specular": 0.0}, 1.0, {"albedo"}),
-        ({"albedo": 0.0}, 1.0, {"specular"}),
-        ({"albedo": 0.0}, 0.0, None),
-    ],
-)
-def test_what_has_no_weight_guides_nothing(
-    problem: Problem, scene: Scene, weights: dict, specular_weight: float, guided: set[str] | None
-) -> None:
-    """An ablated component must not come back through the samples of the other one."""
-    changed = altered(problem, supervision=SupervisionSettings(specular_weight=specular_weight))
-    prior, _ = asked(changed, scene, replace(SETTINGS, weights=LossWeights(**weights)))
-    expected = [None] if guided is None else [None, guided]
-    assert [guidance and set(guidance) for _, guidance in prior.questions] == expected
-
-
-def test_weights_switch_components_off(problem: Problem, scene: Scene) -> None:
-    """Without a component's weight its sample has no influence; the ablation rows of the table rest on this."""
-    for name in ("albedo", "specular"):
-        settings = replace(SETTINGS, guided=False, weights=LossWeights(**{name: 0.0}))
-        exact = fit(problem, oracle(scene), settings, Record())
-        views = tuple(replace(view, **{name: 0.1 * getattr(view, name)}) for view in scene.train)
-        noisy = ToldPrior(OraclePrior(), views)
-        assert same(exact, fit(problem, noisy, settings, Record()))
-        assert not same(exact, fit(problem, noisy, replace(settings, weights=LossWeights()), Record()))
-
-
-def test_roughness_waits(problem: Problem) -> None:
-    settings = replace(SETTINGS, checkpoint_seconds=0.0, roughness_start=0.5)
-    record = Record()
-    fit(problem, NoPrior(), settings, record)
-    states = {step: record.monitor(state).load() for step, state in record.states.items()}
-    roughness = {step: state["parameters"]["tensors"]["roughness"] for step, state in states.items() if state is not None}
-    assert bool((roughness[15] == settings.roughness_initial).all())
-    assert not torch.equal(roughness[16], roughness[15])
-
-
-def test_the_start_explains_the_mean_image(problem: Problem, record: Record) -> None:
-    """With one constant light and albedo; the light is grey, but for the colour that the coat does not have."""
-    found = fit(problem, NoPrior(), replace(SETTINGS, stage1_steps=0, stage2_steps=0), record)
-    assert torch.equal(found.light, found.light[:1, :1].expand(16, 32, 3))
-    generator = torch.Generator().manual_seed(0)
-    images = problem.renderer.render_images(problem.gbuffer, found.material, SampledLight.of(found.light), 32, generator)
-    mean = np.stack([view.image for view in problem.scene.train]).mean((0, 1, 2))
-    np.testing.assert_allclose(images["radiance"].numpy().mean((0, 1, 2)), mean, rtol=0.03)
-    albedo, light = found.material.albedo[0, 0].numpy(), found.light[0, 0].numpy()
-    torch.testing.assert_close(found.material.albedo, found.material.albedo[:1, :1].expand_as(found.material.albedo))
-    np.testing.assert_allclose(albedo / albedo.mean(), mean / mean.mean(), rtol=0.001)
-    np.testing.assert_allclose(light / light.mean(), 1, rtol=0.1)
-
-
 # ---- what goes wrong is said -----------------------------------------------------------------------------------------
 
 
@@ -284,127 +154,3 @@ def test_nan_in_an_image_stops_with_the_view(scene: Scene, record: Record) -> No
     spoiled = replace(blind, train=(*blind.train[:2], replace(blind.train[2], image=image), *blind.train[3:]))
     with pytest.raises(FloatingPointError, match=f"^training view {blind.train[2].name}: NaN or Inf in 1 values of the image"):
         fit(make_problem(spoiled), NoPrior(), SETTINGS, record)
-
-
-# ---- it sees no truth ------------------------------------------------------------------------------------------------
-
-
-def trap(allowed: dict[str, Any], what: str) -> types.SimpleNamespace:
-    """An object with these attributes alone; reading any other one fails the test."""
-
-    class Trap(types.SimpleNamespace):
-        def __getattr__(self, name: str) -> Any:
-            raise AssertionError(f"training read {what}.{name}")
-
-    return Trap(**allowed)
-
-
-def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Record) -> None:
-    views = tuple(
-        trap({"name": v.name, "camera": v.camera, "image": v.image, "mask": v.mask, "light": v.light}, "view")
-        for v in scene.train
-    )
-    told = {"name": scene.name, "source": scene.source, "mesh": scene.mesh, "notes": (), "metallic": scene.metallic}
-    blind = trap({**told, "train": views}, "scene")
-    with pytest.raises(AssertionError, match="training read view.albedo"):
-        _ = views[0].albedo
-    with pytest.raises(AssertionError, match="training read scene.truth"):
-        _ = blind.truth
-    trapped = make_problem(blind)  # type: ignore[arg-type]
-    plan = make_plan(blind, Stage(scene.mesh, torch.device("cpu")), RenderSettings(), NoPrior())  # type: ignore[arg-type]
-    assert plan.decisions
-    found = fit(trapped, oracle(scene, noise=0.1), SETTINGS, record)
-    expected = fit(make_problem(scene.blind()), oracle(scene, noise=0.1), SETTINGS, Record())
-    assert same(found, expected)
-
-
-class Reached(Exception):
-    """Carries what a method was given out of run.py."""
-
-
-class Spying(Ceiling):
-    """A method that stops the run and shows what it was given."""
-
-    info = MethodInfo(uses_prior=True)
-
-    def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
-        raise Reached(problem)
-
-
-def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
-    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"method={__name__}:Spying"])
-    folder, progress = RunFolder.open(tmp_path / "run", {}, "0"), Progress(io.StringIO())
-    with folder, progress, pytest.raises(Reached) as reached:
-        run(config, folder, progress)
-    (problem,) = reached.value.args
-    assert problem.truth is None
-    assert (problem.scene.truth, problem.scene.test, problem.scene.novel) == (None, (), ())
-    assert {view.albedo is None and view.specular is None for view in problem.scene.train} == {True}
-    assert not {"stage", "plan", "gbuffer", "renderer", "prior"} & vars(problem).keys() - {"stage"}  # nothing is made unasked
-    assert isinstance(problem.prior, NoPrior)
-
-
-@pytest.mark.parametrize(
-    ("image_loss", "samples", "taken"),
-    [
-        ("crossed", 24, 32),
-        ("crossed", 8, 16),
-        ("l1", 24, 24),
-        ("l1", 1, 8),
-    ],
-)
-def test_samples_are_those_that_the_renderer_takes(
-    problem: Problem, image_loss: str, samples: int, taken: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of pixels with 2 x 2 points; a step draws as many as the record says."""
-    assert problem.gbuffer.subsamples == 4
-    drawn = []
-    original = renderer_module.draw_samples
-
-    def spy(*arguments: object, points: int, count: int, **parts: int) -> object:
-        drawn.append(2 * points * count)
-        return original(*arguments, points=points, count=count, **parts)
-
-    monkeypatch.setattr(renderer_module, "draw_samples", spy)
-    settings = replace(SETTINGS, stage1_steps=1, stage2_steps=0, image_loss=image_loss, albedo_start=0.0)
-    record = Record()
-    found = fit(altered(problem, plan=replace(problem.plan, samples=samples)), NoPrior(), settings, record)
-    assert found.counters["samples_per_pixel"] == taken
-    assert drawn[-1] * (2 if image_loss == "crossed" else 1) == taken
-    assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
-
-
-def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path) -> None:
-    """Killed after some steps: rays and points of the whole are counted once, and the seconds before count too."""
-    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", "prior=oracle", "fit.checkpoint_seconds=0"])
-
-    def costs(folder: RunFolder) -> tuple[int, int, bool]:
-        metrics = run(config, folder, Progress(io.StringIO()))
-        return metrics["rays"], metrics["counters"]["points"], metrics["time_s"]["total"] > slept
-
-    slept = 1000.0  # seconds more than the first process says that it took
-
-    class Killed(BaseException):
-        pass
-
-    class Dying(RunFolder):
-        def save_checkpoint(self, state: dict[str, Any]) -> None:
-            super().save_checkpoint({**state, "books": {**state["books"], "total": state["books"]["total"] + slept}})
-            if state["method"]["step"] == 7:
-                raise Killed
-
-    with RunFolder.open(tmp_path / "whole", {}, "0") as folder:
-        rays, points, _ = costs(folder)
-    with Dying.open(tmp_path / "killed", {}, "0") as folder, pytest.raises(Killed):
-        costs(folder)
-    with RunFolder.open(tmp_path / "killed", {}, "0") as folder:
-        assert costs(folder) == (rays, points, True)
-
-
-def test_blind_leaves_nothing_else(scene: Scene) -> None:
-    blind = scene.blind()
-    assert (blind.truth, blind.test, blind.novel) == (None, (), ())
-    assert scene.truth is not None
-    assert all(view.albedo is not None for view in scene.train)
-    for view in blind.train:
-        assert [view.albedo, view.specular, view.roughness, view.normal, view.depth] == [None] * 5

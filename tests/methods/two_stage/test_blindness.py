@@ -1,0 +1,148 @@
+"""The two-stage trainer sees no truth, and its records say what it took."""
+
+from __future__ import annotations
+
+import io
+import types
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from small_fit import SETTINGS, Record, altered, fit, make_problem, oracle, same
+
+from ia_bench.common.progress import Progress
+from ia_bench.methods.ceiling import Ceiling
+from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.info import MethodInfo
+from ia_bench.methods.plan import make_plan
+from ia_bench.priors.none import NoPrior
+from ia_bench.render import renderer as renderer_module
+from ia_bench.render.settings import RenderSettings
+from ia_bench.render.stage import Stage
+from ia_bench.runs.composition import compose
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.run import run
+from ia_bench.scenes.scene import Scene
+
+
+def trap(allowed: dict[str, Any], what: str) -> types.SimpleNamespace:
+    """An object with these attributes alone; reading any other one fails the test."""
+
+    class Trap(types.SimpleNamespace):
+        def __getattr__(self, name: str) -> Any:
+            raise AssertionError(f"training read {what}.{name}")
+
+    return Trap(**allowed)
+
+
+def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Record) -> None:
+    views = tuple(
+        trap({"name": v.name, "camera": v.camera, "image": v.image, "mask": v.mask, "light": v.light}, "view")
+        for v in scene.train
+    )
+    told = {"name": scene.name, "source": scene.source, "mesh": scene.mesh, "notes": (), "metallic": scene.metallic}
+    blind = trap({**told, "train": views}, "scene")
+    with pytest.raises(AssertionError, match="training read view.albedo"):
+        _ = views[0].albedo
+    with pytest.raises(AssertionError, match="training read scene.truth"):
+        _ = blind.truth
+    trapped = make_problem(blind)  # type: ignore[arg-type]
+    plan = make_plan(blind, Stage(scene.mesh, torch.device("cpu")), RenderSettings(), NoPrior())  # type: ignore[arg-type]
+    assert plan.decisions
+    found = fit(trapped, oracle(scene, noise=0.1), SETTINGS, record)
+    expected = fit(make_problem(scene.blind()), oracle(scene, noise=0.1), SETTINGS, Record())
+    assert same(found, expected)
+
+
+class Reached(Exception):
+    """Carries what a method was given out of run.py."""
+
+
+class Spying(Ceiling):
+    """A method that stops the run and shows what it was given."""
+
+    info = MethodInfo(uses_prior=True)
+
+    def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
+        raise Reached(problem)
+
+
+def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
+    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"method={__name__}:Spying"])
+    folder, progress = RunFolder.open(tmp_path / "run", {}, "0"), Progress(io.StringIO())
+    with folder, progress, pytest.raises(Reached) as reached:
+        run(config, folder, progress)
+    (problem,) = reached.value.args
+    assert problem.truth is None
+    assert (problem.scene.truth, problem.scene.test, problem.scene.novel) == (None, (), ())
+    assert {view.albedo is None and view.specular is None for view in problem.scene.train} == {True}
+    assert not {"stage", "plan", "gbuffer", "renderer", "prior"} & vars(problem).keys() - {"stage"}  # nothing is made unasked
+    assert isinstance(problem.prior, NoPrior)
+
+
+@pytest.mark.parametrize(
+    ("image_loss", "samples", "taken"),
+    [
+        ("crossed", 24, 32),
+        ("crossed", 8, 16),
+        ("l1", 24, 24),
+        ("l1", 1, 8),
+    ],
+)
+def test_samples_are_those_that_the_renderer_takes(
+    problem: Problem, image_loss: str, samples: int, taken: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of pixels with 2 x 2 points; a step draws as many as the record says."""
+    assert problem.gbuffer.subsamples == 4
+    drawn = []
+    original = renderer_module.draw_samples
+
+    def spy(*arguments: object, points: int, count: int, **parts: int) -> object:
+        drawn.append(2 * points * count)
+        return original(*arguments, points=points, count=count, **parts)
+
+    monkeypatch.setattr(renderer_module, "draw_samples", spy)
+    settings = replace(SETTINGS, stage1_steps=1, stage2_steps=0, image_loss=image_loss, albedo_start=0.0)
+    record = Record()
+    found = fit(altered(problem, plan=replace(problem.plan, samples=samples)), NoPrior(), settings, record)
+    assert found.counters["samples_per_pixel"] == taken
+    assert drawn[-1] * (2 if image_loss == "crossed" else 1) == taken
+    assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
+
+
+def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path) -> None:
+    """Killed after some steps: rays and points of the whole are counted once, and the seconds before count too."""
+    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", "prior=oracle", "fit.checkpoint_seconds=0"])
+
+    def costs(folder: RunFolder) -> tuple[int, int, bool]:
+        metrics = run(config, folder, Progress(io.StringIO()))
+        return metrics["rays"], metrics["counters"]["points"], metrics["time_s"]["total"] > slept
+
+    slept = 1000.0  # seconds more than the first process says that it took
+
+    class Killed(BaseException):
+        pass
+
+    class Dying(RunFolder):
+        def save_checkpoint(self, state: dict[str, Any]) -> None:
+            super().save_checkpoint({**state, "books": {**state["books"], "total": state["books"]["total"] + slept}})
+            if state["method"]["step"] == 7:
+                raise Killed
+
+    with RunFolder.open(tmp_path / "whole", {}, "0") as folder:
+        rays, points, _ = costs(folder)
+    with Dying.open(tmp_path / "killed", {}, "0") as folder, pytest.raises(Killed):
+        costs(folder)
+    with RunFolder.open(tmp_path / "killed", {}, "0") as folder:
+        assert costs(folder) == (rays, points, True)
+
+
+def test_blind_leaves_nothing_else(scene: Scene) -> None:
+    blind = scene.blind()
+    assert (blind.truth, blind.test, blind.novel) == (None, (), ())
+    assert scene.truth is not None
+    assert all(view.albedo is not None for view in scene.train)
+    for view in blind.train:
+        assert [view.albedo, view.specular, view.roughness, view.normal, view.depth] == [None] * 5

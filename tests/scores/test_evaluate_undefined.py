@@ -1,0 +1,182 @@
+"""Scores of predictions that have no number in places: null, with a reason, and the rest as it was.
+
+LPIPS needs weights, so these tests replace the network by a closed form; test_perceptual.py tests the real one.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up import mapped
+from skimage.metrics import peak_signal_noise_ratio
+
+from ia_bench.scenes.images import Images
+from ia_bench.scores.evaluate import score
+from ia_bench.scores.predictions import Predictions
+from ia_bench.scores.protocol import Protocol
+
+pytestmark = pytest.mark.usefixtures("root_mean_square_as_lpips")
+
+PAPER = Protocol()
+
+
+def test_the_truth_itself_is_infinitely_good_and_null_in_json_with_its_reason(truth: Predictions) -> None:
+    scores = score(truth, truth, PAPER)
+    assert scores.metrics["albedo"] == {"psnr": math.inf, "ssim": pytest.approx(1.0), "lpips": 0.0}
+    assert scores.metrics["roughness"] == {"mse": 0.0}
+    stored = scores.as_dict()
+    assert stored["metrics"]["albedo"]["psnr"] is None
+    assert stored["per_image"]["albedo"]["psnr"] == [None] * 3
+    assert stored["reasons"]["albedo.psnr"] == "identical (every image)"
+    assert stored["reasons"]["per_image.relighting.night.psnr"] == "identical (every image)"
+    assert "albedo.ssim" not in stored["reasons"]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_broken_pixel_costs_its_component_and_no_other(guess: Predictions, truth: Predictions, bad: float) -> None:
+    images = [image.copy() for image in guess.albedo.images]
+    images[1][18, 21, 2] = bad
+    scores = score(replace(guess, albedo=Images(tuple(images), guess.albedo.coverage)), truth, PAPER)
+    assert scores.metrics["albedo"] == {"psnr": None, "ssim": None, "lpips": None}
+    assert scores.metrics["aligned_albedo"]["psnr"] is None
+    assert scores.albedo_scales["mean_rgb"] is None
+    assert scores.reasons["albedo.ssim"] == "the prediction is not finite in 1 scored pixels (image 1)"
+    assert "cannot be aligned" in scores.reasons["aligned_albedo.psnr"]
+    stored = scores.as_dict()
+    assert [value is None for value in stored["per_image"]["albedo"]["psnr"]] == [False, True, False]
+    assert scores.metrics["view_synthesis"] == score(guess, truth, PAPER).metrics["view_synthesis"]
+    json.dumps(stored, allow_nan=False)
+
+
+def test_a_black_albedo_has_a_score_and_no_alignment(guess: Predictions, truth: Predictions) -> None:
+    scores = score(replace(guess, albedo=mapped(guess.albedo, np.zeros_like)), truth, PAPER)
+    assert scores.metrics["albedo"]["psnr"] > 0
+    assert scores.metrics["aligned_albedo"] == {"psnr": None, "ssim": None, "lpips": None}
+    assert "no positive scale" in scores.reasons["aligned_albedo.lpips"]
+
+
+def test_uncovered_pixels_count_as_black_and_are_counted(guess: Predictions, truth: Predictions) -> None:
+    holes = [c.copy() for c in guess.view_synthesis.coverage]
+    holes[0][15:20, 18:22] = 0
+    filled = [i.copy() for i in guess.view_synthesis.images]
+    filled[0][15:20, 18:22] = 0
+    with_holes = Images(guess.view_synthesis.images, tuple(holes))
+    black = Images(tuple(filled), guess.view_synthesis.coverage)
+    scores = [score(replace(guess, view_synthesis=images), truth, PAPER) for images in (with_holes, black)]
+    assert scores[0].metrics["view_synthesis"] == scores[1].metrics["view_synthesis"]
+    assert [s.counts["view_synthesis"]["uncovered_pixels"] for s in scores] == [20, 0]
+
+
+def test_clipped_values_are_counted(guess: Predictions, truth: Predictions) -> None:
+    glaring = score(replace(guess, view_synthesis=mapped(guess.view_synthesis, lambda c: c + 1.0)), truth, PAPER)
+    counts = glaring.counts["view_synthesis"]
+    assert counts["clipped_prediction"] == 3 * counts["scored_pixels"]
+    assert counts["clipped_truth"] == 0
+
+
+def test_what_is_not_predicted_is_null_and_the_rest_is_scored(guess: Predictions, truth: Predictions) -> None:
+    scores = score(replace(guess, roughness=None, relighting=None), truth, PAPER)
+    assert scores.metrics["roughness"] == {"mse": None}
+    assert scores.reasons["roughness.mse"] == "the method does not predict roughness"
+    assert scores.reasons["relighting.lpips"] == "the method does not predict relighting"
+    assert scores.metrics["albedo"] == score(guess, truth, PAPER).metrics["albedo"]
+
+
+def test_what_has_no_truth_is_null_for_another_reason_whatever_is_predicted(guess: Predictions, truth: Predictions) -> None:
+    without = replace(truth, albedo=None, relighting=None)
+    for predictions in (guess, replace(guess, albedo=None, relighting=None)):
+        scores = score(predictions, without, PAPER)
+        assert scores.metrics["albedo"] == {"psnr": None, "ssim": None, "lpips": None}
+        assert scores.reasons["albedo.psnr"] == "the scene has no true albedo in its test views"
+        assert scores.reasons["aligned_albedo.psnr"] == scores.reasons["albedo.psnr"]
+        assert scores.reasons["relighting.psnr"] == "the scene has no view under a novel light whose map it knows"
+        assert scores.metrics["roughness"] == score(guess, truth, PAPER).metrics["roughness"]
+
+
+def test_the_whole_image_is_psnr_over_white_by_each_ones_own_coverage(guess: Predictions, truth: Predictions) -> None:
+    def over_white(images: Images, view: int) -> np.ndarray:
+        share = images.coverage[view][..., None]
+        linear = np.clip(images.images[view] / np.where(share > 0, share, 1), 0, 1)
+        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        return share * encoded + 1 - share
+
+    smaller = replace(guess, albedo=Images(guess.albedo.images, tuple(np.minimum(1.25 * c, 1) for c in guess.albedo.coverage)))
+    expected = [
+        peak_signal_noise_ratio(over_white(truth.albedo, view), over_white(smaller.albedo, view), data_range=1) for view in range(3)
+    ]
+    scores = score(smaller, truth, PAPER)
+    assert scores.per_image["albedo_whole_image"]["psnr"] == pytest.approx(expected, abs=1e-9)
+    assert scores.variants["albedo_whole_image"]["psnr"] > scores.metrics["albedo"]["psnr"] + 3  # most pixels are background
+
+
+def test_a_view_without_scored_pixels_is_left_out_and_counted(guess: Predictions, truth: Predictions) -> None:
+    def with_empty(images: Images) -> Images:
+        return Images((*images.images, images.images[0]), (*images.coverage, images.coverage[0] * 0.0 + 0.5))
+
+    more = replace(guess, albedo=with_empty(guess.albedo)), replace(truth, albedo=with_empty(truth.albedo))
+    scores = score(*more, PAPER)
+    assert scores.metrics["albedo"] == score(guess, truth, PAPER).metrics["albedo"]
+    assert scores.counts["albedo"]["views_without_scored_pixel"] == 1
+    assert scores.reasons["per_image.albedo.psnr"] == "no scored pixel (image 3)"
+    assert "albedo.psnr" not in scores.reasons
+
+
+def test_no_scored_pixel_anywhere(guess: Predictions, truth: Predictions) -> None:
+    nothing = Images(truth.roughness.images, tuple(0.4 * c for c in truth.roughness.coverage))
+    scores = score(guess, replace(truth, roughness=nothing), PAPER)
+    assert scores.metrics["roughness"] == {"mse": None}
+    assert scores.reasons["roughness.mse"] == "no scored pixel (every image)"
+
+
+def test_no_view_at_all(guess: Predictions, truth: Predictions) -> None:
+    scores = score(replace(guess, albedo=Images((), ())), replace(truth, albedo=Images((), ())), PAPER)
+    assert scores.metrics["albedo"]["psnr"] is None
+    assert scores.reasons["albedo.psnr"] == "no image"
+    assert "no scored pixel" in scores.reasons["aligned_albedo.psnr"]
+
+
+def test_tiny_images_have_psnr_and_a_reason_for_the_rest() -> None:
+    small = [Images((np.full((4, 5, 3), value),), (np.ones((4, 5)),)) for value in (0.5, 0.25)]
+    scores = score(Predictions(albedo=small[0]), Predictions(albedo=small[1]), PAPER)
+    assert scores.metrics["aligned_albedo"]["psnr"] == math.inf
+    assert scores.metrics["albedo"]["ssim"] is None
+    assert "5 x 4 pixels is smaller than the window of 11" in scores.reasons["albedo.ssim"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda t: replace(t, albedo=Images(t.albedo.images[:2], t.albedo.coverage[:2])),
+            "albedo: expected 2 views, found 3",
+        ),
+        (lambda t: replace(t, view_synthesis=t.roughness), r"view_synthesis, view 0: expected shape \(37, 43\)"),
+        (lambda t: replace(t, relighting={"night": t.relighting["night"]}), r"expected the lights \['night'\], found"),
+        (lambda t: replace(t, roughness=t.albedo), r"roughness, view 0: expected shape \(37, 43, 3\)"),
+        (lambda t: replace(t, albedo=mapped(t.albedo, lambda c: c * np.nan)), "view 0: the ground truth is not finite"),
+    ],
+)
+def test_a_truth_that_does_not_fit_is_an_error(
+    guess: Predictions, truth: Predictions, change: Callable[[Predictions], Predictions], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        score(guess, change(truth), PAPER)
+
+
+@pytest.mark.parametrize(
+    ("images", "coverage", "message"),
+    [
+        ((np.ones((4, 5, 3)),), (), "expected a coverage per image, found 0 for 1"),
+        ((np.ones((4, 5, 4)),), (np.ones((4, 5)),), r"view 0: expected an image .* found \(4, 5, 4\) with \(4, 5\)"),
+        ((np.ones((4, 5)),), (np.full((4, 5), 1.5),), r"expected coverage in \[0, 1\], found 1\.5"),
+        ((np.ones((4, 5)),), (np.full((4, 5), np.nan),), r"expected coverage in \[0, 1\], found nan"),
+    ],
+)
+def test_images_that_are_none_are_refused(images: tuple, coverage: tuple, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Images(images, coverage)
