@@ -185,3 +185,17 @@ def test_a_residual_is_what_two_maps_differ_by() -> None:
     more_grey = fit.residual(grey, lobes._replace(amplitude=1.5 * lobes.amplitude.mean(-1, keepdim=True).expand(-1, 3)))
     assert more.energy == pytest.approx(0.5, abs=1e-3)
     assert np.allclose([more_grey.mean, more_grey.worst, more_grey.energy], 0.5, atol=2e-3)
+
+
+def test_amplitudes_are_found_where_the_active_set_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interior method stands in for it, up to its tolerance, on a system whose free solution has negative parts."""
+    generator = np.random.default_rng(0)
+    system, wanted = generator.normal(size=(12, 6)), generator.normal(size=12)
+    expected = fit._not_negative(system, wanted)
+    assert (expected == 0).any()
+
+    def gives_up(*_: object, **__: object) -> None:
+        raise RuntimeError("Maximum number of iterations reached.")
+
+    monkeypatch.setattr(fit, "nnls", gives_up)
+    np.testing.assert_allclose(fit._not_negative(system, wanted), expected, atol=1e-4)

@@ -29,12 +29,12 @@ class NvdiffrecOptions:
     steps: Number = 3000
     pixels: Number = 4096
     material_rate: Rate = 0.03
-    light_rate: Rate = 0.03
+    light_rate: Rate = 0.1
     final_rate: Positive = 0.05
     roughness_initial: Share = 0.5
     metallic_initial: Share = 0.1
     smooth_colour: Weight = 0.03
-    smooth_material: Weight = 0.03
+    smooth_material: Weight = 0.2
     smooth_texels: Positive = 1.0
     grey_light: Weight = 0.005
     checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

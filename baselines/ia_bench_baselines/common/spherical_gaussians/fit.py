@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear, nnls
 from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
@@ -130,8 +130,17 @@ def _amplitudes(axis: Tensor, sharpness: Tensor, target: Tensor) -> Tensor:
     system = (weight * torch.cat([basis, arriving @ basis])).cpu().numpy()
     wanted = (weight * torch.cat([values, arriving @ values])).cpu().numpy()
     rotation, triangle = np.linalg.qr(system)  # nnls then sees M rows instead of all texels
-    found = np.stack([nnls(triangle, channel, maxiter=100 * len(triangle))[0] for channel in (rotation.T @ wanted).T], 1)
+    found = np.stack([_not_negative(triangle, channel) for channel in (rotation.T @ wanted).T], 1)
     return torch.from_numpy(found).to(axis)
+
+
+def _not_negative(system: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """The least squares of ``system`` x = ``wanted`` among x >= 0."""
+    try:
+        found: np.ndarray = nnls(system, wanted, maxiter=100 * len(system))[0]
+    except RuntimeError:  # its active set goes round in circles where lobes are nearly alike; an interior method does not
+        found = lsq_linear(system, wanted, bounds=(0, np.inf)).x
+    return found
 
 
 def _grid(radiance: Tensor) -> tuple[Tensor, Tensor]:
