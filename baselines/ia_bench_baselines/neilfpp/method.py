@@ -31,6 +31,8 @@ class Neilfpp:
             "width": 128,
             "material_width": 512,
             "layers": 8,
+            "rate": 0.002,
+            "smooth_weight": 0.0005,
         },
     }
     info = MethodInfo(
@@ -40,6 +42,7 @@ class Neilfpp:
             "The mesh is given, as in the paper's own configuration for known geometry.",
             "The directions of a step are shared by its pixels, so that the layers that see only a direction run once.",
             "Light has three channels, as in the original for images of high dynamic range.",
+            "The rate and the weight of smoothness are smaller, for fits that are shorter.",
             "The variance prior of the first steps on real photographs is left out.",
         ),
     )
