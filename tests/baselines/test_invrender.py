@@ -90,6 +90,7 @@ def test_material_and_indirect_light_keep_their_ranges() -> None:
     assert bool((lobes.sharpness > 0).all() and (lobes.amplitude >= 0).all())
 
 
+@pytest.mark.slow
 def test_it_keeps_the_contract(tiny: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fit, "STEPS", 5)  # of lights that are given
     found = list(check_method(lambda: InvRender(SMALL), lambda scene: problem_of(scene), tiny))

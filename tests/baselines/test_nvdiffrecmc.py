@@ -85,6 +85,7 @@ def test_gradients_are_the_transpose_of_the_filter():
     assert float((leaf.grad * given).sum()) == pytest.approx(float((denoise(given, guides, 1.0) * asked).sum()), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_it_keeps_the_contract(tiny: Scene):
     def make() -> Nvdiffrecmc:
         return Nvdiffrecmc(NvdiffrecmcOptions(steps=4))
