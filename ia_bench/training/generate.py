@@ -5,12 +5,15 @@ Eight consecutive images show one object, each from another side, under another 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.training.lights import Light
 from ia_bench.training.objects import make_object
 from ia_bench.training.render import MAX_COVERAGE, MIN_COVERAGE, VIEWS, ObjectRenderer, draw_view, expose
 from ia_bench.training.shading import DirectLight
@@ -60,6 +63,29 @@ def render_images(seed: int, first: int, count: int, size: int, direct: DirectLi
         parts.append(images)
         rejected += again
     return {name: torch.cat([part[name] for part in parts]) for name in CHANNELS}, rejected
+
+
+def render_relit(seed: int, index: int, lights: Sequence[Light], size: int, direct: DirectLight) -> dict[str, Tensor]:
+    """Image ``index`` of a seed again, with its object, camera and materials, under each of L <= VIEWS other ``lights``.
+
+    Tensors by name as from :func:`render_images`, (L, S, S, C) float16. The exposure too is the image's own under every light.
+    """
+    group, view = divmod(index, VIEWS)
+    attempt = 0
+    while True:  # the draws that render_group would take and reject
+        if attempt % TRIES == 0:
+            solid = make_object(np.random.default_rng([seed, _OBJECT, group, attempt // TRIES]))
+            renderer = ObjectRenderer(solid, direct)
+        draw = draw_view(np.random.default_rng([seed, _VIEW, group, view, attempt]), solid, size)
+        face, barycentric = renderer.trace([draw])
+        attempt += 1
+        if not MIN_COVERAGE < float(renderer.coverage(face)) < MAX_COVERAGE:
+            continue
+        draws, count = [replace(draw, light=light) for light in lights], len(lights)
+        same = face.expand(count, *face.shape[1:]), barycentric.expand(count, *barycentric.shape[1:])
+        images = {name: image.half() for name, image in expose(renderer.render(draws, *same), draws).items()}
+        if all(bool(torch.isfinite(image).all()) for image in images.values()):
+            return images
 
 
 def make_shard(path: Path, seed: int, first: int, count: int, size: int, direct: DirectLight) -> None:
