@@ -1,0 +1,123 @@
+"""What the priors with small networks share: weights in files, runs that resume, and the generator's images under other lights."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.optim import Adam
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Progress
+from ia_bench.training.generate import render_images, render_relit
+from ia_bench.training.lights import draw_light
+from ia_bench.training.objects import make_object
+from ia_bench.training.render import draw_view
+from ia_bench.training.shading import DirectLight
+from ia_bench_baselines.common.pictures import load_weights, read_about, save_weights
+from ia_bench_baselines.common.training import CURVE, WEIGHTS, RunSettings, initial_weights, masked_mean, run
+
+
+class Line:
+    """A line that is fitted to noisy points: the smallest thing that can be trained."""
+
+    def __init__(self, seed: int) -> None:
+        initial_weights(seed)
+        self.networks: nn.Module = nn.Linear(1, 1)
+        self.optimisers = {"all": Adam(self.networks.parameters(), 0.1)}
+
+    def packaged(self) -> nn.Module:
+        return self.networks
+
+    def step(self, number: int, generator: torch.Generator) -> dict[str, float]:
+        x = torch.rand(8, 1, generator=generator)
+        loss = (self.networks(x) - 3 * x + 1 + 0.1 * torch.randn(8, 1, generator=generator)).square().mean()
+        self.optimisers["all"].zero_grad()
+        loss.backward()
+        self.optimisers["all"].step()
+        return {"square": float(loss.detach())}
+
+    def validate(self) -> dict[str, float]:
+        x = torch.linspace(0, 1, 9)[:, None]
+        return {"objective": float((self.networks(x) - 3 * x + 1).square().mean())}
+
+
+def settings(folder: Path, **changes: object) -> RunSettings:
+    return RunSettings(**{"data": folder, "out": folder, "steps": 60, "validate_steps": 7, **changes})  # type: ignore[arg-type]
+
+
+def test_the_weights_that_are_kept_are_those_of_the_best_validation(tmp_path: Path):
+    best = run(Line(0), settings(tmp_path), {"points": 8}, Progress())
+    lines = [json.loads(line) for line in (tmp_path / CURVE).read_text().splitlines()]
+    assert best["objective"] == min(line["objective"] for line in lines) < 0.1 * lines[0]["objective"]
+    about = read_about(tmp_path / WEIGHTS)
+    assert (about["points"], about["step"]) == (8, best["step"])
+
+
+def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
+    whole, half = tmp_path / "whole", tmp_path / "half"
+    straight, first, second = Line(3), Line(3), Line(3)
+    run(straight, settings(whole), {}, Progress())
+    run(first, settings(half, steps=23), {}, Progress())
+    assert not torch.equal(first.networks.weight, straight.networks.weight)  # type: ignore[attr-defined]
+    run(second, settings(half), {}, Progress())
+    for name, value in straight.networks.state_dict().items():
+        assert torch.equal(value, second.networks.state_dict()[name])
+
+
+def test_a_run_of_other_settings_is_refused(tmp_path: Path):
+    run(Line(0), settings(tmp_path, steps=3), {}, Progress())
+    with pytest.raises(InputError, match="other settings"):
+        run(Line(1), settings(tmp_path, seed=1), {}, Progress())
+
+
+def test_weights_come_back_from_half_precision_and_foreign_ones_are_refused(tmp_path: Path):
+    path, network = tmp_path / "a.safetensors", nn.Linear(3, 2)
+    save_weights(network, path, {})
+    again = nn.Linear(3, 2)
+    load_weights(again, path)
+    torch.testing.assert_close(again.weight, network.weight, rtol=2**-11, atol=1e-7)
+    with pytest.raises(InputError, match="weight: expected a tensor of shape"):
+        load_weights(nn.Linear(4, 2), path)
+    path.write_bytes(b"no weights")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_weights(again, path)
+
+
+def test_a_masked_mean_is_that_of_the_foreground():
+    values, mask = torch.rand(2, 3, 5, 7), torch.zeros(2, 1, 5, 7)
+    mask[0, :, 1:3, 2:6] = 1
+    torch.testing.assert_close(masked_mean(values, mask), values[0, :, 1:3, 2:6].mean())
+    assert float(masked_mean(values, 0 * mask)) == 0
+
+
+def light_of(seed: int, index: int, size: int) -> object:
+    """The light of an image whose first draw is taken."""
+    group, view = divmod(index, 8)
+    solid = make_object(np.random.default_rng([seed, 1, group, 0]))
+    return draw_view(np.random.default_rng([seed, 2, group, view, 0]), solid, size).light
+
+
+@pytest.mark.parametrize("index", [8, 13])
+def test_an_image_under_its_own_light_is_the_image_of_the_generator(index: int):
+    """To the last bit, and another light changes the radiance, but neither mask, albedo nor normals."""
+    direct, size = DirectLight(compiled=False), 16
+    usual, rejected = render_images(3, index, 1, size, direct)
+    assert rejected == 0
+    own, other = light_of(3, index, size), draw_light(np.random.default_rng(0))
+    relit = render_relit(3, index, [own], size, direct)  # type: ignore[list-item]
+    for name, values in usual.items():
+        assert torch.equal(values, relit[name]), name
+    both = render_relit(3, index, [other, own], size, direct)  # type: ignore[list-item]
+    assert same(both, ("albedo", "normal"), 0, 1)
+    assert torch.equal(both["image"][0, ..., 3], both["image"][1, ..., 3])
+    torch.testing.assert_close(both["image"][1], relit["image"][0])
+    assert float((both["image"][0] - both["image"][1]).abs().max()) > 0.05
+
+
+def same(images: dict[str, Tensor], names: tuple[str, ...], first: int, second: int) -> bool:
+    return all(torch.equal(images[name][first], images[name][second]) for name in names)
