@@ -69,7 +69,9 @@ class PicturePrior(ABC):
     @torch.no_grad()
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. Nothing is random, and nothing can be guided."""
-        check_views(self.kind, observations, guidance or {}, ())
+        if guidance:
+            raise InputError(f"prior={self.kind}: it cannot be guided (guidable is false), found guidance")
+        check_views(self.kind, observations, {}, ())
         values = {name: torch.zeros_like(observations.images, dtype=torch.float32) for name in sorted(self.info.provides)}
         white, calls = torch.full((len(observations.images),), torch.inf), 0
         for view, (image, mask) in enumerate(zip(observations.images.float(), observations.masks.float(), strict=True)):

@@ -1,0 +1,180 @@
+"""USI3D: normalisations against their definitions, unpaired data, the losses' zeros, training, and the prior."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from ia_bench.checks.conformance import check_prior
+from ia_bench.checks.stack import painted_ball
+from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Progress
+from ia_bench.priors.contract import Observations
+from ia_bench.training.shards import ShardInfo, load_shard, write_shard
+from ia_bench_baselines.usi3d.data import UnpairedImages, domain_pictures
+from ia_bench_baselines.usi3d.losses import discriminator_loss, physical_error, picture_error
+from ia_bench_baselines.usi3d.networks import (
+    STYLE,
+    AlbedoPath,
+    Discriminator,
+    Domain,
+    ThreeDomains,
+    adaptive_instance_norm,
+    instance_normalised,
+    instance_statistics,
+)
+from ia_bench_baselines.usi3d.prior import WEIGHTS, Usi3dPrior
+from ia_bench_baselines.usi3d.train import Settings, Training, train
+
+
+def test_instance_norm_is_torchs_and_forgets_gain_and_offset():
+    features = torch.randn(2, 5, 9, 7, generator=torch.Generator().manual_seed(0))
+    found = instance_normalised(features)
+    torch.testing.assert_close(found, torch.nn.functional.instance_norm(features))
+    torch.testing.assert_close(found, instance_normalised(3 * features - 2), rtol=1e-4, atol=1e-4)
+
+
+def test_adaptive_instance_norm_gives_the_statistics_that_are_asked_for():
+    """And a picture's own ones give the picture back."""
+    generator = torch.Generator().manual_seed(1)
+    features, shift = torch.randn(2, 5, 9, 7, generator=generator), torch.randn(2, 5, generator=generator)
+    scale = 0.5 + torch.rand(2, 5, generator=generator)
+    found = adaptive_instance_norm(features, shift, scale)
+    torch.testing.assert_close(found.mean((2, 3)), shift, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(found.std((2, 3), correction=0), scale, rtol=1e-3, atol=1e-4)
+    mean, deviation = (values[..., 0, 0] for values in instance_statistics(features))
+    torch.testing.assert_close(adaptive_instance_norm(features, mean, deviation), features, rtol=1e-4, atol=1e-5)
+
+
+def test_a_style_changes_the_picture_inside_its_mask_alone():
+    torch.manual_seed(0)
+    domain, mask = Domain(), torch.zeros(1, 1, 64, 64)
+    mask[..., 8:50, 5:60] = 1
+    content = torch.randn(1, 48, 16, 16)
+    first, second = (domain.decode(content, torch.full((1, STYLE), value), mask).detach() for value in (-10.0, 10.0))
+    inside = mask[0, 0] > 0
+    assert float((first - second)[0, :3, inside].abs().mean()) > 0.05
+    assert float(first[0, :3, ~inside].abs().max()) == 0
+    assert torch.equal(first[:, 3:], mask)
+
+
+def write_images(folder: Path, count: int) -> Path:
+    """Discs of random paints under a slope of light, with a little gloss everywhere."""
+    rows, columns = torch.meshgrid(torch.linspace(1, -1, 64), torch.linspace(-1, 1, 64), indexing="ij")
+    mask = (rows.square() + columns.square() < 0.8)[None, ..., None].float().expand(count, -1, -1, -1)
+    albedo = 0.2 + 0.6 * torch.rand(count, 8, 8, 3, generator=torch.Generator().manual_seed(7))
+    albedo = albedo.repeat_interleave(8, 1).repeat_interleave(8, 2)
+    light = (0.6 + 0.3 * rows + 0.2 * columns)[None, ..., None]
+    specular = torch.full((count, 64, 64, 3), 0.05)
+    images = {
+        "image": torch.cat([(albedo * light + specular) * mask, mask], -1),
+        "albedo": albedo * mask,
+        "specular": specular * mask,
+        "normal": mask.expand(-1, -1, -1, 3),
+        "visibility": mask,
+    }
+    folder.mkdir()
+    halves = {name: value.half() for name, value in images.items()}
+    write_shard(folder / "shard_00000.safetensors", halves, ShardInfo(seed=0, first=0, count=count, size=64))
+    return folder
+
+
+def test_the_domains_have_no_object_in_common(tmp_path: Path):
+    """Eight images in a row show one object: ranges are whole eights, and those that are validated are not trained."""
+    images = UnpairedImages(write_images(tmp_path / "data", 80), held_out=4)
+    ranges = [*images._ranges.values(), images._held_out]
+    numbers = [number for one in ranges for number in one]
+    assert len(numbers) == len(set(numbers)) == 72
+    objects = [{number // 8 for number in one} for one in images._ranges.values()]
+    assert not (objects[0] & objects[1])
+    assert not (objects[1] & objects[2])
+    assert not (objects[0] & objects[2])
+    with pytest.raises(InputError, match="expected more than"):
+        UnpairedImages(tmp_path / "data", held_out=24)
+
+
+def test_of_one_object_the_three_pictures_fulfil_the_physical_loss_up_to_one_factor(tmp_path: Path):
+    """sRGB is nearly a power law, and exposures are factors: log I - log R - log S hardly varies where nothing is clipped."""
+    images = {name: value.float() for name, value in load(write_images(tmp_path / "data", 8)).items()}
+    images["image"] = torch.cat([images["image"][..., :3] - images["specular"], images["image"][..., 3:]], -1)
+    images["specular"] = 0 * images["specular"]
+    image, albedo, shading = (domain_pictures(name, images) for name in ("image", "albedo", "shading"))
+    shown = [0.5 + 0.5 * picture[:, :3] for picture in (image, albedo, shading)]
+    known = (image[:, 3:] > 0) & torch.stack([(value < 0.999) & (value > 0.2) for value in shown]).all(0)
+    difference = (shown[0].log() - shown[1].log() - shown[2].log())[known]
+    assert known.float().mean() > 0.3
+    assert float(difference.std()) < 0.05
+    assert abs(float(difference.mean())) < 0.2
+
+
+def load(folder: Path) -> dict[str, Tensor]:
+    return load_shard(folder / "shard_00000.safetensors")[0]
+
+
+def test_losses_are_zero_where_they_should_be():
+    mask = (torch.rand(2, 1, 8, 8) > 0.4).float()
+    albedo, shading = (torch.cat([2 * torch.rand(2, 3, 8, 8) - 1, mask], 1) for _ in range(2))
+    product = (0.5 + 0.5 * albedo[:, :3]) * (0.5 + 0.5 * shading[:, :3])
+    image = torch.cat([2 * product - 1 + 3 * (1 - mask), mask], 1)
+    assert float(physical_error(image, albedo, shading)) < 1e-6
+    assert float(picture_error(torch.cat([image[:, :3] + 5 * (1 - mask), mask], 1), image)) < 1e-6
+    judge = Discriminator()
+    with torch.no_grad():
+        judge.last.weight.zero_()
+        judge.last.bias.fill_(1.0)
+    picture = torch.rand(2, 4, 64, 64)
+    assert float(discriminator_loss(judge, picture, (picture,)).detach()) == pytest.approx(1)  # true ones right, made ones wrong
+
+
+def test_what_is_packaged_is_the_albedo_of_the_whole():
+    torch.manual_seed(0)
+    whole, picture = ThreeDomains().eval(), torch.rand(2, 4, 64, 64)
+    picture[:, 3] = 1
+    with torch.no_grad():
+        torch.testing.assert_close(AlbedoPath(whole)(picture), whole.translate(picture).albedo[:, :3])
+
+
+def test_a_few_steps_lower_the_losses_of_both_sides(tmp_path: Path):
+    data = write_images(tmp_path / "data", 72)
+    settings = Settings(data=data, out=tmp_path / "out", batch=1, rate=1e-3, held_out=4)
+    training = Training(settings, UnpairedImages(data, 4))
+    losses = [training.step(k, torch.Generator().manual_seed(k)) for k in range(24)]
+    for name in ("picture", "cycle", "discriminators"):
+        assert mean(losses[20:], name) < 0.8 * mean(losses[:4], name), name
+
+
+def mean(losses: list[dict[str, float]], name: str) -> float:
+    return sum(loss[name] for loss in losses) / len(losses)
+
+
+def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
+    data = write_images(tmp_path / "data", 72)
+    common = {"data": data, "batch": 1, "held_out": 2, "validate_steps": 2}
+    train(Settings(out=tmp_path / "whole", steps=3, **common), Progress())  # type: ignore[arg-type]
+    for steps in (1, 3):
+        train(Settings(out=tmp_path / "parts", steps=steps, **common), Progress())  # type: ignore[arg-type]
+    whole, parts = (torch.load(tmp_path / name / "state.pt", weights_only=True)["networks"] for name in ("whole", "parts"))
+    assert all(torch.equal(whole[name], parts[name]) for name in whole)
+
+
+@pytest.mark.parametrize("image", [0.0, 1e6])
+def test_black_and_bright_pictures_and_an_empty_mask_give_finite_albedo(image: float):
+    images, masks = torch.full((2, 6, 5, 3), image), torch.ones(2, 6, 5)
+    masks[1] = 0
+    found = Usi3dPrior().sample(Observations(images * masks[..., None], masks), seed=0).values["albedo"]
+    assert bool(torch.isfinite(found).all())
+    assert float(found[1].abs().max()) == 0
+
+
+def test_it_keeps_the_contract():
+    failed = [finding for finding in check_prior(Usi3dPrior, painted_ball(20, 24, 3)) if finding.status == "fail"]
+    assert failed == []
+
+
+def test_the_packaged_weights_are_those_that_the_code_names():
+    """A run is not repeated while its prior's code is the same: who packages other weights must say so in the code."""
+    assert sha256(Usi3dPrior.packaged().read_bytes()).hexdigest() == WEIGHTS

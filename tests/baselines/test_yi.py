@@ -1,0 +1,200 @@
+"""Yi et al.: spherical-harmonic shading against quadrature, the low-rank loss against numpy, training, and the prior."""
+
+from __future__ import annotations
+
+import math
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from scipy.special import sph_harm_y
+from torch import Tensor
+
+from ia_bench.checks.conformance import check_prior
+from ia_bench.checks.stack import painted_ball
+from ia_bench.common.progress import Progress
+from ia_bench.light.latlong import row_solid_angles, texel_centres
+from ia_bench.priors.contract import Observations
+from ia_bench.scenes.tensor_color import linear_to_srgb
+from ia_bench.training.lights import draw_light
+from ia_bench.training.shards import ShardInfo, write_shard
+from ia_bench_baselines.yi.data import grey, load_objects
+from ia_bench_baselines.yi.losses import chromaticity, low_rank_loss, rank_one_distance
+from ia_bench_baselines.yi.networks import InverseRendering
+from ia_bench_baselines.yi.prior import WEIGHTS, YiPrior
+from ia_bench_baselines.yi.shading import AMBIENT, irradiance, normals_of, shading
+from ia_bench_baselines.yi.train import Settings, Training, encode, train
+
+
+def real_harmonics(direction: np.ndarray) -> np.ndarray:
+    """The nine real harmonics (T, 9) up to degree 2 in the module's order, from scipy's complex ones."""
+    polar, azimuth = np.arccos(direction[:, 2].clip(-1, 1)), np.arctan2(direction[:, 1], direction[:, 0])
+    columns = []
+    for degree in range(3):
+        for order in range(-degree, degree + 1):
+            value = (-1) ** order * sph_harm_y(degree, abs(order), polar, azimuth)
+            columns.append(value.real if order == 0 else math.sqrt(2) * (value.real if order > 0 else value.imag))
+    return np.stack(columns, -1)
+
+
+def test_irradiance_is_the_integral_of_the_light_times_the_clamped_cosine():
+    """Constants to 1e-3, one harmonic at a time; the rest is that of 512 x 1024 directions."""
+    direction = texel_centres(512, 1024).double().reshape(-1, 3).numpy()
+    area = row_solid_angles(512, 1024).double().repeat_interleave(1024).numpy()
+    harmonics = real_harmonics(direction)
+    normals = torch.nn.functional.normalize(torch.randn(6, 3, generator=torch.Generator().manual_seed(0)), dim=1)
+    for k in range(9):
+        found = irradiance(normals[..., None, None].double(), torch.eye(9, dtype=torch.float64)[k].expand(6, 9))[:, 0, 0, 0]
+        for normal, value in zip(normals.double().numpy(), found, strict=True):
+            expected = (harmonics[:, k] * np.maximum(direction @ normal, 0) * area).sum()
+            assert abs(float(value) - expected) < 1e-3, (k, normal)
+
+
+def test_shading_is_bounded_below_and_knows_no_scale_of_the_light():
+    light, normals = torch.randn(3, 9), normals_of(2 * torch.rand(3, 2, 5, 7) - 1)
+    found = shading(normals, light)
+    torch.testing.assert_close(found, shading(normals, 7 * light))
+    assert float(found.min()) >= AMBIENT
+    assert float(shading(normals, torch.tensor([[-1.0] + 8 * [0.0]]).expand(3, 9)).min()) > 0.9  # |L00|
+    torch.testing.assert_close(normals.square().sum(1), torch.ones(3, 5, 7))
+    assert float(normals[:, 2].min()) > 0.2
+
+
+def test_the_distance_from_rank_one_is_numpys():
+    stack = np.random.default_rng(0).normal(size=(40, 8))
+    u, s, vh = np.linalg.svd(stack, full_matrices=False)
+    expected = np.linalg.norm(stack - s[0] * np.outer(u[:, 0], vh[0]))
+    assert float(rank_one_distance(torch.from_numpy(stack))) == pytest.approx(expected, rel=1e-12)
+
+
+def test_its_gradient_is_that_of_finite_differences_and_of_a_truncation_held_fixed():
+    stack = torch.randn(12, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(1), requires_grad=True)
+    assert torch.autograd.gradcheck(rank_one_distance, stack)
+    (through,) = torch.autograd.grad(rank_one_distance(stack), stack)
+    u, s, vh = torch.linalg.svd(stack.detach(), full_matrices=False)
+    (fixed,) = torch.autograd.grad(torch.linalg.norm(stack - s[0] * torch.outer(u[:, 0], vh[0])), stack)
+    torch.testing.assert_close(through, fixed)
+
+
+@pytest.mark.parametrize("columns", [torch.zeros(6, 3), torch.ones(6, 3), torch.eye(6, 3)], ids=["zero", "rank one", "equal"])
+def test_its_gradient_is_finite_where_singular_values_are_equal(columns: Tensor):
+    stack = columns.clone().requires_grad_()
+    rank_one_distance(stack).backward()
+    assert stack.grad is not None
+    assert bool(torch.isfinite(stack.grad).all())
+
+
+def test_one_paint_under_several_grey_lights_has_no_low_rank_loss():
+    """Of albedos up to a factor for each light, and of chromaticities of any shading; pixels outside the mask do not count."""
+    generator = torch.Generator().manual_seed(2)
+    paint, mask = 0.2 + 0.6 * torch.rand(1, 3, 9, 7, generator=generator), torch.zeros(1, 9, 7)
+    mask[:, 2:7, 1:6] = 1
+    factors, light = torch.rand(4, 1, 1, 1, generator=generator), 0.1 + torch.rand(4, 1, 9, 7, generator=generator)
+    outside = (1 - mask) * torch.rand(4, 3, 9, 7, generator=generator)
+    assert float(low_rank_loss(paint * factors * mask + outside, mask)) < 1e-4
+    assert float(low_rank_loss(chromaticity(paint * light / 1.1), mask)) < 1e-4
+    assert float(low_rank_loss(paint * light, mask)) > 0.1
+
+
+def write_objects(folder: Path, count: int) -> Path:
+    """Balls of random paints under random directional light, as the data command would write them."""
+    rows, columns = torch.meshgrid(torch.linspace(1, -1, 64), torch.linspace(-1, 1, 64), indexing="ij")
+    inside = rows.square() + columns.square() < 0.8
+    normal = torch.stack([columns, rows, (1 - rows.square() - columns.square()).clamp_min(0).sqrt()], -1) * inside[..., None]
+    generator = torch.Generator().manual_seed(5)
+    parts: dict[str, list[Tensor]] = {name: [] for name in ("image", "albedo", "specular", "normal", "visibility")}
+    for _ in range(count):
+        albedo = (0.2 + 0.6 * torch.rand(8, 8, 3, generator=generator)).repeat_interleave(8, 0).repeat_interleave(8, 1)
+        for _ in range(8):
+            toward = torch.nn.functional.normalize(torch.randn(3, generator=generator) + torch.tensor([0, 0, 1.5]), dim=0)
+            cosine = (normal @ toward).clamp_min(0)[..., None]
+            specular = 0.5 * cosine**30
+            radiance = albedo * (0.1 + 0.5 * cosine) + specular
+            mask = inside[..., None].float()
+            values = (torch.cat([radiance * mask, mask], -1), albedo * mask, specular * mask.expand(-1, -1, 3), normal, mask)
+            for name, value in zip(parts, values, strict=True):
+                parts[name].append(value.half())
+    folder.mkdir()
+    tensors = {name: torch.stack(values) for name, values in parts.items()}
+    write_shard(folder / "relit_00000.safetensors", tensors, ShardInfo(seed=0, first=0, count=8 * count, size=64))
+    return folder
+
+
+def test_the_specular_target_leaves_the_diffuse_display_picture(tmp_path: Path):
+    objects = load_objects(write_objects(tmp_path / "data", 1))
+    shown = encode({name: values[0].float() for name, values in objects.items()})
+    images = {name: values[0].float() for name, values in objects.items()}
+    factor = shown.image[0, :, 32, 32]
+    assert shown.picture.shape == (8, 4, 64, 64)
+    assert float((shown.image - shown.specular).min()) >= 0
+    scale = 0.7 / images["image"][0, ..., :3].amax(-1)[images["image"][0, ..., 3] > 0].quantile(0.9)
+    diffuse = linear_to_srgb(((images["image"][0, 32, 32, :3] - images["specular"][0, 32, 32]) * scale).clamp(0, 1))
+    torch.testing.assert_close(factor - shown.specular[0, :, 32, 32], diffuse, atol=0.01, rtol=0)
+
+
+def test_a_grey_light_has_one_colour_and_the_same_mean():
+    light = draw_light(np.random.default_rng(4))
+    changed = grey(light)
+    torch.testing.assert_close(changed.radiance.mean(-1), light.radiance.mean(-1))
+    assert float(changed.radiance.std(-1).max()) < 1e-6
+    assert float(changed.emission.std(-1).max()) < 1e-5
+
+
+def test_a_few_steps_lower_both_kinds_of_loss(tmp_path: Path):
+    data = write_objects(tmp_path / "data", 3)
+    settings = Settings(data=data, out=tmp_path / "out", supervised_steps=16, held_out=1)
+    training = Training(settings, load_objects(data))
+    losses = [training.step(k, torch.Generator().manual_seed(k % 2)) for k in range(40)]
+    assert mean(losses[12:16], "specular") < 0.8 * mean(losses[:4], "specular")
+    assert mean(losses[12:16], "normal") < 0.9 * mean(losses[:4], "normal")
+    assert mean(losses[36:], "albedo") < 0.95 * mean(losses[16:20], "albedo")
+
+
+def mean(losses: list[dict[str, float]], name: str) -> float:
+    return sum(loss[name] for loss in losses) / len(losses)
+
+
+def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
+    """Across the change from supervised steps to low rank."""
+    data = write_objects(tmp_path / "data", 2)
+    common = {"data": data, "supervised_steps": 2, "held_out": 1, "validate_steps": 2}
+    train(Settings(out=tmp_path / "whole", steps=4, **common), Progress())  # type: ignore[arg-type]
+    for steps in (1, 3, 4):
+        train(Settings(out=tmp_path / "parts", steps=steps, **common), Progress())  # type: ignore[arg-type]
+    whole, parts = (torch.load(tmp_path / name / "state.pt", weights_only=True)["networks"] for name in ("whole", "parts"))
+    assert all(torch.equal(whole[name], parts[name]) for name in whole)
+
+
+def test_specular_shading_is_the_linear_image_less_the_linear_diffuse_one():
+    """With a Spec-Net that finds the same everywhere, S = 1/4, and a picture that fills the frame."""
+    prior = YiPrior()
+    network = InverseRendering().eval()
+    with torch.no_grad():
+        network.specular.output[-2].weight.zero_()
+        network.specular.output[-2].bias.fill_(math.atanh(-0.5))
+    prior.__dict__["_network"] = network
+    image = torch.full((1, 64, 64, 3), 0.3)
+    found = prior.sample(Observations(image, torch.ones(1, 64, 64)), seed=0).values["specular"]
+    display = 1.055 * 0.7 ** (1 / 2.4) - 0.055
+    expected = 0.7 - ((display - 0.25 + 0.055) / 1.055) ** 2.4
+    torch.testing.assert_close(found, torch.full_like(found, expected * 0.3 / 0.7), rtol=1e-3, atol=0)
+
+
+@pytest.mark.parametrize("image", [0.0, 1e6])
+def test_black_and_bright_pictures_and_an_empty_mask_give_finite_samples(image: float):
+    images, masks = torch.full((2, 6, 5, 3), image), torch.ones(2, 6, 5)
+    masks[1] = 0
+    found = YiPrior().sample(Observations(images * masks[..., None], masks), seed=0).values
+    assert all(bool(torch.isfinite(values).all()) and float(values[1].abs().max()) == 0 for values in found.values())
+
+
+def test_it_keeps_the_contract():
+    failed = [finding for finding in check_prior(YiPrior, painted_ball(20, 24, 3)) if finding.status == "fail"]
+    assert failed == []
+
+
+def test_the_packaged_weights_are_those_that_the_code_names():
+    """A run is not repeated while its prior's code is the same: who packages other weights must say so in the code."""
+    assert sha256(YiPrior.packaged().read_bytes()).hexdigest() == WEIGHTS
