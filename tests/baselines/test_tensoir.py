@@ -20,7 +20,7 @@ from ia_bench_baselines.tensoir.fit import relative_change
 from ia_bench_baselines.tensoir.method import Tensoir as TensoirMethod
 from ia_bench_baselines.tensoir.model import FIRST_ENERGY, Tensoir, TrainedLight
 from ia_bench_baselines.tensoir.settings import TensoirOptions
-from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
+from ia_bench_baselines.tensoir.shading import half_vector, reflect, stratified_directions
 from ia_bench_baselines.tensoir.tensor import LINES, PLANES, VectorMatrix
 from ia_bench_baselines.tensoir.transport import arriving_light
 from tests.baselines.home_ground import RENDER, compare, photographed, problem_of, smooth_material
@@ -129,6 +129,22 @@ def test_stratified_directions_add_up_to_the_integral():
 
     torch.testing.assert_close(estimate(128), true, rtol=5e-3, atol=0)
     torch.testing.assert_close(torch.stack([estimate(6) for _ in range(300)]).mean(0), true, rtol=0.01, atol=0)
+
+
+def test_half_vectors_are_those_of_float64_below_the_horizon_too():
+    """At grazing views half of all directions are below; with their cosine cut at 0, (n . h) would reach 2."""
+    generator = torch.Generator().manual_seed(3)
+    normal, view, directions = (torch.randn(count, 3, generator=generator, dtype=torch.float64) for count in (40, 40, 500))
+    normal, view, directions = (torch.nn.functional.normalize(part, dim=1) for part in (normal, view, directions))
+    view = torch.nn.functional.normalize(view - 0.98 * (view * normal).sum(1, keepdim=True) * normal, dim=1)
+    half = torch.nn.functional.normalize(view[:, None] + directions, dim=2)
+    cos_h, cos_oh = half_vector(normal.float(), view.float(), directions.float())
+    apart = (view[:, None] + directions).norm(dim=2) > 0.05
+    true = (half * normal[:, None]).sum(2).clamp_min(0)
+    torch.testing.assert_close(cos_h[apart].double(), true[apart], atol=1e-3, rtol=0)
+    torch.testing.assert_close(cos_oh[apart].double(), (half * view[:, None]).sum(2)[apart], atol=1e-3, rtol=0)
+    cut = ((normal @ directions.T).clamp_min(0) + (normal * view).sum(1, keepdim=True)) / (view[:, None] + directions).norm(dim=2)
+    assert float(cut.max()) > 1.2
 
 
 def test_every_cell_has_its_direction():

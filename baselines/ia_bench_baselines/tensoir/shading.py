@@ -35,6 +35,17 @@ def stratified_directions(rows: int, generator: torch.Generator) -> tuple[Tensor
     return directions.reshape(-1, 3), row_solid_angles(rows, columns).to(z).repeat_interleave(columns)
 
 
+def half_vector(normal: Tensor, view: Tensor, directions: Tensor) -> tuple[Tensor, Tensor]:
+    """The cosines (n . h) and (o . h), in [0, 1], of half vectors between views o (N, 3) and directions (D, 3): (N, D) each.
+
+    For light from below the horizon, too: were its cosine with the normal cut at 0 here, (n . h) could be more than 1, and D has
+    a pole there.
+    """
+    length = torch.sqrt((2 + 2 * view @ directions.T).clamp_min(0) + GRAZING)  # of o + w, twice (o . h)
+    towards = normal @ directions.T + (normal * view).sum(1, keepdim=True)
+    return (towards / length).clamp(0, 1), length / 2
+
+
 def reflect(
     points: SurfacePoints, albedo: Tensor, roughness: Tensor, directions: Tensor, solid_angles: Tensor, light: Tensor
 ) -> Tensor:
@@ -50,9 +61,7 @@ def reflect(
     """
     cos_i = (points.normal @ directions.T).clamp_min(0)  # (N, D)
     cos_o = (points.normal * points.view).sum(1, keepdim=True).clamp_min(0)
-    cos_io = points.view @ directions.T
-    length = torch.sqrt((2 + 2 * cos_io).clamp_min(0) + GRAZING)  # of o + w, twice the cosine (o . h)
-    cos_h, cos_oh = (cos_i + cos_o) / length, length / 2
+    cos_h, cos_oh = half_vector(points.normal, points.view, directions)
     alpha2 = roughness**4
     distribution = alpha2 / (math.pi * (1 - cos_h * cos_h * (1 - alpha2)).square())
     k = (roughness + 1) ** 2 / 8
