@@ -10,12 +10,12 @@ COLUMNS = {"albedo_psnr": 1, "aligned_albedo_psnr": 1, "view_synthesis_psnr": 1,
 
 
 def cell(value: str, half_width: str, decimals: int) -> str:
-    """A mean and its interval, with one more decimal where the interval would be shown as zero."""
+    """A mean and its interval, with one more decimal where the interval would be shown as zero, and none where that is zero, too."""
     if not value:
         return "–"
     shown = f"{float(value):.{decimals}f}"
-    if half_width:
-        half = float(half_width)
+    half = float(half_width or 0)
+    if round(half, decimals + 1):
         shown += f" ± {half:.{decimals if round(half, decimals) else decimals + 1}f}"
     return shown.replace("0.", ".") if decimals == 4 else shown
 
