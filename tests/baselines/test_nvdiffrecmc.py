@@ -96,11 +96,14 @@ def test_it_keeps_the_contract(tiny: Scene):
 
 @pytest.mark.slow
 def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
-    """Photographs of a matt and glossy object by the reference renderer with the paper's coat, nearly without noise."""
+    """Photographs of a matt and glossy object by the reference renderer with the paper's coat, nearly without noise.
+
+    With 64 samples, since an L1 of noisy pixels pulls roughness and metal: see the card, also for why it is not 30 dB.
+    """
     problem = problem_of(tiny)
     truth = TexturedReconstruction(problem.stage, smooth_material(metallic=True), smooth_light(), coat="added")
     scene = photographed(tiny, truth)
-    found = Nvdiffrecmc(NvdiffrecmcOptions(steps=1500)).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
+    found = Nvdiffrecmc(NvdiffrecmcOptions(steps=1000, samples=64, light_rate=0.1)).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
     recovered = compare(found.reconstruction, truth, scene)
-    assert recovered.albedo >= 25, recovered
+    assert recovered.albedo >= 23.5, recovered
     assert recovered.roughness <= 0.02, recovered
