@@ -11,7 +11,7 @@ from ia_bench.priors.contract import PriorInfo
 from ia_bench_baselines.common.pictures import PicturePrior
 from ia_bench_baselines.usi3d.networks import AlbedoPath
 
-WEIGHTS = "8cb323c54556938fc397bded89f28839fa118a11b0a43fe42a31067d62af52ca"
+WEIGHTS = "2ee3326650b12916c779d92c0c42cf23edaaa3a4050cecc0c5efb518a92d160e"
 """SHA-256 of the packaged weights. A run is known by its prior's code, so that runs with other weights are other runs."""
 
 
