@@ -103,7 +103,8 @@ def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
     problem = problem_of(tiny)
     truth = TexturedReconstruction(problem.stage, smooth_material(metallic=True), smooth_light(), coat="added")
     scene = photographed(tiny, truth)
-    found = Nvdiffrecmc(NvdiffrecmcOptions(steps=1000, samples=64, light_rate=0.1)).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
+    options = NvdiffrecmcOptions(steps=1000, samples=64, light_rate=0.1)
+    found = Nvdiffrecmc(options).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
     recovered = compare(found.reconstruction, truth, scene)
     assert recovered.albedo >= 23.5, recovered
     assert recovered.roughness <= 0.02, recovered

@@ -10,7 +10,7 @@ COLUMNS = {"albedo_psnr": 1, "aligned_albedo_psnr": 1, "view_synthesis_psnr": 1,
 
 
 def cell(value: str, half_width: str, decimals: int) -> str:
-    """A mean and its interval, with one more decimal where the interval would be shown as zero, and none where that is zero, too."""
+    """A mean and its interval: with one more decimal where it would be shown as zero, left out where it would be even so."""
     if not value:
         return "–"
     shown = f"{float(value):.{decimals}f}"
