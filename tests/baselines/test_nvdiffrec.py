@@ -119,7 +119,8 @@ def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
     """Photographs by split sums themselves: what is left is what they do not tell, and how far 2000 steps come."""
     truth = reconstruction(problem_of(tiny), smooth_material(metallic=True), smooth_light())
     scene = photographed(tiny, truth)
-    found = Nvdiffrec(NvdiffrecOptions(steps=2000, light_rate=0.03, smooth_material=0.03)).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
+    options = NvdiffrecOptions(steps=2000, light_rate=0.03, smooth_material=0.03)
+    found = Nvdiffrec(options).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
     recovered = compare(found.reconstruction, truth, scene)
     assert recovered.albedo >= 30, recovered
     assert recovered.roughness <= 0.01, recovered
