@@ -290,7 +290,7 @@ def _scored(info: MethodInfo, found: Reconstruction, scene: Scene) -> Iterator[F
 
 def _digest(scene: Scene) -> list[bytes]:
     arrays = [array for view in scene.train for array in (view.image, view.mask, view.camera.to_world)]
-    return [array.tobytes() for array in (*arrays, scene.mesh.vertices, scene.mesh.faces, scene.mesh.normals, scene.mesh.uv)]
+    return [array.tobytes() for array in (*arrays, *(() if scene.mesh is None else vars(scene.mesh).values()))]
 
 
 def _packed(state: dict[str, Any]) -> bytes:

@@ -46,14 +46,12 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
         raise InputError(f"expected a Scene, found {type(scene).__name__}")
     if not (isinstance(scene.name, str) and 0 < len(scene.name) <= 200 and scene.name.isprintable()):
         raise InputError(f"{scene.source}: name: expected one line of text, found {shown(repr(scene.name))}")
-    _check_mesh(f"{scene.source}: mesh", scene.mesh)
+    if scene.mesh is not None:
+        _check_mesh(f"{scene.source}: mesh", scene.mesh)
     if not scene.train:
         raise InputError(f"{scene.source}: expected at least one training view, found none")
     for where, split, view in _views(scene):
         _check_view(where, view, truth)
-        first = getattr(scene, split)[0]
-        if view.mask.shape != first.mask.shape:
-            raise InputError(f"{where}: expected {_size(first.mask)} pixels like the split's first image, found {_size(view.mask)}")
         if split != "novel" and view.light != "train":
             raise InputError(f"{where}: expected the training light, which is called 'train', found {shown(repr(view.light))}")
     if scene.truth is None:
@@ -64,8 +62,11 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
     return scene
 
 
-def unscored(scene: Scene) -> dict[str, str]:
-    """What cannot be scored on a scene that was read with its truth: the component and what the scene lacks for it."""
+def unscored(scene: Scene, *, aligned: bool = True) -> dict[str, str]:
+    """What cannot be scored on a scene that was read with its truth: the component and what the scene lacks for it.
+
+    ``aligned``: whether albedo is aligned to the truth before it is relit.
+    """
     lights = scene.truth.lights if scene.truth is not None else {}
     lacking = {}
     for component in ("albedo", "roughness"):
@@ -80,7 +81,7 @@ def unscored(scene: Scene) -> dict[str, str]:
         lacking["relighting"] = "no novel views under another light"
     elif not others & lights.keys():
         lacking["relighting"] = f"no environment map of {', '.join(sorted(others))}"
-    elif "albedo" in lacking:
+    elif aligned and "albedo" in lacking:
         lacking["relighting"] = f"relit albedo is aligned to the truth first, and {lacking['albedo']}"
     return lacking
 
@@ -109,6 +110,10 @@ def _check_view(where: str, view: object, truth: bool) -> None:
         raise InputError(f"{where}: mask: expected a pixel above 0.5, found none")
     if view.image[view.mask == 0].any():
         raise InputError(f"{where}: image: expected radiance premultiplied by the mask, found some where the mask is 0")
+    valid = view.valid
+    if valid is not None and not (isinstance(valid, np.ndarray) and valid.dtype == bool and valid.shape == shape):
+        found = f"{valid.shape} {valid.dtype}" if isinstance(valid, np.ndarray) else type(valid).__name__
+        raise InputError(f"{where}: valid: expected {shape} bool, found {found}")
     for name, (channels, least, most) in TRUTH_OF_VIEWS.items():
         values = getattr(view, name)
         if values is not None and not truth:
@@ -155,7 +160,3 @@ def _check_array(
     slack *= 1 if np.isfinite(most) else high
     if not (np.isfinite(low) and np.isfinite(high) and least - slack <= low and high <= most + slack):
         raise InputError(f"{where}: expected finite values from {least:g} to {most:g}, found {low:g} to {high:g}")
-
-
-def _size(mask: np.ndarray) -> str:
-    return f"{mask.shape[0]} x {mask.shape[1]}"

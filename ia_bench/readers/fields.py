@@ -31,16 +31,14 @@ def text(where: str, fields: Mapping[str, Any], key: str, default: str) -> str:
 
 def camera(where: str, frame: Mapping[str, Any], width: int, height: int) -> Camera:
     """The camera of a frame of transforms.json: transform_matrix and camera_angle_x, or fl_x, fl_y, and cx, cy, in pixels."""
-    to_world = _rigid(where, frame.get("transform_matrix"))
+    to_world = rigid(where, "transform_matrix", frame.get("transform_matrix"))
     if "fl_x" in frame:
         focal = number(where, frame, "fl_x"), number(where, frame, "fl_y" if "fl_y" in frame else "fl_x")
         if min(focal) <= 0:
             raise InputError(f"{where}: fl_x, fl_y: expected a positive focal length, found {focal}")
     elif "camera_angle_x" in frame:
         angle = number(where, frame, "camera_angle_x")
-        if not 0 < angle < math.pi:
-            raise InputError(f"{where}: camera_angle_x: expected radians between 0 and pi, found {angle:g}")
-        focal = (0.5 * width / math.tan(0.5 * angle),) * 2
+        focal = (focal_of(where, "camera_angle_x", angle, width),) * 2
     else:
         raise InputError(f"{where}: expected camera_angle_x or fl_x, found neither")
     centre = (
@@ -50,21 +48,29 @@ def camera(where: str, frame: Mapping[str, Any], width: int, height: int) -> Cam
     return Camera(to_world=to_world, focal=focal, centre=centre, width=width, height=height)
 
 
-def _rigid(where: str, value: object) -> np.ndarray:
+def focal_of(where: str, key: str, angle: float, width: int) -> float:
+    """The focal length in pixels of a camera that sees ``angle`` radians across ``width`` pixels. Raises InputError."""
+    if not 0 < angle < math.pi:
+        cause = "; it looks like degrees" if math.pi < angle < 180 else ""
+        raise InputError(f"{where}: {key}: expected radians between 0 and pi, found {angle:g}{cause}")
+    return 0.5 * width / math.tan(0.5 * angle)
+
+
+def rigid(where: str, key: str, value: object) -> np.ndarray:
+    """``value``, read from ``key``, as a rotation and a translation (4, 4) float64. Raises InputError for anything else."""
     try:
         to_world = np.asarray(value, np.float64)
     except (TypeError, ValueError, OverflowError):
         to_world = np.zeros(0)
     if to_world.shape != (4, 4) or not np.isfinite(to_world).all():
-        raise InputError(f"{where}: transform_matrix: expected 4 x 4 finite numbers, found shape {to_world.shape}")
+        raise InputError(f"{where}: {key}: expected 4 x 4 finite numbers, found shape {to_world.shape}")
     rotation = to_world[:3, :3]
     if np.abs(to_world[3] - (0, 0, 0, 1)).max() > 1e-6:  # a transposed matrix holds a rotation too
-        raise InputError(f"{where}: transform_matrix: expected the last row 0 0 0 1, found {to_world[3].tolist()}")
+        raise InputError(f"{where}: {key}: expected the last row 0 0 0 1, found {to_world[3].tolist()}")
     with np.errstate(over="ignore", invalid="ignore"):
         error, determinant = np.abs(rotation @ rotation.T - np.eye(3)).max(), np.linalg.det(rotation)
     if not (error <= 1e-3 and determinant > 0):
         raise InputError(
-            f"{where}: transform_matrix: expected a rotation (R R^T = 1, det = +1), "
-            f"found |R R^T - 1| = {error:.3g}, det = {determinant:.3g}"
+            f"{where}: {key}: expected a rotation (R R^T = 1, det = +1), found |R R^T - 1| = {error:.3g}, det = {determinant:.3g}"
         )
     return to_world

@@ -17,10 +17,11 @@ from ia_bench.readers.fields import camera, number, text
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import HIGH_BIT_MODES, greyscale, open_picture
-from ia_bench.scenes.scene import Scene, Truth, View
+from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 
 SCHEMA = 1
 DESCRIPTION = "scene.json"
+MESH = "mesh.ply"
 Views = dict[str, tuple[View, ...]]
 
 
@@ -42,7 +43,10 @@ class NativeReader:
             raise InputError(f"{folder}: no such scene folder")
         description = read_json(folder / DESCRIPTION)
         _check(folder / DESCRIPTION, description)
-        mesh, notes = load_mesh(file_below(folder, "mesh.ply", str(folder)), uv=self._uv)
+        mesh: Mesh | None = None
+        notes: tuple[str, ...] = (f"no {MESH} in the scene's folder",)
+        if (folder / MESH).exists():
+            mesh, notes = load_mesh(file_below(folder, MESH, str(folder)), uv=self._uv)
         views = {split: self._views(split, truth) for split in SPLITS}
         if not views["train"]:
             raise InputError(f"{folder / 'transforms_train.json'}: a scene needs at least one training view")
@@ -60,7 +64,9 @@ class NativeReader:
             truth=self._truth(description) if truth else None,
             notes=notes,
             metallic=description.get("metallic", False),
-            **views,
+            train=views["train"],
+            test=views["test"],
+            novel=views["novel"],
         )
 
     def _views(self, split: str, truth: bool) -> tuple[View, ...]:

@@ -16,6 +16,8 @@ class Images:
     Attributes:
         images: (H, W, 3), or (H, W) where there is one channel.
         coverage: (H, W) in [0, 1], the share of each pixel that shows the object.
+        known: (H, W) bool, False where the image is no more than a lower bound; None where every pixel of a view, or of all
+            of them, is known.
 
     Raises:
         ValueError: Counts or shapes disagree, or a coverage leaves [0, 1].
@@ -23,6 +25,7 @@ class Images:
 
     images: tuple[np.ndarray, ...]
     coverage: tuple[np.ndarray, ...]
+    known: tuple[np.ndarray | None, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check counts, shapes and the range of coverage."""

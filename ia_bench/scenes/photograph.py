@@ -33,7 +33,7 @@ def read_photograph(
     """
     radiance, coverage = _read_linear(path, notice) if path.suffix.lower() == ".exr" else _read_encoded(path)
     if mask is not None:
-        chosen = _read_mask(mask)
+        chosen = read_mask(mask)
         if chosen.shape != coverage.shape:
             found, expected = chosen.shape, coverage.shape
             raise InputError(f"{mask}: expected {expected[1]} x {expected[0]} pixels like {path}, found {found[1]} x {found[0]}")
@@ -66,16 +66,21 @@ def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray,
 
 
 def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    picture = open_picture(path)
-    if picture.mode in HIGH_BIT_MODES:
-        grey = greyscale(path, picture)
-        values = np.dstack([grey, grey, grey, np.ones_like(grey)])
-    else:
-        values = np.asarray(picture.convert("RGBA"), np.float32) / 255
+    values = read_values(path)
     return srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
 
 
-def _read_mask(path: Path) -> np.ndarray:
+def read_values(path: Path) -> np.ndarray:
+    """A picture as it is stored, (H, W, 4) float32 from 0 to 1, opaque where it has no alpha. Raises InputError."""
+    picture = open_picture(path)
+    if picture.mode in HIGH_BIT_MODES:
+        grey = greyscale(path, picture)
+        return np.dstack([grey, grey, grey, np.ones_like(grey)])
+    return np.asarray(picture.convert("RGBA"), np.float32) / 255
+
+
+def read_mask(path: Path) -> np.ndarray:
+    """A mask (H, W) from 0 to 1: the alpha of a cut-out, or else how bright the picture is. Raises InputError."""
     picture = open_picture(path)
     if "transparency" in picture.info:
         picture = picture.convert("RGBA")

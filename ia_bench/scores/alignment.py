@@ -41,11 +41,28 @@ def least_squares(predicted: np.ndarray, true: np.ndarray) -> Alignment:
     return _quotient(lambda p, t: (np.full(3, (p * t).sum()), np.full(3, (p * p).sum())), predicted, true)
 
 
+def median_ratio(predicted: np.ndarray, true: np.ndarray) -> Alignment:
+    """One scale per channel, the median over pixels of true / max(predicted, 1e-6), as TensoIR's evaluation has it.
+
+    It hides a colour cast as :func:`per_channel` does.
+    """
+    return _quotient(lambda p, t: (np.median(t / np.maximum(p, 1e-6), axis=0), np.ones(3)), predicted, true)
+
+
+def unaligned(predicted: np.ndarray, true: np.ndarray) -> Alignment:
+    """No scale at all: albedo is compared, and relit, as it is predicted."""
+    return Alignment(np.ones(3))
+
+
 ALIGNMENTS: dict[str, Callable[[np.ndarray, np.ndarray], Alignment]] = {
     "mean_rgb": mean_rgb,
     "per_channel": per_channel,
     "least_squares": least_squares,
+    "median_ratio": median_ratio,
+    "none": unaligned,
 }
+VARIANTS = ("mean_rgb", "per_channel", "least_squares")
+"""Alignments that are recorded beside the protocol's own."""
 
 
 def _quotient(

@@ -14,6 +14,7 @@ from ia_bench.scores.perceptual import lpips
 from ia_bench.scores.predictions import Pair
 from ia_bench.scores.protocol import Encoding, Protocol
 from ia_bench.scores.reduction import Value
+from ia_bench.scores.whole_images import composed, linear_images, whole_images
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,8 @@ class Measure:
 
 def image_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]) -> Measure:
     """Those of psnr, ssim and lpips that ``names`` asks for, on images in ``encoding``."""
+    if protocol.comparison.area == "image":
+        return _whole_measure(protocol, encoding, names)
     functions: dict[str, Callable[..., float]] = {
         "psnr": metrics.psnr,
         "ssim": partial(metrics.ssim, settings=protocol.ssim),
@@ -52,31 +55,63 @@ def image_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]
     return Measure(names, of)
 
 
+def _whole_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]) -> Measure:
+    """The same metrics of whole images (:mod:`ia_bench.scores.whole_images`)."""
+
+    def of(view: Pair) -> Measured:
+        if view.broken:
+            return Measured(dict.fromkeys(names, _not_finite(view)))
+        pictures = whole_images(view, encoding, protocol.comparison)
+        functions: dict[str, Callable[..., float]] = {
+            "psnr": pictures.psnr,
+            "ssim": partial(pictures.ssim, protocol.ssim),
+            "lpips": partial(pictures.lpips, protocol.lpips, protocol.comparison),
+        }
+        return Measured({name: _value(functions[name]) for name in names}, *pictures.clipped)
+
+    return Measure(names, of)
+
+
+def hdr_measure(protocol: Protocol) -> Measure:
+    """PSNR of linear values, cut where ``protocol.comparison.hdr_clip`` says, of whole images."""
+
+    def of(view: Pair) -> Measured:
+        if view.broken:
+            return Measured({"psnr": _not_finite(view)})
+        return Measured({"psnr": _value(linear_images(view, protocol.comparison).psnr)})
+
+    return Measure(("psnr",), of)
+
+
 def whole_image_measure(encoding: Encoding) -> Measure:
-    """PSNR over all pixels, background included, as most papers print it: both images lie over white by their own coverage."""
+    """PSNR over all known pixels, background included, as most papers print it: both images lie over white by their coverage."""
 
     def over_white(linear: np.ndarray, coverage: np.ndarray) -> np.ndarray:
         share = coverage[..., None].clip(0, 1)
         return share * metrics.encode(linear, encoding, coverage > 0)[0] + (1 - share)
 
     def of(view: Pair) -> Measured:
-        everywhere = np.ones_like(view.mask)
         broken = int((~np.isfinite(view.predicted)).any(-1).sum())
         if broken:
             return Measured({"psnr": Undefined(f"the prediction is not finite in {broken} pixels")})
         pair = over_white(view.predicted, view.coverage[0]), over_white(view.true, view.coverage[1])
-        return Measured({"psnr": _value(metrics.psnr, *pair, everywhere)})
+        return Measured({"psnr": _value(metrics.psnr, *pair, view.known)})
 
     return Measure(("psnr",), of)
 
 
-def _roughness_error(view: Pair) -> Measured:
-    if view.broken:
-        return Measured({"mse": _not_finite(view)})
-    return Measured({"mse": _value(metrics.squared_error, view.predicted, view.true, view.mask)})
+def roughness_measure(protocol: Protocol) -> Measure:
+    """Squared error of roughness: over the object, or over a whole image with the background's grey around the object."""
 
+    def of(view: Pair) -> Measured:
+        if view.broken:
+            return Measured({"mse": _not_finite(view)})
+        if protocol.comparison.area == "object":
+            return Measured({"mse": _value(metrics.squared_error, view.predicted, view.true, view.mask)})
+        predicted, true = composed(view, protocol.comparison, (view.predicted, view.true))
+        return Measured({"mse": _value(metrics.squared_error, predicted, true, view.known)})
 
-ROUGHNESS_MEASURE = Measure(("mse",), _roughness_error)
+    return Measure(("mse",), of)
 
 
 def _not_finite(view: Pair) -> Undefined:

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from ia_bench.scenes.images import Images
-from ia_bench.scores.alignment import ALIGNMENTS, Alignment
-from ia_bench.scores.components import ROUGHNESS_MEASURE, image_measure, whole_image_measure
+from ia_bench.scores.alignment import ALIGNMENTS, VARIANTS, Alignment
+from ia_bench.scores.components import hdr_measure, image_measure, roughness_measure, whole_image_measure
 from ia_bench.scores.predictions import Pair, Predictions, pairs, stacked
 from ia_bench.scores.protocol import Encoding, Protocol
 from ia_bench.scores.result import COMPONENTS, Scores, Views
@@ -50,7 +50,10 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
         (protocol.albedo_encoding, IMAGE_METRICS), (other, ("psnr",))))  # fmt: skip
     for name in ("albedo", "aligned_albedo"):
         scores.record(f"{name}_{other}", views[name], in_other)
-    for name in ALIGNMENTS:
+    if protocol.comparison.hdr_clip is not None:
+        for name in ("view_synthesis", "relighting"):
+            scores.record(f"{name}_hdr", views[name], hdr_measure(protocol))
+    for name in VARIANTS:
         if name != protocol.alignment:
             aligned = _aligned(scores, name, views["albedo"])
             scores.record(f"aligned_albedo_{name}", aligned, as_usual)
@@ -78,7 +81,7 @@ def _record(
     albedo = _paired(predictions.albedo, truth.albedo, "albedo", protocol)
     aligned = _aligned(scores, protocol.alignment, albedo, suffix)
     relit = _paired_by_light(predictions.relighting, truth.relighting, protocol)
-    if isinstance(aligned, str) and truth.relighting is not None:
+    if isinstance(aligned, str) and truth.relighting is not None and protocol.alignment != "none":
         relit = aligned  # what is relit is the aligned albedo: where there is none, its reason is the reason
     views: dict[str, Views] = {
         "albedo": albedo,
@@ -89,7 +92,7 @@ def _record(
     }
     of_albedo = image_measure(protocol, protocol.albedo_encoding, names)
     of_radiance = image_measure(protocol, protocol.radiance_encoding, names)
-    measures = dict(zip(COMPONENTS, (of_albedo, of_albedo, of_radiance, of_radiance, ROUGHNESS_MEASURE), strict=True))
+    measures = dict(zip(COMPONENTS, (of_albedo, of_albedo, of_radiance, of_radiance, roughness_measure(protocol)), strict=True))
     for component, pictures in views.items():
         scores.record(component + suffix, pictures, measures[component])
     return views
@@ -111,8 +114,7 @@ def _paired_by_light(
     if sorted(predicted) != sorted(true):
         raise ValueError(f"relighting: expected the lights {sorted(true)}, found {sorted(predicted)}")
     return {
-        light: pairs(predicted[light], true[light], protocol.mask_threshold, f"relighting under {light}")
-        for light in sorted(true)
+        light: pairs(predicted[light], true[light], protocol.mask_threshold, f"relighting under {light}") for light in sorted(true)
     }
 
 

@@ -72,12 +72,19 @@ def ssim(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: Ss
         raise Undefined(f"image of {size} pixels is smaller than the window of {settings.window}")
     seen = tuple(_reach(places, settings.window) for places in np.nonzero(mask))  # no window of a scored pixel looks farther
     mask = mask[seen]
-    x, y = (white_outside(image[seen], mask).astype(np.float64) for image in (predicted, true))
-    blur = partial(gaussian_filter, sigma=(0, settings.sigma, settings.sigma, 0), truncate=SsimSettings.TRUNCATE)
+    x, y = (white_outside(image[seen], mask) for image in (predicted, true))
+    return float(similarity(x, y, settings)[mask].mean())
+
+
+def similarity(predicted: np.ndarray, true: np.ndarray, settings: SsimSettings) -> np.ndarray:
+    """The SSIM map (H, W, 3) of two images (H, W, 3), which are mirrored at their borders."""
+    x, y = (image.astype(np.float64) for image in (predicted, true))
+    reach = settings.window // 2
+    blur = partial(gaussian_filter, sigma=(0, settings.sigma, settings.sigma, 0), radius=(0, reach, reach, 0))
     mean_x, mean_y, xx, yy, xy = blur(np.stack([x, y, x * x, y * y, x * y]))
     luminance = (2 * mean_x * mean_y + C1) / (mean_x**2 + mean_y**2 + C1)
     structure = (2 * (xy - mean_x * mean_y) + C2) / (xx - mean_x**2 + yy - mean_y**2 + C2)
-    return float((luminance * structure)[mask].mean())
+    return luminance * structure
 
 
 def _reach(places: np.ndarray, window: int) -> slice:

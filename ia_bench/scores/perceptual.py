@@ -49,6 +49,29 @@ def lpips(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: L
     return float(distances.numpy()[mask].mean(dtype=np.float64))
 
 
+def lpips_whole(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings) -> float:
+    """LPIPS of whole images as its authors compute it: every layer's distance averaged over its own pixels, and summed.
+
+    Raises as :func:`lpips` does.
+    """
+    if min(predicted.shape[:2]) < SMALLEST:
+        raise Undefined(f"image of {predicted.shape[1]} x {predicted.shape[0]} pixels is smaller than {SMALLEST}")
+    network = load(settings)
+    if isinstance(network, str):
+        raise Undefined(network)
+
+    import torch
+    from lpips import normalize_tensor
+
+    pair = torch.from_numpy(np.stack([predicted, true]).astype(np.float32)).permute(0, 3, 1, 2)
+    total = 0.0
+    with torch.inference_mode(), _one_thread():
+        for head, features in zip(network.lins, network.net(network.scaling_layer(2 * pair - 1)), strict=True):
+            one, other = normalize_tensor(features).split(1)
+            total += float(head((one - other) ** 2).mean())
+    return total
+
+
 def _distances(network: lpips_package.LPIPS, pair: Tensor) -> Tensor:
     """What the network's ``forward`` computes, (H, W), with both images (2, 3, H, W) in [0, 1] in one batch, channels last."""
     import torch

@@ -34,7 +34,8 @@ class Pair:
     Attributes:
         predicted: Linear (H, W[, 3]).
         true: The same of the truth.
-        mask: (H, W), True where scored.
+        mask: (H, W), True where scored: where the object is, and the truth known.
+        known: (H, W), True where the truth is known.
         coverage: (H, W) each, of prediction and truth.
         uncovered: Scored pixels that the prediction does not cover at all, which count as black.
         broken: Scored pixels with a NaN or an infinity in the prediction.
@@ -43,6 +44,7 @@ class Pair:
     predicted: np.ndarray
     true: np.ndarray
     mask: np.ndarray
+    known: np.ndarray
     coverage: tuple[np.ndarray, np.ndarray]
     uncovered: int
     broken: int
@@ -60,7 +62,9 @@ def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> 
         theirs, ours = true.images[index], predicted.images[index]
         if theirs.shape != ours.shape:
             raise ValueError(f"{what}, view {index}: expected shape {theirs.shape}, found {ours.shape}")
-        mask = true.coverage[index] > mask_threshold
+        given = None if true.known is None else true.known[index]
+        known = np.ones(theirs.shape[:2], bool) if given is None else given
+        mask = (true.coverage[index] > mask_threshold) & known
         truth = _unpremultiplied(theirs, true.coverage[index])
         if not np.isfinite(truth[mask]).all():
             raise ValueError(f"{what}, view {index}: the ground truth is not finite")
@@ -68,7 +72,7 @@ def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> 
         broken = ~np.isfinite(guess) if guess.ndim == 2 else ~np.isfinite(guess).all(axis=-1)
         uncovered = predicted.coverage[index] == 0
         coverage = predicted.coverage[index], true.coverage[index]
-        result.append(Pair(guess, truth, mask, coverage, int((uncovered & mask).sum()), int((broken & mask).sum())))
+        result.append(Pair(guess, truth, mask, known, coverage, int((uncovered & mask).sum()), int((broken & mask).sum())))
     return result
 
 

@@ -6,36 +6,52 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import is_file, read_yaml
+from ia_bench.common.paths import conf_folder
+from ia_bench.common.settings import parsed
 from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 
 Encoding = Literal["srgb", "linear"]
-AlignmentName = Literal["mean_rgb", "per_channel", "least_squares"]
+AlignmentName = Literal["mean_rgb", "per_channel", "least_squares", "median_ratio", "none"]
 LpipsNet = Literal["alex", "vgg", "squeeze"]
 Count = Annotated[int, Field(ge=1, le=2**16)]  # points or samples: more would never end
+
+
+WHOLE_IMAGE_RULES = {
+    "mask_rule": "all pixels; both images divided by their own coverage, then cut out as comparison.silhouette says",
+    "background": "comparison.background in both images, after encoding",
+    "clipping": "before encoding",
+    "roughness": "mean squared error of perceptual roughness over whole images, the background's grey around the object",
+}
+"""What :meth:`Protocol.describe` says where whole images are compared."""
 
 
 @dataclass(frozen=True)
 class SsimSettings:
     """Structural similarity (Wang et al. 2004) as scikit-image computes it, with a Gaussian window.
 
-    ``sigma`` is the window's standard deviation in pixels; 11 x 11 pixels by default.
+    ``sigma`` is the window's standard deviation in pixels; 11 x 11 pixels by default, ``side`` x ``side`` where that is given.
+    ``border``: "valid" leaves out pixels whose window reaches beyond the picture, where "reflect" mirrors the picture.
     """
 
     TRUNCATE: ClassVar[float] = 3.5  # where the window is cut off, in sigma
 
     sigma: Annotated[float, Field(gt=0)] = 1.5
+    side: Annotated[int, Field(ge=1, le=99)] | None = None
+    border: Literal["reflect", "valid"] = "reflect"
 
     @property
     def window(self) -> int:
-        """Width of the window in pixels (scikit-image's rule)."""
-        return 2 * int(self.TRUNCATE * self.sigma + 0.5) + 1
+        """Width of the window in pixels (scikit-image's rule, unless it is given)."""
+        return self.side or 2 * int(self.TRUNCATE * self.sigma + 0.5) + 1
 
 
 @dataclass(frozen=True)
@@ -53,6 +69,38 @@ class LpipsSettings:
         """Raise InputError for a weights file that is not there."""
         if self.weights is not None and not Path(self.weights).is_file():
             raise InputError(f"protocol.lpips.weights: expected an existing safetensors file, found {self.weights!r}")
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """What of two pictures is compared. The defaults are paper-v2's, under which all but ``area`` mean nothing.
+
+    Attributes:
+        area: Means are taken over the object's pixels, or over the whole image, with the object over a background.
+        silhouette: What cuts out the object in a whole image: the scored pixels, each picture's own coverage, or the true one.
+        background: The encoded grey behind the object, 0 or 1 in practice.
+        erosion: Side of the square of pixels by which the scored pixels shrink (an odd number, 0 for none).
+        rescale: Whether every predicted picture is first scaled, per channel, to the truth by least squares, in linear values.
+        floor: Whether a PSNR counts as no less than that of an object of the grey .5.
+        hdr_clip: Where linear values are cut for a PSNR without encoding, the variant ``_hdr``; None for no such number.
+        lpips_encoded_again: Whether LPIPS sees the pictures through the sRGB curve once more.
+    """
+
+    area: Literal["object", "image"] = "object"
+    silhouette: Literal["mask", "own", "truth"] = "mask"
+    background: Annotated[float, Field(ge=0, le=1)] = 1.0
+    erosion: Annotated[int, Field(ge=0, le=99)] = 0
+    rescale: Literal["none", "per_channel"] = "none"
+    floor: bool = False
+    hdr_clip: Annotated[float, Field(gt=0)] | None = None
+    lpips_encoded_again: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise InputError for settings of whole images where the object is compared."""
+        if self.area == "object" and any(getattr(self, f.name) != f.default for f in fields(self)):
+            raise InputError("protocol.comparison: expected area=image with the other settings of whole images, found area=object")
+        if self.erosion and self.erosion % 2 == 0:
+            raise InputError(f"protocol.comparison.erosion: expected 0 or an odd number, found {self.erosion}")
 
 
 @dataclass(frozen=True)
@@ -88,25 +136,31 @@ class Protocol:
     seed: Annotated[int, Field(ge=0)] = 0
     ssim: SsimSettings = field(default_factory=SsimSettings)
     lpips: LpipsSettings = field(default_factory=LpipsSettings)
+    comparison: ComparisonSettings = field(default_factory=ComparisonSettings)
 
     @property
     def label(self) -> str:
-        """The name, the LPIPS net, and everything else that differs from the default: numbers compare under one label.
+        """The name, the LPIPS net, and all that differs from the shipped protocol of that name: numbers compare under one label.
 
         >>> Protocol(samples_per_pixel=64).label
         'paper-v2 (lpips.net=squeeze, samples_per_pixel=64)'
         """
-        default, mine = _flat(asdict(Protocol())), _flat(asdict(self))
+        default, mine = _flat(asdict(shipped(self.name))), _flat(asdict(self))
         decisive = [key for key in mine if key not in ("name", "lpips.weights")]  # where weights lie decides nothing
         changed = [f"{key}={mine[key]}" for key in decisive if mine[key] != default[key] and key != "lpips.net"]
         return f"{self.name} ({', '.join([f'lpips.net={self.lpips.net}', *changed])})"
 
     def describe(self) -> dict[str, Any]:
         """Everything that decides the numbers, settings and fixed rules alike, for storing beside them (JSON types)."""
+        ssim = {name: value for name, value in asdict(self.ssim).items() if value != getattr(SsimSettings, name) or name == "sigma"}
+        known = {name: value for name, value in asdict(self).items() if name != "comparison"}
+        rules = {} if self.comparison.area == "object" else WHOLE_IMAGE_RULES
+        if self.comparison != ComparisonSettings():
+            known["comparison"] = asdict(self.comparison)
         return {
-            **asdict(self),
+            **known,
             "label": self.label,
-            "ssim": {**asdict(self.ssim), "window": self.ssim.window, "data_range": 1.0, "sample_covariance": False},
+            "ssim": {**ssim, "window": self.ssim.window, "data_range": 1.0, "sample_covariance": False},
             "lpips": {**asdict(self.lpips), "version": "0.1", "map": "spatial, averaged over scored pixels"},
             "reference_renderer": {
                 "name": REFERENCE,
@@ -124,7 +178,15 @@ class Protocol:
             "whole_image": "PSNR over all pixels, both images laid over the background by their own coverage",
             "roughness": "mean squared error of perceptual roughness, not encoded, not clipped",
             "reduction": "per image, then mean over images; views without a scored pixel are left out and counted",
+            **rules,
         }
+
+
+@cache
+def shipped(name: str) -> Protocol:
+    """The protocol that ``conf/protocol/NAME.yaml`` describes, paper-v2 where there is no such file."""
+    path = conf_folder() / "protocol" / f"{name}.yaml"
+    return parsed(Protocol, read_yaml(path)) if is_file(path) else Protocol()
 
 
 def _flat(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

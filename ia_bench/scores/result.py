@@ -23,7 +23,8 @@ class Scores:
     ``metrics``: component -> metric -> mean. ``variants``: the same under other definitions, each named. ``per_image``:
     component (-> light) -> metric -> one value per view. ``reasons``: dotted path -> why it is null in JSON.
     ``counts``: component -> numbers of views, pixels, clipped values. ``albedo_scales``: alignment -> RGB scale.
-    ``renderer``: the name of what drew the pictures.
+    ``renderer``: the name of what drew the pictures. ``geometry``: the recovered shape against the true one, empty where it was
+    given.
     """
 
     protocol: Protocol
@@ -34,6 +35,7 @@ class Scores:
     reasons: dict[str, str] = field(default_factory=dict)
     counts: dict[str, dict[str, int]] = field(default_factory=dict)
     albedo_scales: dict[str, list[float] | None] = field(default_factory=dict)
+    geometry: dict[str, Any] = field(default_factory=dict)
 
     def record(self, component: str, views: Views, measure: Measure) -> None:
         """Measure every view of a component; store means, values per image, reasons and counts."""
@@ -58,8 +60,7 @@ class Scores:
                 self.reasons[".".join(filter(None, ("per_image", component, light, name)))] = reason
 
         by_light = {
-            light: {name: [one.values[name] for one in group] for name in measure.names}
-            for light, group in measured.items()
+            light: {name: [one.values[name] for one in group] for name in measure.names} for light, group in measured.items()
         }
         self.per_image[component] = by_light.get("", by_light)
         pairs = [view for group in groups.values() for view in group]
@@ -85,4 +86,5 @@ class Scores:
             "reasons": dict(self.reasons),
             "counts": {component: dict(counts) for component, counts in self.counts.items()},
             "albedo_scales": dict(self.albedo_scales),
+            "geometry": dict(self.geometry),
         }

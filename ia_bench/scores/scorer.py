@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import torch
 
 from ia_bench.common.errors import InputError
@@ -16,6 +18,7 @@ from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View
 from ia_bench.scores import perceptual
 from ia_bench.scores.evaluate import albedo_scale, score, score_again, score_quick
+from ia_bench.scores.geometry import score_geometry
 from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.result import Scores
@@ -59,10 +62,19 @@ class Scorer:
         scores = score(own, truth, self._protocol, renderer=renderer)
         if redrawn is not None:
             score_again(scores, redrawn, truth, "_reference")
+        scores.geometry.update(self._geometry())
         for name in self._novel:
             if name != "train" and name not in self._lights:
                 scores.reasons[f"per_image.relighting.{name}"] = "left out: the scene has no environment map of this light"
         return scores
+
+    def _geometry(self) -> dict[str, Any]:
+        """How far the scene's mesh is from the true one and from the masks; nothing where it is the scene's own."""
+        truth, mesh = self._scene.truth, self._scene.mesh
+        if mesh is None or truth is None or not self._scene.mesh_is_made:
+            return {}
+        views = self._scene.test or self._scene.novel
+        return score_geometry(self._stage_of(mesh), truth.mesh, views, self._protocol.mask_threshold).as_dict()
 
     def quick(self, reconstruction: Reconstruction) -> dict[str, float | None]:
         """The metric columns of curve.csv, from a fixed subset of the views."""
@@ -100,13 +112,15 @@ class Scorer:
             return _checked(images, cameras, f"render under {light} by {reconstruction.renderer}")
 
         view_synthesis = rendered("train", None) if truth.view_synthesis is not None else None
-        relighting = None
-        if albedo is not None and truth.albedo is not None and truth.relighting:
+        relighting, scale = None, None
+        if protocol.alignment == "none":
+            scale = np.ones(3)  # what is not aligned needs no truth to be relit
+        elif albedo is not None and truth.albedo is not None:
             scale = albedo_scale(albedo, truth.albedo, protocol).scale
-            if scale is not None:
-                factors = torch.from_numpy(scale).float().to(self._device)
-                relit = {name: rendered(name, factors) for name in truth.relighting}
-                relighting = {name: images for name, images in relit.items() if images is not None} or None
+        if truth.relighting and scale is not None:
+            factors = torch.from_numpy(scale).float().to(self._device)
+            relit = {name: rendered(name, factors) for name in truth.relighting}
+            relighting = {name: images for name, images in relit.items() if images is not None} or None
         return Predictions(albedo, roughness, view_synthesis, relighting)
 
     def _exported(self, reconstruction: Reconstruction) -> TexturedReconstruction | None:
@@ -135,4 +149,5 @@ def _true(views: Sequence[View], component: str) -> Images | None:
     values = [getattr(view, component) for view in views]
     if not values or any(value is None for value in values):
         return None
-    return Images(tuple(values), tuple(view.mask for view in views))
+    known = tuple(view.valid for view in views) if component == "image" else None  # maps of truth do not saturate
+    return Images(tuple(values), tuple(view.mask for view in views), known)

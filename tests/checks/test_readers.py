@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from ia_bench.checks.readers import check_reader, difference
 from ia_bench.cli.check import main
@@ -79,7 +80,8 @@ WRONG: dict[str, tuple[Callable[[Scene], object], str]] = {
     "faces": (lambda s: replace(s, mesh=replace(s.mesh, faces=s.mesh.faces + 1)), "faces: expected vertices 0 to"),
     "face type": (lambda s: replace(s, mesh=replace(s.mesh, faces=s.mesh.faces.astype(float))), r"expected \(F, 3\) int32"),
     "uv": (lambda s: replace(s, mesh=replace(s.mesh, uv=2 * s.mesh.uv)), "uv: expected finite values from 0 to 1"),
-    "mesh": (lambda s: replace(s, mesh=None), "mesh: expected a Mesh, found NoneType"),
+    "mesh": (lambda s: replace(s, mesh="cube"), "mesh: expected a Mesh, found str"),
+    "valid": (lambda s: first(s, valid=s.test[0].mask), r"valid: expected \(32, 32\) bool, found \(32, 32\) float32"),
 }  # fmt: skip
 
 
@@ -120,6 +122,14 @@ def test_another_scene_at_every_call(tiny: Scene) -> None:
     found = crosses(Reading(tiny, brighter))
     assert [line.partition(":")[0] for line in found] == ["without truth", "reading again"]
     assert "train[0].image" in found[0]
+
+
+def test_a_scene_without_a_mesh_is_a_scene(tiny: Scene) -> None:
+    found = list(check_reader(lambda: Reading(replace(tiny, mesh=None))))  # type: ignore[arg-type,return-value]
+    assert {finding.status for finding in found if finding.what != "mesh, cameras and masks"} == {"pass"}
+    assert [finding.found for finding in found if finding.status == "skip"] == ["it has no mesh"]
+    with pytest.raises(InputError, match="expected a mesh, found none"):
+        replace(tiny, mesh=None).expect_mesh()
 
 
 def test_held_out_views_and_cameras(tiny: Scene) -> None:
@@ -166,9 +176,13 @@ def test_what_cannot_be_scored_has_its_reason(tiny: Scene) -> None:
     }
 
 
-def test_the_command(tiny_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(
+    tiny_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where the picture of the scene is left
     assert main(["reader=native", f"scene.path={tiny_folder}"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
+    assert (tmp_path / "runs" / "tiny" / "contact_sheet.png").is_file()
     assert main(["reader=native", f"scene.path={tmp_path}"]) == 1
     assert "scene.json: no such file" in capsys.readouterr().out
     for words, message in [
@@ -180,3 +194,27 @@ def test_the_command(tiny_folder: Path, tmp_path: Path, capsys: pytest.CaptureFi
     ]:
         assert main(words) == 2
         assert message in capsys.readouterr().err
+
+
+def test_what_was_found_and_a_picture_of_it(tiny: Scene, tmp_path: Path) -> None:
+    saturated = np.zeros((32, 32), bool)
+    saturated[:16] = True
+    scene = first(lights(tiny), "train", valid=~saturated)
+    sheet = tmp_path / "some" / "sheet.png"
+    found = {finding.what: finding for finding in check_reader(lambda: Reading(scene), sheet)}  # type: ignore[arg-type,return-value]
+    assert found["photographs"].found.startswith("16 of 32 x 32 pixels; the object fills 4")
+    assert "0.0% of it is saturated" not in found["photographs"].found
+    assert found["truth of test views"].found.startswith("albedo of 4, roughness of 4")
+    assert found["lights"].found == "maps of night, studio, sunset, train"
+    with Image.open(sheet) as picture:
+        picture.load()
+        colours = np.asarray(picture.convert("RGB")).reshape(-1, 3)
+    assert (np.abs(colours - [255.0, 0, 0]).max(1) < 40).sum() > 100  # outlines
+    assert (np.abs(colours - [31.0, 119, 180]).max(1) < 20).sum() > 100  # training cameras
+    bare = replace(without_truth(tiny), mesh=None, test=(), novel=())
+    found = {finding.what: finding for finding in check_reader(lambda: Reading(bare), sheet)}  # type: ignore[arg-type,return-value]
+    assert found["contact sheet"].status == "pass"
+    assert found["lights"].found == "no map of train"
+    assert found["truth of test views"].status == "skip"
+    there = check_reader(lambda: Reading(tiny), tmp_path)  # type: ignore[arg-type,return-value]
+    assert [finding.what for finding in there if finding.status == "fail"] == ["contact sheet"]

@@ -107,7 +107,7 @@ def test_training_gets_nothing_but_its_images_masks_and_cameras(tiny: Scene) -> 
     assert blind.notes == ()
     assert (blind.truth, blind.test, blind.novel) == (None, (), ())
     assert known_truth(blind.train) == []
-    assert {field.name for field in fields(View)} == {*TRUTH_FIELDS, "name", "camera", "image", "mask", "light"}
+    assert {field.name for field in fields(View)} == {*TRUTH_FIELDS, "name", "camera", "image", "mask", "light", "valid"}
     assert [view.name for view in blind.train] == [view.name for view in tiny.train]
     assert all(np.array_equal(a.image, b.image) for a, b in zip(blind.train, tiny.train, strict=True))
 
@@ -124,10 +124,17 @@ def test_refuses_a_missing_folder(tmp_path: Path) -> None:
     refused(tmp_path / "nowhere", "nowhere: no such scene folder")
 
 
-@pytest.mark.parametrize("name", ["scene.json", "mesh.ply", TRAIN])
+@pytest.mark.parametrize("name", ["scene.json", TRAIN])
 def test_refuses_a_missing_part(tiny_copy: Path, name: str) -> None:
     (tiny_copy / name).unlink()
     refused(tiny_copy, re.escape(name))
+
+
+def test_a_mesh_is_optional(tiny_copy: Path) -> None:
+    (tiny_copy / "mesh.ply").unlink()
+    scene = check_scene(NativeReader(tiny_copy).read(truth=False), truth=False)
+    assert scene.mesh is None
+    assert "no mesh.ply in the scene's folder" in scene.notes
 
 
 def test_test_and_novel_views_are_optional(tiny_copy: Path) -> None:
@@ -197,11 +204,12 @@ def test_refuses_an_image_of_another_size_than_declared(tiny_copy: Path) -> None
     refused(tiny_copy, re.escape(IMAGE), "expected w = 32, found 31")
 
 
-def test_refuses_images_of_two_sizes(tiny_copy: Path) -> None:
-    """Nothing is declared, but the views of a split are stacked."""
+def test_images_of_two_sizes_are_read_as_they_are(tiny_copy: Path) -> None:
     edit_json(tiny_copy / TRAIN, lambda content: [content.pop(key) for key in ("w", "h")])
     write_exr(tiny_copy / IMAGE, read_exr(tiny_copy / IMAGE, 4)[:31])
-    refused(tiny_copy, "train view 0003: expected 32 x 32", "found 31 x 32")
+    shapes = {view.name: view.mask.shape for view in check_scene(NativeReader(tiny_copy).read(truth=False), truth=False).train}
+    assert shapes.pop("0003") == (31, 32)
+    assert set(shapes.values()) == {(32, 32)}
 
 
 def test_refuses_an_image_without_alpha(tiny_copy: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,15 @@ def test_a_blind_scene_leads_to_no_truth(tiny: Scene, tiny_folder: Path) -> None
     assert not [part for part in arrays(blind) for whole in arrays(tiny) if np.shares_memory(part, whole)]
     given = sorted(view.image.shape for view in tiny.train) + sorted(view.mask.shape for view in tiny.train)
     assert len(arrays(blind)) == 4 + len(tiny.train) + len(given)  # the mesh, cameras, images and masks: nothing else
+
+
+def test_a_blind_scene_knows_what_is_saturated_and_may_lack_a_mesh(tiny: Scene) -> None:
+    valid = np.arange(32 * 32).reshape(32, 32) > 99
+    blind = replace(tiny, mesh=None, train=tuple(replace(view, valid=valid) for view in tiny.train)).blind()
+    assert blind.mesh is None
+    assert blind.train[0].valid is not None
+    np.testing.assert_array_equal(blind.train[0].valid, valid)
+    assert not np.shares_memory(blind.train[0].valid, valid)
 
 
 def test_what_is_done_to_a_blind_scene_reaches_no_other(tiny: Scene) -> None:

@@ -180,3 +180,21 @@ def test_a_truth_that_does_not_fit_is_an_error(
 def test_images_that_are_none_are_refused(images: tuple, coverage: tuple, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Images(images, coverage)
+
+
+def test_saturated_pixels_of_photographs_are_left_out(guess: Predictions, truth: Predictions) -> None:
+    assert truth.view_synthesis is not None
+    assert guess.view_synthesis is not None
+    images, coverage = truth.view_synthesis.images, truth.view_synthesis.coverage
+    saturated = np.zeros(coverage[0].shape, bool)
+    saturated[15:20, 15:30] = True
+    wild = tuple(np.where(saturated[..., None], 7.0, image) for image in images)
+    known = Images(images, coverage, (~saturated,) * 3)
+    unseen = replace(truth, view_synthesis=known)
+    spoiled = replace(truth, view_synthesis=Images(wild, coverage, (~saturated,) * 3))
+    plain, left_out, blown = (score(guess, of, PAPER) for of in (truth, unseen, spoiled))
+    assert left_out.metrics == blown.metrics
+    assert left_out.variants == blown.variants
+    assert left_out.metrics["view_synthesis"] != plain.metrics["view_synthesis"]
+    counts = [scores.counts["view_synthesis"]["scored_pixels"] for scores in (plain, left_out)]
+    assert counts[0] - counts[1] == sum(int((c[saturated] > 0.5).sum()) for c in coverage) > 0

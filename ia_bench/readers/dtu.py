@@ -1,0 +1,89 @@
+"""Reader of DTU scans, and of any capture, in the layout of IDR (Yariv et al., NeurIPS 2020): image/, mask/ and cameras.npz.
+
+``world_mat_i`` (4, 4) holds K [R | t] of the i-th photograph by name, with OpenCV's axes and pixels counted from the centre of the
+first; ``scale_mat_i`` maps the unit sphere to where the object is. The scene is read in units of that sphere.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import file_below
+from ia_bench.readers.intake import Intake, Unwrapping
+from ia_bench.readers.photo_lists import divided, mask_beside, pictures_in
+from ia_bench.readers.pictures import photograph
+from ia_bench.readers.poses import from_projection
+from ia_bench.scenes.scene import Scene, Truth, View
+
+CAMERAS = "cameras.npz"
+
+
+class DtuReader:
+    """Reads the folder of one scan; options that all readers share are those of :class:`ia_bench.readers.intake.Intake`.
+
+    ``every``: every so many-th photograph is held out. A ``mesh`` is in the units of world_mat (millimetres in DTU).
+    """
+
+    def __init__(
+        self,
+        path: Path | None,
+        *,
+        mesh: str | None = None,
+        uv: Unwrapping = "mesh",
+        shrink: int = 1,
+        held_out: int | None = None,
+        every: int = 8,
+    ) -> None:
+        self._intake = Intake.of("dtu", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
+        self._every = every
+
+    def read(self, truth: bool) -> Scene:
+        """The scene; the dataset has no truth of material or light. Raises InputError."""
+        intake, notes = self._intake, list[str]()
+        photos = pictures_in(intake.folder / "image")
+        matrices = _matrices(file_below(intake.folder, CAMERAS, str(intake.folder)), len(photos))
+        scale = matrices[0][1]
+
+        def view(place: int) -> View:
+            path, (world, _) = photos[place], matrices[place]
+            photo = photograph(path, mask_beside(intake.folder / "mask", path), notes)
+            height, width = photo.mask.shape
+            where = f"{intake.folder / CAMERAS}: world_mat_{place} @ scale_mat_{place}"
+            return photo.view(path.stem, from_projection(where, (world @ scale)[:3], width, height))
+
+        train, test = divided(intake, len(photos), self._every, view)
+        notes.append("photographs are decoded as sRGB: the tone curve of DTU's camera is not known")
+        known = Truth(lights={}) if truth else None
+        return intake.scene(train=train, test=test, novel=test, truth=known, notes=notes, place=np.linalg.inv(scale))
+
+
+def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """world_mat_i and scale_mat_i of every photograph. Raises InputError for anything else."""
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            stored = {
+                key: np.asarray(content[key], np.float64) for key in content.files if key.split("_mat_")[0] in ("world", "scale")
+            }
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise InputError(f"{path}: expected matrices of numpy (.npz), found {error}") from None
+    pairs = []
+    for place in range(count):
+        for key in (f"world_mat_{place}", f"scale_mat_{place}"):
+            if key not in stored:
+                have = sum(name.removeprefix("world_mat_").isdecimal() for name in stored)
+                raise InputError(f"{path}: expected {key} for the {count} photographs in image/, found {have} cameras")
+            if stored[key].shape != (4, 4) or not np.isfinite(stored[key]).all():
+                raise InputError(f"{path}: {key}: expected 4 x 4 finite numbers, found shape {stored[key].shape}")
+        pairs.append((stored[f"world_mat_{place}"], stored[f"scale_mat_{place}"]))
+    scale = pairs[0][1]
+    factor = scale[0, 0]
+    if not (factor > 0 and np.allclose(scale[:3, :3], factor * np.eye(3), rtol=1e-5, atol=1e-5 * factor)):
+        raise InputError(f"{path}: scale_mat_0: expected one positive scale and a translation, found {scale[:3, :3].tolist()}")
+    other = next((place for place, (_, one) in enumerate(pairs) if not np.allclose(one, scale)), None)
+    if other is not None:
+        raise InputError(f"{path}: scale_mat_{other}: expected the same as scale_mat_0, found another one")
+    return pairs

@@ -1,0 +1,157 @@
+"""Reader of NeILF's synthetic scenes (Yao et al., ECCV 2022): inputs/{images, position_maps, model/mesh.obj, sfm_scene.json}.
+
+sfm_scene.json holds, by the number of a photograph, ``camera.extrinsic`` (16 numbers, world-to-camera, OpenCV's axes) and
+``camera.intrinsic.focal`` and ``ppt`` in pixels; where ``flg`` is not 2 the photograph has no pose. Pixels at which position_maps
+(or depth_maps) are 0 show no object. The scene is read in units of its bounding box, ``bbox.transform``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import file_below, read_json
+from ia_bench.readers.fields import rigid
+from ia_bench.readers.intake import Intake, Unwrapping
+from ia_bench.readers.pictures import Encoding, Photo, expect_size, true_map
+from ia_bench.readers.poses import from_world_to_camera
+from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.photograph import read_values
+from ia_bench.scenes.scene import Camera, Scene, Truth, View
+
+VALIDATION = (9, 18, 30, 41, 50, 62, 73, 82, 94)  # of the paper's configuration for the synthetic scenes
+POSED = 2  # ``flg`` of a photograph with a pose
+UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # the mesh file has +y up, the cameras +z
+
+
+class NeilfReader:
+    """Reads the folder of one scene; options that all readers share are those of :class:`ia_bench.readers.intake.Intake`.
+
+    ``validation``: places in the list of photographs that are held out, counted modulo its length; ``albedo``: how kd is stored.
+    """
+
+    def __init__(
+        self,
+        path: Path | None,
+        *,
+        mesh: str | None = None,
+        uv: Unwrapping = "mesh",
+        shrink: int = 1,
+        held_out: int | None = None,
+        validation: Sequence[int] = VALIDATION,
+        albedo: Encoding = "linear",
+    ) -> None:
+        self._intake = Intake.of("neilf", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
+        self._validation, self._albedo = tuple(validation), albedo
+        self._inputs = self._intake.folder / "inputs"
+
+    def read(self, truth: bool) -> Scene:
+        """The scene; materials of held-out views only with ``truth``. Raises InputError."""
+        intake, path = self._intake, self._inputs / "sfm_scene.json"
+        content = read_json(path)
+        box = _matrix(f"{path}: bbox.transform", _within(path, content, "bbox", "transform"))
+        size = float(np.abs(np.diag(box)[:3]).max()) / 2
+        if not size > 0:
+            raise InputError(f"{path}: bbox.transform: expected a box with a size, found {np.diag(box)[:3].tolist()}")
+        files = _within(path, content, "image_path", "file_paths")
+        images = _within(path, content, "camera_track_map", "images")
+        if not isinstance(files, dict) or not isinstance(images, dict):
+            raise InputError(f"{path}: expected objects image_path.file_paths and camera_track_map.images, found another kind")
+        keys = sorted((key for key in files if str(key).isdecimal()), key=int)
+        held_out = {place % len(keys) for place in self._validation} if keys else set()
+
+        def views(places: Sequence[int]) -> list[View]:
+            posed = [keys[place] for place in places if _within(path, images, keys[place]).get("flg") == POSED]
+            return [self._view(path, key, files[key], images[key], box[:3, 3], size) for key in posed]
+
+        train = [intake.view(view) for view in views([place for place in range(len(keys)) if place not in held_out])]
+        seen = views(intake.kept(sorted(held_out)))
+        novel = [intake.view(view) for view in seen]
+        test = [intake.view(self._with_truth(view)) for view in seen] if truth else novel
+        own = self._inputs / "model" / "mesh.obj"
+        place = np.diag([1 / size, 1 / size, 1 / size, 1.0]) @ _shift(-box[:3, 3]) @ (np.eye(4) if intake.mesh else UPRIGHT)
+        known = Truth(lights={}) if truth else None
+        mesh = own if own.is_file() else None
+        scene = intake.scene(train=train, test=test, novel=novel, truth=known, mesh=mesh, place=place)
+        return replace(scene, metallic=(intake.folder / "ground_truths" / "materials" / "metallic").is_dir())
+
+    def _view(self, path: Path, key: str, file: object, entry: Mapping[str, Any], middle: np.ndarray, size: float) -> View:
+        where = f"{path}: camera_track_map.images[{key!r}]"
+        intrinsic = _within(path, entry, "camera", "intrinsic")
+        pairs = [np.asarray(intrinsic.get(name), np.float64).ravel() for name in ("focal", "ppt") if name in intrinsic]
+        if [pair.size for pair in pairs] != [2, 2] or not np.isfinite(pairs).all() or min(pairs[0]) <= 0:
+            raise InputError(f"{where}: camera.intrinsic: expected two numbers each of focal and ppt, found {intrinsic!r:.100}")
+        extrinsic = _matrix(f"{where}: camera.extrinsic", _within(path, entry, "camera", "extrinsic"))
+        to_camera = rigid(where, "camera.extrinsic", extrinsic)
+        to_world = from_world_to_camera(to_camera)
+        to_world[:3, 3] = (to_world[:3, 3] - middle) / size
+        name = Path(str(file)).stem
+        photo = self._photo(where, name)
+        height, width = photo.mask.shape
+        (fx, fy), (cx, cy) = (tuple(map(float, pair)) for pair in pairs)
+        return photo.view(name, Camera(to_world, (fx, fy), (cx, cy), width, height))
+
+    def _photo(self, where: str, name: str) -> Photo:
+        """The photograph, whose mask is where its position map or its depth map has a surface."""
+        path = self._map(where, "images", name)
+        positions = "position_maps" if (self._inputs / "position_maps").is_dir() else "depth_maps"
+        surface = self._map(where, positions, name)
+        image = read_exr(path, 3) if path.suffix == ".exr" else srgb_to_linear(read_values(path)[..., :3])
+        if surface.suffix == ".exr":
+            there = read_exr(surface, 3 if positions == "position_maps" else 1)
+        else:
+            there = read_values(surface)[..., :3]
+        mask = (there != 0).any(-1)
+        expect_size(surface, mask.shape, image.shape, str(path))
+        if not mask.any():
+            raise InputError(f"{surface}: expected a surface in some pixels, found 0 in all of them")
+        clipped = (image >= 1).any(-1) & mask if path.suffix != ".exr" else np.zeros_like(mask)
+        radiance = (image.clip(min=0) * mask[..., None]).astype(np.float32)
+        return Photo(radiance, mask.astype(np.float32), ~clipped if clipped.any() else None)
+
+    def _map(self, where: str, kind: str, name: str) -> Path:
+        suffixes = (".exr", ".png", ".jpg")
+        found = next((suffix for suffix in suffixes if (self._inputs / kind / f"{name}{suffix}").is_file()), suffixes[0])
+        return file_below(self._inputs, f"{kind}/{name}{found}", where)
+
+    def _with_truth(self, view: View) -> View:
+        places = {
+            kind: self._intake.folder / "ground_truths" / "materials" / kind / f"{view.name}.png" for kind in ("kd", "roughness")
+        }
+        kd, rough = places["kd"], places["roughness"]
+        return replace(
+            view,
+            albedo=true_map(kd, view.mask, self._albedo) if kd.is_file() else None,
+            roughness=true_map(rough, view.mask, "linear", channels=1) if rough.is_file() else None,
+        )
+
+
+def _within(path: Path, content: Any, *keys: str) -> Any:  # noqa: ANN401 (JSON)
+    """The value at the end of nested ``keys``. Raises InputError, naming the first that is not there."""
+    for place, key in enumerate(keys):
+        if not isinstance(content, dict) or key not in content:
+            raise InputError(f"{path}: expected {'.'.join(keys[: place + 1])}, found none")
+        content = content[key]
+    return content
+
+
+def _matrix(where: str, value: object) -> np.ndarray:
+    try:
+        values = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if values.size != 16 or not np.isfinite(values).all():
+        raise InputError(f"{where}: expected 16 finite numbers, found shape {values.shape}")
+    return values.reshape(4, 4)
+
+
+def _shift(by: np.ndarray) -> np.ndarray:
+    moved = np.eye(4)
+    moved[:3, 3] = by
+    return moved

@@ -1,0 +1,116 @@
+"""Reader of nerfstudio's and Blender-NeRF's folders: photographs with poses in transforms.json or transforms_SPLIT.json.
+
+One ``transforms.json`` (nerfstudio, Instant-NGP) names the frames of each split under ``train_filenames``, ``val_filenames`` and
+``test_filenames``; without these every ``every``-th photograph is held out. ``transforms_train.json`` and ``transforms_test.json``
+(NeRF's Blender scenes) are splits of their own. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import file_below, read_json
+from ia_bench.readers.distortion import lens, undistorted
+from ia_bench.readers.fields import camera, number
+from ia_bench.readers.frames import Frame, frames_of
+from ia_bench.readers.intake import Intake, Unwrapping
+from ia_bench.readers.pictures import photograph, picture_below
+from ia_bench.scenes.scene import Scene, Truth, View
+
+WHOLE, TRAINING, TESTING = "transforms.json", "transforms_train.json", "transforms_test.json"
+
+
+class NerfstudioReader:
+    """Reads a folder with transforms.json; options that all readers share are those of :class:`ia_bench.readers.intake.Intake`.
+
+    ``masks``: the folder of the masks that have no ``mask_path``; ``every``: every so many-th photograph is held out where the
+    file names no splits.
+    """
+
+    def __init__(
+        self,
+        path: Path | None,
+        *,
+        mesh: str | None = None,
+        uv: Unwrapping = "mesh",
+        shrink: int = 1,
+        held_out: int | None = None,
+        masks: str = "masks",
+        every: int = 8,
+    ) -> None:
+        self._intake = Intake.of("nerfstudio", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
+        if every < 2:
+            raise InputError(f"reader.options.every: expected 2 or more, found {every}")
+        self._masks, self._every = masks, every
+
+    def read(self, truth: bool) -> Scene:
+        """The scene; such folders hold no truth, so held-out photographs are all that is scored. Raises InputError."""
+        intake, notes = self._intake, list[str]()
+        self._sizes = dict[tuple[object, ...], tuple[tuple[int, int], Path]]()
+        training, held_out = self._splits(notes)
+        train = [self._view(*frame, notes) for frame in training]
+        test = [self._view(*frame, notes) for frame in intake.kept(held_out)]
+        known = Truth(lights={}) if truth else None
+        return intake.scene(train=train, test=test, novel=test, truth=known, notes=notes)
+
+    def _splits(self, notes: list[str]) -> tuple[list[Frame], list[Frame]]:
+        """The frames to fit and the frames that are held out."""
+        folder = self._intake.folder
+        if not (folder / WHOLE).is_file():
+            if not (folder / TRAINING).is_file():
+                raise InputError(f"{folder}: expected {WHOLE} or {TRAINING}, found neither")
+            held_out = frames_of(folder / TESTING) if (folder / TESTING).is_file() else []
+            return frames_of(folder / TRAINING), held_out
+        frames = frames_of(folder / WHOLE)
+        splits = {split: self._named(split) for split in ("train", "val", "test")}
+        if splits["train"] is None:
+            kept = [frame for place, frame in enumerate(frames) if place % self._every]
+            notes.append(f"{WHOLE} names no splits: every {self._every}th of {len(frames)} photographs is held out")
+            return kept, frames[:: self._every]
+        by_name = {str(frame.get("file_path")): (where, frame) for where, frame in frames}
+        for split, names in splits.items():
+            for name in names or ():
+                if name not in by_name:
+                    raise InputError(f"{folder / WHOLE}: {split}_filenames: expected file paths of frames, found {name!r}")
+        held_out = [by_name[name] for name in (splits["test"] or splits["val"] or ())]
+        return [by_name[name] for name in splits["train"]], held_out
+
+    def _named(self, split: str) -> list[str] | None:
+        path, key = self._intake.folder / WHOLE, f"{split}_filenames"
+        names = read_json(path).get(key)
+        if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+            raise InputError(f"{path}: {key}: expected a list of file paths, found {names!r:.100}")
+        return names
+
+    def _view(self, where: str, frame: Mapping[str, Any], notes: list[str]) -> View:
+        folder = self._intake.folder
+        path = picture_below(folder, frame.get("file_path"), f"{where}: file_path")
+        photo = photograph(path, self._mask(where, path, frame), notes)
+        height, width = photo.mask.shape
+        for key, size in (("w", width), ("h", height)):
+            if key in frame and number(where, frame, key) != size:
+                raise InputError(f"{path}: expected {key} = {frame[key]:g}, as {where} says, found {size}")
+        self._expect_same_size(path, frame, (width, height))
+        view = photo.view(path.relative_to(folder).with_suffix("").as_posix(), camera(where, frame, width, height))
+        return self._intake.view(undistorted(where, view, lens(where, frame)))
+
+    def _expect_same_size(self, path: Path, frame: Mapping[str, Any], size: tuple[int, int]) -> None:
+        """Raise InputError for photographs of different size with the same intrinsics: one of them was cut or scaled."""
+        known = tuple(frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy"))
+        first, like = self._sizes.setdefault(known, (size, path))
+        if size != first:
+            found = f"{size[0]} x {size[1]}"
+            raise InputError(
+                f"{path}: expected {first[0]} x {first[1]} pixels like {like.name} with the same intrinsics, found {found}"
+            )
+
+    def _mask(self, where: str, path: Path, frame: Mapping[str, Any]) -> Path | None:
+        """The file of a photograph's mask, None where its alpha has to be it."""
+        folder = self._intake.folder
+        if "mask_path" in frame:
+            return file_below(folder, frame["mask_path"], f"{where}: mask_path")
+        names = (f"{path.stem}.png", f"{path.name}.png")  # COLMAP's own masks keep the suffix of the photograph
+        return next((found for name in names if (found := folder / self._masks / name).is_file()), None)

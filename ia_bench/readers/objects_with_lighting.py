@@ -1,0 +1,102 @@
+"""Reader of Objects With Lighting (Ummenhofer et al., 3DV 2024), the folder OBJECT/test.
+
+inputs/ holds image_NNNN.png, mask_NNNN.png, camera_NNNN.txt (rows of K, R, t, and width height channels; x = K (R X + t), OpenCV's
+axes, the first pixel's centre at (0.5, 0.5)) and exposure.txt; beside it lie gt_image_NNNN.png and the rest of other places, each
+with a map gt_env_512_rotated_NNNN.hdr in the world's frame, laid out as ours. A stored value is (x 2^exposure)^(1 / 2.2).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import file_below, shown
+from ia_bench.readers.fields import rigid
+from ia_bench.readers.intake import Intake, Unwrapping
+from ia_bench.readers.lights import read_light
+from ia_bench.readers.pictures import expect_size, tone_mapped
+from ia_bench.readers.poses import from_world_to_camera
+from ia_bench.scenes.scene import Camera, Scene, Truth, View
+
+GAMMA = 2.2
+
+
+class ObjectsWithLightingReader:
+    """Reads OBJECT/test; options that all readers share are those of :class:`ia_bench.readers.intake.Intake`."""
+
+    def __init__(
+        self,
+        path: Path | None,
+        *,
+        mesh: str | None = None,
+        uv: Unwrapping = "mesh",
+        shrink: int = 1,
+        held_out: int | None = None,
+    ) -> None:
+        self._intake = Intake.of("objects_with_lighting", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
+
+    def read(self, truth: bool) -> Scene:
+        """The scene; there is no truth of material, and maps of lights are read only with ``truth``. Raises InputError."""
+        intake = self._intake
+        inputs = intake.folder / "inputs"
+        numbers = sorted(path.stem.removeprefix("image_") for path in inputs.glob("image_*.png"))
+        if not numbers:
+            raise InputError(f"{inputs}: expected photographs image_0000.png, image_0001.png, ..., found none")
+        exposure = _exposure(file_below(inputs, "exposure.txt", str(inputs)))
+        train = [intake.view(self._view("inputs/", number, exposure)) for number in numbers]
+        novel, lights = list[View](), dict[str, np.ndarray]()
+        for number in intake.kept(sorted(path.stem.removeprefix("gt_image_") for path in intake.folder.glob("gt_image_*.png"))):
+            stops = _exposure(file_below(intake.folder, f"gt_exposure_{number}.txt", str(intake.folder)))
+            novel.append(intake.view(self._view("gt_", number, stops, light=f"gt_{number}")))
+            if truth:
+                name = f"gt_env_512_rotated_{number}.hdr"
+                lights[f"gt_{number}"] = read_light(file_below(intake.folder, name, str(intake.folder)))
+        own = intake.folder / "env_512_rotated.hdr"
+        if truth and own.is_file():
+            lights["train"] = read_light(own)
+        return intake.scene(train=train, novel=novel, truth=Truth(lights) if truth else None, name=intake.folder.parent.name)
+
+    def _view(self, before: str, number: str, stops: float, light: str = "train") -> View:
+        folder = self._intake.folder
+        path, mask, text = (
+            file_below(folder, f"{before}{kind}_{number}.{suffix}", str(folder))
+            for kind, suffix in (("image", "png"), ("mask", "png"), ("camera", "txt"))
+        )
+        camera = _camera(text)
+        photo = tone_mapped(path, mask, lambda stored: stored**GAMMA * 2.0**-stops)
+        expect_size(path, photo.mask.shape, (camera.height, camera.width), str(text))
+        return photo.view(f"{before.strip('/')}_{number}".replace("gt__", "gt_"), camera, light)
+
+
+def _camera(path: Path) -> Camera:
+    """The camera of a file of 8 rows of 3 numbers. Raises InputError."""
+    values = _numbers(path)
+    if values.shape != (8, 3):
+        raise InputError(f"{path}: expected 8 rows of 3 numbers (K, R, t, size), found shape {values.shape}")
+    intrinsic, to_camera = values[:3], np.eye(4)
+    to_camera[:3, :3], to_camera[:3, 3] = values[3:6], values[6]
+    to_world = from_world_to_camera(rigid(str(path), "rows 4 to 7", to_camera))
+    focal, centre = (intrinsic[0, 0], intrinsic[1, 1]), (intrinsic[0, 2], intrinsic[1, 2])
+    if min(focal) <= 0 or abs(intrinsic[0, 1]) > 1e-6 * focal[0]:
+        raise InputError(f"{path}: rows 1 to 3: expected K with positive focal lengths and no skew, found {intrinsic.tolist()}")
+    width, height = int(values[7, 0]), int(values[7, 1])
+    return Camera(to_world, (float(focal[0]), float(focal[1])), (float(centre[0]), float(centre[1])), width, height)
+
+
+def _exposure(path: Path) -> float:
+    values = _numbers(path)
+    if values.size != 1:
+        raise InputError(f"{path}: expected one number, found {values.size}")
+    return float(values.ravel()[0])
+
+
+def _numbers(path: Path) -> np.ndarray:
+    try:
+        values = np.loadtxt(path, ndmin=2)
+    except (ValueError, OSError) as error:
+        raise InputError(f"{path}: expected rows of numbers, found {shown(' '.join(str(error).split()))}") from None
+    if not np.isfinite(values).all():
+        raise InputError(f"{path}: expected finite numbers, found {values.tolist()}")
+    return values

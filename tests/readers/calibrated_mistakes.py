@@ -1,0 +1,235 @@
+"""Typical mistakes in formats with calibrated cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from nerf_mistakes import halved
+from spoiled import (
+    AXES,
+    DEGREES,
+    MESH,
+    Mistakes,
+    Spoil,
+    black,
+    both,
+    broken_json,
+    edit,
+    farther,
+    frame,
+    gone,
+    in_all,
+    matrix,
+    other_axes,
+    picture,
+    rescaled,
+    smaller,
+    srgb_as_linear_in,
+    text,
+)
+
+CAMERAS, SFM, TRAIN = "cameras.npz", "inputs/sfm_scene.json", "transforms_train.json"
+SPARSE, OWN = "sparse/0", "blender_HDR/tiny_scene001"
+
+
+def arrays(change: Callable[[dict[str, np.ndarray]], object]) -> Spoil:
+    """The matrices of cameras.npz, changed."""
+
+    def spoil(folder: Path) -> None:
+        stored = dict(np.load(folder / CAMERAS))
+        change(stored)
+        np.savez(folder / CAMERAS, **stored)
+
+    return spoil
+
+
+def one_matrix(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    return arrays(lambda stored: stored.update({name: change(stored[name])}))
+
+
+def word(name: str, old: str, new: str) -> Spoil:
+    return lambda folder: (folder / name).write_text((folder / name).read_text().replace(old, new))
+
+
+def rows(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    return lambda folder: np.savetxt(folder / name, change(np.loadtxt(folder / name)))
+
+
+def turned(values: np.ndarray) -> np.ndarray:
+    """OpenGL's axes in the rows K, R, t, size."""
+    values[3:7] *= np.array([[1.0], [-1], [-1], [1]])
+    values[6] *= [1, -1, -1]
+    return values
+
+
+def posed(change: Callable[[np.ndarray], np.ndarray], *numbers: int) -> Spoil:
+    """The extrinsics of sfm_scene.json, changed."""
+
+    def spoil(content: dict) -> None:
+        for key, image in content["camera_track_map"]["images"].items():
+            if not numbers or int(key) in numbers:
+                image["camera"]["extrinsic"] = change(np.reshape(image["camera"]["extrinsic"], (4, 4))).ravel().tolist()
+
+    return edit(SFM, spoil)
+
+
+def array(name: str, values: np.ndarray) -> Spoil:
+    return lambda folder: np.save(folder / name, values)
+
+
+LISTED: Mistakes = {
+    "empty mask": (picture("mask/003.png", black), "mask/003.png: the mask has no pixel of an object"),
+}
+OPEN: Mistakes = {
+    "no photographs": (gone("Lights"), "expected the folder of one object, with Lights in it"),
+    "no such light": (gone("Lights/013"), "unknown reader.options.pattern '013'"),
+    "no frames file": (gone("output/transforms_train.json"), r"transforms_train\.json: no such file"),
+    "broken JSON": (broken_json("output/transforms_train.json"), r"transforms_train\.json: not valid JSON"),
+    "no photograph": (gone("Lights/013/raw_undistorted/CA3.JPG"), "CA3.JPG: no such file"),
+    "no mask": (gone("output/com_masks/CA3.png"), "com_masks/CA3.png: no such file"),
+    "mask of another size": (picture("output/com_masks/CA3.png", smaller), "CA3.png: expected 32 x 32 pixels"),
+    "no picture": (text("Lights/013/raw_undistorted/CA3.JPG", "no"), "CA3.JPG: expected a picture"),
+    "degrees": (
+        edit("output/transforms_train.json", lambda c: c["frames"]["CA3"].update(camera_angle_x=38.0)),
+        DEGREES,
+    ),
+    "scaled": (
+        edit("output/transforms_train.json", lambda c: matrix(rescaled)(c["frames"]["CA3"])),
+        r"frames\['CA3'\]: transform_matrix: expected a rotation.*det = 8",
+    ),
+    "another width": (
+        edit("output/transforms_train.json", lambda c: c["frames"]["CA3"].update(calib_imgw=50)),
+        "CA3.JPG: expected 50 x 32 pixels like calib_imgw",
+    ),
+}
+
+MISTAKES: dict[str, Mistakes] = {
+    "dtu": {
+        **LISTED,
+        "no photographs": (gone("image"), "expected a folder of photographs, found none"),
+        "no cameras": (gone(CAMERAS), "cameras.npz: no such file"),
+        "no archive": (text(CAMERAS, "no archive"), "cameras.npz: expected matrices of numpy"),
+        "fewer cameras": (
+            arrays(lambda a: a.pop("world_mat_18")),
+            "expected world_mat_18 for the 19 photographs in image/, found 18",
+        ),
+        "no scale": (arrays(lambda a: a.pop("scale_mat_0")), "expected scale_mat_0 for the 19 photographs"),
+        "3 x 4": (one_matrix("world_mat_3", lambda m: m[:3]), r"world_mat_3: expected 4 x 4 finite numbers, found shape \(3, 4\)"),
+        "not finite": (one_matrix("world_mat_3", lambda m: m * np.nan), "world_mat_3: expected 4 x 4 finite numbers"),
+        "other scale": (one_matrix("scale_mat_3", lambda m: 2 * m), "scale_mat_3: expected the same as scale_mat_0"),
+        "stretched": (one_matrix("scale_mat_0", lambda m: m @ np.diag([1, 2, 1, 1.0])), "scale_mat_0: expected one positive scale"),
+        "no mask": (gone("mask/003.png"), "image/003.png: expected a mask .*mask/003.png, found none"),
+        "mask of another size": (picture("mask/003.png", smaller), "mask/003.png: expected 32 x 32 pixels"),
+        "inverse": (
+            arrays(
+                lambda a: a.update({k: np.linalg.inv(m) for k, m in a.items() if k.startswith("world_mat_") and "inv" not in k})
+            ),
+            "expected rectangular pixels|look away|expected the mesh|positive focal",
+        ),
+        "another photograph more": (
+            lambda f: (f / "image" / "999.png").write_bytes((f / "image" / "000.png").read_bytes()),
+            "expected world_mat_19 for the 20 photographs",
+        ),
+    },
+    "colmap": {
+        "no model": (gone("sparse"), "expected a sparse model"),
+        "broken model": (text(f"{SPARSE}/cameras.txt", "1 NOTHING 32 32 5\n"), "expected a sparse model of COLMAP, found"),
+        "no photographs": (gone("images"), r"sparse model: image .*: images/000.*.png: no such file"),
+        "no photograph": (gone("images/0004.png"), "images/0004.png: no such file"),
+        "no mask": (gone("masks/0004.png.png"), "images/0004.png: expected a mask .*masks/0004.png, found none"),
+        "empty mask": (picture("masks/0004.png.png", black), "the mask has no pixel of an object"),
+        "mask of another size": (picture("masks/0004.png.png", smaller), "0004.png.png: expected 32 x 32 pixels"),
+        "another size": (
+            both(picture("images/0004.png", smaller), picture("masks/0004.png.png", smaller)),
+            "0004.png: expected 32 x 32 pixels like camera 1 of the sparse model, found 28 x 24",
+        ),
+        "fisheye": (
+            word(f"{SPARSE}/cameras.txt", "OPENCV", "OPENCV_FISHEYE"),
+            "camera 1: expected one of .*, found OPENCV_FISHEYE",
+        ),
+        "absurd lens": (
+            word(f"{SPARSE}/cameras.txt", " 0.0 0.0 0.0 0.0", " -40.0 0.0 0.0 0.0"),
+            "found one under which the picture folds",
+        ),
+        "no picture": (text("images/0004.png", "no picture"), "0004.png: expected a picture"),
+        "no poses": (
+            text(f"{SPARSE}/images.txt", "# nothing\n"),
+            "expected photographs with a pose in the sparse model, found none",
+        ),
+    },
+    "neilf": {
+        "no file": (gone(SFM), r"sfm_scene\.json: no such file"),
+        "broken JSON": (broken_json(SFM), r"sfm_scene\.json: not valid JSON"),
+        "README's key": (edit(SFM, lambda c: c.update(image_list=c.pop("image_path"))), "expected image_path, found none"),
+        "no box": (edit(SFM, lambda c: c.pop("bbox")), "expected bbox, found none"),
+        "12 numbers": (edit(SFM, lambda c: c["bbox"].update(transform=[1.0] * 12)), "bbox.transform: expected 16 finite numbers"),
+        "no poses": (edit(SFM, lambda c: c["camera_track_map"].update(images={})), "expected 0, found none"),
+        "scaled": (posed(rescaled, 3), r"camera.extrinsic: expected a rotation.*det = 8"),
+        "camera-to-world": (posed(np.linalg.inv), f"look away|{MESH}"),
+        "OpenGL axes": (posed(lambda m: np.diag([1.0, -1, -1, 1]) @ m), AXES),
+        "no photograph": (gone("inputs/images/003.exr"), "images/003.exr: no such file"),
+        "no positions": (gone("inputs/position_maps"), r"depth_maps/000.exr: no such file"),
+        "empty positions": (gone("inputs/position_maps/003.exr"), "position_maps/003.exr: no such file"),
+        "no focal length": (
+            edit(SFM, lambda c: c["camera_track_map"]["images"]["3"]["camera"]["intrinsic"].pop("focal")),
+            "camera.intrinsic: expected two numbers each of focal and ppt",
+        ),
+        "sRGB as linear": (srgb_as_linear_in("inputs/images"), "warning: the linear images hold 8-bit steps from 0 to 1 only"),
+        "truth of another size": (picture("ground_truths/materials/kd/009.png", smaller), "kd/009.png: expected 32 x 32 pixels"),
+    },
+    "openillumination": OPEN,
+    "openillumination_opengl": {name: OPEN[name] for name in list(OPEN)[:10]},
+    "objects_with_lighting": {
+        "no photographs": (gone("test/inputs"), r"expected photographs image_0000\.png, image_0001\.png, ..., found none"),
+        "no exposure": (gone("test/inputs/exposure.txt"), r"exposure\.txt: no such file"),
+        "two exposures": (text("test/inputs/exposure.txt", "0.1 0.2\n"), r"exposure\.txt: expected one number, found 2"),
+        "no numbers": (text("test/inputs/camera_0003.txt", "one two three\n"), r"camera_0003\.txt: expected rows of numbers"),
+        "12 numbers": (
+            rows("test/inputs/camera_0003.txt", lambda m: m[:4]),
+            r"expected 8 rows of 3 numbers .*, found shape \(4, 3\)",
+        ),
+        "no camera": (gone("test/inputs/camera_0003.txt"), r"inputs/camera_0003\.txt: no such file"),
+        "no mask": (gone("test/inputs/mask_0003.png"), r"inputs/mask_0003\.png: no such file"),
+        "mask of another size": (picture("test/inputs/mask_0003.png", smaller), r"mask_0003\.png: expected 32 x 32 pixels"),
+        "empty mask": (picture("test/inputs/mask_0003.png", black), r"mask_0003\.png: the mask has no pixel of an object"),
+        "another size": (
+            both(picture("test/inputs/mask_0003.png", smaller), picture("test/inputs/image_0003.png", smaller)),
+            r"image_0003\.png: expected 32 x 32 pixels like .*camera_0003\.txt, found 28 x 24",
+        ),
+        "OpenGL axes": (in_all("test/inputs/camera_*.txt", lambda name: rows(name, turned)), f"{AXES}|{MESH}|rows 4 to 7"),
+        "no map": (gone("test/gt_env_512_rotated_0002.hdr"), r"gt_env_512_rotated_0002\.hdr: no such file"),
+        "no Radiance map": (text("test/gt_env_512_rotated_0002.hdr", "no"), "expected a Radiance picture, which begins with"),
+    },
+    "stanford_orb": {
+        "no dataset": (gone("blender_HDR"), "expected the dataset's folder, with blender_HDR in it, found none"),
+        "no capture": (gone(OWN), "unknown reader.options.capture 'tiny_scene001'; did you mean"),
+        "no frames file": (gone(f"{OWN}/{TRAIN}"), r"transforms_train\.json: no such file"),
+        "broken JSON": (broken_json(f"{OWN}/{TRAIN}"), r"transforms_train\.json: not valid JSON"),
+        "no photograph": (gone(f"{OWN}/train/0003.exr"), r"train/0003\.exr: no such file"),
+        "no mask": (gone(f"{OWN}/train_mask/0003.png"), r"train_mask/0003\.png: no such file"),
+        "empty mask": (picture(f"{OWN}/train_mask/0003.png", black), r"0003\.png: the mask has no pixel of an object"),
+        "mask of another size": (picture(f"{OWN}/train_mask/0003.png", smaller), r"0003\.png: expected 32 x 32 pixels"),
+        "degrees": (edit(f"{OWN}/{TRAIN}", lambda c: c.update(camera_angle_x=38.0)), DEGREES),
+        "transposed": (frame(f"{OWN}/{TRAIN}", matrix(np.transpose)), "transform_matrix: expected the last row 0 0 0 1"),
+        "OpenCV axes": (frame(f"{OWN}/{TRAIN}", matrix(other_axes), every=True), AXES),
+        "another unit": (frame(f"{OWN}/{TRAIN}", matrix(farther), every=True), MESH),
+        "nearer": (frame(f"{OWN}/{TRAIN}", matrix(halved), every=True), MESH),
+        "capture not there": (gone("blender_HDR/tiny_scene002"), r"blender_HDR/tiny_scene002/test/0000\.exr: no such file"),
+        "no map": (gone("ground_truth/tiny_scene002/env_map/0001.exr"), "no environment map .*tiny_scene002/env_map/0001.exr"),
+        "normals in a picture": (
+            array("ground_truth/tiny_scene001/surface_normal/0001.npy", np.ones((32, 32))),
+            r"0001\.npy: expected finite values \(H, W, 3\)",
+        ),
+        "normals of another size": (
+            array("ground_truth/tiny_scene001/surface_normal/0001.npy", np.ones((48, 32, 3))),
+            "expected 32 x 32 values, or a multiple of these",
+        ),
+        "opaque albedo of another size": (
+            picture("ground_truth/tiny_scene001/pseudo_gt_albedo/0001.png", smaller),
+            "0001.png: expected 32 x 32 pixels like its photograph",
+        ),
+        "sRGB as linear": (srgb_as_linear_in(f"{OWN}/train"), "warning: the linear images hold 8-bit steps"),
+    },
+}

@@ -1,0 +1,63 @@
+"""Undistortion against the forward model: a spot where the lens throws a point comes to lie where a pinhole sees the point."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ia_bench.common.errors import InputError
+from ia_bench.readers.distortion import Lens, lens, undistorted
+from ia_bench.scenes.scene import Camera, View
+
+FOCAL, CENTRE = (50.0, 47.0), (31.3, 22.8)
+GLASS = Lens(k1=-0.2, k2=0.05, p1=0.01, p2=-0.02)
+
+
+def spot(column: float, row: float) -> View:
+    """A photograph (48 x 64) of one soft spot, all of it object."""
+    place = np.mgrid[:48, :64] + 0.5
+    image = np.exp(-0.5 * ((place[0] - row) ** 2 + (place[1] - column) ** 2) / 2**2)[..., None] * np.ones(3)
+    camera = Camera(np.eye(4), FOCAL, CENTRE, 64, 48)
+    return View("spot", camera, image.astype(np.float32), np.ones((48, 64), np.float32))
+
+
+def by_hand(x: float, y: float) -> tuple[float, float]:
+    """OpenCV's documentation, calib3d: distortion with (k1, k2, p1, p2)."""
+    k1, k2, p1, p2 = -0.2, 0.05, 0.01, -0.02
+    r2 = x**2 + y**2
+    radial = 1 + k1 * r2 + k2 * r2**2
+    return x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.3, 0.1), (-0.35, 0.25), (0.2, -0.3)])
+def test_a_spot_comes_to_lie_where_a_pinhole_sees_it(x: float, y: float) -> None:
+    u, v = by_hand(x, y)
+    found = undistorted("it", spot(CENTRE[0] + FOCAL[0] * u, CENTRE[1] + FOCAL[1] * v), GLASS).image[..., 0]
+    rows, columns = np.mgrid[:48, :64] + 0.5
+    centroid = (columns * found).sum() / found.sum(), (rows * found).sum() / found.sum()
+    # The spot is stretched unevenly, which moves its centroid by a few hundredths of a pixel.
+    np.testing.assert_allclose(centroid, (CENTRE[0] + FOCAL[0] * x, CENTRE[1] + FOCAL[1] * y), atol=0.12)
+
+
+def test_what_no_photograph_shows_is_masked() -> None:
+    view = undistorted("it", spot(30, 20), Lens(k1=0.5))
+    assert view.mask[0, 0] == 0
+    assert view.mask[24, 31] == 1
+    saturated = np.ones((48, 64), bool)
+    saturated[20, 30] = False
+    moved = undistorted("it", replace(spot(30, 20), valid=saturated), GLASS).valid
+    assert moved is not None
+    assert 1 <= (~moved).sum() <= 6  # all pixels that interpolate the saturated one
+
+
+def test_models_by_name() -> None:
+    assert lens("it", {"camera_model": "OPENCV", "k1": 0.1, "p2": 0.2}) == Lens(k1=0.1, p2=0.2)
+    assert lens("it", {}).straight
+    with pytest.raises(InputError, match=r"it: camera_model: expected one of PINHOLE, .*, found 'EQUIRECTANGULAR'"):
+        lens("it", {"camera_model": "EQUIRECTANGULAR"})
+    with pytest.raises(InputError, match="expected no distortion of a PINHOLE camera"):
+        lens("it", {"camera_model": "PINHOLE", "k1": 0.1})
+    with pytest.raises(InputError, match="found one under which the picture folds over"):
+        undistorted("it", spot(30, 20), Lens(k1=-9.0))

@@ -1,0 +1,67 @@
+"""Cameras of other conventions against what they must see: a point projected by the format's own formula and by ours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ia_bench.common.errors import InputError
+from ia_bench.readers.poses import from_projection, from_world_to_camera, share_looking_away
+from ia_bench.readers.sizes import evenly
+from ia_bench.scenes.scene import Camera, Scene
+
+POINT = np.array([0.3, -0.2, 0.4])
+K = np.array([[61.0, 0, 30.3], [0, 59.0, 17.9], [0, 0, 1]])
+ROTATION = Rotation.from_euler("xyz", [0.4, -2.0, 1.1]).as_matrix()
+SHIFT = np.array([0.1, 0.2, 3.0])
+
+
+def seen(camera: Camera, point: np.ndarray) -> np.ndarray:
+    """Where our camera sees a point: column and row, from the corner of the first pixel."""
+    x, y, z = np.linalg.inv(camera.to_world)[:3] @ [*point, 1]
+    return np.array([camera.centre[0] + camera.focal[0] * x / -z, camera.centre[1] + camera.focal[1] * y / z])
+
+
+@pytest.mark.parametrize("factor", [1.0, -1.0, 37.0, -0.02])
+def test_a_projection_of_any_scale_and_sign(factor: float) -> None:
+    camera = from_projection("P", factor * K @ np.c_[ROTATION, SHIFT], 64, 36)
+    x, y, z = K @ (ROTATION @ POINT + SHIFT)
+    np.testing.assert_allclose(seen(camera, POINT), [x / z + 0.5, y / z + 0.5], atol=1e-9)
+    np.testing.assert_allclose(camera.focal, (61, 59))
+    assert np.linalg.det(camera.to_world[:3, :3]) == pytest.approx(1)
+
+
+def test_a_world_to_camera_matrix_of_opencv() -> None:
+    to_world = from_world_to_camera(np.vstack([np.c_[ROTATION, SHIFT], [0, 0, 0, 1]]))
+    x, y, z = ROTATION @ POINT + SHIFT
+    np.testing.assert_allclose(np.linalg.inv(to_world)[:3] @ [*POINT, 1], [x, -y, -z], atol=1e-12)
+
+
+def test_what_is_no_projection() -> None:
+    with pytest.raises(InputError, match=r"P: expected a projection of 3 x 4 finite numbers, found shape \(4, 4\)"):
+        from_projection("P", np.eye(4), 1, 1)
+    with pytest.raises(InputError, match="P: expected a projection of full rank"):
+        from_projection("P", np.zeros((3, 4)), 1, 1)
+    skewed = K + [[0, 5.0, 0], [0, 0, 0], [0, 0, 0]]
+    with pytest.raises(InputError, match="expected rectangular pixels, found a skew of 5 pixels"):
+        from_projection("P", skewed @ np.c_[ROTATION, SHIFT], 1, 1)
+
+
+def test_where_cameras_look(tiny: Scene) -> None:
+    poses = [view.camera.to_world for view in tiny.train]
+    assert share_looking_away(poses) == 0
+    assert share_looking_away([pose @ np.diag([1, -1, -1, 1]) for pose in poses]) == 1
+    assert share_looking_away([poses[0]] * 5) is None  # parallel axes meet nowhere
+
+
+@pytest.mark.parametrize("total", [1, 2, 7, 16, 100])
+def test_fewer_views_are_among_more(total: int) -> None:
+    items = list(range(total))
+    for count in range(1, total):
+        few, more = evenly(items, count), evenly(items, count + 1)
+        assert len(few) == count
+        assert set(few) < set(more)
+        assert few == sorted(few)
+    assert evenly(items, None) == items
+    assert evenly(list(range(16)), 4) == [0, 4, 8, 12]

@@ -1,0 +1,179 @@
+"""Every format of others' data: the scene `tiny`, written as that format describes it, is read back as what it was.
+
+Cameras are compared to 1e-6, photographs to their quantisation, truth to the truth. To add a format, write a Layout
+(nerf_writers.py, calibrated_writers.py) from its description. A mirror ball proves how each format lays a light out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from calibrated_writers import LAYOUTS as CALIBRATED
+from nerf_writers import LAYOUTS as WITH_FRAMES
+from written import (
+    STEP,
+    TINTS,
+    TRAIN_LIGHT,
+    Layout,
+    ball_seen,
+    blender_map,
+    expect_camera,
+    expect_photo,
+    reflected,
+    scene_to_write,
+    straight,
+)
+
+from ia_bench.common.registry import create, find
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.readers.contract import SPLITS, check_scene, unscored
+from ia_bench.render.agreement import GOOD, check_agreement
+from ia_bench.scenes.scene import Scene, View
+
+LAYOUTS = (*WITH_FRAMES, *CALIBRATED)
+every_layout = pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.id)
+
+
+def read(layout: Layout, folder: Path, mesh: Path, *, truth: bool = True, **options: object) -> Scene:
+    """The scene that a reader finds in a folder, as a run gets it."""
+    if layout.name == "colmap":
+        pytest.importorskip("pycolmap", reason="needs the extra colmap")
+    given = {**({} if layout.own_mesh else {"mesh": str(mesh)}), **layout.options(folder), **options}
+    reader = create("reader", layout.name, find("reader", layout.name).target, given, folder / layout.root)
+    return check_scene(reader.read(truth), truth=truth)
+
+
+@pytest.fixture(scope="session")
+def written(tmp_path_factory: pytest.TempPathFactory, tiny: Scene) -> dict[str, Path]:
+    """The scene `tiny` in every format; read only."""
+    folders = {}
+    for layout in LAYOUTS:
+        folders[layout.id] = tmp_path_factory.mktemp(layout.id) / "tiny"
+        layout.write(folders[layout.id], scene_to_write(tiny))
+    return folders
+
+
+@pytest.fixture
+def folder(layout: Layout, written: dict[str, Path]) -> Path:
+    return written[layout.id]
+
+
+@pytest.fixture(scope="session")
+def mesh(tiny_folder: Path) -> Path:
+    return tiny_folder / "mesh.ply"
+
+
+@every_layout
+def test_what_was_written_is_read_back(layout: Layout, folder: Path, mesh: Path, tiny: Scene) -> None:
+    scene, expected = read(layout, folder, mesh), layout.expected(scene_to_write(tiny))
+    for split in SPLITS:
+        assert [view.light for view in getattr(scene, split)] == [view.light for view in getattr(expected, split)]
+        for view, one in zip(getattr(scene, split), getattr(expected, split), strict=True):
+            expect_camera(view.camera, one.camera)
+            expect_photo(view, one, layout, split)
+    for view, one in zip(scene.test, expected.test, strict=True):
+        assert {name for name in ("albedo", "roughness", "normal") if getattr(view, name) is not None} == set(layout.known)
+        for name in layout.known:
+            true = getattr(one, name)
+            if layout.binary:
+                true = (straight(true, one.mask).T * (one.mask.T > 0.5)).T
+            expect_truth(name, getattr(view, name), true, one.mask)
+    assert check_agreement(scene, lambda line: None) >= GOOD
+
+
+def expect_truth(name: str, found: np.ndarray, true: np.ndarray, mask: np.ndarray) -> None:
+    """Values as far as 8 bits of them and of alpha tell. Normals are stored at unit length: those of flat pixels are compared."""
+    if name == "normal":
+        length = np.linalg.norm(true, axis=-1)
+        flat = (mask == 1) & (length > 0.999)
+        assert flat.sum() > 50
+        assert np.abs(found[flat] - true[flat] / length[flat, None]).max() <= 2.5 * STEP
+    else:
+        assert np.abs(found - true).max() <= 3 * STEP
+
+
+@every_layout
+def test_without_truth_the_same_photographs_and_nothing_else(layout: Layout, folder: Path, mesh: Path) -> None:
+    blind, told = (read(layout, folder, mesh, truth=truth) for truth in (False, True))
+    assert blind.truth is None
+    for split in SPLITS:
+        for one, other in zip(getattr(blind, split), getattr(told, split), strict=True):
+            assert np.array_equal(one.image, other.image)
+
+
+@every_layout
+def test_smaller_images_and_fewer_held_out_views(layout: Layout, folder: Path, mesh: Path) -> None:
+    whole, small = read(layout, folder, mesh), read(layout, folder, mesh, shrink=4, held_out=2)
+    held_out = "test" if whole.test else "novel"
+    names = [{view.name for view in getattr(scene, held_out)} for scene in (small, whole)]
+    assert len({view.camera.to_world.tobytes() for view in getattr(small, held_out)}) == 2
+    assert names[0] < names[1]
+    np.testing.assert_allclose(small.train[0].image.mean(), whole.train[0].image.mean(), rtol=1e-5)
+    assert small.train[0].camera.focal[0] == whole.train[0].camera.focal[0] / 4
+    assert check_agreement(small, lambda line: None) >= GOOD
+
+
+@every_layout
+def test_what_cannot_be_scored(layout: Layout, folder: Path, mesh: Path) -> None:
+    lacking = unscored(read(layout, folder, mesh))
+    assert ("view_synthesis" in lacking) == (layout.name == "objects_with_lighting")
+    assert ("relighting" in lacking) == (not layout.lights or "albedo" not in layout.known)
+    assert ("albedo" in lacking, "roughness" in lacking) == ("albedo" not in layout.known, "roughness" not in layout.known)
+
+
+with_lights = pytest.mark.parametrize("layout", [one for one in LAYOUTS if one.lights], ids=lambda layout: layout.id)
+
+
+@with_lights
+def test_lights_are_read_as_what_they_were(layout: Layout, folder: Path, mesh: Path) -> None:
+    scene = read(layout, folder, mesh)
+    assert scene.truth is not None
+    assert {view.light for view in scene.novel} - {"train"} <= set(scene.truth.lights)
+    for name, radiance in scene.truth.lights.items():
+        true = blender_map(layout.formula(name), len(radiance))  # the layout that is ours, too
+        exact = true.max(-1, keepdims=True) / 128 + 1e-5  # a mantissa of 8 bits, cut off
+        assert (np.abs(radiance - true) <= exact + (0.03 if layout.name == "stanford_orb" else 0)).all()  # which is resampled
+
+
+@with_lights
+def test_a_mirror_ball_shows_the_light_that_the_map_holds(layout: Layout, tmp_path: Path, mesh: Path, tiny: Scene) -> None:
+    """Photographs of a ball that reflects a light: what its map holds where the ball reflects to is what they show."""
+    test = tuple(ball_seen(view, TRAIN_LIGHT) for view in tiny.test)
+    novel = tuple(
+        v for one, view in zip(test, tiny.test, strict=True) for v in (one, *(relit_ball(view, light) for light in TINTS))
+    )
+    ball = replace(tiny, train=tuple(ball_seen(view, TRAIN_LIGHT) for view in tiny.train), test=test, novel=novel)
+    layout.write(tmp_path / "ball", ball)
+    scene = read(layout, tmp_path / "ball", mesh)
+    assert scene.truth is not None
+    views = [view for view in (*scene.train, *scene.novel) if view.light in scene.truth.lights]
+    assert ball_error(views, scene.truth.lights) < 0.025  # of texels of 11 degrees, .02, and of 8 bits
+    for spoil in WRONG_MAPS:
+        assert ball_error(views, {name: spoil(radiance).copy() for name, radiance in scene.truth.lights.items()}) > 0.04
+
+
+WRONG_MAPS = (  # mirrored, upside down, turned by a quarter and by a half
+    lambda radiance: radiance[:, ::-1],
+    lambda radiance: radiance[::-1],
+    lambda radiance: np.roll(radiance, radiance.shape[1] // 4, 1),
+    lambda radiance: np.roll(radiance, radiance.shape[1] // 2, 1),
+)
+
+
+def relit_ball(view: View, light: str) -> View:
+    return replace(ball_seen(view, light), light=light)
+
+
+def ball_error(views: list[View], lights: dict[str, np.ndarray]) -> float:
+    """The mean difference between what a mirror ball shows in photographs and what their maps hold where it reflects to."""
+    errors = []
+    for view in views:
+        directions, hit = reflected(view.camera, 0.6)
+        inside = hit & (view.mask > 0.99)
+        held = LatLongEnvironment(torch.from_numpy(lights[view.light])).radiance(torch.from_numpy(directions[inside])).numpy()
+        errors.append(np.abs(held.clip(max=1) - view.image[inside].clip(max=1)))
+    return float(np.concatenate(errors).mean())

@@ -1,0 +1,54 @@
+"""Shapes against shapes whose difference is known: balls of two sizes, a ball that has moved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from ia_bench.render.gbuffer import primary_rays
+from ia_bench.render.stage import Stage
+from ia_bench.scenes.scene import Scene, View
+from ia_bench.scores.geometry import score_geometry
+from tests.shapes import sphere
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def views(tiny: Scene) -> list[View]:
+    """What the cameras of tiny would see of a ball of radius .5 at the origin."""
+    found = []
+    for view in tiny.test:
+        origin, along = primary_rays(view.camera, 2)
+        mask = ((origin**2).sum(-1) - (origin * along).sum(-1) ** 2 < 0.25).mean(-1).astype(np.float32)
+        found.append(replace(view, mask=mask))
+    return found
+
+
+def test_a_shape_against_itself(views: list[View]) -> None:
+    scores = score_geometry(Stage(sphere(5, radius=0.5), CPU), sphere(5, radius=0.5), views, 0.5)
+    assert scores.normals_degrees == pytest.approx(0, abs=0.05)  # the arc cosine of float32
+    assert (scores.depth, scores.chamfer, scores.missed_share, scores.reasons) == (0, 0, 0, {})
+    assert scores.mask_iou == pytest.approx(1, abs=0.005)
+
+
+def test_a_smaller_ball(views: list[View]) -> None:
+    scores = score_geometry(Stage(sphere(5, radius=0.4), CPU), sphere(5, radius=0.5), views, 0.5)
+    diagonal = np.sqrt(3.0)
+    assert scores.chamfer == pytest.approx(0.1 / diagonal, rel=0.1)
+    assert scores.depth is not None
+    assert scores.depth * diagonal > 0.1  # along rays it is farther than across
+    assert scores.mask_iou == pytest.approx(0.4**2 / 0.5**2, abs=0.03)
+    assert scores.missed_share is not None
+    assert 0.2 < scores.missed_share < 1 - 0.4**2 / 0.5**2  # pixels that are covered in part are not missed
+
+
+def test_what_there_is_no_truth_for(views: list[View]) -> None:
+    scores = score_geometry(Stage(sphere(3, radius=0.5), CPU), None, views, 0.5)
+    assert set(scores.reasons) == {"normals_degrees", "depth", "chamfer"}
+    assert scores.mask_iou is not None
+    nothing = score_geometry(Stage(sphere(3, radius=0.5), CPU), None, [], 0.5)
+    assert len(nothing.reasons) == 5
