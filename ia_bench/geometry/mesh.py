@@ -46,7 +46,7 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
         notes.append(f"{path.name}: dropped {len(vertices) - len(used)} unreferenced vertices of {len(vertices)}")
     vertices, normals, faces = vertices[used], normals[used], compact.reshape(faces.shape)
     if uv == "xatlas":
-        return _unwrap(vertices, faces, normals), (*notes, f"{path.name}: UV made by xatlas")
+        return unwrap(vertices, faces, normals), (*notes, f"{path.name}: UV made by xatlas")
     if texture_uv is None:
         raise InputError(f"{path}: the mesh has no UV; add them, or run with reader.options.uv=xatlas")
     texture_uv = np.asarray(texture_uv, np.float64)[used]
@@ -83,9 +83,7 @@ def _without_degenerate(vertices: np.ndarray, faces: np.ndarray, path: Path, not
     return faces[sound]
 
 
-def _normals(
-    vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None, path: Path, notes: list[str]
-) -> np.ndarray:
+def _normals(vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None, path: Path, notes: list[str]) -> np.ndarray:
     if stored is not None and len(stored) == len(vertices):
         length = np.linalg.norm(stored, axis=1, keepdims=True)
         if np.isfinite(length).all() and (length[np.unique(faces)] > 1e-6).all():
@@ -110,7 +108,8 @@ def _normals(
     return normals
 
 
-def _unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh:
+def unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh:
+    """The triangles with texture coordinates made by xatlas; vertices (V, 3) on its seams appear once per side."""
     import xatlas
 
     atlas = xatlas.Atlas()

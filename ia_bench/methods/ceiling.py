@@ -22,7 +22,7 @@ class NoOptions:
 
 
 class Ceiling:
-    """Returns the true textures and the true light."""
+    """Returns the true textures on the true mesh, and the true light."""
 
     Options: ClassVar[type] = NoOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
@@ -39,6 +39,7 @@ class Ceiling:
         from ia_bench.material.textures import Material
         from ia_bench.methods.contract import Result
         from ia_bench.render.reconstruction import TexturedReconstruction
+        from ia_bench.render.stage import Stage
 
         scene = problem.truth
         truth = None if scene is None else scene.truth
@@ -50,4 +51,5 @@ class Ceiling:
         albedo = torch.from_numpy(truth.albedo).float().to(problem.device)
         roughness = torch.from_numpy(truth.roughness).float().clamp(MIN_ROUGHNESS, 1)[..., None].to(problem.device)
         light = torch.from_numpy(truth.lights["train"]).to(problem.device)
-        return Result(TexturedReconstruction(problem.stage, Material(albedo, roughness), light, coat=problem.render.coat))
+        stage = problem.stage if truth.mesh is None else Stage(truth.mesh, problem.device)  # to which the textures belong
+        return Result(TexturedReconstruction(stage, Material(albedo, roughness), light, coat=problem.render.coat))

@@ -30,7 +30,7 @@ class Problem:
     """A scene without truth and, made once and only when asked for, what most methods want beside it.
 
     Attributes:
-        scene: The mesh and the training images, masks and cameras; nothing in it leads to truth.
+        scene: The mesh and the training images (all of one size), masks and cameras; nothing in it leads to truth.
         render: Settings of the renderer, as the user gave them.
         supervision: How the prior's predictions are to be used.
         device: Where tensors live.
@@ -53,7 +53,7 @@ class Problem:
     def stage(self) -> Stage:
         """The scene's mesh on the device, with whatever rendering it takes."""
         with self.books.aside("bake"):
-            stage = Stage(self.scene.mesh, self.device)
+            stage = Stage(self.scene.expect_mesh(), self.device)
             self.books.watch(stage.counts)
             return stage
 

@@ -34,5 +34,6 @@ class MethodInfo:
 
     def lacking(self, scene: Scene) -> list[str]:
         """What of ``needs`` the ``scene`` has not got: triangles, or texture coordinates that differ."""
-        there = {"mesh": len(scene.mesh.faces) > 0, "uv": bool(scene.mesh.uv.any())}
+        mesh = scene.mesh
+        there = {"mesh": mesh is not None and len(mesh.faces) > 0, "uv": mesh is not None and bool(mesh.uv.any())}
         return sorted(self.needs - {name for name, has in there.items() if has})

@@ -35,7 +35,7 @@ MISTAKES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 def check_agreement(scene: Scene, note: Callable[[str], None]) -> float:
     """Tell how far the mesh covers the masks of the training views, and below GOOD the likely cause. Below LEAST: InputError."""
     views = [_small(view) for view in scene.train[:: max(1, len(scene.train) // VIEWS)][:VIEWS]]
-    rays = make_rays(scene.mesh, torch.device("cpu"))  # not those of a run, which counts its rays
+    rays = make_rays(scene.expect_mesh(), torch.device("cpu"))  # not those of a run, which counts its rays
     found = _agreement(rays, views)
     said = f"intersection over union {found:.2f} over {len(views)} training views"
     if found >= GOOD:

@@ -100,18 +100,21 @@ class TexturedReconstruction:
     """Textures over a mesh and a lat-long light, drawn by the reference renderer whatever renderer they were fitted with.
 
     The reference renderer traces every shadow, follows REFERENCE_BOUNCES reflections and lays the coat over the diffuse lobe.
-    With ``coat`` "added", the paper's sum of both lobes, it is another renderer and goes by another name.
+    With ``coat`` "added", the paper's sum of both lobes, or other ``bounces``, it is another renderer and goes by another name.
     """
 
-    def __init__(self, stage: Stage, material: Material, light: Tensor | None, *, coat: str = "layered") -> None:
+    def __init__(
+        self, stage: Stage, material: Material, light: Tensor | None, *, coat: str = "layered", bounces: int = REFERENCE_BOUNCES
+    ) -> None:
         """``light`` (H, W, 3) radiance, None where none was recovered; all tensors on the stage's device.
 
         What is drawn is drawn on :attr:`Stage.apart`, so that the stage itself counts the rays and points of a fit alone.
         """
         self.material = material
         self.environment = None if light is None else LatLongEnvironment(light)
-        self.renderer = REFERENCE if coat == "layered" else f"{REFERENCE}, coat {coat}"
-        self._stage, self._coat = stage.apart, coat
+        unlike = {f"coat {coat}": coat != "layered", f"{bounces} bounces": bounces != REFERENCE_BOUNCES}
+        self.renderer = ", ".join([REFERENCE, *(name for name, it_is in unlike.items() if it_is)])
+        self._stage, self._coat, self._bounces = stage.apart, coat, bounces
 
     @classmethod
     def of(cls, assets: Assets, stage: Stage) -> TexturedReconstruction:
@@ -148,7 +151,7 @@ class TexturedReconstruction:
             material = replace(material, albedo=material.albedo * albedo_scale.to(material.albedo))
         texels = chosen.texels if isinstance(chosen, LatLongEnvironment) else chosen.latlong(REFERENCE_LIGHT_ROWS)
         sampled = SampledLight.of(texels.to(device))
-        renderer = self._stage.renderer(shadows="traced", bounces=REFERENCE_BOUNCES, coat=self._coat, atlas_size=REFERENCE_ATLAS)
+        renderer = self._stage.renderer(shadows="traced", bounces=self._bounces, coat=self._coat, atlas_size=REFERENCE_ATLAS)
         generator = torch.Generator(device=device).manual_seed(quality.seed)
 
         def radiance(gbuffer: GBuffer) -> Tensor:

@@ -38,6 +38,11 @@ class PixelRadiance:
         shaded = self.diffuse + self.specular
         return shaded if self.mirrored is None else shaded + self.mirrored
 
+    def exposed(self, factors: Tensor) -> PixelRadiance:
+        """The same light times (P, 1) factors; the albedo stays."""
+        mirrored = None if self.mirrored is None else factors * self.mirrored
+        return PixelRadiance(factors * self.diffuse, factors * self.specular, self.albedo, mirrored)
+
     def averaged(self, estimates: int) -> PixelRadiance:
         """The mean of several estimates of the same pixels, one after another: (estimates P, 3) to (P, 3)."""
 

@@ -14,6 +14,7 @@ from hydra.errors import ConfigCompositionException, HydraException, MissingConf
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import conf_folder
@@ -44,6 +45,7 @@ def register(overrides: Sequence[str]) -> None:
     defaults: dict[str, Any] = {f.name: None for f in fields(RunConfig) if f.default is not MISSING} | {
         "scene": {"path": None},
         "reader": {"options": {}},
+        "capture": asdict(CaptureSettings()),
         "prior": {"options": {}, "supervision": asdict(SupervisionSettings())},
         "method": {"options": {}},
         "preset": None,

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
@@ -73,6 +74,7 @@ class RunConfig:
     Attributes:
         scene: What is reconstructed.
         reader: The format of its files.
+        capture: What is left out of the scene before anything is fitted.
         prior: What is known beforehand.
         method: Who reconstructs.
         fit: Short form of ``method.options``, over which it goes; a method without options ignores it. None once resolved.
@@ -92,6 +94,7 @@ class RunConfig:
     method: MethodConfig
     preset: str
     protocol: Protocol
+    capture: CaptureSettings = field(default_factory=CaptureSettings)
     render: RenderSettings = field(default_factory=RenderSettings)
     fit: dict[str, Any] | None = None
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0

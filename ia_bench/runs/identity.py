@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import shown
@@ -35,6 +36,10 @@ def identity(config: RunConfig) -> dict[str, Any]:
     content = asdict(config)
     for label in ("out", "row", "preset", "fit"):
         del content[label]
+    if replace(config.capture, name=CaptureSettings.name) == CaptureSettings():
+        del content["capture"]  # so that a scene as it is read has the identity that it had before there were captures
+    else:
+        del content["capture"]["name"]
     checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
     for known, settings in checked.items():
         for field in fields(known):

@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from ia_bench.capture.capture import captured
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json, user_path
+from ia_bench.common.settings import parsed
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
@@ -87,15 +90,20 @@ class Recovered:
             )
 
     def read_scene(self, folder: Path | None = None) -> Scene:
-        """The run's scene with its truth: that in ``folder``, or the shipped one. Raises InputError as :meth:`check_scene`."""
+        """The run's scene with its truth, as it was captured: that in ``folder``, or the shipped one.
+
+        Raises InputError as :meth:`check_scene`.
+        """
         scene = SceneConfig(self.config.get("config.scene.name", str), None if folder is None else str(folder))
         place = resolve_scene_folder(scene, self.reader)
         if place is not None:
             self.check_scene(place)
-        return read_scene(scene, self.reader, truth=True)
+        settings = parsed(CaptureSettings, self.config.get("config", dict).get("capture", {}), "capture")
+        return captured(read_scene(scene, self.reader, truth=True), settings, lambda line: None)
 
     def reconstruction(self, stage: Stage) -> TexturedReconstruction:
         """What the run recovered, on a stage of its scene's mesh. Raises InputError where a map is missing."""
+
         def texture(name: str, channels: int) -> torch.Tensor:
             image: np.ndarray = read_exr(self.folder / f"{name}.exr", channels)
             return torch.from_numpy(image).to(stage.device)

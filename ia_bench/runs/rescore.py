@@ -71,10 +71,11 @@ class Rescorer:
 
     def _scene_of(self, run: Recovered) -> tuple[Stage, Scorer]:
         """The stage and the scorer of the run's scene; those of the run before where that is the same."""
-        key: tuple[Any, ...] = (run.config.get("config.scene.content", str | None), run.reader)
+        capture = run.config.get("config", dict).get("capture")
+        key: tuple[Any, ...] = (run.config.get("config.scene.content", str | None), run.reader, capture)
         if key != self._key:
             scene = run.read_scene(self.scene)
             device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-            self._stage, self._scorer = Stage(scene.mesh, device), Scorer(scene, self.protocol, device)
+            self._stage, self._scorer = Stage(scene.expect_mesh(), device), Scorer(scene, self.protocol, device)
             self._key = key
         return self._stage, self._scorer

@@ -9,6 +9,8 @@ from typing import Any
 
 import torch
 
+from ia_bench.capture.capture import captured
+from ia_bench.capture.capture import record as capture_record
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import environment
 from ia_bench.common.progress import Progress, Task
@@ -39,7 +41,9 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     books = Books()
     # ---- load ------------------------------------------------------------------------------------------------
     scene = read_scene(config.scene, config.reader, truth=True)
-    tell(scene, progress.note)
+    with books.aside("capture"):
+        scene = captured(scene, config.capture, progress.note)
+    tell(scene, progress.note, aligned=config.protocol.alignment != "none")
     method: Method = method_of(config)
 
     problem = problem_of(config, scene, method.info, note=progress.note, books=books)
@@ -71,6 +75,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "network_calls": result.counters.get("network_calls", 0),
         "counters": {**counts, **result.counters},
         "plan": problem.plan.record() if "plan" in vars(problem) else {"needed": [], "left_out": []},
+        "capture": capture_record(scene, config.capture),
         "environment": environment(config.device, config.threads or 1),
     }
     return folder.write_metrics(metrics)

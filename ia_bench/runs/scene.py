@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from ia_bench.capture.capture import captured
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import at_work, create
 from ia_bench.readers.contract import SceneReader, check_scene, unscored
 from ia_bench.render.agreement import check_agreement
-from ia_bench.runs.config import NATIVE_READER, ReaderConfig, SceneConfig, resolve_scene_folder
+from ia_bench.runs.config import NATIVE_READER, ReaderConfig, RunConfig, SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene
 
 
@@ -34,10 +35,19 @@ def read_scene(scene: SceneConfig, reader: ReaderConfig, *, truth: bool) -> Scen
         raise InputError(f"reader={reader.name}: {said}") from error
 
 
-def tell(scene: Scene, note: Callable[[str], None]) -> None:
-    """Note what the reader mended, whether mesh and images agree, and what cannot be scored. Raises InputError if they do not."""
+def captured_scene(config: RunConfig, note: Callable[[str], None]) -> Scene:
+    """The scene of a run with its truth, as the run's capture takes it. Raises InputError for what it cannot."""
+    return captured(read_scene(config.scene, config.reader, truth=True), config.capture, note)
+
+
+def tell(scene: Scene, note: Callable[[str], None], *, aligned: bool = True) -> None:
+    """Note what the reader mended, whether mesh and images agree, and what cannot be scored. Raises InputError if they do not.
+
+    ``aligned``: whether the protocol aligns albedo to the truth before it is relit.
+    """
     for line in scene.notes:
         note(line)
-    check_agreement(scene, note)
-    for component, reason in unscored(scene).items():
+    if scene.mesh is not None:
+        check_agreement(scene, note)
+    for component, reason in unscored(scene, aligned=aligned).items():
         note(f"{component} will not be scored: {reason}")

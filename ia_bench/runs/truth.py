@@ -16,6 +16,7 @@ from ia_bench.methods.contract import Problem
 from ia_bench.priors.contract import Observations, Prior
 from ia_bench.priors.wrapped import WrappedPrior
 from ia_bench.render.renderer import texture_images
+from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene, View
 
 
@@ -65,8 +66,12 @@ class TrueViews(Sequence[View]):
         if scene.truth is None or scene.truth.albedo is None or all(view.albedo is not None for view in scene.train):
             return scene.train
         texture = torch.from_numpy(scene.truth.albedo).float().to(problem.device)
-        share = problem.gbuffer.coverage().clamp_min(1e-6)[..., None]
-        albedo = (texture_images(problem.stage.surface, problem.gbuffer, texture) / share).cpu().numpy()
+        stage, gbuffer = problem.stage, problem.gbuffer
+        if scene.truth.mesh is not None:  # to which the texture belongs
+            stage = Stage(scene.truth.mesh, problem.device)
+            gbuffer = stage.gbuffer([view.camera for view in scene.train], problem.plan.subsamples)
+        share = gbuffer.coverage().clamp_min(1e-6)[..., None]
+        albedo = (texture_images(stage.surface, gbuffer, texture) / share).cpu().numpy()
         return tuple(
             view if view.albedo is not None else replace(view, albedo=image * view.mask[..., None])
             for view, image in zip(scene.train, albedo, strict=True)

@@ -33,6 +33,11 @@ def test_hash_is_sha256_of_canonical_json() -> None:
     assert config_hash(config) == hashlib.sha256(text.encode()).hexdigest()
 
 
+def test_a_scene_as_it_is_read_is_known_by_what_identified_it_before_there_were_captures() -> None:
+    assert "capture" not in identity(compose(["device=cpu"]))
+    assert identity(compose(["device=cpu", "capture.views=8"]))["capture"]["views"] == 8
+
+
 @pytest.mark.parametrize(
     "overrides",
     [
@@ -55,6 +60,8 @@ def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None
     [
         "seed=1",
         "threads=63",
+        "capture.views=8",
+        "capture.geometry=hull",
         "scene=ship",
         "prior=oracle",
         "method=ceiling",

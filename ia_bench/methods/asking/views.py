@@ -26,7 +26,8 @@ def spreading_order(scene: Scene, count: int) -> list[int]:
 
     It starts with the first view; every next one is that whose direction is farthest from all chosen ones.
     """
-    middle = 0.5 * (scene.mesh.vertices.min(0) + scene.mesh.vertices.max(0))
+    vertices = scene.expect_mesh().vertices
+    middle = 0.5 * (vertices.min(0) + vertices.max(0))
     directions = np.stack([view.camera.to_world[:3, 3] for view in scene.train]) - middle
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     chosen = [0]

@@ -26,7 +26,7 @@ def tone_map(radiance: Tensor) -> Tensor:
     return linear_to_srgb(torch.log1p(radiance))
 
 
-def crossed_loss(first: Tensor, second: Tensor, target: Tensor, cut: float) -> Tensor:
+def crossed_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, known: Tensor | None = None) -> Tensor:
     """The image term of equation 5 from two independent estimates (P, 3) of the radiance that should be ``target`` (P, 3).
 
     Each estimate's tone-mapped difference from the target is weighed by the other one's residual, which is the difference
@@ -34,6 +34,7 @@ def crossed_loss(first: Tensor, second: Tensor, target: Tensor, cut: float) -> T
     this is the L1 of tone-mapped radiance, near it a parabola. An L1 that takes residual and gradient from the same samples
     falls with the noise of the render too, and so prefers dim lights and rough surfaces; here the residual's mean is zero where
     the mean render is right, and noise pulls nowhere (but for the skewness of what is cut). The value may be negative.
+    Where ``known`` (P, 1) is False, the target is a lower bound: the residual of a brighter estimate counts as zero.
     """
     with torch.enable_grad():
         at = target.detach().clamp_min(0).requires_grad_(True)
@@ -42,7 +43,8 @@ def crossed_loss(first: Tensor, second: Tensor, target: Tensor, cut: float) -> T
     shown = shown.detach()
 
     def weight(estimate: Tensor) -> Tensor:
-        return (slope * (estimate.detach() - target) / cut).clamp(-1, 1)
+        residual = (slope * (estimate.detach() - target) / cut).clamp(-1, 1)
+        return residual if known is None else torch.where(known, residual, residual.clamp(max=0))
 
     return 0.5 * (weight(second) * (tone_map(first) - shown) + weight(first) * (tone_map(second) - shown)).mean()
 

@@ -7,7 +7,9 @@ from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
+from ia_bench.methods.bounds import known_pixels, one_sided
 from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.exposures import Exposures
 from ia_bench.methods.two_stage.losses import crossed_loss, smoothness, tone_map, total_variation
 from ia_bench.methods.two_stage.neighbours import find_neighbours
 from ia_bench.methods.two_stage.parameters import Parameters
@@ -27,6 +29,8 @@ class Objective:
         self._problem, self._settings = problem, settings
         views = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train])
         self.images = problem.pixels_of(views.to(problem.device))
+        known = known_pixels(problem.scene.train)
+        self._known = None if known is None else problem.pixels_of(known.to(problem.device))
         self._neighbours = find_neighbours(problem, self.images, settings.smooth_scale)
 
     def __call__(
@@ -40,16 +44,18 @@ class Objective:
         """The loss of G-buffer entries (B,), and the renders (B, 3) that are to blame first if it is not finite."""
         settings, weights = self._settings, self._settings.weights
         material, light = parameters.material(), parameters.light(uniform=settings.light_uniform)
-        target = self.images[pixels]
+        target, known = self.images[pixels], None if self._known is None else self._known[pixels]
         # ---- lambda_1: the photographs
         if settings.image_loss == "l1":
-            rendered = self._render(pixels, material, light, self._problem.plan.samples, generator)
+            rendered = self._render(pixels, material, light, self._problem.plan.samples, generator, parameters.exposures)
+            target = one_sided(target, rendered.radiance, known)
             loss = weights.image * (tone_map(rendered.radiance) - tone_map(target)).abs().mean()
         else:
-            halves = self._render(pixels.repeat(2), material, light, self._samples_a_half, generator)
+            both = pixels.repeat(2)
+            halves = self._render(both, material, light, self._samples_a_half, generator, parameters.exposures)
             rendered = halves.averaged(2)
             first, second = halves.radiance.chunk(2)
-            loss = weights.image * crossed_loss(first, second, target, settings.residual_cut)
+            loss = weights.image * crossed_loss(first, second, target, settings.residual_cut, known)
         # ---- lambda_2, lambda_3: the prior
         if "albedo" in supervision.targets.values:
             supervised = supervision.albedo_loss(rendered.albedo, pixels, material.albedo, generator)
@@ -76,9 +82,18 @@ class Objective:
         return max(1, self._problem.plan.samples // 2)
 
     def _render(
-        self, pixels: Tensor, material: Material, light: SampledLight, samples: int, generator: torch.Generator
+        self,
+        pixels: Tensor,
+        material: Material,
+        light: SampledLight,
+        samples: int,
+        generator: torch.Generator,
+        exposures: Exposures | None,
     ) -> PixelRadiance:
-        return self._problem.renderer.render_pixels(self._problem.gbuffer, pixels, material, light, samples, generator)
+        """As the photographs of these entries are exposed."""
+        gbuffer = self._problem.gbuffer
+        rendered = self._problem.renderer.render_pixels(gbuffer, pixels, material, light, samples, generator)
+        return rendered if exposures is None else rendered.exposed(exposures.factors(gbuffer.pixel[pixels]))
 
     def _smoothness(self, pixels: Tensor, tensors: dict[str, Tensor], frozen: list[str]) -> Tensor:
         weights = self._settings.weights

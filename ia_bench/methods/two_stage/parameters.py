@@ -13,6 +13,7 @@ from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import form_of_adam
 from ia_bench.methods.two_stage.exchange import ColourExchange
+from ia_bench.methods.two_stage.exposures import Exposures
 from ia_bench.methods.two_stage.settings import FitSettings
 
 LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
@@ -27,6 +28,7 @@ class Parameters:
         observed: (T, T) bool, texels that some training view sees.
         optimizer: Adam, one group a tensor.
         exchange: The step in which light and albedo exchange a colour.
+        exposures: The factors of the photographs, None where they are known to be the same.
     """
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
@@ -47,6 +49,10 @@ class Parameters:
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
         self.optimizer = torch.optim.Adam(groups, betas=(0.9, 0.99), fused=True)
         self.exchange = ColourExchange(self.tensors["albedo"], self.tensors["log_light"], self.observed)
+        self.exposures: Exposures | None = None
+        if problem.scene.exposures_differ:
+            views, height, width = problem.gbuffer.shape
+            self.exposures = Exposures(views, height * width, device)
 
     def material(self, *, detached: bool = False) -> Material:
         """The textures as a material, through which gradients flow unless ``detached``."""
@@ -80,6 +86,8 @@ class Parameters:
             group["lr"] = rate * fall
         if settings.rates.exchange and "albedo" not in frozen and step >= settings.exchange_start * steps:
             self.exchange(settings.rates.exchange * fall)
+        if self.exposures is not None:
+            self.exposures.descend(fall)
         for name in frozen:  # the gradient is computed all the same, so that one compiled step serves the whole run
             self.tensors[name].grad = None
         self.optimizer.step()
@@ -94,12 +102,14 @@ class Parameters:
             "tensors": {name: tensor.detach() for name, tensor in self.tensors.items()},
             "optimizer": self.optimizer.state_dict(),
             "exchange": self.exchange.state_dict(),
+            **({} if self.exposures is None else {"exposures": self.exposures.state_dict()}),
         }
 
     def form(self) -> dict[str, Any]:
         """The form of :meth:`state`, for :func:`ia_bench.methods.state.check_form`."""
         exchange = {"optimizer": form_of_adam(self.exchange.optimizer), "blocked": 0}
-        return {**self.state(), "optimizer": form_of_adam(self.optimizer), "exchange": exchange}
+        exposures = {} if self.exposures is None else {"exposures": self.exposures.form()}
+        return {**self.state(), "optimizer": form_of_adam(self.optimizer), "exchange": exchange, **exposures}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take over a :meth:`state`."""
@@ -108,3 +118,5 @@ class Parameters:
                 tensor.copy_(state["tensors"][name])
         self.optimizer.load_state_dict(state["optimizer"])
         self.exchange.load_state_dict(state["exchange"])
+        if self.exposures is not None:
+            self.exposures.load_state_dict(state["exposures"])

@@ -1,0 +1,61 @@
+"""Where the mesh of a captured scene comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from ia_bench.capture.settings import MADE, CaptureSettings
+from ia_bench.common.cache import Cache, content_key
+from ia_bench.common.errors import InputError
+from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.smoothing import smoothed
+from ia_bench.geometry.surface import mesh_of
+from ia_bench.scenes.scene import Mesh, Scene
+
+PARTS = ("vertices", "faces", "normals", "uv")
+
+
+def with_geometry(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> Scene:
+    """The scene with the mesh that ``capture.geometry`` names; the true one, where there is one, stays in the truth.
+
+    Meshes that are made of images and masks are kept in the cache, by the content of both. Raises InputError where there is
+    nothing to make one of.
+    """
+    kind = settings.geometry
+    if kind not in MADE and scene.mesh is None:
+        raise InputError(
+            f"capture.geometry={kind}: expected a mesh in {scene.source}, found none; "
+            "capture.geometry=hull makes one from the masks of the training views"
+        )
+    if kind == "given":
+        return scene
+    if kind == "smoothed":
+        given = scene.expect_mesh()
+        mesh = smoothed(given, settings.smoothing * float(np.linalg.norm(np.ptp(given.vertices, axis=0))))
+    else:
+        seen = replace(scene, mesh=None).blind()  # nothing that is made may know the truth
+        made = Cache().kept(_key(seen, settings), lambda: _made(seen, settings, note))
+        mesh = Mesh(*(made[part].numpy() for part in PARTS))
+    truth = scene.truth and replace(scene.truth, mesh=scene.mesh)
+    return replace(scene, mesh=mesh, truth=truth, mesh_is_made=True)
+
+
+def _made(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> dict[str, torch.Tensor]:
+    note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {settings.cells} cells a side")
+    mesh = mesh_of(visual_hull(scene.train, settings.cells, settings.tolerated), settings.triangles)
+    return {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
+
+
+def _key(scene: Scene, settings: CaptureSettings) -> str:
+    """Of everything that decides a mesh that is made: masks, what is known of them, cameras, sizes."""
+    sizes = f"{settings.geometry} {settings.cells} {settings.tolerated} {settings.triangles}"
+    parts: list[str | np.ndarray] = [sizes]
+    for view in scene.train:
+        camera = view.camera
+        parts += [f"{camera.focal} {camera.centre}", camera.to_world, view.mask]
+        parts += [] if view.valid is None else [view.valid]
+    return content_key("shape", *parts)

@@ -1,0 +1,146 @@
+"""What a capture leaves out, one setting at a time, and that truth stays what it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ia_bench.capture.capture import captured, record
+from ia_bench.capture.radiometry import eight_bits, photographed
+from ia_bench.capture.settings import CaptureSettings
+from ia_bench.capture.views import farthest_first, spread
+from ia_bench.common.errors import InputError
+from ia_bench.scenes.scene import Scene, View
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
+
+
+def take(scene: Scene, **settings: object) -> Scene:
+    return captured(scene, CaptureSettings(**settings), lambda line: None)  # type: ignore[arg-type]
+
+
+def test_the_default_leaves_everything_in(tiny: Scene) -> None:
+    after = take(tiny)
+    assert all(a is b for a, b in zip(after.train, tiny.train, strict=True))
+    assert after.mesh is tiny.mesh
+    assert after.truth is tiny.truth
+    assert record(after, CaptureSettings()) == {
+        "views": 16, "radiometry": "hdr", "exposure": "fixed", "geometry": "given",
+        "triangles": len(tiny.expect_mesh().faces), "saturated_share": 0.0,
+    }  # fmt: skip
+
+
+# ---------------------------------------------------------------- views
+def widest_gap(views: tuple[View, ...], among: tuple[View, ...]) -> float:
+    """The largest angle from the direction of a camera of ``among`` to the nearest of ``views``; objects lie at the origin."""
+    one, all_of_them = (np.stack([v.camera.to_world[:3, 3] for v in part]) for part in (views, among))
+    one, all_of_them = (part / np.linalg.norm(part, axis=1, keepdims=True) for part in (one, all_of_them))
+    return float(np.degrees(np.arccos((all_of_them @ one.T).max(1).clip(-1, 1).min())))
+
+
+def test_views_are_nested_and_spread(tiny: Scene) -> None:
+    names = {count: [view.name for view in spread(tiny.train, count)] for count in (1, 4, 8, 16)}
+    assert set(names[1]) < set(names[4]) < set(names[8]) < set(names[16])
+    assert names[8] == sorted(names[8])
+    assert sorted(farthest_first(tiny.train)) == list(range(16))
+    random = np.random.default_rng(0)
+    gaps = [widest_gap(tuple(tiny.train[i] for i in random.permutation(16)[:4]), tiny.train) for _ in range(200)]
+    assert widest_gap(spread(tiny.train, 4), tiny.train) < np.quantile(gaps, 0.1)
+
+
+def test_more_views_than_there_are(tiny: Scene) -> None:
+    with pytest.raises(InputError, match="capture.views=17: expected at most 16"):
+        take(tiny, views=17)
+
+
+# ---------------------------------------------------------------- radiometry
+def made_up(values: list[float], mask: float = 1.0, name: str = "0") -> View:
+    """A row of grey pixels of these radiances and one coverage."""
+    image = np.array(values, np.float32)[None, :, None].repeat(3, -1)
+    camera = replace(TEMPLATE, width=len(values), height=1)
+    return View(name, camera, image * np.float32(mask), np.full((1, len(values)), mask, np.float32))
+
+
+@pytest.fixture(autouse=True)
+def _template(tiny: Scene) -> None:
+    global TEMPLATE
+    TEMPLATE = tiny.train[0].camera
+
+
+def test_codes_by_hand() -> None:
+    """sRGB of .5 is .7354, of .0015 in the linear part .01938; the codes are 187.5 and 4.94, rounded."""
+    assert eight_bits(np.array([0.0, 0.0015, 0.5, 1.0, 3.0])).tolist() == [0, 5, 188, 255, 255]
+
+
+def test_exposure_clip_and_quantisation_by_hand() -> None:
+    """Half of five pixels at most: 1, 2, 4, 6, 8 are exposed by 1/4, so 4 is the clip; codes of 1/4 and 1/2 are 137 and 188."""
+    (view,) = photographed([made_up([1, 2, 4, 6, 8], mask=0.6)], 50, per_image=False)
+    decoded = [((code / 255 + 0.055) / 1.055) ** 2.4 for code in (137, 188, 255, 255, 255)]
+    np.testing.assert_allclose(view.image[0, :, 0], 4 * 0.6 * np.array(decoded), rtol=1e-5)
+    assert view.valid is not None
+    assert view.valid[0].tolist() == [True, True, False, False, False]
+
+
+def test_one_exposure_is_divided_out_and_many_are_not() -> None:
+    bright, dark = made_up([8, 8, 8, 2]), made_up([2, 2, 2, 0.5], name="1")
+    one = photographed([bright, dark], 100, per_image=False)
+    np.testing.assert_allclose(one[1].image.mean() / one[0].image.mean(), 0.25, rtol=0.02)
+    each = photographed([bright, dark], 100, per_image=True)
+    np.testing.assert_allclose(each[0].image, each[1].image)  # exposures of 1/8 and 1/2 make them alike ...
+    np.testing.assert_allclose(each[0].image[0, 0, 0], 4, rtol=1e-5)  # ... in the unit of their geometric mean, 1/4
+
+
+def test_ldr_captures_say_what_they_lost(tiny: Scene) -> None:
+    after = take(tiny, radiometry="ldr", percentile=90.0)
+    told = record(after, CaptureSettings(radiometry="ldr"))
+    assert 0.05 < told["saturated_share"] < 0.2
+    for before, view in zip(tiny.train, after.train, strict=True):
+        assert view.valid is not None
+        inside = view.mask > 0.5
+        assert (view.image[~view.valid] <= before.image[~view.valid] + 0.005 * before.image.max()).all()  # a bound from below
+        known = inside & view.valid
+        assert np.abs(view.image[known] - before.image[known]).max() < 0.02 * before.image.max()
+    assert [v.image.tobytes() for v in after.novel] == [v.image.tobytes() for v in tiny.novel]
+    assert after.exposures_differ is False
+    assert take(tiny, radiometry="ldr", exposure="per_image").blind().exposures_differ is True
+
+
+def test_a_black_capture_has_no_exposure() -> None:
+    with pytest.raises(InputError, match="expected light in all training views"):
+        photographed([made_up([0, 0])], 98, per_image=False)
+
+
+# ---------------------------------------------------------------- geometry
+def test_a_hull_needs_no_mesh_and_leaves_the_truth(tiny: Scene) -> None:
+    settings = {"geometry": "hull", "cells": 40, "triangles": 1500}
+    notes: list[str] = []
+    after = captured(tiny, CaptureSettings(**settings), notes.append)  # type: ignore[arg-type]
+    assert after.truth is not None
+    assert after.truth.mesh is tiny.mesh
+    assert after.mesh_is_made
+    again = captured(replace(tiny, mesh=None), CaptureSettings(**settings), notes.append)  # type: ignore[arg-type]
+    assert len(notes) == 1  # the second one is from the cache
+    np.testing.assert_array_equal(again.expect_mesh().vertices, after.expect_mesh().vertices)
+    assert again.truth is not None
+    assert again.truth.mesh is None
+    given, found = tiny.expect_mesh().vertices, after.expect_mesh().vertices
+    np.testing.assert_allclose(found.max(0) - found.min(0), given.max(0) - given.min(0), atol=0.15)
+
+
+def test_smoothed_meshes_keep_their_textures(tiny: Scene) -> None:
+    after = take(tiny, geometry="smoothed", smoothing=0.02).expect_mesh()
+    np.testing.assert_array_equal(after.uv, tiny.expect_mesh().uv)
+    moved = np.linalg.norm(after.vertices - tiny.expect_mesh().vertices, axis=1)
+    assert 0.001 < moved.mean() < 0.1
+
+
+@pytest.mark.parametrize("geometry", ["given", "smoothed"])
+def test_a_mesh_that_is_not_there_is_told_with_what_to_do(tiny: Scene, geometry: str) -> None:
+    with pytest.raises(InputError, match=f"capture.geometry={geometry}: expected a mesh.*found none; capture.geometry=hull"):
+        take(replace(tiny, mesh=None), geometry=geometry)

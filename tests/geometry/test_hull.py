@@ -1,0 +1,104 @@
+"""The visual hull of balls, whose outlines and distances are known in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from spheres import ball_views, camera_at
+
+from ia_bench.common.errors import InputError
+from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.silhouettes import centre_of, outline_distance
+from ia_bench.geometry.surface import extracted, normals_at
+
+RADIUS = 0.7
+PIXEL = 3.0 / (48 * 1.2)  # what a pixel of these cameras spans at the ball, scene units
+
+
+def disc(radius: float, side: int = 64, points: int = 8) -> tuple[np.ndarray, np.ndarray]:
+    """Coverage of a disc, and the true distance of every pixel's centre from its rim."""
+    fine = (np.arange(side * points) + 0.5) / points - side / 2 - 0.3
+    inside = np.hypot(fine[:, None], fine[None]) < radius
+    centres = np.arange(side) + 0.2 - side / 2
+    return inside.reshape(side, points, side, points).mean((1, 3)), np.hypot(centres[:, None], centres[None]) - radius
+
+
+@pytest.mark.parametrize(("binary", "worst", "typical"), [(False, 0.25, 0.06), (True, 0.6, 0.2)])
+def test_outlines_are_found_to_a_fraction_of_a_pixel(binary: bool, worst: float, typical: float) -> None:
+    mask, true = disc(19.4)
+    found = outline_distance(np.round(mask) if binary else mask)
+    near = np.abs(true) < 3
+    error = np.abs(found - true)[near]
+    assert error.max() < worst
+    assert error.mean() < typical
+
+
+def test_a_mask_without_an_outline_is_far_inside_or_outside() -> None:
+    assert outline_distance(np.ones((5, 7))).max() < -8
+    assert outline_distance(np.zeros((5, 7))).min() > 8
+
+
+def test_the_hull_of_a_ball_is_the_ball_from_outside() -> None:
+    """Every point of a hull of tangent cones lies outside of the ball, and all but between the tangent circles close to it."""
+    grid = visual_hull(ball_views(60), 64)
+    vertices, _ = extracted(grid)
+    beyond = np.linalg.norm(vertices, axis=1) - RADIUS
+    assert beyond.min() > -0.15 * PIXEL
+    assert beyond.mean() < 0.35 * PIXEL
+    cosine = (normals_at(grid, vertices) * vertices).sum(1) / np.linalg.norm(vertices, axis=1)
+    assert np.degrees(np.arccos(cosine.clip(-1, 1))).mean() < 8
+
+
+def test_more_views_carve_more() -> None:
+    views = ball_views(24)
+    few, many = visual_hull(views[::4], 48), visual_hull(views, 48)
+    points = torch.rand(2000, 3, generator=torch.Generator().manual_seed(0)) * 1.6 - 0.8
+    near = few.at(points).abs() < 2 * few.step  # where both are exact, up to interpolation
+    assert int(near.sum()) > 100
+    assert (many.at(points[near]) - few.at(points[near])).min() > -0.25 * few.step
+    assert (many.values < 0).sum() * many.step**3 < 0.98 * (few.values < 0).sum() * few.step**3
+
+
+def test_what_nobody_knows_carves_nothing() -> None:
+    """Views whose right half is missing cut nothing off there; one that sees nothing changes nothing."""
+    views = ball_views(30)
+    whole = visual_hull(views, 40)
+    middle = np.pad(np.ones((2, 2), np.float32), 23)
+    blind = replace(views[0], mask=middle, valid=np.zeros((48, 48), bool))
+    seen = np.tile(np.arange(48) < 24, (48, 1))
+    halves = [replace(v, mask=np.where(seen, v.mask, 0), valid=seen) if n % 3 else v for n, v in enumerate(views)]
+    points = torch.nn.functional.normalize(torch.randn(500, 3, generator=torch.Generator().manual_seed(0)), dim=-1) * RADIUS
+    assert (visual_hull([*views, blind], 40).at(points) - whole.at(points)).abs().max() < 0.25 * whole.step
+    vertices, _ = extracted(visual_hull(halves, 40))
+    assert np.linalg.norm(vertices, axis=1).min() > RADIUS - 0.2 * PIXEL
+    with pytest.raises(InputError, match="no point that is inside of all"):
+        visual_hull([*views, replace(views[0], mask=np.pad(np.ones((3, 3), np.float32), (0, 45)))], 40)
+
+
+def test_one_wrong_mask_is_survived_where_it_is_tolerated() -> None:
+    views = ball_views(40)
+    wrong = [replace(views[7], mask=np.pad(np.ones((3, 3), np.float32), (0, 45))), *views[:7], *views[8:]]
+    one, none = visual_hull(wrong, 40, tolerated=1), visual_hull(views, 40)
+    reach = np.linalg.norm(extracted(one)[0], axis=1)
+    assert reach.min() > RADIUS - 0.2 * PIXEL
+    assert reach.mean() < RADIUS + 1.5 * PIXEL
+    more = visual_hull(views, 40, tolerated=2)
+    points = torch.nn.functional.normalize(torch.randn(500, 3, generator=torch.Generator().manual_seed(0)), dim=-1) * RADIUS
+    assert (more.at(points) <= none.at(points) + 0.1 * none.step).all()
+
+
+def test_a_box_that_no_view_bounds_is_refused() -> None:
+    views = ball_views(30)
+    with pytest.raises(InputError, match="expected views from enough sides"):
+        visual_hull([views[0]], 40)
+
+
+def test_cameras_look_at_the_middle_of_the_masks() -> None:
+    views = ball_views(12)
+    assert np.abs(centre_of(views)).max() < 1e-2
+    moved = [replace(v, camera=camera_at(v.camera.to_world[:3, 3])) for v in views[:1]]
+    moved[0].camera.to_world[:3, 3] += [5, 0, 0]
+    assert np.isfinite(centre_of(moved)).all()
