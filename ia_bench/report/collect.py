@@ -59,14 +59,15 @@ class Run:
     """One cell of the table, as its folder records it.
 
     Attributes:
-        folder: Where it lies.
+        folder: Where it lies; of a published run, the runs.csv.
         row: Which row of the table it belongs to.
         scene: The scene's name.
         seed: The seed of everything that is drawn.
         problem: Why it failed, None for a finished run.
         protocol: What its numbers compare under, LPIPS net included; None for a failed run.
         metrics: :attr:`Metric.key` -> value, None where null.
-        variants: The same under other definitions, such as "aligned_albedo_linear.psnr": whatever was recorded.
+        variants: The same under other definitions, such as "aligned_albedo_linear.psnr", and of a shape that was made for the
+            capture, such as "geometry.missed_share": whatever was recorded.
         reasons: Dotted name -> why a value is null.
         phases: Phase -> seconds, scoring and total included.
         seconds: Of all phases without scoring, also where a run was interrupted or samples were kept.
@@ -116,14 +117,25 @@ def find_run_folders(*roots: Path) -> list[Path]:
     return sorted({path.parent for root in roots for name in ("metrics.json", "config.json") for path in root.rglob(name)})
 
 
-def collect(folders: Iterable[Path] | Mapping[Path, Cell]) -> Collection:
+def collect(folders: Iterable[Path] | Mapping[Path, Cell], published: Iterable[Run] = ()) -> Collection:
     """Read the given run folders. A mapping says which cell each folder is for: its row may have been renamed since.
 
-    Raises ValueError where two folders hold the same row, scene and seed: neither would be the right one to show.
+    ``published``: runs of former reports, which stand beside them. Raises ValueError where the same row, scene and seed are there
+    twice: neither would be the right one to show.
     """
     cells = folders if isinstance(folders, Mapping) else {}
     runs: dict[Cell, Run] = {}
     unreadable = []
+
+    def add(run: Run) -> None:
+        cell = (run.row, run.scene, run.seed)
+        if cell in runs:
+            raise ValueError(
+                f"row {run.row}, scene {run.scene}, seed {run.seed} is in {runs[cell].folder} and in {run.folder}: "
+                "expected one run per cell; list the folders of one table only"
+            )
+        runs[cell] = run
+
     for folder in folders:
         try:
             run = read_run(folder)
@@ -135,13 +147,9 @@ def collect(folders: Iterable[Path] | Mapping[Path, Cell]) -> Collection:
         if folder in cells:
             row, scene, seed = cells[folder]
             run = replace(run, row=row, scene=scene, seed=seed)
-        cell = (run.row, run.scene, run.seed)
-        if cell in runs:
-            raise ValueError(
-                f"row {run.row}, scene {run.scene}, seed {run.seed} is in {runs[cell].folder} and in {folder}: "
-                "expected one run folder per cell; list the folders of one table only"
-            )
-        runs[cell] = run
+        add(run)
+    for run in published:
+        add(run)
     return Collection(tuple(runs.values()), tuple(unreadable))
 
 
@@ -176,12 +184,14 @@ def read_run(folder: Path) -> Run:
     about |= {key: data[key] for key in ("rays", "network_calls")} | {
         key: data["environment"].get(key) for key in ("commit", "cpu")
     }
+    shape = {name: value for name, value in data.get("geometry", {}).items() if name != "reasons"}
+    variants = {**data.get("variants", {}), **({"geometry": shape} if shape else {})}
     about |= {f"rescored_from_{key}": value for key, value in data.get("rescored_from", {}).items()}
     return replace(
         run,
         protocol=_protocol_text(data),
         metrics={metric.key: data["metrics"][metric.component].get(metric.name) for metric in METRICS},
-        variants={f"{group}.{name}": value for group, found in data.get("variants", {}).items() for name, value in found.items()},
+        variants={f"{group}.{name}": value for group, found in variants.items() for name, value in found.items()},
         reasons=data.get("reasons", {}),
         phases=data["time_s"],
         seconds=sum(seconds for phase, seconds in data["time_s"].items() if phase not in ("total", "score")),

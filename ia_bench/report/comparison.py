@@ -75,7 +75,7 @@ class _Columns:
         self._side = max(extent(view.mask), extent(relit.mask))
         self._true_light = scene.truth.lights["train"]
         self._light_gain = light_exposure(self._true_light)
-        self._stage = Stage(scene.mesh, torch.device("cpu"))
+        self._stage = Stage(scene.expect_mesh(), torch.device("cpu"))
         self._light = LatLongEnvironment(torch.from_numpy(scene.truth.lights[relit.light]))
         self._gain = exposure(relit.image[None], relit.mask[None])
 

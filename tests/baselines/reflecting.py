@@ -46,17 +46,27 @@ class Reflecting(ShadedReconstruction):
 
             return radiance
 
+        self._light, self._sent, self._rays = light, sent, stage
         super().__init__(stage, material, renderer="home ground", environment=light, shader=shader)
+
+    def arriving(self, start: Tensor, along: Tensor) -> Tensor:
+        """Radiance (N, 3) along rays from ``start`` (N, 3), unit ``along`` (N, 3)."""
+        return _met(self._rays, start, along, self._light.radiance(along), self._sent)
 
 
 def _arriving(stage: Stage, position: Tensor, normal: Tensor, directions: Tensor, light: Environment, sent: Tensor) -> Tensor:
     """(N, D, 3): ``light``, or the texture ``sent`` of what surfaces send where a ray hits one."""
     every = directions.expand(len(position), -1, -1).contiguous()
-    face, barycentric, _ = stage.rays.intersect(position + stage.surface.offset * normal, every)
-    hit = face >= 0
-    arriving = light.radiance(directions).expand(len(position), -1, -1).clone()
-    arriving[hit] = fetch(sent, stage.surface.uv(face[hit], barycentric[hit]))
-    return arriving
+    free = light.radiance(directions).expand(len(position), -1, -1)
+    return _met(stage, position + stage.surface.offset * normal, every, free, sent)
+
+
+def _met(stage: Stage, start: Tensor, along: Tensor, free: Tensor, sent: Tensor) -> Tensor:
+    """``free`` (..., 3) along rays that meet nothing, the texture ``sent`` where they meet the surface."""
+    face, barycentric, _ = stage.rays.intersect(start, along)
+    hit, seen = face >= 0, free.clone()
+    seen[hit] = fetch(sent, stage.surface.uv(face[hit], barycentric[hit]))
+    return seen
 
 
 def _radiosity(stage: Stage, albedo: Tensor, light: Environment) -> Tensor:

@@ -16,6 +16,7 @@ from ia_bench_baselines.common.spherical_gaussians import fit
 from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment, fibonacci_axes
 from ia_bench_baselines.common.spherical_gaussians.integrals import clamped_cosine_integral, hemisphere_integral
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, lobe_integral, product
+from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
 from ia_bench_baselines.common.spherical_gaussians.shading import Gloss, glossy, irradiance, reflected_lobe
 
 ROWS = 256
@@ -123,6 +124,29 @@ def test_values_and_gradients_are_finite_at_grazing_views_and_opposed_lobes(roug
     for part in (*lobes, rough):
         assert part.grad is not None
         assert bool(torch.isfinite(part.grad).all())
+
+
+def test_drawn_directions_add_up_to_integrals() -> None:
+    """Each weight is 1 / (D density): sums of f are integrals, here of the light itself and of the light times a cosine."""
+    lobes = random_lobes(12, 4)
+    lobes = lobes._replace(sharpness=lobes.sharpness.clone().index_fill(0, torch.tensor([0]), 3000.0))  # a sun
+    directions, weights = draw_directions(lobes, 2**16, torch.Generator().manual_seed(0))
+    torch.testing.assert_close(directions.norm(dim=1), torch.ones(len(directions)))
+    light = lobes.radiance(directions)
+    torch.testing.assert_close(weights @ light, lobes.energy().sum(0), rtol=0.01, atol=0)
+    value = SphericalGaussians(*(part.double() for part in lobes)).radiance(DIRECTIONS)
+    cosine = (DIRECTIONS @ tilted(30)[0].double()).clamp_min(0) * SOLID_ANGLE
+    found = ((directions @ tilted(30)[0]).clamp_min(0) * weights) @ light
+    torch.testing.assert_close(found.double(), cosine @ value, rtol=0.01, atol=0)
+    # the mean over channels is drawn exactly: its every term is the same
+    assert float((weights * light.mean(1)).std()) < 1e-5 * float((weights * light.mean(1)).mean()) + 1e-9
+
+
+def test_black_light_is_visited_evenly() -> None:
+    lobes = random_lobes(3, 0)
+    directions, weights = draw_directions(lobes._replace(amplitude=torch.zeros(3, 3)), 50, torch.Generator().manual_seed(0))
+    assert float(directions.mean(0).norm()) < 0.05
+    assert float(weights.sum()) == pytest.approx(4 * math.pi, rel=1e-5)
 
 
 def test_an_environment_lies_as_its_map_does_and_keeps_power() -> None:

@@ -122,7 +122,7 @@ def test_two_folders_of_one_cell_are_refused(write_run: Write, tmp_path: Path) -
     second = tmp_path / "copy"
     second.mkdir()
     (second / "metrics.json").write_text((first / "metrics.json").read_text())
-    with pytest.raises(ValueError, match="row ours, scene hat, seed 0 is in .* and in .*copy: expected one run folder"):
+    with pytest.raises(ValueError, match="row ours, scene hat, seed 0 is in .* and in .*copy: expected one run"):
         collect([first, second])
 
 

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.methods.bounds import known_pixels, one_sided
 from ia_bench.methods.contract import Problem
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 
@@ -38,6 +39,8 @@ class TrainingPixels:
         if len(self.entries) == 0:
             raise InputError(f"{problem.scene.source}: expected training pixels that show nothing but the object, found none")
         self.radiance = images[place[self.entries]]
+        known = known_pixels(views)
+        self._known = None if known is None else known.reshape(-1, 1).to(place.device)[place[self.entries]]
         self.view = place[self.entries] // (self.gbuffer.shape[1] * self.gbuffer.shape[2])
 
     def __len__(self) -> int:
@@ -46,6 +49,10 @@ class TrainingPixels:
     def draw(self, count: int, generator: torch.Generator) -> Tensor:
         """``count`` of the P pixels at random, with repetition."""
         return torch.randint(len(self), (count,), generator=generator, device=self.entries.device)
+
+    def target(self, pixels: Tensor, rendered: Tensor) -> Tensor:
+        """What the render (N, 3) of ``pixels`` (N,) in [0, P) is compared with: one-sidedly where photographs saturate."""
+        return one_sided(self.radiance[pixels], rendered, None if self._known is None else self._known[pixels])
 
     def points(self, pixels: Tensor) -> SurfacePoints:
         """The surface points of ``pixels`` (N,) in [0, P), ``side`` ^ 2 of each, one pixel after the other."""

@@ -7,17 +7,19 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from ia_bench.common.arguments import read_arguments, settings_of
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number
@@ -102,6 +104,8 @@ def run(trainee: Trainee, settings: RunSettings, about: Mapping[str, Any], progr
     loss is no number.
     """
     make_writable(settings.out, "out")
+    if settings.threads is not None:
+        torch.set_num_threads(settings.threads)
     step, seconds, best = _resume(trainee, settings)
     started = saved = time.monotonic()
     task = progress.task("training steps", settings.steps, done=step)
@@ -163,6 +167,28 @@ def _resume(trainee: Trainee, settings: RunSettings) -> tuple[int, float, dict[s
     for name, optimiser in trainee.optimisers.items():
         optimiser.load_state_dict(state["optimisers"][name])
     return state["step"], state["seconds"], state["best"]
+
+
+SettingsOf = TypeVar("SettingsOf", bound=RunSettings)
+
+
+def training_command(settings: type[SettingsOf], usage: str, train: Callable[[SettingsOf, Progress], dict[str, Any]]) -> int:
+    """Train as the process's arguments say, or print ``usage`` and every setting; returns the exit status.
+
+    ``train`` returns the best validation figures.
+    """
+
+    def described() -> str:
+        defaults = ((key, "(required)" if value is dataclasses.MISSING else value) for key, value in settings_of(settings))
+        return usage + "\n".join(f"  {key:<28}{value}" for key, value in defaults)
+
+    def work(arguments: Sequence[str]) -> int:
+        with Progress() as progress:
+            chosen = read_arguments(settings, arguments)
+            progress.note(f"best: {train(chosen, progress)}; {chosen.out / WEIGHTS}")
+        return OK
+
+    return command(described, work, None)
 
 
 def masked_mean(values: Tensor, masks: Tensor) -> Tensor:

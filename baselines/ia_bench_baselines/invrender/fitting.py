@@ -29,7 +29,7 @@ class Fitting:
         self._pixels = TrainingPixels(problem)
         self._transport = Transport.of(problem.stage, options.atlas, options.directions)
         generator = torch.Generator().manual_seed(seed)
-        self.model = InvRenderModel(problem.scene.mesh, options.width, generator).to(problem.device)
+        self.model = InvRenderModel(problem.scene.expect_mesh(), options.width, generator).to(problem.device)
         self.model.light_up(float(self._pixels.radiance.mean()))
         self._indirect: SphericalGaussians | None = None
 
@@ -62,7 +62,7 @@ class Fitting:
         drawn = self._pixels.draw(self._options.pixels, generator)
         points = self._pixels.points(drawn)
         found = self.model.radiance(self.model.unit(points.position), points.normal, points.view)
-        return (found - self._pixels.radiance[drawn]).abs().sum(1).mean()
+        return (found - self._pixels.target(drawn, found)).abs().sum(1).mean()
 
     def _of_indirect(self, step: int, generator: torch.Generator) -> Tensor:
         """L1 between indirect lobes and the radiance field where a direction ends; nothing arrives where it ends nowhere."""
@@ -90,7 +90,7 @@ class Fitting:
         albedo, roughness = material.decode(torch.cat([code, code + noise]))
         (albedo, near_albedo), (roughness, near_roughness) = albedo.chunk(2), roughness.chunk(2)
         found = shade(points, albedo, roughness, self.model.light(), self._transport, self._indirect)
-        image = (found - self._pixels.radiance[drawn]).abs().sum(1).mean()
+        image = (found - self._pixels.target(drawn, found)).abs().sum(1).mean()
         change = (albedo - near_albedo).abs().mean() + (roughness - near_roughness).abs().mean()
         return image + options.sparsity * sparsity(code) + options.smoothness * change
 

@@ -41,7 +41,7 @@ class Loop:
         views, rows = problem.scene.train, problem.plan.light_height
         self._order = np.random.default_rng(seed).integers(len(views), size=options.steps)
         self._scene = MitsubaScene(
-            problem.scene.mesh,
+            problem.scene.expect_mesh(),
             [view.camera for view in views],
             initial_material(problem, options, albedo),
             torch.ones(rows, 2 * rows, 3),
@@ -52,6 +52,8 @@ class Loop:
         mi = self._scene.mi
         self._rays = max(1, round(problem.plan.samples / self._scene.samples_per_ray))
         self._images = [mi.TensorXf(np.ascontiguousarray(view.image, np.float32)) for view in views]
+        known = [None if view.valid is None else view.valid[..., None].repeat(3, -1).astype(np.float32) for view in views]
+        self._known = [None if valid is None else mi.TensorXf(valid) for valid in known]
         self._albedo = {view: mi.TensorXf(np.ascontiguousarray(image)) for view, image in (albedo or {}).items()}
         names = self._scene.names
         rates = {"albedo": options.albedo_rate, "roughness": options.roughness_rate}
@@ -73,7 +75,9 @@ class Loop:
         decay = options.final_rate ** (self.step / max(options.steps - 1, 1))
         self._optimizer.set_learning_rate({key: rate * decay for key, rate in self._rates.items()})
         rendered = self._scene.render(view, self._rays, seed=derive_seed(self._seed, self.step) % 2**32)
-        loss = dr.mean(dr.abs(self._tone_map(rendered) - self._tone_map(self._images[view])))
+        error, known = self._tone_map(rendered) - self._tone_map(self._images[view]), self._known[view]
+        above = dr.maximum(error, 0)  # which costs nothing where the photograph is a lower bound
+        loss = dr.mean(dr.maximum(-error, 0) + (above if known is None else known * above))
         if view in self._albedo:
             difference = self._srgb(self._scene.albedo(view)) - self._srgb(self._albedo[view])
             loss += options.albedo_weight * dr.mean(dr.abs(difference))

@@ -21,6 +21,7 @@ from ia_bench_baselines.neilfpp.settings import NeilfppOptions
 from ia_bench_baselines.neilfpp.shading import reflect, sphere_directions
 
 RATE_DROP = 0.2  # of the learning rate, after each third of the joint phase
+FULL_SAMPLES = 128  # of a quality for which all directions are drawn
 POINTS_AT_ONCE = 512  # of a render: each needs as many evaluations of the incident light as there are directions above it
 
 
@@ -37,7 +38,7 @@ class NeilfFit:
         self._pixels = TrainingPixels(problem)
         images = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]).to(problem.device)
         self._edges = scharr_edges(images).reshape(-1)[self._pixels.gbuffer.pixel[self._pixels.entries]]
-        vertices = torch.from_numpy(problem.scene.mesh.vertices)
+        vertices = torch.from_numpy(problem.scene.expect_mesh().vertices)
         corners = torch.stack([vertices.amin(0), vertices.amax(0)]).to(problem.device)
         generator = torch.Generator(device=problem.device).manual_seed(seed)
         self.neilf = Neilf(options, corners, float(self._pixels.radiance.median()), generator)
@@ -69,7 +70,7 @@ class NeilfFit:
 
     def _outgoing_error(self, points: SurfacePoints, chosen: Tensor) -> Tensor:
         seen = self.neilf.outgoing(self.neilf.local(points.position), points.view)
-        return (seen - self._pixels.radiance[chosen]).abs().mean() / BRIGHTEST
+        return (seen - self._pixels.target(chosen, seen)).abs().mean() / BRIGHTEST
 
     def _loss(self, generator: torch.Generator, *, held: bool) -> Tensor:
         """All of a step; ``held``: the surface light field is not trained."""
@@ -84,7 +85,7 @@ class NeilfFit:
         # ---- image ---------------------------------------------------------------------------------------------
         incident = neilf.incident(local.detach(), directions, point, direction)
         seen = reflect(points, material, directions, spread(incident, point, direction, len(points.normal), len(directions)))
-        loss = (seen - self._pixels.radiance[chosen]).abs().mean()
+        loss = (seen - self._pixels.target(chosen, seen)).abs().mean()
 
         # ---- light that comes from the object itself -----------------------------------------------------------
         some = torch.randint(len(point), (options.traced,), generator=generator, device=point.device)
@@ -115,7 +116,7 @@ def fit(problem: Problem, options: NeilfppOptions, *, seed: int, monitor: Monito
 def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -> ShadedReconstruction:
     """Textures of ``size`` that the reference renderer draws under novel lights, and the fields' own view synthesis.
 
-    ``directions``: over the sphere, for every few points of a render.
+    ``directions``: over the sphere, of every point of a render, few of which share them.
     """
     texels = bake(problem.stage, size, lambda position: torch.cat(neilf.material(neilf.local(position)), 1))
     colour, roughness, metallic = (part.contiguous() for part in texels.split((3, 1, 1), -1))
@@ -124,11 +125,12 @@ def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -
         if novel is not None:
             return None
         generator = torch.Generator(device=problem.device).manual_seed(quality.seed)
+        count = max(1, round(min(quality.samples / FULL_SAMPLES, 1) * directions))  # for a curve, fewer will do
 
         def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
             parts = torch.arange(len(points.normal), device=problem.device).split(POINTS_AT_ONCE)
             return torch.cat([
-                shade(neilf, part_of(points, part), sphere_directions(directions, generator), albedo_scale) for part in parts
+                shade(neilf, part_of(points, part), sphere_directions(count, generator), albedo_scale) for part in parts
             ])  # fmt: skip
 
         return radiance

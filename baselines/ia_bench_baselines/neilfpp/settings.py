@@ -20,7 +20,7 @@ class NeilfppOptions:
         pixels: In every step, from all training views.
         surface_light_pixels: In every step of the first phase, where a pixel is one evaluation of one network.
         directions: Of incident light over the whole sphere, shared by the pixels of a step; about half are above a horizon.
-        rendered_directions: The same, of view synthesis.
+        rendered_directions: The same, of view synthesis, for every point.
         traced: Pairs of a pixel and a direction whose ray is traced in every step for the trace loss.
         width: Channels of a hidden layer of both light fields.
         material_width: Channels of a hidden layer of the material's network.

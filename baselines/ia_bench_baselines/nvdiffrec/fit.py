@@ -43,7 +43,7 @@ def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Moni
         chosen = pixels.draw(options.pixels, generator)
         points, light = pixels.points(chosen), scene.light
         seen = _radiance(scene.textures(), PrefilteredLight(light), points).unflatten(0, (-1, side * side)).mean(1)
-        image = (tone_map(seen.clamp_min(0)) - tone_map(pixels.radiance[chosen])).abs().mean()
+        image = (tone_map(seen.clamp_min(0)) - tone_map(pixels.target(chosen, seen))).abs().mean()
         colour, material = scene.variation(points.uv, options.smooth_texels, generator)
         grey = (light - light.mean(-1, keepdim=True)).abs().mean()
         return image + options.smooth_colour * colour + options.smooth_material * material + options.grey_light * grey

@@ -18,7 +18,7 @@ class Nvdiffrec:
     Options: ClassVar[type] = NvdiffrecOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "smoke": {"steps": 60, "pixels": 512},
-        "full": {"steps": 12_000},
+        "full": {"steps": 6000},
         "paper": {"steps": 40_000},
     }
     info = MethodInfo(

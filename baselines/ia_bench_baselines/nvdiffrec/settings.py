@@ -26,7 +26,7 @@ class NvdiffrecOptions:
         checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
-    steps: Number = 3000
+    steps: Number = 1500
     pixels: Number = 4096
     material_rate: Rate = 0.03
     light_rate: Rate = 0.1

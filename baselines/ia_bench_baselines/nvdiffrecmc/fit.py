@@ -9,12 +9,12 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.two_stage.losses import tone_map
-from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.renderer import PixelRadiance
 from ia_bench_baselines.common.descent import Descent, Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.textured import TexturedScene
 from ia_bench_baselines.nvdiffrecmc.denoiser import Guides, denoise
+from ia_bench_baselines.nvdiffrecmc.reconstruction import DirectReconstruction
 from ia_bench_baselines.nvdiffrecmc.settings import NvdiffrecmcOptions
 
 LEAST = 0.01  # of the base colour, and of what is no metal: light is demodulated by their product
@@ -76,8 +76,9 @@ class Fit:
         matt, glossy = denoise(demodulated, self._guides(chosen, points.normal, points.position), sigma).split(3, -1)
 
         # ---- image and regularisers -----------------------------------------------------------------------------
-        target = self._pixels.radiance[chosen]
-        image = (tone_map((matt * colour + glossy).clamp_min(0)) - tone_map(target)).abs().mean()
+        seen = matt * colour + glossy
+        target = self._pixels.target(chosen, seen)
+        image = (tone_map(seen.clamp_min(0)) - tone_map(target)).abs().mean()
         brightness = (matt + glossy) @ torch.tensor(LUMA, device=target.device)
         monochrome = (tone_map(brightness.clamp_min(0)) - tone_map(target.amax(-1))).abs().mean()
         change, material = scene.variation(points.uv, options.smooth_texels, generator)
@@ -103,5 +104,5 @@ class Fit:
         depth = (position - buffer.origin[self._pixels.view[pixels]]).norm(dim=-1, keepdim=True)
         return Guides(place // width, place % width, normal, depth, (height, width))
 
-    def _recovered(self) -> TexturedReconstruction:
-        return TexturedReconstruction(self._problem.stage, self._scene.recovered(), self._scene.light.detach())
+    def _recovered(self) -> DirectReconstruction:
+        return DirectReconstruction(self._problem.stage, self._scene.recovered(), self._scene.light.detach())

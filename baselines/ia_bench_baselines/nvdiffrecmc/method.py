@@ -18,7 +18,7 @@ class Nvdiffrecmc:
     Options: ClassVar[type] = NvdiffrecmcOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         "smoke": {"steps": 30},
-        "full": {"steps": 5000},
+        "full": {"steps": 4000},
         "paper": {"steps": 35_000},
     }
     info = MethodInfo(

@@ -30,16 +30,16 @@ class NvdiffrecmcOptions:
     """
 
     steps: Number = 1000
-    samples: Number = 16
+    samples: Number = 32
     material_rate: Rate = 0.03
-    light_rate: Rate = 0.03
+    light_rate: Rate = 0.1
     final_rate: Positive = 0.05
     roughness_initial: Share = 0.5
     metallic_initial: Share = 0.1
     denoiser_width: NotNegative = 2.0
     denoiser_steps: Count = 500
     smooth_colour: Weight = 0.03
-    smooth_material: Weight = 0.03
+    smooth_material: Weight = 0.2
     smooth_texels: Positive = 1.0
     monochrome_light: Weight = 0.05
     light_uniform: Share = 0.2

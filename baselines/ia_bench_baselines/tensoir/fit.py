@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -16,6 +18,7 @@ from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
 from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment
 from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
+from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
 from ia_bench_baselines.tensoir.model import Tensoir
 from ia_bench_baselines.tensoir.settings import TensoirOptions
 from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
@@ -23,6 +26,8 @@ from ia_bench_baselines.tensoir.transport import arriving_light
 
 LAST_RATE = 0.1  # to which all learning rates fall over a phase of both heads
 NEARBY = 0.01  # standard deviation of the distance over which material is to be smooth; the object's box is 2 wide
+FULL_SAMPLES = 128  # of a quality for which all directions are drawn
+POINTS = 2  # along a side of a pixel of a render
 POINTS_AT_ONCE = 256  # of a render: each looks into as many directions as there are cells
 
 
@@ -37,8 +42,7 @@ class TensoirFit:
         """The model as it starts, drawn from ``seed``."""
         self._stage, self._options = problem.stage, options
         self._pixels = TrainingPixels(problem)
-        self._target = linear_to_srgb(self._pixels.radiance.clamp(max=1))  # the original takes images of 8 bits
-        vertices = torch.from_numpy(problem.scene.mesh.vertices)
+        vertices = torch.from_numpy(problem.scene.expect_mesh().vertices)
         corners = torch.stack([vertices.amin(0), vertices.amax(0)]).to(problem.device)
         self.model = Tensoir(options, corners, torch.Generator(device=problem.device).manual_seed(seed))
 
@@ -90,7 +94,8 @@ class TensoirFit:
 
     def _error(self, radiance: Tensor, chosen: Tensor) -> Tensor:
         """The mean squared error in sRGB of linear radiance (N, 3) of the chosen pixels."""
-        return (linear_to_srgb(radiance.clamp(0, 1)) - self._target[chosen]).square().mean()
+        target = self._pixels.target(chosen, radiance).clamp(0, 1)  # the original takes images of 8 bits
+        return (linear_to_srgb(radiance.clamp(0, 1)) - linear_to_srgb(target)).square().mean()
 
 
 def relative_change(first: Tensor, second: Tensor) -> Tensor:
@@ -129,6 +134,13 @@ def reconstruction(problem: Problem, model: Tensoir, size: int, options: Tensoir
         if novel is None and options.head == "radiance":
             return head
         light = lobes if novel is None else fit_light(novel, options.lobes).lobes
+        share = min(quality.samples / FULL_SAMPLES, 1)  # what is asked for in passing, as for a curve, is drawn with fewer
+        count = max(1, round(share * options.rendered_directions / POINTS**2))  # of a point
+        rows = max(1, round(math.sqrt(share) * options.rows))
+
+        def draw() -> tuple[Tensor, Tensor]:
+            return stratified_directions(rows, generator) if novel is None else draw_directions(light, count, generator)
+
         generator = torch.Generator(device=problem.device).manual_seed(quality.seed)
 
         def radiance(points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
@@ -138,7 +150,7 @@ def reconstruction(problem: Problem, model: Tensoir, size: int, options: Tensoir
                 local = model.local(some.position)
                 colour, rough = model.material(model.features(local), local)
                 colour = colour if albedo_scale is None else colour * albedo_scale.to(colour)
-                directions, solid_angles = stratified_directions(options.rendered_rows, generator)
+                directions, solid_angles = draw()
                 arriving = arriving_light(problem.stage.apart, some, directions, light, model if novel is None else None)
                 seen.append(reflect(some, colour, rough, directions, solid_angles, arriving))
             return torch.cat(seen)
@@ -152,4 +164,5 @@ def reconstruction(problem: Problem, model: Tensoir, size: int, options: Tensoir
         renderer=renderer if options.head == "brdf" else f"radiance head; {renderer} under novel lights",
         environment=SphericalGaussianEnvironment(lobes),
         shader=shader,
+        points=POINTS,
     )

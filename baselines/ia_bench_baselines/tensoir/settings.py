@@ -20,8 +20,9 @@ class TensoirOptions:
         fine_steps: Then steps of both on the fine one.
         radiance_pixels: In every step of the first phase, from all training views.
         pixels: In every later step.
-        rows: Of the lat-long grid in whose cells the directions of light are drawn, one a cell, twice as many columns.
-        rendered_rows: The same, of a render.
+        rows: Of the lat-long grid in whose cells the directions of light are drawn, one a cell, twice as many columns. Of steps,
+            and of every point of a render under the recovered light.
+        rendered_directions: Of a pixel of a render under a novel light, drawn in proportion to it; its points share them out.
         lobes: Spherical Gaussians of the light.
         coarse: Cells along a side of the tensor at first.
         fine: And in the last phase.
@@ -42,15 +43,15 @@ class TensoirOptions:
     radiance_pixels: Number = 2048
     pixels: Number = 256
     rows: Number = 16
-    rendered_rows: Number = 12
+    rendered_directions: Number = 512
     lobes: Number = 128
     coarse: Number = 64
     fine: Number = 128
     components: Number = 16
     tensor_rate: Rate = 0.02
     network_rate: Rate = 0.003
-    light_rate: Rate = 0.02
-    brdf_weight: Weight = 0.2
+    light_rate: Rate = 0.05
+    brdf_weight: Weight = 1.0
     smooth_weight: Weight = 0.001
     variation_weight: Weight = 0.005
     checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

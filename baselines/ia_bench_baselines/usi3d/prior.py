@@ -11,7 +11,7 @@ from ia_bench.priors.contract import PriorInfo
 from ia_bench_baselines.common.pictures import PicturePrior
 from ia_bench_baselines.usi3d.networks import AlbedoPath
 
-WEIGHTS = "2ee3326650b12916c779d92c0c42cf23edaaa3a4050cecc0c5efb518a92d160e"
+WEIGHTS = "9dacbfb1ce7a8d60dd611ab0d31a497f78489b3dc65d17e691aa8383785b6a91"
 """SHA-256 of the packaged weights. A run is known by its prior's code, so that runs with other weights are other runs."""
 
 

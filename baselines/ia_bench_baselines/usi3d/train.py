@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,11 +11,9 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Adam, Optimizer
 
-from ia_bench.common.arguments import read_arguments, settings_of
-from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import NotNegative, Number, Rate
-from ia_bench_baselines.common.training import RunSettings, initial_weights, run
+from ia_bench_baselines.common.training import RunSettings, initial_weights, run, training_command
 from ia_bench_baselines.usi3d.data import UnpairedImages
 from ia_bench_baselines.usi3d.losses import Domains, Weights, discriminator_loss, generator_losses, toward, translate
 from ia_bench_baselines.usi3d.networks import STYLE, AlbedoPath, Discriminator, ThreeDomains
@@ -147,25 +144,10 @@ class Training:
 
 def train(settings: Settings, progress: Progress) -> dict[str, Any]:
     """Train (or go on training) and return the best validation figures."""
-    if settings.threads is not None:
-        torch.set_num_threads(settings.threads)
     images = UnpairedImages(settings.data, settings.held_out)
     about = {"pictures": len(images), "settings": settings.identity()}
     return run(Training(settings, images), settings, about, progress)
 
 
-def usage() -> str:
-    """The help text, with every setting."""
-    settings = ((key, "(required)" if value is dataclasses.MISSING else value) for key, value in settings_of(Settings))
-    return USAGE + "\n".join(f"  {key:<28}{value}" for key, value in settings)
-
-
-def _train(arguments: Sequence[str]) -> int:
-    with Progress() as progress:
-        settings = read_arguments(Settings, arguments)
-        progress.note(f"best: {train(settings, progress)}; {settings.out / 'weights.safetensors'}")
-    return OK
-
-
 if __name__ == "__main__":
-    sys.exit(command(usage, _train, None))
+    sys.exit(training_command(Settings, USAGE, train))

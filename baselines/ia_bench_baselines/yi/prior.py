@@ -13,7 +13,7 @@ from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
 from ia_bench_baselines.common.pictures import PicturePrior
 from ia_bench_baselines.yi.networks import InverseRendering
 
-WEIGHTS = "76299d07ea467fbae54291a5601461ea16d3d5a83f49ada6be2d0d74a683b44d"
+WEIGHTS = "f9013f1d89c62aceaa610183dbca571dc1ca985f893a7d3950f315acb0a93fae"
 """SHA-256 of the packaged weights. A run is known by its prior's code, so that runs with other weights are other runs."""
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,13 +12,11 @@ from torch import Tensor
 from torch.nn import functional as F
 from torch.optim import Adam, Optimizer
 
-from ia_bench.common.arguments import read_arguments, settings_of
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number, Rate, Weight
 from ia_bench.priors.diffusion import encoding
-from ia_bench_baselines.common.training import RunSettings, initial_weights, masked_mean, run
+from ia_bench_baselines.common.training import RunSettings, initial_weights, masked_mean, run, training_command
 from ia_bench_baselines.yi.data import LIGHTS, load_objects
 from ia_bench_baselines.yi.losses import chromaticity, low_rank_loss, relative_distance
 from ia_bench_baselines.yi.networks import InverseRendering
@@ -167,25 +164,10 @@ class Training:
 
 def train(settings: Settings, progress: Progress) -> dict[str, Any]:
     """Train (or go on training) and return the best validation figures."""
-    if settings.threads is not None:
-        torch.set_num_threads(settings.threads)
     objects = load_objects(settings.data)
     about = {"objects": len(objects["image"]) - settings.held_out, "lights": LIGHTS, "settings": settings.identity()}
     return run(Training(settings, objects), settings, about, progress)
 
 
-def usage() -> str:
-    """The help text, with every setting."""
-    settings = ((key, "(required)" if value is dataclasses.MISSING else value) for key, value in settings_of(Settings))
-    return USAGE + "\n".join(f"  {key:<28}{value}" for key, value in settings)
-
-
-def _train(arguments: Sequence[str]) -> int:
-    with Progress() as progress:
-        settings = read_arguments(Settings, arguments)
-        progress.note(f"best: {train(settings, progress)}; {settings.out / 'weights.safetensors'}")
-    return OK
-
-
 if __name__ == "__main__":
-    sys.exit(command(usage, _train, None))
+    sys.exit(training_command(Settings, USAGE, train))
