@@ -9,11 +9,13 @@ DATASETS ?= results/datasets$(SIZE:%=-%)
 ARGS ?=
 PY := .venv/bin/python
 BLENDER := .venv-blender/bin/python
+DOCS := .venv-docs/bin/python
 READY := .venv/.ready
+DOCS_READY := .venv-docs/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-ray table report test test-slow verify stability stiffness work-precision lint scenes prior-data clean
+.PHONY: help setup setup-ray table report test test-slow verify stability stiffness work-precision lint docs scenes prior-data clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -62,6 +64,15 @@ lint: setup ## ruff, mypy, import contracts
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 	cd baselines && ../.venv/bin/lint-imports
+
+docs: $(DOCS_READY) ## every document as a site, results/docs/index.html; fails on a broken link
+	NO_MKDOCS_2_WARNING=1 $(DOCS) docs/site/build.py
+
+# The pages are made from the sources without importing them, hence a small environment of their own.
+$(DOCS_READY): docs/site/requirements.txt
+	$(PYTHON) -m venv --clear .venv-docs
+	.venv-docs/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
+	touch $@
 
 # Without SIZE the recipe's own, which is another one for `tiny`.
 scenes: $(BLENDER_READY) ## render the shipped scenes again, below results/ (SIZE=512 SCENES="hat ship" DATASETS=FOLDER)

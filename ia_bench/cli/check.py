@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -16,8 +17,8 @@ from ia_bench.common.exit_codes import FAULT, OK, command
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import method_of
-from ia_bench.runs.scene import open_scene, read_scene
+from ia_bench.runs.config import method_of, slug
+from ia_bench.runs.scene import captured_scene, open_scene
 
 if TYPE_CHECKING:
     from ia_bench.checks.finding import Finding
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 USAGE = """\
 python -m ia_bench.check prior=NAME [prior.options.KEY=VALUE ...] [--json]
 python -m ia_bench.check method=NAME [method.options.KEY=VALUE ...] [--json]
-python -m ia_bench.check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE ...] [--json]
+python -m ia_bench.check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE ...] [sheet=FILE.png] [--json]
 
 Checks that a plugin keeps its contract. NAME is one of those below, or module:Class.
 
@@ -38,7 +39,9 @@ ranges, determinism, seeds, guidance, wrong input.
 A method reconstructs tiny (scene=NAME or scene.path=FOLDER: another one) with preset=smoke: whether it sees no truth, repeats
 and resumes to the bit, predicts what it says it does, and is scored. prior=NAME gives it one to ask.
 
-A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; and what of it will be scored.
+A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; what was found, what is missing and what
+will be scored. A picture of it all, cameras around the mesh and photographs with its outline, is written to sheet=FILE.png
+(runs/SCENE/contact_sheet.png): look at it first.
 
 Priors
 {prior}
@@ -53,7 +56,7 @@ MARKS = {"pass": ("✓", "green"), "fail": ("✗", "red"), "skip": ("-", "bright
 ASCII_MARKS = {"pass": "ok", "fail": "FAIL", "skip": "skip"}
 SETTINGS = {
     "method": ("method", "prior", "scene", "reader", "render", "preset", "threads"),
-    "reader": ("reader", "scene"),
+    "reader": ("reader", "scene", "sheet"),
     "prior": ("prior",),
 }
 """What may be set of a check, by what is checked; the first of these that is named on the command line."""
@@ -127,7 +130,7 @@ def _check_method(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     from ia_bench.methods.books import Books
     from ia_bench.runs.run import problem_of
 
-    scene, info = read_scene(config.scene, config.reader, truth=True), method_of(config).info
+    scene, info = captured_scene(config, lambda _: None), method_of(config).info
 
     def make_problem(scene: Scene) -> Problem:
         return problem_of(config, scene, info, note=lambda _: None, books=Books())
@@ -139,13 +142,15 @@ def _check_method(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
 def _check_reader(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     from ia_bench.checks.readers import check_reader
 
-    config = compose(arguments)
+    sheet = next((text.partition("=")[2] for text in arguments if text.startswith("sheet=")), None)
+    config = compose([text for text in arguments if not text.startswith("sheet=")])
 
     def make() -> SceneReader:
         return open_scene(config.scene, config.reader)
 
     make()
-    return f"reader {config.reader.name} ({config.reader.target}) on scene {config.scene.name}", check_reader(make)
+    place = Path(sheet) if sheet else Path("runs", slug(config.scene.name), "contact_sheet.png")
+    return f"reader {config.reader.name} ({config.reader.target}) on scene {config.scene.name}", check_reader(make, place)
 
 
 CHECKS: dict[str, Callable[[Sequence[str]], tuple[str, Iterable[Finding]]]] = {

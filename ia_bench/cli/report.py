@@ -11,46 +11,84 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
 from ia_bench.report.collect import find_run_folders
+from ia_bench.report.published import read_published
+from ia_bench.report.site.against import changes, former_runs
+from ia_bench.report.site.content import RowTexts, Sources
+from ia_bench.report.site.gallery import Gallery
+from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.texts import markdown_block
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.table import Table, load_table
+
+PAGE = "page"
+"""The folder below a report's that holds its page."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="python -m ia_bench.cli.report", description=__doc__, allow_abbrev=False)
-    parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders that are searched for run folders")
+    parser.add_argument(
+        "runs",
+        nargs="+",
+        type=Path,
+        metavar="RUNS",
+        help="folders that are searched for run folders, or a former report's runs.csv",
+    )
     parser.add_argument("--out", type=Path, required=True, help="folder to write into")
     parser.add_argument("--table", help="a table of conf/table: order of rows and scenes, reference, claims")
     parser.add_argument("--reference", help="the row that the others are compared with (default: the table's)")
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="a former report: the page says what changed since")
     wanted = parser.parse_args(arguments)
     return status_of(lambda: _report(wanted))
 
 
 def _report(wanted: argparse.Namespace) -> int:
-    for folder in wanted.runs:
+    folders = [path for path in wanted.runs if path.suffix != ".csv"]
+    for folder in folders:
         if not folder.is_dir():
             raise InputError(f"{folder}: expected a folder with runs, found none")
     table = load_table(wanted.table) if wanted.table else Table()
+    former = None if wanted.against is None else former_runs(wanted.against)
     make_writable(wanted.out, "--out")
     try:
         report = write_report(
-            find_run_folders(*wanted.runs),
+            find_run_folders(*folders),
             wanted.out,
             [row.name for row in table.rows],
             scenes_order=table.scenes,
             reference=wanted.reference or table.reference,
             claims=table.claims,
             papers=table.papers,
+            published=[run for path in wanted.runs if path not in folders for run in read_published(path)],
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    tell(report, table)
+    page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, former)
+    tell(report, table, page)
     return OK
 
 
-def tell(report: Report, table: Table) -> None:
+def write_report_page(report: Report, table: Table, out: Path, name: str, former: Path | None = None) -> Path:
+    """Write the page of a report below ``out`` and return its index.html; ``former``: the runs.csv of an earlier report."""
+    found = report.findings
+    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.rows}
+    since = None if former is None else changes(former, found.runs, found.rows, found.scenes)
+    return write_page(Sources(found, f"Table: {name}", texts, since), out / PAGE, _pictures(report, out / PAGE / PARTS))
+
+
+def _pictures(report: Report, parts: Path) -> Gallery:
+    """Draw what the runs have exported, where any has."""
+    if not any((run.folder / "albedo.exr").is_file() for run in report.findings.runs):
+        return Gallery()
+    from ia_bench.report.site.pictures.store import hang  # brings in torch
+
+    with Progress() as progress:
+        return hang(report.findings.runs, parts, progress.note)
+
+
+def tell(report: Report, table: Table, page: Path) -> None:
     """Print the means over scenes, what a reader has to know of the rows, and where the files are."""
     findings = report.findings
     lines = [
@@ -60,6 +98,7 @@ def tell(report: Report, table: Table) -> None:
         *(f"{row.name}: {row.note}" for row in table.rows if row.note),
         "",
         *map(str, report.files),
+        f"{page} opens in a browser",
     ]
     say("\n".join(lines), sys.stdout)
 

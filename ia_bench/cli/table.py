@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_table(request: Request) -> int:
     """Run every cell, write the report, print the table and where the files are."""
-    from ia_bench.cli.report import tell  # brings in pandas
+    from ia_bench.cli.report import tell, write_report_page  # brings in pandas
     from ia_bench.report.table import counterparts
     from ia_bench.report.write import write_report
 
@@ -100,7 +100,7 @@ def make_table(request: Request) -> int:
         claims=table.claims,
         papers=table.papers,
     )
-    tell(report, table)
+    tell(report, table, write_report_page(report, table, results, request.table))
     say("\n".join(map(str, _write_pictures(table.pictured, cells, results))), sys.stdout)
     wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])
     for line in wrong:

@@ -11,6 +11,7 @@ from ia_bench.common.paths import conf_folder
 GROUPS = {
     "scene": "what is reconstructed (or scene.path=FOLDER, a scene of your own)",
     "reader": "the format of the scene's files (or module:Class)",
+    "capture": "what of it is left out",
     "prior": "what is known of albedo and specular shading beforehand (or module:Class)",
     "method": "who reconstructs (or module:Class)",
     "preset": "how much work",

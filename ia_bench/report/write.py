@@ -41,6 +41,7 @@ def write_report(
     reference: str | None = None,
     claims: Sequence[Claim] = (),
     papers: Mapping[str, str] | None = None,
+    published: Iterable[Run] = (),
 ) -> Report:
     """Write the report of run folders into ``out``.
 
@@ -55,12 +56,13 @@ def write_report(
         reference: The row that all others are compared with.
         claims: Orderings to judge.
         papers: Row -> the row of the paper's table that it stands for.
+        published: Runs of former reports that stand beside them; they have no curves.
 
     Raises:
-        ValueError: Where there is no run, two folders hold the same cell, ``reference`` or a row of ``claims`` is no row,
+        ValueError: Where there is no run, two of them hold the same cell, ``reference`` or a row of ``claims`` is no row,
             a claim is about an unknown metric, or the paper has no such row.
     """
-    collection = collect(folders)
+    collection = collect(folders, published)
     if not collection.runs:
         problems = [why for _, why in collection.unreadable]
         raise ValueError("; ".join(["expected at least one run's metrics.json, found none", *problems]))

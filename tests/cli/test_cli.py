@@ -185,7 +185,7 @@ def test_one_bad_job_takes_no_other_with_it(workplace: Path, capfd: pytest.Captu
 
 @pytest.mark.slow
 def test_installation_works_from_any_folder(tmp_path: Path) -> None:
-    """`pip install .` into an empty environment; the dependencies are borrowed from this one, so nothing is loaded."""
+    """Wheels of both distributions in an empty environment; the dependencies are borrowed from this one, so nothing is loaded."""
     borrowed = next(path for path in sys.path if path.endswith("site-packages"))
     environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "FAKE_LOG")}
     python = tmp_path / "venv" / "bin" / "python"
@@ -197,8 +197,9 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     shutil.copytree(HERE.parents[1] / "conf", source / "conf")
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(HERE.parents[1] / name, source)
-    pip = [python, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index", "--quiet", source]
-    subprocess.run(pip, check=True, env=environment)
+    shutil.copytree(HERE.parents[1] / "baselines", source / "baselines")
+    pip = [python, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
+    subprocess.run([*pip, source, source / "baselines"], check=True, env=environment)
     shutil.rmtree(source)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -214,6 +215,11 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     decomposed = subprocess.run([python, "-m", "ia_bench.decompose", "photo.png", "--samples", "1", "--out", "parts"], **run)
     assert decomposed.returncode == 0, decomposed.stderr  # the weights are in the package
     assert (elsewhere / "parts/photo_albedo.exr").is_file()
+    environment["IA_BENCH_DATASETS"] = str(HERE.parents[1] / "datasets")
+    smoke = ["scene=tiny", "preset=smoke", "device=cpu", "out=result"]
+    done = subprocess.run([python, "-m", "ia_bench", "method=nvdiffrec", *smoke], **run)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((elsewhere / "result" / "metrics.json").read_text())["status"] == "ok"
     del environment["IA_BENCH_DATASETS"]
     without = subprocess.run([python, "-m", "ia_bench", "device=cpu"], **run)
     assert without.returncode == 2

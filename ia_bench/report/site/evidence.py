@@ -1,0 +1,145 @@
+"""Where a number comes from: the command that makes its run, its configuration, hashes, machine and commit."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
+from ia_bench.report.collect import Run
+from ia_bench.runs.composition import compose
+from ia_bench.runs.folder import CONFIG
+from ia_bench.runs.identity import identity
+from ia_bench.runs.metrics import METRICS
+
+Settings = dict[str, Any]
+"""Dotted name -> value, a JSON type."""
+
+SETTABLE = ("render.", "method.options.", "prior.options.", "prior.supervision.", "reader.options.", "device", "threads")
+"""What begins the names that a command line may set, of those that decide a run."""
+WITHOUT_PATHS = ("content ",)
+"""What begins a value that stands for a file's content: no command line can give it."""
+DIGITS = 12  # of a file's checksum
+MACHINE = ("cpu", "cores", "threads", "device", "system", "python", "commit")
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a run folder says of how its numbers came about.
+
+    Attributes:
+        settings: The configuration, flat; empty where the folder holds none.
+        environment: Machine, versions and commit, flat.
+        files: Name -> the first digits of the SHA-256 of what the run wrote.
+        renderer: Who drew the pictures that were scored.
+        scales: The factors that aligned the albedo, None where there are none.
+    """
+
+    settings: Settings = field(default_factory=dict)
+    environment: Settings = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
+    renderer: str = ""
+    scales: list[float] | None = None
+
+
+def evidence_of(run: Run) -> Evidence:
+    """Read the run's folder again; what it lacks is left empty, as of a run that only a runs.csv knows."""
+    config, metrics = _read(run.folder / CONFIG), _read(run.folder / METRICS)
+    if metrics.get("row") != run.row and metrics.get("config_hash") != run.about.get("config_hash"):
+        config, metrics = {}, {}  # the folder is that of a report, not of this run
+    environment = metrics.get("environment", {})
+    machine = {key: environment[key] for key in MACHINE if environment.get(key) is not None}
+    versions = {f"packages.{name}": version for name, version in environment.get("packages", {}).items() if version}
+    scales = metrics.get("albedo_scales", {}).get(metrics.get("protocol_description", {}).get("alignment", ""))
+    return Evidence(
+        settings=flat(config.get("config", {})),
+        environment=machine | versions,
+        files={name: digest[:DIGITS] for name, digest in metrics.get("files", {}).items()},
+        renderer=str(metrics.get("renderer", "")),
+        scales=scales,
+    )
+
+
+def flat(table: Mapping[str, Any], prefix: str = "") -> Settings:
+    """Nested tables as one with dotted names; an empty one stays as it is."""
+    found: Settings = {}
+    for key, value in table.items():
+        name = f"{prefix}{key}"
+        found |= flat(value, f"{name}.") if isinstance(value, Mapping) and value else {name: value}
+    return found
+
+
+def common(tables: Iterable[Settings]) -> Settings:
+    """What most tables that have a name say of it: told once, so that each table need only tell how it differs."""
+    counts: dict[str, Counter[str]] = {}
+    values: dict[str, Any] = {}
+    total = 0
+    for table in tables:
+        total += 1
+        for name, value in table.items():
+            counts.setdefault(name, Counter())[repr(value)] += 1
+            values.setdefault(f"{name}={value!r}", value)
+    return {
+        name: values[f"{name}={counted.most_common(1)[0][0]}"]
+        for name, counted in counts.items()
+        if 2 * counted.most_common(1)[0][1] > total
+    }
+
+
+class Commands:
+    """Writes the command line of a run, which gives its configuration again."""
+
+    def __init__(self, overrides: Mapping[str, Sequence[str]]) -> None:
+        """``overrides``: row -> the overrides that make it; a row without any is told by its method and its prior."""
+        self._overrides = overrides
+        self._composed: dict[tuple[str, ...], Settings] = {}
+
+    def of(self, run: Run, settings: Settings) -> tuple[str, str] | None:
+        """What stands before and after the scene and the seed; what the row's own overrides leave different is set one by one.
+
+        None where the configuration is unknown, or names something that this installation has not got.
+        """
+        chosen = list(self._overrides.get(run.row, ()))
+        if not chosen and settings:
+            chosen = [f"{kind}={settings[f'{kind}.name']}" for kind in ("method", "prior") if f"{kind}.name" in settings]
+        try:
+            usual = self._settings(tuple(chosen)) if settings else {}
+        except InputError:
+            return None
+        if not chosen:
+            return None
+        own = [f"{name}={_text(value)}" for name, value in settings.items() if _settable(name, value) and usual.get(name) != value]
+        before = " ".join(["python -m ia_bench", *map(shlex.quote, chosen)])
+        return before, "".join(f" {shlex.quote(word)}" for word in (f"row={_quoted(run.row)}", *own))
+
+    def _settings(self, overrides: tuple[str, ...]) -> Settings:
+        if overrides not in self._composed:
+            self._composed[overrides] = flat(identity(compose(overrides, here=False)))
+        return self._composed[overrides]
+
+
+def _settable(name: str, value: object) -> bool:
+    return name.startswith(SETTABLE) and not (isinstance(value, str) and value.startswith(WITHOUT_PATHS))
+
+
+def _text(value: object) -> str:
+    """A value as Hydra's command line has it."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    return _quoted(value) if isinstance(value, str) and not value.replace("_", "").isalnum() else str(value)
+
+
+def _quoted(text: str) -> str:
+    return text if text.replace("_", "").isalnum() else "'" + text.replace("'", "\\'") + "'"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return read_json(path)
+    except InputError:
+        return {}

@@ -1,0 +1,161 @@
+"""Draw what the page shows of one scene: its truth, and what runs recovered of it, always by the reference renderer.
+
+Every picture is cut out around the object, at one exposure per light, which is the truth's. Errors are those that the protocol
+measures: encoded values clipped to [0, 1], divided by coverage, inside the true mask.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.material.textures import Material
+from ia_bench.render.reconstruction import Quality, TexturedReconstruction
+from ia_bench.render.stage import Stage
+from ia_bench.report.panels import GREY, exposure, extent, light_exposure, light_map, on_grey, unmultiplied
+from ia_bench.runs.recovered import Recovered
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.images import Images
+from ia_bench.scenes.scene import Scene, View
+
+QUALITY = Quality(points=2, samples=64)
+MAP_POINTS = 2
+TURNS = 16  # pictures of a light that goes round the object once
+VIEW_STRIDE, RELIT_STRIDE = 2, 4  # of the novel views, every second is shown under the training light, every fourth under others
+VERSION = 1
+"""Part of what a drawing is known by; raised when a change of the code changes pictures of unchanged runs."""
+
+
+@dataclass
+class Pictures:
+    """What is shown of the truth or of one run.
+
+    Attributes:
+        sheets: Name -> pictures (S, S, 3) in [0, 1], encoded for a display, over grey; "light" is (H, 2 H, 3).
+        values: Name -> what is compared with the truth, (S, S, C) encoded and clipped, of the same views.
+    """
+
+    sheets: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    values: dict[str, list[np.ndarray]] = field(default_factory=dict)
+
+
+class Easel:
+    """One scene, traced once, and the views of it that are drawn."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Raises InputError for a scene without truth that could be compared: no light, no test view with its albedo."""
+        truth = scene.truth
+        if scene.mesh is None or truth is None or "train" not in truth.lights:
+            raise InputError(f"{scene.source}: expected a mesh and the true light of its photographs")
+        self.test = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
+        self.lights = [
+            name for name in dict.fromkeys(view.light for view in scene.novel) if name != "train" and name in truth.lights
+        ]
+        self.views = [view for view in scene.novel if view.light == "train"][::VIEW_STRIDE]
+        self.relit = {name: [view for view in scene.novel if view.light == name][::RELIT_STRIDE] for name in self.lights}
+        if not self.test or not self.lights:
+            raise InputError(f"{scene.source}: expected test views with true albedo and roughness, and a novel light")
+        novel = [view for name in self.lights for view in self.relit[name]]
+        self.turned = self.relit[self.lights[0]][len(self.relit[self.lights[0]]) // 2]
+        self._side = max(extent(view.mask) for view in (*self.test, *self.views, *novel))
+        self.scene, self._truth = scene, truth
+        self._stage = Stage(scene.mesh, torch.device("cpu"))
+        self._gains = {name: _gain(views) for name, views in {"train": (*self.views, *self.test), **self.relit}.items() if views}
+        self.masks = {
+            "albedo": self._masks(self.test),
+            "roughness": self._masks(self.test),
+            "view": self._masks(self.views),
+            "relit": self._masks(novel),
+        }
+
+    def truth(self) -> Pictures:
+        """The photographs and the truth behind them; the turning light shows the true textures."""
+        pictures = Pictures()
+        self._add(pictures, "photograph", self.test, _of(self.test, "image"), self._gains["train"])
+        self._add_maps(pictures, _of(self.test, "albedo"), _of(self.test, "roughness"), None)
+        self._add(pictures, "view", self.views, _of(self.views, "image"), self._gains["train"])
+        for light, views in self.relit.items():
+            self._add(pictures, "relit", views, _of(views, "image"), self._gains[light])
+        textures = self._truth.albedo, self._truth.roughness
+        if textures[0] is not None and textures[1] is not None:
+            material = Material(torch.from_numpy(textures[0]).float(), torch.from_numpy(textures[1]).float()[..., None])
+            self._add_turns(pictures, TexturedReconstruction(self._stage, material, None), None)
+        pictures.sheets["light"] = [light_map(self._truth.lights["train"], light_exposure(self._truth.lights["train"]))]
+        return pictures
+
+    def recovered(self, run: Recovered) -> Pictures:
+        """The same of a run: its albedo also aligned as its scores were, relit with the aligned one."""
+        found, pictures = run.reconstruction(self._stage), Pictures()
+        maps = found.maps([view.camera for view in self.test], ("albedo", "roughness"), points=MAP_POINTS)
+        self._add_maps(pictures, maps["albedo"], maps["roughness"], run.scale.numpy())
+        self._add(pictures, "view", self.views, self._drawn(found, self.views, None, None), self._gains["train"])
+        for light, views in self.relit.items():
+            drawn = self._drawn(found, views, LatLongEnvironment(torch.from_numpy(self._truth.lights[light])), run.scale)
+            self._add(pictures, "relit", views, drawn, self._gains[light])
+        self._add_turns(pictures, found, run.scale)
+        if found.environment is not None:
+            true_light = self._truth.lights["train"]
+            radiance = found.environment.latlong(true_light.shape[0]) / run.scale
+            pictures.sheets["light"] = [light_map(radiance.numpy(), light_exposure(true_light))]
+        return pictures
+
+    def _add_maps(self, pictures: Pictures, albedo: Images, roughness: Images, scale: np.ndarray | None) -> None:
+        self._add(pictures, "albedo", self.test, albedo, 1.0)
+        if scale is not None:
+            aligned = Images(tuple(scale * image for image in albedo.images), albedo.coverage)
+            self._add(pictures, "aligned", self.test, aligned, 1.0)
+        for view, image, coverage in zip(self.test, roughness.images, roughness.coverage, strict=True):
+            self._put(pictures, "roughness", view, unmultiplied(image[..., None], coverage), None, coverage)
+
+    def _add_turns(self, pictures: Pictures, found: TexturedReconstruction, scale: torch.Tensor | None) -> None:
+        view, light = self.turned, self._truth.lights[self.lights[0]]
+        for turn in range(TURNS):
+            turned = np.roll(light, round(turn * light.shape[1] / TURNS), axis=1)
+            drawn = self._drawn(found, [view], LatLongEnvironment(torch.from_numpy(turned)), scale)
+            self._add(pictures, "turned", [view], drawn, self._gains[self.lights[0]])
+
+    def _drawn(
+        self, found: TexturedReconstruction, views: Sequence[View], light: LatLongEnvironment | None, scale: torch.Tensor | None
+    ) -> Images:
+        drawn = found.render([view.camera for view in views], light=light, albedo_scale=scale, quality=QUALITY)
+        assert drawn is not None
+        return drawn
+
+    def _add(self, pictures: Pictures, name: str, views: Sequence[View], images: Images, gain: float) -> None:
+        for view, image, coverage in zip(views, images.images, images.coverage, strict=True):
+            values = linear_to_srgb(unmultiplied(image, coverage))
+            shown = values if gain == 1 else linear_to_srgb(unmultiplied(gain * image, coverage))
+            self._put(pictures, name, view, values, shown, coverage)
+
+    def _put(
+        self, pictures: Pictures, name: str, view: View, values: np.ndarray, shown: np.ndarray | None, coverage: np.ndarray
+    ) -> None:
+        """Add one view to a sheet; roughness has no encoding and is ``shown`` as it is."""
+        picture = on_grey(values if shown is None else shown, coverage)
+        pictures.sheets.setdefault(name, []).append(self._cut(picture, view, GREY))
+        pictures.values.setdefault(name, []).append(self._cut(values, view))
+
+    def _masks(self, views: Sequence[View]) -> list[np.ndarray]:
+        return [self._cut(view.mask[..., None] > 0.5, view)[..., 0] for view in views]
+
+    def _cut(self, picture: np.ndarray, view: View, beyond: float = 0.0) -> np.ndarray:
+        """The square around the object of one view."""
+        side = self._side
+        padded = np.pad(picture, ((side, side), (side, side), (0, 0)), constant_values=beyond)
+        starts = [(found.min() + found.max() + 1 - side) // 2 + side if len(found) else side for found in np.nonzero(view.mask > 0)]
+        return padded[starts[0] : starts[0] + side, starts[1] : starts[1] + side]
+
+
+def _of(views: Sequence[View], name: str) -> Images:
+    return Images(tuple(getattr(view, name) for view in views), tuple(view.mask for view in views))
+
+
+def _gain(views: Sequence[View]) -> float:
+    """One exposure for views of one light, which may differ in size."""
+    images = np.concatenate([view.image.reshape(-1, 3) for view in views])
+    return exposure(images[None], np.concatenate([view.mask.reshape(-1) for view in views])[None])

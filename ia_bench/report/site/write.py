@@ -1,0 +1,96 @@
+"""Write the page: one folder with index.html, which holds text, numbers, style and scripts, and the parts that load late."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from functools import cache
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.report.site import content, definitions
+from ia_bench.report.site.gallery import Gallery
+from ia_bench.scores.columns import METRICS
+
+INDEX = "index.html"
+PARTS = "parts"
+VIEWER = "model-viewer-umd.min.js"
+PICTURES = "pictures.js"
+STYLES = ("vendor/uPlot.min.css", "vendor/img-comparison-slider.css", "assets/page.css", "assets/parts.css", "assets/print.css")
+SCRIPT_NAMES = (
+    *("common", "theme", "tips", "table", "copy", "evidence", "levels", "curves"),
+    *("parts", "heat", "look", "relight", "turn"),
+)
+SCRIPTS = (
+    "vendor/uPlot.iife.min.js",
+    "vendor/img-comparison-slider.js",
+    *(f"assets/{name}.js" for name in SCRIPT_NAMES),
+)
+
+
+def write_page(sources: content.Sources, folder: Path, gallery: Gallery | None = None) -> Path:
+    """Write the page into ``folder`` and return its index.html; the same runs give the same bytes.
+
+    ``gallery``: the pictures that :func:`ia_bench.report.site.pictures.store.hang` has drawn into its folder PARTS.
+    """
+    gallery = gallery or Gallery()
+    folder.mkdir(parents=True, exist_ok=True)
+    text = _page(sources, content.data(sources, folder), gallery)
+    if gallery.scenes:
+        viewer = gzip.decompress(_resource(f"vendor/{VIEWER}.gz").read_bytes())
+        described = f"window.benchPictures={_json(gallery.scenes)};\n".encode()
+        for name, part in {VIEWER: viewer, PICTURES: described}.items():
+            with whole_file(folder / PARTS / name) as partial:
+                partial.write_bytes(part)
+    with whole_file(folder / INDEX) as partial:
+        partial.write_text(text, encoding="utf-8")
+    return folder / INDEX
+
+
+def _page(sources: content.Sources, data: dict[str, Any], gallery: Gallery) -> str:
+    text = (
+        _templates()
+        .get_template("page.html.j2")
+        .render(
+            sources=sources,
+            gallery=gallery,
+            findings=sources.findings,
+            scopes=content.scopes(sources.findings),
+            metrics=METRICS,
+            is_headline=content.is_headline,
+            rows={row["name"]: row for row in data["rows"]},
+            definitions=definitions,
+            data=_json(data),
+            styles=[_part(name) for name in STYLES],
+            scripts=[_part(name) for name in SCRIPTS],
+        )
+    )
+    return re.sub(r"\n\s+(?=<)", "\n", text)  # the indentation of the templates
+
+
+def _json(data: dict[str, Any]) -> Markup:
+    """JSON that may stand in a script element: whatever texts it holds, none ends the element."""
+    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
+
+
+def _part(name: str) -> Markup:
+    text = _resource(name).read_text(encoding="utf-8")
+    return Markup(text.replace("</script", "<\\/script"))
+
+
+def _resource(name: str) -> Traversable:
+    return resources.files("ia_bench.report.site").joinpath(name)
+
+
+@cache
+def _templates() -> Environment:
+    loader = PackageLoader("ia_bench.report.site")
+    return Environment(trim_blocks=True, lstrip_blocks=True, autoescape=True, undefined=StrictUndefined, loader=loader)

@@ -1,0 +1,136 @@
+"""What the page says, against the run folders that it is made from; no browser is needed."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from ia_bench.cli.report import main
+from ia_bench.common.errors import InputError
+from ia_bench.report.collect import Collection, collect, find_run_folders
+from ia_bench.report.findings import analyse
+from ia_bench.report.published import read_published
+from ia_bench.report.site.against import changes, former_runs
+from ia_bench.report.site.content import MEAN, Sources, scopes
+from ia_bench.report.site.evidence import Commands, common, flat
+from ia_bench.report.site.write import write_page
+from ia_bench.report.write import write_report
+from ia_bench.runs.composition import compose
+from ia_bench.runs.identity import config_hash, identity
+
+Write = Callable[..., Path]
+CURVE = "stage1,0,1,10,10,10,10,0.1\nstage1,50,5,16,16,16,16,0.05\n"
+
+
+@pytest.fixture
+def folders(write_run: Write) -> list[Path]:
+    """Floor at 10, ceiling at 30, ``none`` at 15 and 20, ``ours`` at 20 to 27 with two seeds and one failure."""
+    made = []
+    for scene, ours in (("hat", 20.0), ("ship", 26.0)):
+        made += [write_run("ceiling", scene, psnr=30.0, sees_truth=True), write_run("constant", scene, psnr=10.0, sees_truth=True)]
+        made += [write_run("none", scene, seed, psnr=15.0 if scene == "hat" else 20.0, curve=CURVE) for seed in (0, 1)]
+        made += [write_run("ours", scene, seed, psnr=ours + seed, curve=CURVE) for seed in (0, 1)]
+    return [*made, write_run("ours", "hat", 2, status="failed", error="</script><b>not finite</b>")]
+
+
+def page_data(page: Path) -> dict:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text(encoding="utf-8"), re.DOTALL)
+    assert found
+    return json.loads(found[1])
+
+
+def test_bars_are_the_share_of_the_headroom(folders: list[Path]) -> None:
+    tables = {scope.name: scope for scope in scopes(analyse(collect(folders), (), (), None))}
+    assert list(tables) == [MEAN, "hat", "ship"]
+    shares = {line.row: numbers[0].share for line, numbers in tables["hat"].lines}
+    assert shares == {"ceiling": 100.0, "constant": 0.0, "none": 25.0, "ours": 52.5}  # (20.5 - 10) / (30 - 10)
+    means = {line.row: numbers[0].share for line, numbers in tables[MEAN].lines}
+    assert means["ours"] == pytest.approx(100 * ((20.5 + 26.5) / 2 - 10) / 20)
+
+
+def test_the_leader_sees_no_truth_and_its_lead_is_taken_seed_by_seed(folders: list[Path]) -> None:
+    ship = scopes(analyse(collect(folders), (), (), None))[2]
+    first = ship.leaders[0]
+    assert (first.row, first.second, first.value.mean) == ("ours", "none", 26.5)
+    assert first.lead.pairs == {"ship": {0: 6.0, 1: 7.0}}
+    assert first.sure == "decided over seeds"  # 6.5 +- 12.7 * .707 / sqrt 2 = 6.35
+
+
+def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: Path) -> None:
+    page = write_page(Sources(analyse(collect(folders), (), (), None), "<i>title</i>"), tmp_path / "page")
+    text = page.read_text(encoding="utf-8")
+    assert "<b>not finite" not in text
+    assert "<i>title" not in text
+    assert [run["problem"] for run in page_data(page)["runs"] if "problem" in run] == ["</script><b>not finite</b>"]
+
+
+def test_the_same_runs_give_the_same_bytes_and_no_address_to_fetch(folders: list[Path], tmp_path: Path) -> None:
+    found = analyse(collect(folders), (), (), None)
+    first, second = (write_page(Sources(found, "t"), tmp_path / "page").read_bytes() for _ in range(2))
+    assert first == second
+    assert not re.search(rb'(?:src|href)="(?:https?:)?//', first)
+    assert b"url(http" not in first
+
+
+def test_common_settings_are_told_once() -> None:
+    assert flat({"a": {"b": 1, "c": {}}, "d": [2]}) == {"a.b": 1, "a.c": {}, "d": [2]}
+    assert common([{"x": 1, "y": 1}, {"x": 1, "y": 2}, {"x": 1, "y": 3}, {"x": 2}]) == {"x": 1}
+
+
+@pytest.mark.parametrize("overrides", [("prior=none",), ("prior=oracle", "fit.stage1_steps=7", "render.samples=16")])
+@pytest.mark.parametrize("known", [True, False])
+def test_the_command_gives_the_configuration_again(overrides: tuple[str, ...], known: bool, write_run: Write) -> None:
+    """With the row's overrides known, and from the run folder alone."""
+    config = compose([*overrides, "scene=tiny", "seed=3", "row=mine, or so".replace(", ", " ")], here=False)
+    settings = flat(identity(config))
+    run = collect([write_run("mine or so", "tiny", 3)]).runs[0]
+    command = Commands({"mine or so": overrides[:1]} if known else {}).of(run, settings)
+    assert command is not None
+    words = shlex.split(f"{command[0]} scene=tiny seed=3{command[1]}")
+    assert words[:3] == ["python", "-m", "ia_bench"]
+    assert config_hash(compose(words[3:], here=False)) == config_hash(config)
+
+
+def test_a_list_of_runs_gives_the_table_of_its_folders(folders: list[Path], tmp_path: Path) -> None:
+    before = write_report(folders, tmp_path / "out").findings
+    after = analyse(Collection(tuple(read_published(tmp_path / "out" / "runs.csv"))), before.rows, before.scenes, None)
+    assert after.overall == before.overall
+    assert after.blocks == before.blocks
+    assert after.failures == before.failures
+
+
+def test_changes_tell_what_is_beyond_seeds_what_came_and_what_drifted(write_run_below: Write, tmp_path: Path) -> None:
+    for folder, gain in (("before", 0.0), ("after", 5.0)):
+        write_run = partial(write_run_below, tmp_path / folder)
+        for seed in (0, 1):
+            write_run("ours", "hat", seed, psnr=20 + 0.1 * seed + gain, config_hash=f"{folder}-{seed}")
+            write_run("none", "hat", seed, psnr=15 + seed + gain / 100, config_hash=f"{folder}-none-{seed}")
+        write_run("drifted", "hat", psnr=12 + gain, config_hash="one")
+        write_run(f"only {folder}", "hat", config_hash=folder)
+        write_report(find_run_folders(tmp_path / folder / "runs"), tmp_path / folder / "out")
+    now = collect(find_run_folders(tmp_path / "after" / "runs")).runs
+    found = changes(former_runs(tmp_path / "before" / "out"), now, ("ours", "none", "drifted"), ("hat",))
+    albedo = {one.row: one for one in found.changed if one.metric.key == "albedo.psnr"}
+    assert {row: round(one.gain, 3) for row, one in albedo.items()} == {"ours": 5.0, "none": 0.05, "drifted": 5.0}
+    assert {row: one.beyond_seeds for row, one in albedo.items()} == {"ours": True, "none": False, "drifted": False}
+    assert found.came == ("only after on hat",)
+    assert found.went == ("only before on hat",)
+    assert found.drifted == ("drifted, hat, seed 0",)
+    with pytest.raises(InputError, match="--against: .* expected the folder of a report"):
+        former_runs(tmp_path / "before" / "runs")
+
+
+@pytest.mark.usefixtures("folders")
+def test_the_command_line_writes_the_page_and_what_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    runs = str(tmp_path / "runs")
+    assert main([runs, "--out", str(tmp_path / "one")]) == 0
+    assert main([str(tmp_path / "one" / "runs.csv"), "--out", str(tmp_path / "two"), "--against", str(tmp_path / "one")]) == 0
+    assert f"{tmp_path / 'two' / 'page' / 'index.html'} opens in a browser" in capsys.readouterr().out
+    assert "What changed since one" in (tmp_path / "two" / "page" / "index.html").read_text()
+    assert {run["folder"] for run in page_data(tmp_path / "one" / "page" / "index.html")["runs"] if "folder" in run} == set()

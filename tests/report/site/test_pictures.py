@@ -1,0 +1,171 @@
+"""Pictures of the page: what is drawn against the truth, what is packed against other programs' reading of it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from PIL import Image
+
+from ia_bench.common.paths import scenes_folder
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import direction_to_texel
+from ia_bench.readers.native import NativeReader
+from ia_bench.report.collect import Run
+from ia_bench.report.site.pictures import packing, solid
+from ia_bench.report.site.pictures.drawing import RELIT_STRIDE, TURNS, Easel, Pictures
+from ia_bench.report.site.pictures.store import hang
+from ia_bench.runs.recovered import Recovered
+
+
+def decoded(levels: np.ndarray) -> np.ndarray:
+    """What the page makes of levels."""
+    return packing.LARGEST * (levels / (packing.LEVELS - 1)) ** 2
+
+
+def test_an_error_map_holds_the_root_mean_square_of_what_a_pixel_covers() -> None:
+    """Blocks of 2 x 2 of a picture of 101 pixels; half of the first block has an error of .3, a quarter is not scored."""
+    true = np.full((101, 101, 3), 0.4)
+    predicted = true.copy()
+    predicted[0, :2] += 0.3
+    mask = np.ones((101, 101), bool)
+    mask[1, 1] = False
+    mask[50:, :50] = False
+    levels = packing.error_map(predicted, true, mask)
+    assert levels.shape == (51, 51)
+    assert decoded(levels[0, 0]) == pytest.approx(0.3 * np.sqrt(2 / 3), rel=0.02)
+    assert (levels[0, 1:] == 0).all()
+    assert (levels[25:, :25] == packing.OUTSIDE).all()
+    assert levels[50, 50] == 0
+    assert decoded(packing.error_map(np.ones((4, 4, 1)), np.zeros((4, 4, 1)), np.ones((4, 4), bool)))[0, 0] == packing.LARGEST
+
+
+def test_a_sheet_has_its_pictures_in_rows_of_five() -> None:
+    pictures = [np.full((8, 8, 3), place / 10) for place in range(7)]
+    image = np.asarray(Image.open(io.BytesIO(packing.sheet(pictures))).convert("RGB"))
+    assert image.shape == (16, 40, 3)
+    assert [image[8 * (place // 5), 8 * (place % 5), 0] for place in range(7)] == [round(25.5 * place) for place in range(7)]
+    large = Image.open(io.BytesIO(packing.sheet([np.zeros((300, 300, 3))])))
+    assert large.size == (packing.TILE, packing.TILE)
+
+
+def test_a_light_is_read_back_from_radiance_where_a_viewer_looks_for_it() -> None:
+    """The texel is m 2^(e - 136); a viewer finds direction (x, y, z), y up, at u = atan2(z, x) / 2 pi + 1/2, row 0 on top."""
+    texels = torch.full((32, 64, 3), 0.01)
+    ours = {(1.0, 0.0, 0.0): 3.0, (0.0, 1.0, 0.0): 5.0, (0.0, 0.0, 1.0): 0.7}  # +x, +y and up
+    environment = LatLongEnvironment(texels)
+    for direction, value in ours.items():
+        texels.reshape(-1, 3)[direction_to_texel(torch.tensor([direction]), 32, 64)] = value
+    header, _, body = base64.b64decode(solid.light(environment)).partition(b"-Y 32 +X 64\n")
+    assert header.startswith(b"#?RADIANCE\n")
+    bytes_ = np.frombuffer(body, np.uint8).reshape(32, 64, 4).astype(float)
+    radiance = bytes_[..., :3] * 2.0 ** (bytes_[..., 3:] - 136)
+    brightest = {round(float(radiance[..., 0][place]), 1): place for place in zip(*np.nonzero(radiance[..., 0] > 0.5), strict=True)}
+    assert brightest[3.0][1] in (31, 32)  # +x: u = 1/2
+    assert brightest[5.0][1] in (15, 16)  # our +y is the viewer's -z: u = 1/4
+    assert brightest[0.7][0] == 0  # up
+    assert 15 <= brightest[3.0][0] <= 16
+    assert np.abs(np.median(radiance) - 0.01) < 0.01 / 128
+
+
+def test_the_solid_is_the_mesh_to_less_than_a_pixel(scene_folder: Path) -> None:
+    mesh = NativeReader(scene_folder).read(truth=False).expect_mesh()
+    content = gzip.decompress(base64.b64decode(solid.solid(mesh)))
+    found = next(iter(trimesh.load(io.BytesIO(content), file_type="glb", process=False).geometry.values()))
+    assert found.faces.tolist() == mesh.faces.tolist()
+    expected = mesh.vertices[:, [0, 2, 1]] * [1, 1, -1]  # y up
+    assert np.abs(found.vertices - expected).max() <= 0.5 / 2**13 + 1e-6
+    assert np.abs(found.visual.uv - mesh.uv).max() <= 0.5 / 2**12 + 1e-6
+
+
+def picture_of(address: str) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2]))).convert("RGB"), float)
+
+
+def test_a_texture_keeps_its_mean_and_its_side() -> None:
+    """Linear .25 is 137 of 255 on a display; roughness stays as it is."""
+    assert picture_of(solid.texture(np.full((512, 512, 3), 0.25), encoded=True)).shape == (256, 256, 3)
+    assert picture_of(solid.texture(np.full((16, 16, 3), 0.25), encoded=True)).mean() == pytest.approx(137, abs=1.5)
+    assert picture_of(solid.texture(np.full((16, 16), 0.5), encoded=False)).mean() == pytest.approx(127.5, abs=1.5)
+
+
+@pytest.fixture(scope="module")
+def drawn() -> tuple[Easel, Pictures]:
+    easel = Easel(NativeReader(scenes_folder() / "tiny").read(truth=True))
+    return easel, easel.truth()
+
+
+def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[Easel, Pictures], perfect_run: Path) -> None:
+    """Its albedo is the truth over 1.25, so that errors before the alignment are those of that factor."""
+    easel, truth = drawn
+    found = easel.recovered(Recovered(perfect_run))
+
+    def error(name: str, original: str) -> float:
+        squares = [(a - b) ** 2 for a, b in zip(found.values[name], truth.values[original], strict=True)]
+        return float(np.sqrt(np.mean([part[mask].mean() for part, mask in zip(squares, easel.masks[original], strict=True)])))
+
+    assert error("aligned", "albedo") < 0.03  # four points a pixel of a fine pattern
+    assert error("albedo", "albedo") > 0.04
+    assert error("roughness", "roughness") < 0.03
+    assert error("relit", "relit") < 0.05  # Monte Carlo noise at 64 samples a pixel
+    assert np.abs(found.sheets["light"][0] - truth.sheets["light"][0]).mean() < 0.01
+
+
+def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[Easel, Pictures]) -> None:
+    easel, truth = drawn
+    views = easel.relit[easel.lights[0]]
+    relit = truth.sheets["relit"][len(views) // 2]  # the first light's middle one, as rendered by Cycles
+    errors = [float(np.abs(picture - relit).mean()) for picture in truth.sheets["turned"]]
+    assert len(errors) == TURNS
+    assert int(np.argmin(errors)) == 0
+    assert len(easel.relit[easel.lights[0]]) == -(-4 // RELIT_STRIDE)
+
+
+def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perfect_run: Path) -> None:
+    record = json.loads((perfect_run / "metrics.json").read_text())
+    record["files"] = {"albedo.exr": "a", "roughness.exr": "r", "light.exr": "l"}
+    record["per_image"] = {"albedo": {"psnr": [1.0, 2.0, None, 4.0]}, "roughness": {"mse": [0.1]}}
+    (perfect_run / "metrics.json").write_text(json.dumps(record))
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    for name in ("metrics.json", "config.json"):
+        (bare / name).write_text((perfect_run / name).read_text())
+    run = Run(perfect_run, "perfect", "tiny", 1)
+    failed = Run(tmp_path, "failed", "tiny", 0, problem="x")
+    runs = [run, Run(bare, "no textures", "tiny", 0), replace(run, seed=2, folder=bare), failed]
+    notes: list[str] = []
+    gallery = hang(runs, tmp_path / "parts", notes.append)
+    assert notes == ["pictures of tiny: the truth", "pictures of tiny: perfect"]
+    assert gallery.missing == ["no textures, tiny: it has exported no textures"]
+    assert gallery.scenes["tiny"]["rows"]["perfect"]["sheets"]["albedo"] == [4, 4]
+    scores = gallery.scenes["tiny"]["rows"]["perfect"]["scores"]
+    assert (scores["albedo"], scores["roughness"], len(scores["relit"])) == ([1.0, 2.0, None, 4.0], [None] * 4, 3)
+    files = {path: path.read_bytes() for path in (tmp_path / "parts").rglob("*") if path.is_file()}
+    assert {path.name for path in files} >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "solid.js"}
+
+    again = hang(runs, tmp_path / "parts", notes.append)
+    assert (again, len(notes)) == (gallery, 2)
+    record["files"]["albedo.exr"] = "another"
+    (perfect_run / "metrics.json").write_text(json.dumps(record))
+    hang([replace(run, row="renamed")], tmp_path / "parts", notes.append)
+    assert notes[2:] == ["pictures of tiny: renamed"]
+    assert not (tmp_path / "parts" / "tiny" / "perfect").exists()
+    for path in (tmp_path / "parts" / "tiny" / "renamed").glob("*.webp"):
+        assert path.read_bytes() == files[tmp_path / "parts" / "tiny" / "perfect" / path.name]
+
+
+def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) -> None:
+    record = json.loads((perfect_run / "config.json").read_text())
+    record["config"]["scene"]["content"] = "0" * 64
+    (perfect_run / "config.json").write_text(json.dumps(record))
+    gallery = hang([Run(perfect_run, "perfect", "tiny", 0)], tmp_path / "parts", print)
+    assert gallery.scenes == {}
+    assert "a file of the scene has changed since" in gallery.missing[0]
