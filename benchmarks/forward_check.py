@@ -88,7 +88,7 @@ class _Truth:
         albedo, roughness = scene.truth.albedo, scene.truth.roughness
         if albedo is None or roughness is None:
             raise InputError(f"{scene.source}: the forward check needs the true textures")
-        self._stage = Stage(scene.mesh, torch.device("cpu"))
+        self._stage = Stage(scene.expect_mesh(), torch.device("cpu"))
         self._light = scene.truth.lights["train"]
         rough = torch.from_numpy(roughness)[..., None].clamp(MIN_ROUGHNESS, 1)
         self._material = Material(torch.from_numpy(albedo).float(), rough)

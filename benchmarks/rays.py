@@ -66,7 +66,7 @@ def measure(stage: Stage, rounds: int) -> dict[str, dict[str, np.ndarray]]:
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh
 
-    mesh, recorded = stage.scene.mesh, rays_of_a_step(stage)
+    mesh, recorded = stage.scene.expect_mesh(), rays_of_a_step(stage)
     assert recorded.asked is not None
     assert recorded.onto_object is not None
     origin, direction, asked = recorded.asked

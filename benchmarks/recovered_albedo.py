@@ -35,7 +35,7 @@ def recovered_albedos(runs: Sequence[Run]) -> Iterator[tuple[Run, TestViews, np.
         assert folder is not None
         scene = NativeReader(folder).read(truth=True)
         views = tuple(view for view in scene.test if view.albedo is not None)
-        stage = Stage(scene.mesh, torch.device("cpu"))
+        stage = Stage(scene.expect_mesh(), torch.device("cpu"))
         true = np.stack([view.albedo for view in views if view.albedo is not None])
         for run in (one for one in runs if one.scene == name and one.problem is None):
             recovered = Recovered(run.folder)

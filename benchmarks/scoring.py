@@ -63,7 +63,7 @@ def measure(run: Path, scene_folder: Path | None) -> dict[str, dict[str, float]]
     scene = recovered.read_scene(scene_folder)
     device = torch.device("cpu")
     scorer = Scorer(scene, Protocol(), device)
-    reconstruction = recovered.reconstruction(Stage(scene.mesh, device))
+    reconstruction = recovered.reconstruction(Stage(scene.expect_mesh(), device))
     return {
         "first row of a curve": parts(lambda: scorer.quick(reconstruction)),
         "another row": parts(lambda: scorer.quick(reconstruction)),

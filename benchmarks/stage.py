@@ -41,7 +41,8 @@ class Stage:
         scene = NativeReader(scenes_folder() / name).read(truth=True)
         roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
         light = torch.from_numpy(resize_light(scene.truth.lights["train"], light_rows))
-        return cls(scene, Material(torch.from_numpy(scene.truth.albedo).float(), roughness), light, GeometryStage(scene.mesh, CPU))
+        material = Material(torch.from_numpy(scene.truth.albedo).float(), roughness)
+        return cls(scene, material, light, GeometryStage(scene.expect_mesh(), CPU))
 
     def cameras(self, views: int, size: int) -> list[Camera]:
         """``views`` training cameras, evenly strided, with images of ``size`` x ``size`` pixels."""
@@ -56,9 +57,7 @@ class Stage:
         """The same for Mitsuba. Raises InputError where it is missing."""
         from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 
-        return MitsubaScene(
-            self.scene.mesh, cameras, self.material, self.light, integrator=integrator, threads=threads
-        )
+        return MitsubaScene(self.scene.expect_mesh(), cameras, self.material, self.light, integrator=integrator, threads=threads)
 
 
 def resized(camera: Camera, size: int) -> Camera:

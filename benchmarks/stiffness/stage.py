@@ -56,7 +56,7 @@ class Stage:
         truth, cpu = scene.truth, torch.device("cpu")
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
             raise InputError(f"{folder}: stiffness is measured at the truth, and this scene ships no true textures and light")
-        stage = render.Stage(scene.mesh, cpu)
+        stage = render.Stage(scene.expect_mesh(), cpu)
         settings = RenderSettings(bounces=bounces)
         plan = make_plan(scene.blind(), stage, settings, NoPrior())
         renderer = TorchRenderer(stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat))

@@ -61,13 +61,13 @@ class ForwardStage:
         scene = NativeReader(folder).read(truth=True)
         if scene.truth is None or scene.truth.albedo is None or scene.truth.roughness is None:
             raise InputError(f"{name}: work-precision needs the true textures")
-        self.mesh, self.camera = scene.mesh, scene.test[0].camera
+        self.mesh, self.camera = scene.expect_mesh(), scene.test[0].camera
         roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
         self.material = Material(torch.from_numpy(scene.truth.albedo).float(), roughness)
         light = scene.truth.lights["train"]
         self.light = SampledLight.of(torch.from_numpy(resize_light(light, min(MAX_LIGHT_ROWS, len(light)))))
         device = torch.device("cpu")
-        self.surface, self.rays = SurfaceInterpolator(scene.mesh, device), make_rays(scene.mesh, device)
+        self.surface, self.rays = SurfaceInterpolator(scene.expect_mesh(), device), make_rays(scene.expect_mesh(), device)
         self.visibility = TracedShadows(self.rays, self.surface.offset)
         self.gbuffer: GBuffer = trace_gbuffer([self.camera], self.rays, SIDE, device)
         self.inside = (self.gbuffer.coverage()[0] == 1).numpy()  # edges depend on the pixel filter

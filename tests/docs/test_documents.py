@@ -15,7 +15,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("docs", "datasets", "examples", "baselines", "ia_bench", "benchmarks")
-DOCUMENTS = [ROOT / "README.md", *sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))]
+BELOW = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))
+DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *BELOW]
 WRITTEN = [path for path in DOCUMENTS if not path.is_relative_to(ROOT / "docs" / "results")]
 LONGEST = 160  # characters of a line; the aim is about 100
 
