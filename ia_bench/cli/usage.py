@@ -70,7 +70,7 @@ def _group(group: str, line: str) -> str:
         working, broken = registry.load_installed(kind)
         choices |= {name: f"from {plugin.distribution}" for name, plugin in working.items()}
         trouble = [f"{fill(f'! {problem}', 118, initial_indent=' ' * 4, subsequent_indent=' ' * 6)}\n" for problem in broken]
-    lines = [f"    {name:<18}{description}\n" for name, description in choices.items()]
+    lines = [f"    {name:<17} {description}\n" for name, description in choices.items()]
     return f"  {group + '=':<18}{line}\n" + "".join(lines + trouble)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -45,7 +46,7 @@ class NativeReader:
         _check(folder / DESCRIPTION, description)
         mesh: Mesh | None = None
         notes: tuple[str, ...] = (f"no {MESH} in the scene's folder",)
-        if (folder / MESH).exists():
+        if os.path.lexists(folder / MESH):  # a link that leads nowhere is a mistake, not a scene without a mesh
             mesh, notes = load_mesh(file_below(folder, MESH, str(folder)), uv=self._uv)
         views = {split: self._views(split, truth) for split in SPLITS}
         if not views["train"]:

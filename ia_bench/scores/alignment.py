@@ -44,14 +44,16 @@ def least_squares(predicted: np.ndarray, true: np.ndarray) -> Alignment:
 def median_ratio(predicted: np.ndarray, true: np.ndarray) -> Alignment:
     """One scale per channel, the median over pixels of true / max(predicted, 1e-6), as TensoIR's evaluation has it.
 
-    It hides a colour cast as :func:`per_channel` does.
+    It hides a colour cast as :func:`per_channel` does. Undefined where half of a channel is predicted black.
     """
-    return _quotient(lambda p, t: (np.median(t / np.maximum(p, 1e-6), axis=0), np.ones(3)), predicted, true)
+    return _quotient(
+        lambda p, t: (np.median(t / np.maximum(p, 1e-6), axis=0), (np.median(p, axis=0) > 0).astype(float)), predicted, true
+    )
 
 
 def unaligned(predicted: np.ndarray, true: np.ndarray) -> Alignment:
     """No scale at all: albedo is compared, and relit, as it is predicted."""
-    return Alignment(np.ones(3))
+    return _quotient(lambda p, t: (np.ones(3), np.ones(3)), predicted, true)
 
 
 ALIGNMENTS: dict[str, Callable[[np.ndarray, np.ndarray], Alignment]] = {

@@ -29,7 +29,7 @@ GROUP_FILES = sorted(path for path in CONF.glob("*/*.yaml") if path.parent.name 
 
 
 @pytest.mark.parametrize("path", GROUP_FILES, ids=lambda path: f"{path.parent.name}={path.stem}")
-def test_shipped_choice_composes_and_says_how(path: Path) -> None:
+def test_shipped_choice_composes_and_says_how(path: Path, tmp_path: Path) -> None:
     config = compose(["device=cpu", f"{path.parent.name}={path.stem}"])
     chosen = getattr(config, path.parent.name)
     name = chosen if isinstance(chosen, str) else chosen["name"] if isinstance(chosen, dict) else chosen.name
@@ -39,7 +39,7 @@ def test_shipped_choice_composes_and_says_how(path: Path) -> None:
     words = shlex.split(commands[0].removeprefix("# python -m ia_bench "))
     overrides = [word for word in words if word != "device=cuda"]
     assert f"{path.parent.name}={path.stem}" in overrides
-    compose([*overrides, "device=cpu"])
+    compose([*(word.replace("=FOLDER", f"={tmp_path}").replace("=FILE", f"={tmp_path}") for word in overrides), "device=cpu"])
 
 
 @pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "reader")], ids=lambda p: p.stem)

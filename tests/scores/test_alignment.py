@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ia_bench.scores.alignment import ALIGNMENTS, least_squares, mean_rgb, per_channel
+from ia_bench.scores.alignment import ALIGNMENTS, least_squares, mean_rgb, median_ratio, per_channel, unaligned
 
 RANDOM = np.random.default_rng(0)
 TRUE, PREDICTED = 0.1 + 0.8 * RANDOM.random((101, 3)), 0.1 + 0.8 * RANDOM.random((101, 3))
 
 
-@pytest.mark.parametrize("name", ALIGNMENTS)
+SCALED = [name for name in ALIGNMENTS if name != "none"]
+
+
+@pytest.mark.parametrize("name", SCALED)
 @pytest.mark.parametrize("factor", [0.01, 1.0, 7.5])
 def test_a_scaled_truth_is_scaled_back(name: str, factor: float) -> None:
     scale = ALIGNMENTS[name](TRUE * factor, TRUE).scale
@@ -47,7 +50,7 @@ def test_float32_input_is_summed_in_float64() -> None:
     assert mean_rgb(many, many * np.float32(2)).scale[0] == pytest.approx(2.0, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ALIGNMENTS)
+@pytest.mark.parametrize("name", SCALED)
 @pytest.mark.parametrize(
     ("predicted", "true", "reason"),
     [
@@ -63,6 +66,18 @@ def test_where_no_scale_exists_a_reason_does(name: str, predicted: np.ndarray, t
     alignment = ALIGNMENTS[name](predicted, true)
     assert alignment.scale is None
     assert reason in alignment.reason
+
+
+def test_unaligned_values_stay_as_they_are_unless_there_is_nothing_to_score() -> None:
+    np.testing.assert_array_equal(unaligned(np.zeros((5, 3)), TRUE[:5]).scale, np.ones(3))
+    assert "not finite" in unaligned(np.full((5, 3), np.nan), TRUE[:5]).reason
+    assert "no scored pixel" in unaligned(np.zeros((0, 3)), np.zeros((0, 3))).reason
+
+
+def test_median_ratio_is_not_moved_by_a_few_outliers() -> None:
+    predicted = TRUE * np.array([2.0, 1.0, 0.5])
+    predicted[:40] = 1e-9
+    np.testing.assert_allclose(median_ratio(predicted, TRUE).scale, [0.5, 1.0, 2.0], rtol=1e-12)
 
 
 def test_one_dead_channel_undoes_only_the_per_channel_alignment() -> None:

@@ -39,10 +39,11 @@ def trap(allowed: dict[str, Any], what: str) -> types.SimpleNamespace:
 
 def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Record) -> None:
     views = tuple(
-        trap({"name": v.name, "camera": v.camera, "image": v.image, "mask": v.mask, "light": v.light}, "view")
-        for v in scene.train
+        trap({name: getattr(view, name) for name in ("name", "camera", "image", "mask", "valid", "light")}, "view")
+        for view in scene.train
     )
     told = {"name": scene.name, "source": scene.source, "mesh": scene.mesh, "notes": (), "metallic": scene.metallic}
+    told |= {"exposures_differ": False, "expect_mesh": scene.expect_mesh}
     blind = trap({**told, "train": views}, "scene")
     with pytest.raises(AssertionError, match="training read view.albedo"):
         _ = views[0].albedo
