@@ -15,7 +15,7 @@ DOCS_READY := .venv-docs/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-ray table report test test-slow verify stability stiffness work-precision lint docs scenes prior-data clean
+.PHONY: help setup setup-ray table value report test test-slow verify stability stiffness work-precision lint docs scenes prior-data clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -36,6 +36,9 @@ setup-ray: setup ## add Ray to .venv, for tables with launcher=ray (260 MB)
 
 table: setup ## the paper's table: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
 	$(PY) -m ia_bench.table $(ARGS)
+
+value: setup ## what priors are worth with fewer and poorer photographs: a day and more (ARGS="table=value_screening", docs/value.md)
+	$(PY) -m ia_bench.table $(if $(findstring table=,$(ARGS)),,table=value) $(ARGS)
 
 TABLE ?= paper
 report: setup ## the report of a table's runs again, without running (TABLE=longer_fits RUNS=FOLDER)

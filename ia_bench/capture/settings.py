@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -41,3 +41,20 @@ class CaptureSettings:
     cells: Annotated[int, Field(ge=16, le=512)] = 192
     tolerated: Annotated[int, Field(ge=0, le=10)] = 0
     triangles: Annotated[int, Field(ge=100, le=10**6)] = 20_000
+
+    @property
+    def label(self) -> str:
+        """What differs from a capture that leaves everything in, in words: "8 views, LDR, hull"; empty for nothing."""
+        plain = CaptureSettings()
+        changed = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != getattr(plain, f.name)}
+        named = changed.pop("name", None)
+        words = [_word(key, value) for key, value in changed.items() if named is None or key == "views"]
+        return ", ".join(([named] if named else []) + words)
+
+
+def _word(key: str, value: object) -> str:
+    if key == "views":
+        return f"{value} view" if value == 1 else f"{value} views"
+    if isinstance(value, str):
+        return value.upper() if key == "radiometry" else value.replace("_", " ")
+    return f"{key} {value:g}" if isinstance(value, int | float) else f"{key} {value}"

@@ -19,6 +19,7 @@ from ia_bench.report.site.content import RowTexts, Sources
 from ia_bench.report.site.gallery import Gallery
 from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.texts import markdown_block
+from ia_bench.report.value.write import write_value
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.table import Table, load_table
 
@@ -56,24 +57,31 @@ def _report(wanted: argparse.Namespace) -> int:
         report = write_report(
             find_run_folders(*folders),
             wanted.out,
-            [row.name for row in table.rows],
+            [row.name for row in table.crossed],
             scenes_order=table.scenes,
-            reference=wanted.reference or table.reference,
+            reference=wanted.reference or table.compared,
             claims=table.claims,
             papers=table.papers,
             published=[run for path in wanted.runs if path not in folders for run in read_published(path)],
         )
     except ValueError as error:
         raise InputError(str(error)) from error
+    value = write_value_of(report, table, wanted.out)
     page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, former)
     tell(report, table, page)
+    say("".join(f"{path}\n" for path in value), sys.stdout)
     return OK
+
+
+def write_value_of(report: Report, table: Table, out: Path) -> list[Path]:
+    """Write what the rows are worth, where the table photographs its scenes in several ways."""
+    return write_value(report.findings.runs, table, out) if table.captures and table.reference else []
 
 
 def write_report_page(report: Report, table: Table, out: Path, name: str, former: Path | None = None) -> Path:
     """Write the page of a report below ``out`` and return its index.html; ``former``: the runs.csv of an earlier report."""
     found = report.findings
-    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.rows}
+    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed}
     since = None if former is None else changes(former, found.runs, found.rows, found.scenes)
     return write_page(Sources(found, f"Table: {name}", texts, since), out / PAGE, _pictures(report, out / PAGE / PARTS))
 
@@ -95,7 +103,7 @@ def tell(report: Report, table: Table, page: Path) -> None:
         f"Protocol {findings.protocol}, mean over scenes\n",
         markdown_block(findings.overall, findings.footnotes),
         *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
-        *(f"{row.name}: {row.note}" for row in table.rows if row.note),
+        *(f"{row.name}: {row.note}" for row in table.crossed if row.note),
         "",
         *map(str, report.files),
         f"{page} opens in a browser",

@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_table(request: Request) -> int:
     """Run every cell, write the report, print the table and where the files are."""
-    from ia_bench.cli.report import tell, write_report_page  # brings in pandas
+    from ia_bench.cli.report import tell, write_report_page, write_value_of  # brings in pandas
     from ia_bench.report.table import counterparts
     from ia_bench.report.write import write_report
 
@@ -94,14 +94,15 @@ def make_table(request: Request) -> int:
     report = write_report(
         {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells},
         results,
-        [row.name for row in table.rows],
+        [row.name for row in table.crossed],
         scenes_order=list(dict.fromkeys(cell.config.scene.name for cell in cells)),
-        reference=table.reference,
+        reference=table.compared,
         claims=table.claims,
         papers=table.papers,
     )
     tell(report, table, write_report_page(report, table, results, request.table))
-    say("\n".join(map(str, _write_pictures(table.pictured, cells, results))), sys.stdout)
+    pictures = _write_pictures(table.pictured, cells, results)
+    say("\n".join(map(str, write_value_of(report, table, results) + pictures)), sys.stdout)
     wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])
     for line in wrong:
         complain(line)

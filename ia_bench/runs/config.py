@@ -105,12 +105,12 @@ class RunConfig:
 
     @property
     def row_name(self) -> str:
-        """Label in tables and folder names: ``row``, or what distinguishes this run, its prior or its method."""
+        """Label in tables and folder names: ``row``, or what distinguishes this run: its method, its prior, its capture."""
         if self.row is not None:
             return self.row
-        if self.method.name == DEFAULT_METHOD:
-            return self.prior.name
-        return self.method.name if self.prior.name == "none" else f"{self.method.name}, {self.prior.name}"
+        method = self.method.name if self.method.name != DEFAULT_METHOD else ""
+        prior = self.prior.name if not method or self.prior.name != "none" else ""
+        return ", ".join(filter(None, (method, prior, self.capture.label)))
 
 
 def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:

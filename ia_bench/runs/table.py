@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -12,10 +12,12 @@ from typing import Any
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.registry import BrokenPlugin
+from ia_bench.common.settings import parsed
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
@@ -43,6 +45,7 @@ class Row:
         note: What a reader has to know of it.
         seeds: Its own, None for the table's.
         paper: The row of the paper's table 1 that it stands for, None for one that the paper has not.
+        captures: Labels of those of the table's captures that it is run with, None for all of them.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Row:
     note: str = ""
     seeds: list[int] | None = None
     paper: str | None = None
+    captures: list[str] | None = None
 
 
 @dataclass
@@ -58,7 +62,9 @@ class Table:
 
     ``claims``: orderings of rows that the report judges. ``pictured``: rows that one picture per scene shows beside the truth.
     ``includes``: names of tables whose rows, claims and pictured rows come before its own; what else it does not say is as the
-    first of them says.
+    first of them says. ``captures``: ways to photograph every scene, each of settings of ``capture.*``; none means one that leaves
+    nothing out. Every row is run with each of them (:attr:`crossed`) and compared with the row ``reference`` of the same capture.
+    ``photographs``: how many a scene has when none is left out.
     """
 
     scenes: list[str] = field(default_factory=list)
@@ -68,11 +74,41 @@ class Table:
     claims: list[Claim] = field(default_factory=list)
     pictured: list[str] = field(default_factory=list)
     includes: list[str] = field(default_factory=list)
+    captures: list[dict[str, Any]] = field(default_factory=list)
+    photographs: int = 100
+
+    @property
+    def crossed(self) -> list[Row]:
+        """Every row with every capture, as a row of its own; capture after capture."""
+        found = []
+        for settings in self.captures or [{}]:
+            label, overrides = capture_of(settings).label, [f"capture.{key}={value}" for key, value in settings.items()]
+            found += [
+                replace(row, name=crossed_name(row.name, label), overrides=[*row.overrides, *overrides], captures=None)
+                for row in self.rows
+                if row.captures is None or label in row.captures
+            ]
+        return found
+
+    @property
+    def compared(self) -> str | None:
+        """The row that all others are compared with; None where each is compared with the reference of its own capture."""
+        return None if self.captures else self.reference
 
     @property
     def papers(self) -> dict[str, str]:
         """Row -> the row of the paper's table that it stands for, of those that have one."""
         return {row.name: row.paper for row in self.rows if row.paper is not None}
+
+
+def capture_of(settings: Mapping[str, Any]) -> CaptureSettings:
+    """One of :attr:`Table.captures`. Raises InputError for what is no setting of a capture."""
+    return parsed(CaptureSettings, settings, "captures")
+
+
+def crossed_name(row: str, capture: str) -> str:
+    """What the row of a table is called when it is run with the capture of this label."""
+    return f"{row}, {capture}" if capture else row
 
 
 @dataclass(frozen=True)
@@ -120,14 +156,21 @@ def load_table(name: str) -> Table:
     """
     path = conf_folder() / "table" / f"{name}.yaml"
     table = _whole(name, ())
-    names = [row.name for row in table.rows]
+    try:
+        labels = [capture_of(settings).label for settings in table.captures]
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    for where, label in ((row.name, label) for row in table.rows for label in row.captures or []):
+        if label not in labels:
+            raise InputError(f"{path}: rows: {where}: captures: {unknown('capture', label, labels)}")
+    names = [row.name for row in table.crossed]
     if len(set(names)) != len(names):
         raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
     for where, seeds in (("seeds", table.seeds), *((f"rows: {row.name}: seeds", row.seeds) for row in table.rows)):
         if seeds is not None and not seeds:
             raise InputError(f"{path}: {where}: expected at least one, found none")
-    if table.reference is not None and table.reference not in names:
-        raise InputError(f"{path}: reference: {unknown('row', table.reference, names)}")
+    if table.reference is not None and table.reference not in (rows := [row.name for row in table.rows]):
+        raise InputError(f"{path}: reference: {unknown('row', table.reference, rows)}")
     for row in table.pictured:
         if row not in names:
             raise InputError(f"{path}: pictured: {unknown('row', row, names)}")
@@ -157,7 +200,8 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
     parts = [_whole(other, (name, *within)) for other in table.includes]
     if not parts:
         return table
-    every: dict[str, Any] = {key: getattr(parts[0], key) for key in ("scenes", "seeds", "reference") if key not in own}
+    first = ("scenes", "seeds", "reference", "captures")
+    every: dict[str, Any] = {key: getattr(parts[0], key) for key in first if key not in own}
     for key in ("rows", "claims", "pictured"):
         every[key] = [one for part in (*parts, table) for one in getattr(part, key)]
     return replace(table, **every)
@@ -166,23 +210,23 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
 def make_cells(
     table: Table, request: Request, threads: int, results: Path, broken: Callable[[str], None] | None = None
 ) -> list[Cell]:
-    """Every row x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
+    """Every row x capture x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
 
     The request's seeds replace the table's, not those of a row that has its own. A row whose prior or method cannot be used
     has no cell: ``broken`` is told why, once. Raises InputError where there is no cell, or one twice, and for such a row where
     nobody is told.
     """
-    seeds = table.seeds if request.seeds is None else request.seeds
+    seeds, rows = table.seeds if request.seeds is None else request.seeds, table.crossed
 
     @cache
     def composed(place: int, scene: str) -> RunConfig:
         """A cell of any seed: composing takes long, and nothing of a configuration depends on its seed."""
-        row = table.rows[place]
+        row = rows[place]
         overrides = [*row.overrides, *_own(row, scene, 0, threads), *request.overrides]
         return compose(overrides, here=request.launcher.here)
 
     cells = []
-    for place, row in enumerate(table.rows):
+    for place, row in enumerate(rows):
         try:
             cells += [
                 _cell(row, replace(composed(place, scene), seed=seed), _own(row, scene, seed, threads), request, results)

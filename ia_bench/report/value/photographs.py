@@ -1,0 +1,106 @@
+"""How many photographs a prior is worth: how many the reference needs to be where the row is with fewer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ia_bench.report.collect import Run
+from ia_bench.report.value.bootstrap import Interval, interval, replicates
+from ia_bench.runs.table import Table, capture_of, crossed_name
+from ia_bench.scores.columns import METRICS, Metric
+
+WORTH_METRICS = tuple(metric for metric in METRICS if metric.key in ("aligned_albedo.psnr", "relighting.psnr"))
+Key = tuple[str, str, int]  # row, scene, seed
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a row with ``photographs`` of them is worth in photographs of the reference.
+
+    Attributes:
+        row: The row, without its capture.
+        others: The label of the capture without its number of views: "" or "LDR", say.
+        metric: In which the two are equal.
+        photographs: How many the row has.
+        needed: How many the reference needs for the same value, by linear interpolation in the logarithm of their number; infinite
+            where the reference does not get there with all, 0 where its fewest are better.
+        bounds: Of ``needed``, by the bootstrap over scenes and seeds; None for a single scene.
+        scenes: Over how many scenes the mean is.
+    """
+
+    row: str
+    others: str
+    metric: Metric
+    photographs: int
+    needed: float
+    bounds: Interval | None
+    scenes: int
+
+
+def worth(runs: Sequence[Run], table: Table) -> list[Worth]:
+    """For every row of ``table`` but its reference and every number of photographs; captures that differ in more stand apart.
+
+    Of each family of captures those scenes and seeds count that the reference and the row have for all its numbers of photographs.
+    """
+    cells = {(run.row, run.scene, run.seed): run for run in runs if run.problem is None}
+    families: dict[str, dict[int, str]] = {}
+    for settings in table.captures:
+        capture = capture_of(settings)
+        count = table.photographs if capture.views == "all" else capture.views
+        families.setdefault(replace(capture, views="all").label, {})[int(count)] = capture.label
+    found = []
+    for others, labels in families.items():
+        counts = sorted(labels)
+        for row in (row.name for row in table.rows if row.name != table.reference and row.captures is None):
+            for metric in WORTH_METRICS:
+                names = [crossed_name(name, labels[n]) for name in (str(table.reference), row) for n in counts]
+                scenes = _together(cells, names, metric)
+                if len(counts) > 1 and scenes:
+                    found += _of_family(row, others, metric, counts, scenes)
+    return found
+
+
+def _together(cells: Mapping[Key, Run], names: Sequence[str], metric: Metric) -> list[np.ndarray]:
+    """One array (seeds, rows) for every scene, of the seeds that all rows have."""
+    found: dict[str, list[list[float]]] = {}
+    for _, scene, seed in sorted(key for key in cells if key[0] == names[0]):
+        runs = [cells.get((name, scene, seed)) for name in names]
+        values = [None if run is None else run.metrics[metric.key] for run in runs]
+        if None not in values:
+            found.setdefault(scene, []).append([value for value in values if value is not None])
+    return [np.array(seeds) for seeds in found.values()]
+
+
+def _of_family(row: str, others: str, metric: Metric, counts: Sequence[int], scenes: Sequence[np.ndarray]) -> list[Worth]:
+    means = np.mean([seeds.mean(axis=0) for seeds in scenes], axis=0)[None]
+    drawn = replicates(scenes) if len(scenes) > 1 else None
+    found = []
+    for place, count in enumerate(counts, start=len(counts)):
+        needed = float(_needed(means, place, counts)[0])
+        bounds = None if drawn is None else interval(_needed(drawn, place, counts))
+        found.append(Worth(row, others, metric, count, needed, bounds, len(scenes)))
+    return found
+
+
+def _needed(values: np.ndarray, place: int, counts: Sequence[int]) -> np.ndarray:
+    """Photographs that the reference needs in each experiment of ``values`` (experiments, rows).
+
+    The first ``len(counts)`` rows are the reference's. More photographs count as never worse: its curve is the running best.
+    """
+    curves = np.maximum.accumulate(values[:, : len(counts)], axis=1)
+    found = np.empty(len(values))
+    for i, (curve, level) in enumerate(zip(curves, values[:, place], strict=True)):
+        if level > curve[-1]:
+            found[i] = np.inf
+        elif level < curve[0]:
+            found[i] = 0
+        else:
+            above = int(np.searchsorted(curve, level))  # the first that is no worse
+            below = max(above - 1, 0)
+            rise = curve[above] - curve[below]
+            part = (level - curve[below]) / rise if rise > 0 else 0.0
+            found[i] = np.exp2(np.log2(counts[below]) + part * (np.log2(counts[above]) - np.log2(counts[below])))
+    return found

@@ -1,0 +1,122 @@
+"""Gains, photographs and their intervals: against numbers worked out by hand, and the bootstrap against coverage that is known."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ia_bench.report.collect import Run
+from ia_bench.report.value.bootstrap import Interval, interval, replicates
+from ia_bench.report.value.gains import gains
+from ia_bench.report.value.photographs import worth
+from ia_bench.report.value.write import write_value
+from ia_bench.runs.table import Row, Table
+from ia_bench.scores.columns import METRICS
+
+TABLE = Table(
+    rows=[Row("ceiling", ["method=ceiling"], captures=[""]), Row("none", []), Row("kernel", [])],
+    reference="none",
+    captures=[{"views": 2}, {"views": 8}, {}, {"views": 8, "radiometry": "ldr"}],
+    photographs=32,
+)
+LEVELS = {"2 views": 10.0, "8 views": 20.0, "": 24.0, "8 views, LDR": 18.0}  # of none, dB
+
+
+def run(row: str, scene: str, seed: int, value: float) -> Run:
+    metrics: dict[str, float | None] = {metric.key: value if metric.name == "psnr" else value / 1000 for metric in METRICS}
+    return Run(Path(), row, scene, seed, protocol="p", metrics=metrics)
+
+
+def runs(gained: dict[str, list[list[float]]]) -> list[Run]:
+    """``none`` as in LEVELS on every scene, and ``kernel`` above it by gained[label][scene][seed]."""
+    found = [run("ceiling", f"s{scene}", seed, 34.0) for scene in range(2) for seed in range(2)]
+    for label, scenes in gained.items():
+        end = f", {label}" if label else ""
+        for scene, seeds in enumerate(scenes):
+            for seed, gain in enumerate(seeds):
+                found += [run(f"none{end}", f"s{scene}", seed, LEVELS[label])]
+                found += [run(f"kernel{end}", f"s{scene}", seed, LEVELS[label] + gain)]
+    return found
+
+
+GAINED = {"2 views": [[5.0, 5.0], [5.0, 5.0]], "8 views": [[1.0, 3.0], [2.0, 2.0]], "": [[-1.0, 0.5], [0.3, 0.6]],
+          "8 views, LDR": [[0.0, 0.0], [0.0, 0.0]]}  # fmt: skip
+
+
+def test_gains_are_means_over_scenes_of_means_over_seeds_and_positive_is_better() -> None:
+    found = {(gain.capture.label, gain.metric.key): gain for gain in gains(runs(GAINED), TABLE)}
+    assert found["8 views", "aligned_albedo.psnr"].over_scenes.mean == pytest.approx(2.0)
+    assert found["8 views", "aligned_albedo.psnr"].reference == pytest.approx(20.0)
+    assert found["8 views", "roughness.mse"].over_scenes.mean == pytest.approx(-0.002), "more error is a loss"
+    assert found["8 views", "aligned_albedo.psnr"].headroom == pytest.approx(2 / 14)
+    assert found["2 views", "aligned_albedo.psnr"].side == 1
+    assert found["2 views", "roughness.mse"].side == -1
+    assert found["", "aligned_albedo.psnr"].side == 0
+    assert {gain.row for gain in found.values()} == {"kernel"}
+
+
+def test_a_row_needs_the_photographs_that_the_references_curve_says() -> None:
+    found = {(one.others, one.photographs, one.metric.key): one for one in worth(runs(GAINED), TABLE)}
+    two, eight, every = (found["", count, "aligned_albedo.psnr"] for count in (2, 8, 32))
+    assert two.needed == pytest.approx(2 ** (1 + 2 * 0.5)), "15 dB lie half way between 2 and 8 photographs in the logarithm"
+    assert two.bounds == (pytest.approx(4.0), pytest.approx(4.0))
+    assert eight.needed == pytest.approx(2 ** (3 + 2 * 0.5)), "22 dB, half way between 8 and 32"
+    assert every.needed == math.inf, "24.1 dB: the reference does not get there"
+    assert every.bounds is not None
+    assert every.bounds.low < 32
+    assert ("LDR", 8, "aligned_albedo.psnr") not in found, "one number of photographs makes no curve"
+
+
+def test_a_row_below_the_fewest_needs_none() -> None:
+    below = {**GAINED, "2 views": [[-1.0, -1.0], [-1.0, -1.0]]}
+    found = next(one for one in worth(runs(below), TABLE) if one.photographs == 2)
+    assert found.needed == 0
+
+
+def test_bootstrap_of_one_seed_a_scene_is_that_of_the_mean() -> None:
+    values = np.array([1.0, 2.0, 4.0, 8.0, 3.0])
+    drawn = replicates([np.array([value]) for value in values], 40_000)
+    assert drawn.mean() == pytest.approx(values.mean(), abs=0.03)
+    assert drawn.std() == pytest.approx(values.std() / math.sqrt(len(values)), rel=0.02)  # five standard errors of the estimate
+
+
+def test_bootstrap_adds_the_variance_of_both_levels() -> None:
+    generator = np.random.default_rng(3)
+    scenes = [generator.normal(mean, 2.0, 30) for mean in generator.normal(0, 1.0, 40)]
+    drawn = replicates(scenes, 20_000)
+    means = np.array([scene.mean() for scene in scenes])
+    expected = means.var() / 40 + np.mean([scene.var() / 30 for scene in scenes]) / 40
+    assert drawn.var() == pytest.approx(expected, rel=0.06)  # six standard errors: sqrt(2 / 20000) is .01
+
+
+def test_what_belongs_to_one_run_is_drawn_together() -> None:
+    drawn = replicates([np.array([[1.0, 10.0], [2.0, 20.0]]), np.array([[3.0, 30.0]])], 100)
+    np.testing.assert_allclose(drawn[:, 1], 10 * drawn[:, 0])
+
+
+def test_interval_takes_infinity_for_a_number() -> None:
+    assert interval(np.array([1.0] * 90 + [np.inf] * 10)) == Interval(1.0, math.inf)
+    assert [Interval(*ends).side for ends in ((0.1, 2.0), (-1.0, -0.1), (-1.0, 1.0))] == [1, -1, 0]
+
+
+def test_files_say_what_was_found(tmp_path: Path) -> None:
+    written = {path.name for path in write_value(runs(GAINED), TABLE, tmp_path)}
+    assert written == {"value.md", "value.csv", "photographs.csv", "value.png", "value.svg"}
+    page = (tmp_path / "value.md").read_text()
+    assert "| 2 views | 10.00 | **+5.00 (+5.00 to +5.00)** |" in page
+    assert "| all views | 24.00 | +0.10 (" in page
+    records = list(csv.DictReader((tmp_path / "value.csv").open()))
+    base = next(one for one in records if (one["capture"], one["metric"]) == ("all views", "aligned_albedo.psnr"))
+    assert base["decided"] == "undecided"
+    means = np.array([-0.25, 0.45])
+    t_975, t_80 = 12.7062047, 1.3763819  # of Student's distribution with one degree of freedom, from a table
+    assert float(base["detectable"]) == pytest.approx((t_975 + t_80) * means.std(ddof=1) / math.sqrt(2), rel=1e-6)
+
+
+def test_a_table_whose_rows_share_no_run_writes_nothing(tmp_path: Path) -> None:
+    assert write_value([run("none", "s0", 0, 1.0)], TABLE, tmp_path / "out") == []
+    assert not (tmp_path / "out").exists()
