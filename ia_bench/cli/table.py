@@ -24,6 +24,7 @@ from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
 from ia_bench.common.output import say
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
+from ia_bench.runs.cells import write_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolve_scene_folder, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
@@ -90,6 +91,8 @@ def make_table(request: Request) -> int:
         progress.note(f"{results}: {len(cells)} cells, {at_a_time}, {threads} threads each")
         for line in broken:
             progress.note(line)
+        write_cells(results, request.table, None if jobs == AS_MANY_AS_FIT else jobs, cells)
+        progress.note(f"python -m ia_bench.watch {results}: the page of this table while it grows")
         failed = run_cells(cells, launcher, jobs, results / "logs", progress)
     report = write_report(
         {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells},

@@ -34,3 +34,18 @@ def lock_folder(path: Path, note: Callable[[str], None]) -> BinaryIO:
         lock.close()
         raise
     return lock
+
+
+def is_held(path: Path) -> bool:
+    """Whether a process is working in a run's folder. Nothing is made or changed, and nobody is kept waiting."""
+    try:
+        lock = os.open(path / ".lock", os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(lock)
+    return False

@@ -12,7 +12,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import INTERRUPTED, OK, TERMINATED
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
-from ia_bench.runs.config import labels, slug
+from ia_bench.runs.config import labels
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
@@ -71,7 +71,7 @@ class _Attempts:
 
     def __init__(self, cell: Cell, logs: Path) -> None:
         self.cell, self.made = cell, 0
-        self.work = Work(cell.config, cell.overrides, logs / f"{slug(cell.config.scene.name)}-{cell.folder.name}.log")
+        self.work = Work(cell.config, cell.overrides, cell.log(logs))
         self.work.log.unlink(missing_ok=True)
         self._before = _time_of_record(cell)
 

@@ -148,6 +148,10 @@ class Cell:
         """How messages call this cell."""
         return f"{self.config.scene.name} / {self.row.name} / seed {self.config.seed}"
 
+    def log(self, logs: Path) -> Path:
+        """The file in the folder ``logs`` for what it says."""
+        return logs / f"{slug(self.config.scene.name)}-{self.folder.name}.log"
+
 
 def load_table(name: str) -> Table:
     """Read ``conf/table/<name>.yaml`` and what it includes.

@@ -41,6 +41,14 @@ class RowTexts:
 
 
 @dataclass(frozen=True)
+class Live:
+    """What a page has to know that is watched: which finished cells it shows, and how many seconds lie between news."""
+
+    key: str
+    every: float
+
+
+@dataclass(frozen=True)
 class Sources:
     """What a page is made from.
 
@@ -49,12 +57,14 @@ class Sources:
         title: What the page is called.
         rows: Texts of the rows that have some.
         changes: What is different from a former report, None where there is none.
+        live: What a page that is watched has to know, None for a report.
     """
 
     findings: Findings
     title: str
     rows: Mapping[str, RowTexts] = field(default_factory=dict)
     changes: Changes | None = None
+    live: Live | None = None
 
 
 @dataclass(frozen=True)
@@ -133,6 +143,7 @@ def data(sources: Sources, page: Path) -> dict[str, Any]:
         "commands": known.commands,
         "configurations": known.configurations,
         "runs": runs,
+        **({} if sources.live is None else {"live": {"key": sources.live.key, "every": sources.live.every}}),
     }
 
 
@@ -211,12 +222,13 @@ def _run(run: Run, found: Evidence, told: _Told, page: Path, of: Findings) -> di
         "environment": {name: value for name, value in machine.items() if told.machine.get(name) != value},
         "files": found.files,
         "renderer": found.renderer,
-        "curve": None if run.curve is None else _curve(run.curve),
+        "curve": None if run.curve is None else curve_data(run.curve),
     }
     return {key: value for key, value in record.items() if value is not None and value not in ({}, [], "")}
 
 
-def _curve(curve: Curve) -> dict[str, Any]:
+def curve_data(curve: Curve) -> dict[str, Any]:
+    """A curve as the page's scripts have it."""
     return {
         "level": curve.is_level,
         "seconds": [short(value) for value in curve.seconds.tolist()],

@@ -25,7 +25,7 @@ VIEWER = "model-viewer-umd.min.js"
 PICTURES = "pictures.js"
 STYLES = ("vendor/uPlot.min.css", "vendor/img-comparison-slider.css", "assets/page.css", "assets/parts.css", "assets/print.css")
 SCRIPT_NAMES = (
-    *("common", "theme", "tips", "table", "copy", "evidence", "levels", "curves"),
+    *("common", "theme", "tips", "table", "live", "copy", "evidence", "levels", "curves"),
     *("parts", "heat", "look", "relight", "turn"),
 )
 SCRIPTS = (

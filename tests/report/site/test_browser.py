@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import io
 import json
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,20 +24,7 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.runs.config import NATIVE_READER
 from ia_bench.scenes.exr import write_exr
 
-sync = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: apt-get install chromium")
-
 ALBEDO = 0.25  # of the row "grey", everywhere
-FLAGS = (
-    "--no-sandbox",
-    "--disable-gpu",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--no-first-run",
-    "--disable-component-update",
-    "--disable-sync",
-)
 PSNR = {"ceiling": 40.0, "constant": 10.0, "none": 20.0, "grey": 24.0}
 
 
@@ -80,27 +66,9 @@ def page_folder(
     return root / "out" / "page"
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with sync.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
-        yield opened
-        opened.close()
-
-
 @pytest.fixture
-def page(browser: Any, page_folder: Path) -> Iterator[Any]:
-    """The page, 1280 pixels wide; whatever goes wrong in it or leaves its folder fails the test."""
-    context = browser.new_context(viewport={"width": 1280, "height": 900})
-    opened, wrong = context.new_page(), []
-    opened.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
-    opened.on("pageerror", lambda error: wrong.append(str(error)))
-    here = (page_folder.as_uri(), "data:", "blob:")
-    opened.on("request", lambda request: None if request.url.startswith(here) else wrong.append(request.url))
-    opened.goto((page_folder / "index.html").as_uri())
-    yield opened
-    context.close()
-    assert wrong == []
+def page(open_page: Callable[[Path], Any], page_folder: Path) -> Any:
+    return open_page(page_folder)
 
 
 def rows(page: Any, scope: int = 0) -> list[str]:

@@ -3,15 +3,17 @@
 (() => {
   const { make, data } = bench;
   const box = bench.find("#plots");
+  bench.grow = () => {}; // what runs have measured that go on; for a page that is watched
   if (!box) return;
   const metrics = data.curveMetrics.map(bench.metricOf);
   const POINTS = 160; // of a line, evenly spaced in log time
   const TOLD = "relighting.psnr"; // the metric whose level is told before anybody asks
-  const state = { scene: null, time: "log", value: "log", off: new Set(), lit: null, plots: [], levels: new Map() };
+  const state = { scene: null, time: "log", value: "log", off: new Set(), lit: null, plots: [], levels: new Map(), growing: [] };
 
-  const curvesOf = (scene) => data.rows.map((_, row) => ({
+  const curvesOf = (scene) => data.rows.map(({ name }, row) => ({
     row, curves: data.runs.filter((run) => run.row === row && run.scene === scene && run.curve).map((run) => run.curve),
-  })).filter((one) => one.curves.length);
+    growing: state.growing.filter((curve) => curve.row === name && curve.scene === data.scenes[scene]),
+  })).filter((one) => one.curves.length + one.growing.length);
 
   // Where one seed's curve is at a time: straight in log time between two measured points.
   const between = (points, time) => {
@@ -26,7 +28,9 @@
   // Times, then three series a row: mean, lowest and highest seed, null where not all seeds are.
   const series = (rows, place) => {
     const seeds = rows.map((one) => one.curves.filter((curve) => !curve.level).map((curve) => measured(curve, place)).filter((points) => points.length));
-    const every = seeds.flat(2).map(([seconds]) => seconds);
+    const growing = rows.map((one) => one.growing.filter((curve) => !curve.level).map((curve) => measured(curve, place)).filter((points) => points.length));
+    const dots = seeds.map((all, at) => [...all, ...growing[at]]);
+    const every = dots.flat(2).map(([seconds]) => seconds);
     if (!every.length) return null;
     const [first, last] = [Math.min(...every), Math.max(...every)];
     const times = Array.from({ length: POINTS }, (_, at) => first * (last / first) ** (at / (POINTS - 1)));
@@ -39,7 +43,7 @@
       const of = (take) => values.map((seen) => (seen ? take(seen) : null));
       return [of(bench.mean), of((seen) => Math.min(...seen)), of((seen) => Math.max(...seen))];
     });
-    return { columns: [times, ...lines], dots: seeds };
+    return { columns: [times, ...lines], dots, growing };
   };
 
   // A canvas wants a colour that is resolved, and light-dark() is not.
@@ -55,7 +59,7 @@
   const faint = (row) => state.lit !== null && state.lit !== row;
 
   // ---- what uPlot does not draw: dots where something was measured, and the levels of ceiling and floor -------------
-  const overlay = (plot, rows, dots, place) => {
+  const overlay = (plot, rows, { dots, growing }, place) => {
     const { ctx, bbox } = plot, ratio = devicePixelRatio;
     ctx.save();
     ctx.beginPath();
@@ -69,6 +73,19 @@
         ctx.beginPath();
         ctx.arc(plot.valToPos(seconds, "x", true), plot.valToPos(value, "y", true), 1.8 * ratio, 0, 2 * Math.PI);
         ctx.fill();
+      }
+      for (const points of growing[at]) {
+        const [x, y] = points.map(([seconds, value]) => [plot.valToPos(seconds, "x", true), plot.valToPos(value, "y", true)]).reduce((from, to) => {
+          if (from) { ctx.moveTo(...from); ctx.lineTo(...to); } else ctx.beginPath();
+          return to;
+        }, null);
+        ctx.setLineDash([4 * ratio, 3 * ratio]);
+        ctx.lineWidth = 1.4 * ratio;
+        if (points.length > 1) ctx.stroke();
+        ctx.setLineDash([]);
+        ctx.beginPath();
+        ctx.arc(x, y, 4 * ratio, 0, 2 * Math.PI);
+        ctx.stroke();
       }
       const levels = one.curves.filter((curve) => curve.level).map((curve) => curve.values[place].at(-1)).filter((value) => value !== null);
       if (!levels.length || !data.rows[one.row].bound) return;
@@ -174,7 +191,7 @@
       axes: [{ ...axis, values: seconds, size: 32 }, { ...axis, values: seconds, size: 48 }],
       series: [{}, ...lines], bands,
       hooks: {
-        draw: [(self) => overlay(self, rows, found.dots, place)],
+        draw: [(self) => overlay(self, rows, found, place)],
         setCursor: [(self) => read(self, rows, metric)],
         ready: [(self) => { const tell = handle(self, rows, metric, place); if (metric.key === TOLD) tell(); }],
       },
@@ -211,7 +228,7 @@
     }));
   };
 
-  const scenes = data.scenes.map((_, scene) => scene).filter((scene) => curvesOf(scene).some((one) => one.curves.some((curve) => !curve.level)));
+  const scenes = data.scenes.map((_, scene) => scene).filter((scene) => data.live || curvesOf(scene).some((one) => one.curves.some((curve) => !curve.level)));
   if (!scenes.length) { box.replaceChildren(make("p", { class: "fine", text: "Nothing was optimised: there are levels, but no curve." })); return; }
   const tabs = scenes.map((scene) => make("button", { type: "button", "aria-pressed": false, text: data.scenes[scene] }));
   const choose = (place) => {
@@ -227,7 +244,13 @@
   let width = innerWidth;
   addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; redraw(); } });
   bench.plots = state;
+  bench.grow = (curves) => {
+    const seen = (all) => JSON.stringify(all.filter((curve) => curve.scene === data.scenes[state.scene]));
+    const changed = seen(curves) !== seen(state.growing);
+    state.growing = curves;
+    if (changed && state.scene !== null) { chips(); redraw(); }
+  };
   // Only once they are near: the table is painted first.
-  const near = new IntersectionObserver((seen) => { if (seen.some((one) => one.isIntersecting)) { near.disconnect(); choose(0); } }, { rootMargin: "600px" });
+  const near = new IntersectionObserver((seen) => { if (seen.some((one) => one.isIntersecting)) { near.disconnect(); choose(Math.max(0, scenes.indexOf(data.scenes.indexOf(bench.kept?.scene)))); } }, { rootMargin: "600px" });
   near.observe(bench.find("#curves"));
 })();

@@ -1,0 +1,91 @@
+"""``python -m ia_bench.watch RUNS``: the page of a table while it is being made; nothing is run, and no run is disturbed.
+
+It opens by a double click, tells which cells run, wait, finished and failed, and about how long the rest takes, and loads itself
+again when a cell has ended. Ctrl-C ends the watch, not the runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.output import say
+from ia_bench.common.paths import make_writable
+from ia_bench.report.site.content import Live, RowTexts, Sources
+from ia_bench.report.site.live import findings_so_far, key_of, write_news
+from ia_bench.report.site.write import PARTS, write_page
+from ia_bench.runs.standing import FAILED, FINISHED, RUNNING, WAITING, Overview, look
+from ia_bench.runs.table import Table, load_table
+
+LIVE = "live"
+"""The folder below a table's results that holds the page of a watch."""
+LEAST_SECONDS = 0.2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    parser = argparse.ArgumentParser(prog="python -m ia_bench.watch", description=__doc__, allow_abbrev=False)
+    parser.add_argument("runs", type=Path, metavar="RUNS", help="a table's results, or any folder with runs")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder to write the page into (default: RUNS/{LIVE})")
+    parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="seconds between two looks (default: 2)")
+    wanted = parser.parse_args(arguments)
+    return status_of(lambda: watch(wanted.runs, wanted.out or wanted.runs / LIVE, wanted.every))
+
+
+def watch(runs: Path, out: Path, every: float) -> int:
+    """Write the page of ``runs`` into ``out``, and news of it ``every`` so many seconds, until Ctrl-C or SIGTERM.
+
+    Raises InputError where there are no runs, and where the folder cannot be written.
+    """
+    if not every >= LEAST_SECONDS:
+        raise InputError(f"--every: expected at least {LEAST_SECONDS} seconds, found {every:g}")
+    if not runs.is_dir():
+        raise InputError(f"{runs}: expected a folder with runs, found none")
+    overview = look(runs)
+    make_writable(out, "--out")
+    shown = None
+    try:
+        while True:
+            if shown != key_of(overview):
+                page = _write(overview, runs, out, every)
+                if shown is None:
+                    say(f"{page} opens in a browser and follows the runs; Ctrl-C ends the watch, not the runs", sys.stdout)
+                shown = key_of(overview)
+                say(_told(overview), sys.stderr)
+            write_news(out / PARTS, overview, every)
+            time.sleep(every)
+            overview = look(runs)
+    except KeyboardInterrupt:  # SIGTERM among them
+        write_news(out / PARTS, overview, every, ended=True)
+        return OK
+
+
+def _write(overview: Overview, runs: Path, out: Path, every: float) -> Path:
+    table = _table(overview)
+    try:
+        findings = findings_so_far(overview, table)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.rows}
+    title = f"Table: {overview.plan.table}" if overview.plan is not None else f"Runs: {runs.resolve().name}"
+    return write_page(Sources(findings, title, texts, live=Live(key_of(overview), every)), out)
+
+
+def _table(overview: Overview) -> Table:
+    """The table that is being made, for notes, reference and claims; an empty one where it is not known here."""
+    if overview.plan is None:
+        return Table()
+    try:
+        return load_table(overview.plan.table)
+    except InputError:
+        return Table()
+
+
+def _told(overview: Overview) -> str:
+    states = ", ".join(f"{len(overview.of(state))} {state}" for state in (FINISHED, RUNNING, WAITING, FAILED))
+    return f"{len(overview.cells)} cells: {states}"

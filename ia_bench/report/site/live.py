@@ -1,0 +1,74 @@
+"""The page while runs go on: what it is told every few seconds, as a script that it loads again and again.
+
+A page from disk may load scripts, but no data, so the news are a script. What has finished is on the page itself, which is
+written again when a cell ends, and loads itself again when the news are of a newer page than itself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.report.collect import BadRecord, Curve, collect, read_curve
+from ia_bench.report.findings import Findings, analyse
+from ia_bench.report.site.content import curve_data
+from ia_bench.runs.folder import CURVE
+from ia_bench.runs.standing import FAILED, FINISHED, RUNNING, Overview, Standing
+from ia_bench.runs.table import Table
+
+NEWS = "live.js"
+
+
+def key_of(overview: Overview) -> str:
+    """What a page of the finished and the failed cells is known by."""
+    ended = [f"{one.cell.folder.name} {one.written}" for one in overview.of(FINISHED, FAILED)]
+    return hashlib.sha256("\n".join(ended).encode()).hexdigest()[:12]
+
+
+def findings_so_far(overview: Overview, table: Table) -> Findings:
+    """What the cells that have ended say; rows and scenes of those that have not are there, empty.
+
+    Raises ValueError where two run folders hold the same cell.
+    """
+    cells = [one.cell for one in overview.cells]
+    rows, scenes = (list(dict.fromkeys(names)) for names in ([cell.row for cell in cells], [cell.scene for cell in cells]))
+    ended = [one.cell for one in overview.of(FINISHED, FAILED)]
+    collection = collect({cell.folder: (cell.row, cell.scene, cell.seed) for cell in ended})
+    reference = table.reference if table.reference in rows else None
+    claims = [claim for claim in table.claims if {claim.better, claim.worse} <= {*rows}]
+    return analyse(collection, rows, scenes, reference, claims, table.papers)
+
+
+def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = False) -> None:
+    """Write the news into a page's folder of parts. ``ended``: nobody will write any more."""
+    content = {"key": key_of(overview), "every": every, "made": round(time.time(), 1), "ended": ended, **_news(overview)}
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    parts.mkdir(parents=True, exist_ok=True)
+    with whole_file(parts / NEWS) as partial:
+        partial.write_text(f"bench.news({text});\n", encoding="utf-8")
+
+
+def _news(overview: Overview) -> dict[str, Any]:
+    left = overview.seconds_left()
+    curves = [(one, curve) for one in overview.of(RUNNING) if (curve := _curve(one)) is not None]
+    return {
+        "left": None if left is None else round(left),
+        "cells": [_line(one) for one in overview.cells],
+        "curves": [{"row": one.cell.row, "scene": one.cell.scene, **curve_data(curve)} for one, curve in curves],
+    }
+
+
+def _line(one: Standing) -> list[Any]:
+    seconds = None if one.seconds is None else round(one.seconds)
+    return [one.cell.row, one.cell.scene, one.cell.seed, one.state, seconds, one.says]
+
+
+def _curve(one: Standing) -> Curve | None:
+    try:
+        return read_curve(one.cell.folder / CURVE)
+    except BadRecord:  # it says so itself once it has finished
+        return None

@@ -1,0 +1,74 @@
+"""``cells.json`` of a table's results: which cells it consists of, for whoever wants to know how far it is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
+from ia_bench.runs.table import Cell
+
+CELLS = "cells.json"
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One cell: its labels, the hash of its configuration, its run folder, and the file with what it says."""
+
+    row: str
+    scene: str
+    seed: int
+    config_hash: str
+    folder: Path
+    log: Path
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The cells of a table in their order, how many run at a time (None: as many as fit), and when it was started last."""
+
+    table: str
+    jobs: int | None
+    started: float
+    cells: tuple[Planned, ...]
+
+
+def write_cells(results: Path, table: str, jobs: int | None, cells: Sequence[Cell]) -> None:
+    """Write down the cells of a table that is about to run in the folder ``results``."""
+    listed = [
+        {
+            "row": cell.row.name,
+            "scene": cell.config.scene.name,
+            "seed": cell.config.seed,
+            "config_hash": cell.config_hash,
+            "folder": cell.folder.relative_to(results).as_posix(),
+            "log": cell.log(results / "logs").relative_to(results).as_posix(),
+        }
+        for cell in cells
+    ]
+    results.mkdir(parents=True, exist_ok=True)
+    with whole_file(results / CELLS) as partial:
+        partial.write_text(json.dumps({"table": table, "jobs": jobs, "cells": listed}, indent=1), encoding="utf-8")
+
+
+def read_cells(results: Path) -> Plan | None:
+    """What :func:`write_cells` wrote into ``results``; None where it did not. Raises InputError for anything else there."""
+    path = results / CELLS
+    if not path.is_file():
+        return None
+    content = read_json(path)
+    try:
+        cells = tuple(_planned(results, entry) for entry in content["cells"])
+        return Plan(content["table"], content["jobs"], path.stat().st_mtime, cells)
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path}: expected the cells of a table, found one without {error}") from None
+
+
+def _planned(results: Path, entry: dict[str, Any]) -> Planned:
+    of = {key: entry[key] for key in ("row", "scene", "seed", "config_hash")}
+    return Planned(**of, folder=results / entry["folder"], log=results / entry["log"])

@@ -1,0 +1,159 @@
+"""How far the runs of a folder are: which run, wait, finished, failed. Only read from files; nothing is asked of the runs."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
+from ia_bench.runs.cells import Plan, Planned, read_cells
+from ia_bench.runs.config import slug
+from ia_bench.runs.folder import CONFIG
+from ia_bench.runs.lock import is_held
+from ia_bench.runs.metrics import METRICS
+
+RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
+PROGRESS = re.compile(r"^(.+: \d+/\d+, .*)$", re.MULTILINE)  # as common.progress writes it where nobody draws bars
+OF_A_CELL = re.compile(r"-seed\d+-[0-9a-f]{8}$")  # what a table adds to a row's name for the folder of a cell
+TAIL_BYTES = 4096  # of a log, in which the last line of progress is looked for
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Where one cell stands.
+
+    Attributes:
+        cell: Which.
+        state: RUNNING, WAITING, FAILED or FINISHED; a run that was begun and that nobody is at waits.
+        seconds: That a finished one took in all, or that a running one has been at work; None where unknown.
+        says: The last line of progress of a running one, or why one failed.
+        written: When its record was written, in ns; 0 without one.
+    """
+
+    cell: Planned
+    state: str
+    seconds: float | None = None
+    says: str = ""
+    written: int = 0
+
+
+@dataclass(frozen=True)
+class Overview:
+    """Where all cells of a folder stand, and the plan that lists them, None where no table was run there."""
+
+    plan: Plan | None
+    cells: tuple[Standing, ...]
+
+    def of(self, *states: str) -> list[Standing]:
+        """The cells in one of ``states``."""
+        return [one for one in self.cells if one.state in states]
+
+    def seconds_left(self) -> float | None:
+        """About how long the rest takes, once something has finished; None before.
+
+        A cell is expected to take as long as the finished ones of its row, or as all of them where its row has none. Cells side
+        by side are taken to share the rest evenly.
+        """
+        running, finished = self.of(RUNNING), [one for one in self.of(FINISHED) if one.seconds is not None]
+        if not finished:
+            return None
+
+        def expected(cell: Planned) -> float:
+            alike = [one for one in finished if one.cell.row == cell.row] or finished
+            return fmean(one.seconds for one in alike if one.seconds is not None)
+
+        begun = [max(0.0, expected(one.cell) - (one.seconds or 0.0)) for one in running]
+        waiting = [expected(one.cell) for one in self.of(WAITING)]
+        side_by_side = self.plan.jobs if self.plan is not None and self.plan.jobs is not None else len(running)
+        return max(sum((*begun, *waiting)) / max(1, side_by_side), *begun, 0.0)
+
+
+def look(results: Path) -> Overview:
+    """Where the cells of a table stand, or every run folder below ``results`` where no table has listed its cells.
+
+    Raises InputError where there is neither.
+    """
+    plan = read_cells(results)
+    if plan is not None:
+        return Overview(plan, tuple(_stands(cell, plan.started) for cell in plan.cells))
+    folders = sorted({path.parent for name in (CONFIG, METRICS) for path in results.rglob(name)})
+    if not folders:
+        raise InputError(f"{results}: expected the results of a table, or a folder with runs, found none")
+    return Overview(None, tuple(_stands(cell, 0.0) for cell in _found(folders)))
+
+
+def _stands(cell: Planned, started: float) -> Standing:
+    written = _time_of(cell.folder / METRICS)
+    record = _record(cell.folder / METRICS, written)
+    if is_held(cell.folder):
+        began = max(started, _time_of(cell.folder / CONFIG) / 1e9)
+        return Standing(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
+    if cell.config_hash and record.config_hash != cell.config_hash:
+        return Standing(cell, WAITING)
+    if record.status == "ok":
+        return Standing(cell, FINISHED, record.seconds, written=written)
+    if record.status == "failed" and written / 1e9 >= started:  # one of before will be tried again
+        return Standing(cell, FAILED, says=record.error, written=written)
+    return Standing(cell, WAITING)
+
+
+@dataclass(frozen=True)
+class _Record:
+    """What of a metrics.json says where its cell stands."""
+
+    status: str
+    config_hash: str
+    seconds: float | None
+    error: str
+
+
+@lru_cache(maxsize=100_000)  # every few seconds all of them are looked at, and few have been written since
+def _record(path: Path, written: int) -> _Record:
+    found = _read(path) if written else {}
+    seconds = found.get("time_s", {}).get("total")
+    return _Record(str(found.get("status")), str(found.get("config_hash")), seconds, str(found.get("error", "")))
+
+
+def _found(folders: Sequence[Path]) -> Iterable[Planned]:
+    """Run folders as cells; one that has no record yet is of the row that its folder is called after, as far as that is known."""
+    records = {folder: _read(folder / METRICS) for folder in folders}
+    rows = {slug(record["row"]): record["row"] for record in records.values() if isinstance(record.get("row"), str)}
+    for folder, record in records.items():
+        config = _read(folder / CONFIG).get("config", {})
+        called = OF_A_CELL.sub("", folder.name)
+        row = str(record.get("row", rows.get(called, called)))
+        scene = str(record.get("scene", config.get("scene", {}).get("name", folder.parent.name)))
+        seed = record.get("seed", config.get("seed", 0))
+        yield Planned(row, scene, int(seed), "", folder, folder / "log")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return read_json(path)
+    except InputError:  # not there, or not a record: what it says is nothing
+        return {}
+
+
+def _time_of(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _last_progress(log: Path) -> str:
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - TAIL_BYTES))
+            text = file.read().decode(errors="replace")
+    except OSError:
+        return ""
+    found: list[str] = PROGRESS.findall(text)
+    return found[-1].strip() if found else ""

@@ -1,0 +1,109 @@
+"""How far a table is: every state made by hand, and the time left by arithmetic."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from ia_bench.common.errors import InputError
+from ia_bench.runs.cells import read_cells
+from ia_bench.runs.lock import is_held, lock_folder
+from ia_bench.runs.standing import FAILED, FINISHED, RUNNING, WAITING, look
+
+HASH = "0" * 64
+
+
+def cell(results: Path, row: str, seed: int = 0, /, **record: object) -> Path:
+    """The folder of a cell on hat; with a metrics.json where ``record`` has something for it."""
+    folder = results / "runs" / "hat" / f"{row}-seed{seed}-00000000"
+    folder.mkdir(parents=True)
+    (folder / "config.json").write_text(json.dumps({"config_hash": HASH, "config": {"scene": {"name": "hat"}, "seed": seed}}))
+    labels = {"scene": "hat", "seed": seed, "config_hash": HASH}
+    if record:
+        (folder / "metrics.json").write_text(json.dumps({"row": row, **labels, **record}))
+    return folder
+
+
+def plan(results: Path, *rows: tuple[str, int], jobs: int | None = 2) -> None:
+    common = {"scene": "hat", "config_hash": HASH}
+    cells = [
+        {"row": row, "seed": seed, "folder": f"runs/hat/{row}-seed{seed}-00000000", "log": f"logs/{row}"} | common
+        for row, seed in rows
+    ]
+    results.mkdir(exist_ok=True)
+    (results / "cells.json").write_text(json.dumps({"table": "paper", "jobs": jobs, "cells": cells}))
+
+
+def test_every_state_is_told_from_what_lies_in_the_folders(tmp_path: Path) -> None:
+    before = cell(tmp_path, "failed before", status="failed", error="of last week")
+    os.utime(before / "metrics.json", (1, 1))
+    plan(tmp_path, *((row, 0) for row in ("done", "other", "failed", "failed before", "begun", "running", "absent")))
+    cell(tmp_path, "done", status="ok", time_s={"total": 60.0})
+    cell(tmp_path, "other", status="ok", config_hash="1" * 64)
+    cell(tmp_path, "failed", status="failed", error="boom")
+    cell(tmp_path, "begun")
+    running = cell(tmp_path, "running")
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "running").write_text("a note\nfit: 1/9, loss 3\nfit: 4/9, loss 2, 3 s left\nanother note\n")
+    with lock_folder(running, print):
+        found = {one.cell.row: one for one in look(tmp_path).cells}
+    states = {row: one.state for row, one in found.items()}
+    assert states == {
+        "done": FINISHED,
+        "other": WAITING,
+        "failed": FAILED,
+        "failed before": WAITING,
+        "begun": WAITING,
+        "running": RUNNING,
+        "absent": WAITING,
+    }
+    assert found["done"].seconds == 60
+    assert found["failed"].says == "boom"
+    assert found["running"].says == "fit: 4/9, loss 2, 3 s left"
+    assert {one.cell.row: one.state for one in look(tmp_path).cells}["running"] == WAITING  # nobody holds it any more
+
+
+def test_the_time_left_is_that_of_the_rows_own_cells_shared_by_the_jobs(tmp_path: Path) -> None:
+    """Row a took 100 s and row b 40 s. To do: a twice, b once, and c, which is expected to take their mean of 70 s; one of a has
+    been at work for 30 s. So 100 + 40 + 70 + 70 s of work for two jobs."""
+    plan(tmp_path, ("a", 0), ("b", 0), ("a", 1), ("a", 2), ("b", 1), ("c", 0))
+    assert look(tmp_path).seconds_left() is None
+    cell(tmp_path, "a", status="ok", time_s={"total": 100.0})
+    cell(tmp_path, "b", status="ok", time_s={"total": 40.0})
+    running = cell(tmp_path, "a", 1)
+    now = time.time()
+    for path in (tmp_path / "cells.json", running / "config.json"):
+        os.utime(path, (now - 30, now - 30))
+    with lock_folder(running, print):
+        assert look(tmp_path).seconds_left() == pytest.approx((100 + 40 + 70 + 70) / 2, abs=2)
+        plan(tmp_path, ("a", 0), ("a", 1), jobs=8)
+        os.utime(tmp_path / "cells.json", (now - 30, now - 30))
+        assert look(tmp_path).seconds_left() == pytest.approx(70, abs=2)  # what one cell takes, no job can shorten
+
+
+def test_runs_without_a_table_are_found_and_called_as_their_finished_siblings(tmp_path: Path) -> None:
+    cell(tmp_path, "a-b", status="ok", time_s={"total": 1.0}, row="a (b)")
+    cell(tmp_path, "a-b", 1)
+    found = [(one.cell.row, one.cell.scene, one.cell.seed, one.state) for one in look(tmp_path).cells]
+    assert found == [("a (b)", "hat", 0, FINISHED), ("a (b)", "hat", 1, WAITING)]
+
+
+def test_looking_holds_no_lock_and_makes_no_file(tmp_path: Path) -> None:
+    folder = cell(tmp_path, "a")
+    assert not is_held(folder)
+    assert not (folder / ".lock").exists()
+    with lock_folder(folder, print):
+        assert is_held(folder)
+    assert not is_held(folder)
+
+
+def test_what_is_no_table_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected the results of a table, or a folder with runs, found none"):
+        look(tmp_path)
+    (tmp_path / "cells.json").write_text('{"table": "paper", "jobs": 1, "cells": [{"row": "a"}]}')
+    with pytest.raises(InputError, match=r"cells\.json: expected the cells of a table, found one without 'scene'"):
+        read_cells(tmp_path)
