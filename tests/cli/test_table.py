@@ -61,7 +61,7 @@ def test_shipped_table_is_well_formed(path: Path) -> None:
     table = load_table(path.stem)
     command = "# make table " if path.stem == "paper" else f"# python -m ia_bench.table table={path.stem}\n"
     assert path.read_text().startswith(command)
-    scenes = ("hat",) if table.captures else tuple(table.scenes)  # composing hundreds of cells takes long
+    scenes = tuple(table.scenes[:1])  # composing hundreds of cells takes long
     cells = cells_of(table, scenes=scenes)
     assert len(cells) == len(table.crossed) * len(scenes) * len(table.seeds)
     assert len({cell.config_hash for cell in cells}) == len(cells), "two rows with one configuration say nothing"

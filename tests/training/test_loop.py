@@ -1,9 +1,11 @@
+import io
 import json
 import os
 import shutil
 import subprocess
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -12,7 +14,7 @@ from priors.tiny_network import tiny_weights
 from safetensors.torch import load_file
 from training.test_dataset import shard
 
-from ia_bench.cli.train import usage
+from ia_bench.cli.train import main, usage
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
@@ -51,10 +53,27 @@ def start(arguments, launcher=()):
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
 
 
-def run(arguments, launcher=()):
+def run_apart(arguments, launcher=()):
     started = start(arguments, launcher)
     printed = started.communicate()
     return subprocess.CompletedProcess(started.args, started.returncode, *printed)
+
+
+@pytest.fixture(autouse=True)
+def same_process(monkeypatch):
+    """What a command changes of the process is put back."""
+    monkeypatch.setenv("ACCELERATE_USE_CPU", "true")
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+
+
+def run(arguments):
+    """The command in this process, which has imported already what takes a command seconds."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        status = main(arguments)
+    return subprocess.CompletedProcess(arguments, status, out.getvalue(), err.getvalue())
 
 
 def train(arguments):
@@ -223,7 +242,7 @@ def test_two_processes_train_together(folders, tmp_path):
     still = [f"augmentation.{name}=0" for name in ("mirror", "permute", "cast", "exposure", "noise")]
     plain = ("steps=3", "network.kind=regressor", "ema=0", "augmentation.no_geometry=1", *still)
     train(command(folders, tmp_path / "one", *plain))
-    ended = run(command(folders, tmp_path / "two", *plain), ("torch.distributed.run", "--nproc_per_node", "2", "-m"))
+    ended = run_apart(command(folders, tmp_path / "two", *plain), ("torch.distributed.run", "--nproc_per_node", "2", "-m"))
     assert ended.returncode == 0, ended.stderr
     provenance = load_network(tmp_path / "two/weights")[1]
     assert (provenance["processes"], provenance["steps"]) == (2, 3)
@@ -235,7 +254,7 @@ def test_two_processes_train_together(folders, tmp_path):
 
 def test_another_run_in_the_folder_is_refused(folders, tmp_path):
     train(command(folders, tmp_path / "run", "steps=1"))
-    ended = run(command(folders, tmp_path / "run", "steps=1", "rate=1e-3"))
+    ended = run_apart(command(folders, tmp_path / "run", "steps=1", "rate=1e-3"))
     assert ended.returncode == 2
     assert "other settings" in ended.stderr
 
