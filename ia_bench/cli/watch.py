@@ -71,7 +71,7 @@ def _write(overview: Overview, runs: Path, out: Path, every: float) -> Path:
         findings = findings_so_far(overview, table)
     except ValueError as error:
         raise InputError(str(error)) from None
-    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.rows}
+    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed}
     title = f"Table: {overview.plan.table}" if overview.plan is not None else f"Runs: {runs.resolve().name}"
     return write_page(Sources(findings, title, texts, live=Live(key_of(overview), every)), out)
 

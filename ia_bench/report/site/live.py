@@ -38,7 +38,7 @@ def findings_so_far(overview: Overview, table: Table) -> Findings:
     rows, scenes = (list(dict.fromkeys(names)) for names in ([cell.row for cell in cells], [cell.scene for cell in cells]))
     ended = [one.cell for one in overview.of(FINISHED, FAILED)]
     collection = collect({cell.folder: (cell.row, cell.scene, cell.seed) for cell in ended})
-    reference = table.reference if table.reference in rows else None
+    reference = table.compared if table.compared in rows else None
     claims = [claim for claim in table.claims if {claim.better, claim.worse} <= {*rows}]
     return analyse(collection, rows, scenes, reference, claims, table.papers)
 
