@@ -17,6 +17,7 @@ from ia_bench.report.published import read_published
 from ia_bench.report.site.against import changes, former_runs
 from ia_bench.report.site.content import RowTexts, Sources
 from ia_bench.report.site.gallery import Gallery
+from ia_bench.report.site.worth import maps
 from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.texts import markdown_block
 from ia_bench.report.value.write import write_value
@@ -83,7 +84,8 @@ def write_report_page(report: Report, table: Table, out: Path, name: str, former
     found = report.findings
     texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed}
     since = None if former is None else changes(former, found.runs, found.rows, found.scenes)
-    return write_page(Sources(found, f"Table: {name}", texts, since), out / PAGE, _pictures(report, out / PAGE / PARTS))
+    sources = Sources(found, f"Table: {name}", texts, since, worth=maps(found.runs, table, found.reference))
+    return write_page(sources, out / PAGE, _pictures(report, out / PAGE / PARTS))
 
 
 def _pictures(report: Report, parts: Path) -> Gallery:

@@ -16,6 +16,7 @@ from ia_bench.report.site.against import Changes
 from ia_bench.report.site.definitions import COSTS, WHY_THE_PAPER_DIFFERS, definition
 from ia_bench.report.site.evidence import Commands, Evidence, Settings, common, evidence_of
 from ia_bench.report.site.leaders import Leader, leaders
+from ia_bench.report.site.worth import Map
 from ia_bench.report.statistics import Estimate, Line, best_rows
 from ia_bench.report.table import HEADLINE, Block, estimate_text
 from ia_bench.scores.columns import CURVE_METRICS, METRICS, Metric
@@ -58,6 +59,7 @@ class Sources:
         rows: Texts of the rows that have some.
         changes: What is different from a former report, None where there is none.
         live: What a page that is watched has to know, None for a report.
+        worth: Maps of what rows are worth, where scenes were photographed in several ways.
     """
 
     findings: Findings
@@ -65,6 +67,7 @@ class Sources:
     rows: Mapping[str, RowTexts] = field(default_factory=dict)
     changes: Changes | None = None
     live: Live | None = None
+    worth: Sequence[Map] = ()
 
 
 @dataclass(frozen=True)

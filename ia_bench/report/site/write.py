@@ -26,7 +26,7 @@ PICTURES = "pictures.js"
 STYLES = ("vendor/uPlot.min.css", "vendor/img-comparison-slider.css", "assets/page.css", "assets/parts.css", "assets/print.css")
 SCRIPT_NAMES = (
     *("common", "theme", "tips", "table", "live", "copy", "evidence", "levels", "curves"),
-    *("parts", "heat", "look", "relight", "turn"),
+    *("parts", "heat", "look", "relight", "turn", "worth"),
 )
 SCRIPTS = (
     "vendor/uPlot.iife.min.js",

@@ -54,7 +54,7 @@
       run.files ? folded("Checksums of its files (SHA-256, first 12 digits)", list(run.files)) : null);
   };
 
-  const kindOf = (key) => ({ albedo: "albedo", aligned_albedo: "aligned", view_synthesis: "view", roughness: "roughness" })[key.split(".")[0]] || "relit";
+  bench.kindOf = (key) => ({ albedo: "albedo", aligned_albedo: "aligned", view_synthesis: "view", roughness: "roughness" })[key.split(".")[0]] || "relit";
 
   // Seeds as dots on a line, so that their spread is seen before it is read.
   const strip = (runs, key) => {
@@ -75,7 +75,7 @@
     opener = from;
     const seen = data.scenes.filter((scene) => [scene, bench.scopes.length > 1 ? bench.scopes[0] : scene].includes(scope) && data.pictures[scene]?.rows[name]);
     const look = (scene) => make("button", { type: "button", class: "quiet", text: `Look at it: ${scene}`,
-      on: { click: () => { opener = null; dialog.close(); bench.lookAt(scene, name, kindOf(key)); } } });
+      on: { click: () => { opener = null; dialog.close(); bench.lookAt(scene, name, bench.kindOf(key)); } } });
     dialog.replaceChildren(...[
       make("form", { method: "dialog" }, make("button", { class: "quiet close", "aria-label": "Close", text: "✕" })),
       make("p", { class: "where", text: `${metric ? metric.title : key}, ${scope}` }),

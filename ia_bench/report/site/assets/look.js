@@ -126,11 +126,11 @@
   tabs.forEach((tab) => tab.addEventListener("click", () => chooseKind(tab.dataset.kind)));
   bench.find("#look-kinds").append(...tabs);
   const chooseScene = bench.sceneTabs(bench.find("#look-scenes"), (scene) => { look.scene = scene; choose(); });
-  // From elsewhere on the page: a row of a scene beside the truth.
-  bench.lookAt = (scene, row, kind) => {
+  // From elsewhere on the page: a row of a scene beside the truth, or beside another row.
+  bench.lookAt = (scene, row, kind, other = "truth") => {
     chooseScene(scene);
     if (!here().rows[row]) return;
-    [left.value, right.value, bench.find("#look-of").value] = ["truth", row, row];
+    [left.value, right.value, bench.find("#look-of").value] = [here().rows[other] ? other : "truth", row, row];
     chooseKind(kind in kinds ? kind : "relit");
     bench.find("#look").scrollIntoView();
   };

@@ -110,9 +110,10 @@ class _Wall:
 
 
 def _scene_of(run: Recovered) -> list[Any]:
-    """What decides the scene as a run has seen it: its files, how they were read, and what was captured of them."""
+    """What decides the scene as a run is pictured: its files, how they were read, and its mesh where the capture made that."""
     capture = run.config.get("config", dict).get("capture", {})
-    return [run.config.get("config.scene.content", str), asdict(run.reader), capture]
+    made = capture if capture.get("geometry", "given") != "given" else {}
+    return [run.config.get("config.scene.content", str), asdict(run.reader), made]
 
 
 def _kept(folder: Path, known: list[Any], write: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
