@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
+from ia_bench.capture.faults import blurred, misplaced, mistaken_masks
+from ia_bench.capture.margin import inside
 from ia_bench.capture.radiometry import photographed
-from ia_bench.capture.settings import CaptureSettings
+from ia_bench.capture.settings import CaptureSettings, FaultSettings
 from ia_bench.capture.shapes import with_geometry
 from ia_bench.capture.views import spread
+from ia_bench.geometry.consistency import consistent
 from ia_bench.scenes.padding import of_one_size
-from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.scene import Scene, View
+
+DOUBTED = 3  # views that may be wrong about a point of the hull by which poses and masks are judged, at least
 
 
 def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> Scene:
-    """The scene with fewer views, other images or another mesh; held-out views and truth stay what they were.
+    """The scene with fewer views, other images, cameras and masks, or another mesh; held-out views and truth stay what they were.
 
     ``note`` is told what takes time. Raises InputError for what the scene cannot give.
     """
@@ -25,19 +30,33 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     if settings.views != "all":
         train = spread(train, settings.views)
     train = of_one_size(train)
-    per_image = settings.exposure == "per_image"
-    if settings.radiometry == "ldr":
-        train = photographed(train, settings.percentile, per_image=per_image)
-    elif per_image:
-        note("capture.exposure=per_image changes nothing with capture.radiometry=hdr, whose images are in one unit")
-    differ = scene.exposures_differ or (settings.radiometry == "ldr" and per_image)
-    return with_geometry(replace(scene, train=train, exposures_differ=differ), settings, note)
+    ldr, per_image = settings.radiometry == "ldr", settings.exposure == "per_image"
+    if not ldr:
+        for key, set_to in (("exposure", per_image), ("jpeg", settings.jpeg != "none")):
+            if set_to:
+                note(f"capture.{key}={getattr(settings, key)} changes nothing with capture.radiometry=hdr")
+    if ldr or settings.background != "none" or settings.faults != FaultSettings():
+        train = _taken(train, settings)
+    if settings.consistency:
+        note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
+        train = consistent(train, settings.consistency, max(settings.tolerated, DOUBTED))
+    differ = scene.exposures_differ or (ldr and per_image)
+    shaped = with_geometry(replace(scene, train=train, exposures_differ=differ), settings, note)
+    return replace(shaped, train=inside(train, settings.margin)) if settings.margin else shaped
+
+
+def _taken(views: tuple[View, ...], settings: CaptureSettings) -> tuple[View, ...]:
+    """The views photographed, with masks and poses as they would be found for the photographs."""
+    cameras, masks = misplaced(views, settings.faults), mistaken_masks(views, settings.faults)
+    photos = photographed(blurred(views, settings.faults), settings, masks)
+    return tuple(replace(photo, camera=camera) for photo, camera in zip(photos, cameras, strict=True))
 
 
 def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
     """What metrics.json says of the capture of a ``scene`` that was captured by these ``settings``."""
     saturated = [float((~view.valid & (view.mask > 0)).sum()) for view in scene.train if view.valid is not None]
     covered = sum(float((view.mask > 0).sum()) for view in scene.train)
+    faults = {} if settings.faults == FaultSettings() else {"faults": asdict(settings.faults)}
     return {
         "views": len(scene.train),
         "radiometry": settings.radiometry,
@@ -45,4 +64,5 @@ def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
         "geometry": settings.geometry,
         "triangles": 0 if scene.mesh is None else len(scene.mesh.faces),
         "saturated_share": float(np.sum(saturated)) / max(covered, 1.0),
+        **faults,
     }

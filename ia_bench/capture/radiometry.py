@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
+from PIL import Image
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench.scenes.scene import View
@@ -15,20 +18,37 @@ COVERED = 0.5  # of a pixel that counts for the exposure
 WHITE = 255
 
 
-def photographed(views: Sequence[View], percentile: float, *, per_image: bool) -> tuple[View, ...]:
-    """The views through eight bits, in the units of the scene.
+def photographed(views: Sequence[View], settings: CaptureSettings, masks: Sequence[np.ndarray]) -> tuple[View, ...]:
+    """The views as ``settings`` photograph them, cut out by ``masks`` (H, W), in the units of the scene.
 
-    One exposure, or one ``per_image``, lets ``percentile`` percent of the object's pixels stay below the clip. A pixel of which a
-    channel reads 255 is not ``valid``. One exposure is known, as from a camera's record, and divided out. Exposures of single
-    images are not: of these only the geometric mean is divided out, and each image keeps its own factor, which is unknown.
+    A picture shows the object, and around it ``settings.background``. With "ldr" it goes through eight bits: one exposure, or
+    one for each image, lets ``percentile`` percent of the object's pixels stay below the clip. A pixel of which a channel reads
+    255 is not ``valid``. One exposure is known, as from a camera's record, and divided out. Exposures of single images are not:
+    of these only the geometric mean is divided out, and each image keeps its own factor, which is unknown.
     """
+    percentile = settings.percentile
     brightest = [_brightest(view) for view in views]
-    if per_image:
+    ldr, background, common = settings.radiometry == "ldr", None, 1.0
+    if ldr or settings.background != "none":
+        common = _exposure(np.concatenate(brightest), percentile, "all training views")
+    if settings.background != "none":
+        background = settings.background / common
+    pictures = [_picture(view, background) for view in views]
+    if not ldr:
+        return tuple(_cut_out(*each) for each in zip(views, pictures, masks, strict=True))
+    exposures = [common] * len(views)
+    if settings.exposure == "per_image":
         exposures = [_exposure(values, percentile, view.name) for values, view in zip(brightest, views, strict=True)]
-    else:
-        exposures = [_exposure(np.concatenate(brightest), percentile, "all training views")] * len(views)
     unit = float(np.exp(np.mean(np.log(exposures))))
-    return tuple(_quantised(view, exposure, unit) for view, exposure in zip(views, exposures, strict=True))
+    taken = []
+    for view, picture, exposure, mask in zip(views, pictures, exposures, masks, strict=True):
+        codes = eight_bits(exposure * picture)
+        if settings.jpeg != "none":
+            codes = through_jpeg(codes, settings.jpeg)
+        clipped = (codes == WHITE).any(-1) & (mask > 0)
+        known = ~clipped if view.valid is None else view.valid & ~clipped
+        taken.append(_cut_out(replace(view, valid=known), srgb_to_linear(codes / WHITE) / unit, mask))
+    return tuple(taken)
 
 
 def eight_bits(straight: np.ndarray) -> np.ndarray:
@@ -36,27 +56,35 @@ def eight_bits(straight: np.ndarray) -> np.ndarray:
     return np.round(WHITE * linear_to_srgb(straight.clip(0, 1)))
 
 
-def _quantised(view: View, exposure: float, unit: float) -> View:
-    codes = eight_bits(exposure * _straight(view))
-    clipped = (codes == WHITE).any(-1) & (view.mask > 0)
-    known = ~clipped if view.valid is None else view.valid & ~clipped
-    linear = srgb_to_linear(codes / WHITE) / unit * view.mask[..., None]
-    return replace(view, image=linear.astype(np.float32), valid=known)
+def through_jpeg(codes: np.ndarray, quality: int) -> np.ndarray:
+    """What a picture (H, W, 3) of codes from 0 to 255 is after it was stored as a JPEG with chroma at half resolution."""
+    stored = BytesIO()
+    Image.fromarray(codes.astype(np.uint8)).save(stored, "JPEG", quality=quality, subsampling="4:2:0")
+    with Image.open(stored) as picture:
+        return np.asarray(picture.convert("RGB"), np.float64)
 
 
-def _straight(view: View) -> np.ndarray:
+def _cut_out(view: View, picture: np.ndarray, mask: np.ndarray) -> View:
+    return replace(view, image=(picture * mask[..., None]).astype(np.float32), mask=mask)
+
+
+def _picture(view: View, background: float | None) -> np.ndarray:
+    """The radiance of all pixels (H, W, 3): colours of the object alone, black around it, or the object before a background."""
     share = view.mask[..., None]
+    if background is not None:
+        behind: np.ndarray = view.image + (1 - share) * background
+        return behind
     return np.divide(view.image, share, out=np.zeros(view.image.shape), where=share > 0)
 
 
 def _brightest(view: View) -> np.ndarray:
     """The brightest channel (N,) of the pixels that show the object."""
-    brightest: np.ndarray = _straight(view).max(-1)[view.mask > COVERED]
+    brightest: np.ndarray = _picture(view, None).max(-1)[view.mask > COVERED]
     return brightest
 
 
 def _exposure(values: np.ndarray, percentile: float, what: str) -> float:
     level = float(np.percentile(values, percentile)) if len(values) else 0.0
     if level <= 0:
-        raise InputError(f"capture.radiometry=ldr: expected light in {what}, found {percentile:g} % of the object's pixels black")
+        raise InputError(f"capture: expected light in {what}, found {percentile:g} % of the object's pixels black")
     return 1 / level

@@ -14,6 +14,29 @@ MADE = ("hull",)
 
 
 @dataclass(frozen=True)
+class FaultSettings:
+    """What goes wrong with training views, each fault by itself; none does by default. Pixels are those of the images.
+
+    Attributes:
+        seed: Of all random draws below; those of a view depend on it and on the view's name.
+        poses: Pixels by which wrong cameras move points of the object in their images, root mean square.
+        mask_growth: Pixels by which every mask is too large; below 0 too small.
+        mask_jitter: Pixels by which the mask of each view is at most too large or too small besides, drawn evenly.
+        wrong_masks: Number of views whose mask has lost one half of the object.
+        blurred_views: Number of views that are out of focus.
+        blur: Of these: standard deviation, pixels.
+    """
+
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    poses: Annotated[float, Field(ge=0, le=20)] = 0.0
+    mask_growth: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    mask_jitter: Annotated[float, Field(ge=0, le=20)] = 0.0
+    wrong_masks: Annotated[int, Field(ge=0, le=10**4)] = 0
+    blurred_views: Annotated[int, Field(ge=0, le=10**4)] = 0
+    blur: Annotated[float, Field(gt=0, le=50)] = 2.0
+
+
+@dataclass(frozen=True)
 class CaptureSettings:
     """How a scene is photographed before anything is planned or fitted.
 
@@ -22,7 +45,14 @@ class CaptureSettings:
         views: How many of the training views are taken, spread over the directions of the cameras; "all" of them.
         radiometry: "hdr" leaves images as they are; "ldr" exposes, clips and quantises them to 8-bit sRGB.
         exposure: Of "ldr": "fixed" is one exposure, which is known; "per_image" one for each image, which is not.
-        percentile: Of "ldr": share of the object's pixels, in percent, that the exposure keeps below the clip.
+        percentile: Share of the object's pixels, in percent, that an exposure keeps below the clip.
+        jpeg: Of "ldr": quality of the JPEG that each photograph goes through, 1 to 95 as encoders count; "none" keeps all bits.
+        background: Grey behind the object, as a share of the radiance at ``percentile``: pixels at the edge mix it in, and a mask
+            that is too large shows it. "none": the object is cut out without any.
+        faults: What goes wrong besides.
+        consistency: Rounds in which poses and masks are made to agree with the hull of all masks, before anything else is made of
+            them; 0 takes them as they are.
+        margin: Pixels along the inside of every mask that a fit does not see, nor anything outside of it; 0 shows it all.
         geometry: Where the mesh comes from: "given" by the scene, "smoothed" from that, or the visual "hull" of the masks.
         smoothing: Of "smoothed": standard deviation of the blur, as a share of the diagonal of the mesh's box.
         cells: Of "hull": cells of the grid along the longest side of the object.
@@ -36,6 +66,11 @@ class CaptureSettings:
     radiometry: Literal["hdr", "ldr"] = "hdr"
     exposure: Literal["fixed", "per_image"] = "fixed"
     percentile: Annotated[float, Field(gt=0, le=100)] = 98.0
+    jpeg: Annotated[int, Field(ge=1, le=95)] | Literal["none"] = "none"
+    background: Annotated[float, Field(ge=0, le=10)] | Literal["none"] = "none"
+    faults: FaultSettings = field(default_factory=FaultSettings)
+    consistency: Annotated[int, Field(ge=0, le=20)] = 0
+    margin: Annotated[float, Field(ge=0, le=100)] = 0.0
     geometry: Literal["given", "smoothed", "hull"] = "given"
     smoothing: Annotated[float, Field(ge=0, le=0.2)] = 0.01
     cells: Annotated[int, Field(ge=16, le=512)] = 192

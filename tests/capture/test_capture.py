@@ -78,9 +78,15 @@ def test_codes_by_hand() -> None:
     assert eight_bits(np.array([0.0, 0.0015, 0.5, 1.0, 3.0])).tolist() == [0, 5, 188, 255, 255]
 
 
+def ldr(views: list[View], percentile: float, **settings: object) -> tuple[View, ...]:
+    """The views through eight bits, with their own masks."""
+    chosen = CaptureSettings(radiometry="ldr", percentile=percentile, **settings)  # type: ignore[arg-type]
+    return photographed(views, chosen, [view.mask for view in views])
+
+
 def test_exposure_clip_and_quantisation_by_hand() -> None:
     """Half of five pixels at most: 1, 2, 4, 6, 8 are exposed by 1/4, so 4 is the clip; codes of 1/4 and 1/2 are 137 and 188."""
-    (view,) = photographed([made_up([1, 2, 4, 6, 8], mask=0.6)], 50, per_image=False)
+    (view,) = ldr([made_up([1, 2, 4, 6, 8], mask=0.6)], 50)
     decoded = [((code / 255 + 0.055) / 1.055) ** 2.4 for code in (137, 188, 255, 255, 255)]
     np.testing.assert_allclose(view.image[0, :, 0], 4 * 0.6 * np.array(decoded), rtol=1e-5)
     assert view.valid is not None
@@ -89,9 +95,9 @@ def test_exposure_clip_and_quantisation_by_hand() -> None:
 
 def test_one_exposure_is_divided_out_and_many_are_not() -> None:
     bright, dark = made_up([8, 8, 8, 2]), made_up([2, 2, 2, 0.5], name="1")
-    one = photographed([bright, dark], 100, per_image=False)
+    one = ldr([bright, dark], 100)
     np.testing.assert_allclose(one[1].image.mean() / one[0].image.mean(), 0.25, rtol=0.02)
-    each = photographed([bright, dark], 100, per_image=True)
+    each = ldr([bright, dark], 100, exposure="per_image")
     np.testing.assert_allclose(each[0].image, each[1].image)  # exposures of 1/8 and 1/2 make them alike ...
     np.testing.assert_allclose(each[0].image[0, 0, 0], 4, rtol=1e-5)  # ... in the unit of their geometric mean, 1/4
 
@@ -113,7 +119,7 @@ def test_ldr_captures_say_what_they_lost(tiny: Scene) -> None:
 
 def test_a_black_capture_has_no_exposure() -> None:
     with pytest.raises(InputError, match="expected light in all training views"):
-        photographed([made_up([0, 0])], 98, per_image=False)
+        ldr([made_up([0, 0])], 98)
 
 
 # ---------------------------------------------------------------- geometry

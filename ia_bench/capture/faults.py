@@ -1,0 +1,108 @@
+"""What goes wrong in a capture of one's own: cameras a little off, masks too large or too small, a blurred photograph.
+
+Every draw belongs to one photograph, by its name, and to one kind of fault: so the faults of a photograph are the same
+whichever others are taken, and one kind can be set without a change of the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from zlib import crc32
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from ia_bench.capture.settings import FaultSettings
+from ia_bench.common.errors import InputError
+from ia_bench.common.seeds import derive_seed
+from ia_bench.geometry.consistency import moved, pixel_motions, seen_at
+from ia_bench.geometry.silhouettes import HALF, centre_of, outline_distance
+from ia_bench.scenes.scene import Camera, View
+
+POSE, GROWTH, WRONG, SIDE, BLURRED = range(5)  # purposes of draws
+SMALL = 1e-3  # pixels by which a motion moves a camera's image, when its effect is measured
+
+
+# ---------------------------------------------------------------- poses
+def misplaced(views: Sequence[View], faults: FaultSettings) -> list[Camera]:
+    """The cameras of the views, each moved at random so that points of the object move by ``faults.poses`` pixels in its image.
+
+    That is the expected root mean square over the surface of a ball in place of the object. A motion turns the camera about its
+    three axes and shifts it along them; each of the six alone would move the ball's image about as much as any other.
+    """
+    if faults.poses == 0:
+        return [view.camera for view in views]
+    centre = centre_of(views)
+    return [_misplaced(view, centre, faults) for view in views]
+
+
+def _misplaced(view: View, centre: np.ndarray, faults: FaultSettings) -> Camera:
+    camera, area = view.camera, max(float((view.mask > HALF).sum()), 1.0)
+    focal = 0.5 * (camera.focal[0] + camera.focal[1])
+    distance = float(np.linalg.norm(camera.to_world[:3, 3] - centre))
+    points = centre + np.sqrt(area / np.pi) / focal * distance * np.concatenate([np.eye(3), -np.eye(3)])
+    units = pixel_motions(camera, distance, area)
+    apart = [seen_at(moved(camera, SMALL * units * one), points) - seen_at(camera, points) for one in np.eye(6)]
+    expected = float(np.sqrt(np.sum(np.square(apart)) / len(points))) / SMALL
+    return moved(camera, faults.poses / expected * units * _random(faults, POSE, view).standard_normal(6))
+
+
+# ---------------------------------------------------------------- masks
+def mistaken_masks(views: Sequence[View], faults: FaultSettings) -> list[np.ndarray]:
+    """The masks (H, W) that the object is cut out by: grown, and for some views without one half of the object.
+
+    Where nobody knows whether the object is seen, that stays so. Raises InputError where nothing is left of a mask.
+    """
+    chosen = _chosen(views, faults.wrong_masks, faults, WRONG, "wrong_masks")
+    masks = []
+    for place, view in enumerate(views):
+        mask = _grown(view, faults)
+        if place in chosen:
+            mask = mask * _one_side(view, faults)
+        if not (mask > HALF).any():
+            raise InputError(f"capture.faults: view {view.name}: expected to leave a part of its mask, found all of it taken away")
+        masks.append(mask)
+    return masks
+
+
+def _grown(view: View, faults: FaultSettings) -> np.ndarray:
+    pixels = faults.mask_growth + faults.mask_jitter * _random(faults, GROWTH, view).uniform(-1, 1)
+    if pixels == 0:
+        return view.mask
+    grown = (HALF + pixels - outline_distance(view.mask)).clip(0, 1).astype(np.float32)
+    unknown = np.zeros(grown.shape, bool) if view.valid is None else ~view.valid & (view.mask == 0)
+    return np.where(unknown, np.float32(0), grown)
+
+
+def _one_side(view: View, faults: FaultSettings) -> np.ndarray:
+    """1 on one side of a line through the middle of the mask, 0 on the other, (H, W)."""
+    angle = _random(faults, SIDE, view).uniform(0, 2 * np.pi)
+    rows, columns = np.nonzero(view.mask > HALF)
+    row, column = np.ogrid[: view.mask.shape[0], : view.mask.shape[1]]
+    return (np.cos(angle) * (column - columns.mean()) + np.sin(angle) * (row - rows.mean()) > 0).astype(np.float32)
+
+
+# ---------------------------------------------------------------- focus
+def blurred(views: Sequence[View], faults: FaultSettings) -> list[View]:
+    """The views, some of them through a Gaussian of ``faults.blur`` pixels: picture and coverage."""
+    chosen = _chosen(views, faults.blurred_views, faults, BLURRED, "blurred_views")
+    return [_blurred(view, faults.blur) if place in chosen else view for place, view in enumerate(views)]
+
+
+def _blurred(view: View, pixels: float) -> View:
+    image, mask = (gaussian_filter(part, pixels, axes=(0, 1)) for part in (view.image, view.mask))
+    return replace(view, image=image, mask=mask)
+
+
+# ---------------------------------------------------------------- draws
+def _random(faults: FaultSettings, purpose: int, view: View) -> np.random.Generator:
+    return np.random.default_rng(derive_seed(faults.seed, purpose, crc32(view.name.encode())))
+
+
+def _chosen(views: Sequence[View], count: int, faults: FaultSettings, purpose: int, setting: str) -> set[int]:
+    """Places of the ``count`` views with the lowest draws."""
+    if count > len(views):
+        raise InputError(f"capture.faults.{setting}={count}: expected at most {len(views)}, the views that are taken")
+    draws = [_random(faults, purpose, view).random() for view in views]
+    return set(np.argsort(draws)[:count].tolist())

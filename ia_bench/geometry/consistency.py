@@ -1,0 +1,152 @@
+"""Do masks and cameras agree with each other? Each view's outline against that of the hull of all views, and what mends it.
+
+Where a mask is too large or a camera a little off, the outline of the object in that view lies beside that of the hull. To first
+order, at a point of the outline with the outward normal n, the distance between both is
+
+    r = g - n . J m
+
+with g the pixels by which the mask is too large, m the camera's motion from where it should be (a rotation vector and a shift) and
+J what that motion does to the image of the point of the hull that lies there. Seven unknowns a view are found by least squares,
+with a penalty on each that holds what an outline cannot tell (of a round one, the roll of its camera) where it was; then the
+hull is made again. It is the silhouettes' part of bundle adjustment, and asks for no texture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.silhouettes import HALF, carving_mask, outline_distance
+from ia_bench.scenes.scene import Camera, View
+
+NEAR = 1.0  # pixels from the outline within which pixels are taken for points of it
+CELLS = 64  # of the hull that outlines are compared with
+SAMPLES = 96  # points along the ray of a pixel where its distance from the hull is looked for
+PENALTIES = np.array([0.1] * 6 + [0.02])  # on the squares of motions and growth in pixels, against the mean square of distances
+DOUBT = 1.0  # pixels; distances beyond count less: the weight of Cauchy's distribution
+LEAST = 0.05  # pixels by which a mask has to be wrong before it is changed
+STEP = 1e-3  # pixels by which a motion moves the image, when its effect is measured
+
+
+def consistent(views: Sequence[View], rounds: int, tolerated: int) -> tuple[View, ...]:
+    """The views with cameras and masks that agree better with the hull of all of them, after so many rounds.
+
+    A mask that was too large is made smaller, and one that was too small larger: what that adds is not ``valid``, since nobody
+    knows what the photograph showed there. What all masks have in common cannot be told and stays.
+    """
+    unknowns = np.zeros((len(views), 7))  # what was found so far, in pixels
+    mended = tuple(views)
+    for _ in range(rounds):
+        grid = visual_hull(mended, CELLS, tolerated)
+        outlines = [outline(view, grid) for view in mended]
+        common = np.median(np.concatenate([one.apart for one in outlines]))  # a hull that tolerates some views is larger
+        unknowns += [_improvement(one, common, so_far) for one, so_far in zip(outlines, unknowns, strict=True)]
+        mended = tuple(_mended(*each) for each in zip(views, outlines, unknowns, strict=True))
+    return mended
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The outline of a view beside that of a shape: the distance ``apart`` (N,) in pixels of N points, and what explains it.
+
+    ``system`` (N, 7): what a pixel of each unknown does to the distances: six motions of the camera in ``units``, and growth.
+    """
+
+    apart: np.ndarray
+    system: np.ndarray
+    units: np.ndarray
+
+
+def outline(view: View, grid: DistanceGrid) -> Outline:
+    """The outline of a view's mask beside that of the shape in ``grid``."""
+    distance = outline_distance(carving_mask(view))
+    rows, columns = np.nonzero((np.abs(distance) < NEAR) & _away_from_frame(distance.shape))
+    normal = np.stack(np.gradient(distance)[::-1], -1)[rows, columns]  # along columns, along rows
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
+    points, beyond = nearest_to_rays(view.camera, rows, columns, grid)
+    far = float(np.linalg.norm(points.mean(0) - view.camera.to_world[:3, 3])) if len(points) else 1.0
+    units = pixel_motions(view.camera, far, float((view.mask > HALF).sum()))
+    here = seen_at(view.camera, points)
+    effects = [(seen_at(moved(view.camera, STEP * units * one), points) - here) / STEP for one in np.eye(6)]
+    system = np.column_stack([*(-(effect * normal).sum(-1) for effect in effects), np.ones(len(points))])
+    return Outline(beyond - distance[rows, columns], system, units)
+
+
+def _improvement(found: Outline, common: float, so_far: np.ndarray) -> np.ndarray:
+    """What to add to the unknowns (7,): least squares, with a penalty on what they are then.
+
+    It is reweighted a few times, so that single large distances decide little.
+    """
+    system, apart = found.system, found.apart - common
+    penalty, change = len(apart) * np.diag(PENALTIES), np.zeros(7)
+    for _ in range(5 if len(apart) else 0):
+        weight = 1 / (1 + ((apart - system @ change) / DOUBT) ** 2)
+        change = np.linalg.solve(system.T @ (weight[:, None] * system) + penalty, system.T @ (weight * apart) - penalty @ so_far)
+    return change
+
+
+def _mended(view: View, found: Outline, unknowns: np.ndarray) -> View:
+    """The view with the camera moved back, and a mask that is smaller by as much as it was too large."""
+    camera, growth = moved(view.camera, -found.units * unknowns[:6]), unknowns[6]
+    if abs(growth) < LEAST:
+        return replace(view, camera=camera)
+    mask = (HALF - growth - outline_distance(carving_mask(view))).clip(0, 1).astype(np.float32)
+    known = np.ones(mask.shape, bool) if view.valid is None else view.valid
+    mask = np.where(known | (view.mask > 0), mask, np.float32(0))
+    straight = np.divide(view.image, view.mask[..., None], out=np.zeros_like(view.image), where=view.mask[..., None] > 0)
+    added = (mask > 0) & (view.mask == 0)
+    return replace(view, camera=camera, image=straight * mask[..., None], mask=mask, valid=known & ~added)
+
+
+def _away_from_frame(shape: tuple[int, ...]) -> np.ndarray:
+    """Where an outline is the object's own (H, W): not along the edges of the picture, which cut the object off."""
+    inner = np.zeros(shape, bool)
+    inner[2:-2, 2:-2] = True
+    return inner
+
+
+def nearest_to_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray, grid: DistanceGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Of each pixel's ray, the point (N, 3) deepest in the shape, or nearest to it, and its distance in pixels (N,)."""
+    x = (columns + 0.5 - camera.centre[0]) / camera.focal[0]
+    y = -(rows + 0.5 - camera.centre[1]) / camera.focal[1]
+    along = np.stack([x, y, np.full(len(rows), -1.0)], -1) @ camera.to_world[:3, :3].T  # a unit of depth
+    origin = camera.to_world[:3, 3]
+    corners = np.stack(np.meshgrid(*zip(grid.low.tolist(), grid.high.tolist(), strict=True), indexing="ij"), -1).reshape(-1, 3)
+    depths = (origin - corners) @ camera.to_world[:3, 2]
+    depth = np.linspace(max(float(depths.min()), 1e-6), float(depths.max()), SAMPLES)
+    points = origin + depth[:, None, None] * along
+    boxed = points.clip(grid.low.numpy(), grid.high.numpy())
+    distance = grid.at(torch.from_numpy(boxed.reshape(-1, 3)).float()).numpy().reshape(points.shape[:2])
+    distance += np.linalg.norm(points - boxed, axis=-1)
+    pixels = distance * 0.5 * sum(camera.focal) / depth[:, None]
+    place, every = pixels.argmin(0), np.arange(len(rows))
+    return points[place, every], pixels[place, every]
+
+
+def seen_at(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """Columns and rows (N, 2) of points (N, 3), from the middle of the camera's image."""
+    local = (points - camera.to_world[:3, 3]) @ camera.to_world[:3, :3]
+    return np.array(camera.focal) * local[:, :2] / -local[:, 2:] * [1, -1]
+
+
+def moved(camera: Camera, motion: np.ndarray) -> Camera:
+    """The camera after a rotation vector and a shift (6,), both in its own frame."""
+    to_world = np.array(camera.to_world, np.float64)
+    to_world[:3, 3] += to_world[:3, :3] @ motion[3:]
+    to_world[:3, :3] = to_world[:3, :3] @ Rotation.from_rotvec(motion[:3]).as_matrix()
+    return replace(camera, to_world=to_world)
+
+
+def pixel_motions(camera: Camera, distance: float, area: float) -> np.ndarray:
+    """Six motions (6,), radians and scene units, each of which moves the image of a ball at ``distance`` by about a pixel.
+
+    Pan and tilt, roll; shifts to the sides and along the axis. The ball covers ``area`` pixels.
+    """
+    focal, radius = 0.5 * sum(camera.focal), max(float(np.sqrt(area / np.pi)), 1.0)
+    return np.array([1 / focal, 1 / focal, 1 / radius, distance / focal, distance / focal, distance / radius])

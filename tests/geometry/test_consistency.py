@@ -1,0 +1,70 @@
+"""Silhouettes put wrong poses and masks right: what was spoiled by a known amount comes back, and sound views stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from spheres import ball_views
+
+from ia_bench.capture.faults import misplaced, mistaken_masks
+from ia_bench.capture.settings import FaultSettings
+from ia_bench.geometry.consistency import consistent, moved, nearest_to_rays, pixel_motions, seen_at
+from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.hull import visual_hull
+from ia_bench.scenes.scene import Scene, View
+
+VIEWS = ball_views(40)
+
+
+def wrong_by(views: list[View] | tuple[View, ...], true: list[View] | tuple[View, ...], points: np.ndarray) -> float:
+    """Pixels by which the cameras move points in their images, root mean square."""
+    apart = [seen_at(v.camera, points) - seen_at(t.camera, points) for v, t in zip(views, true, strict=True)]
+    return float(np.sqrt(np.mean([(one**2).sum(-1).mean() for one in apart])))
+
+
+def radii(views: list[View] | tuple[View, ...]) -> np.ndarray:
+    return np.array([np.sqrt(view.mask.sum() / np.pi) for view in views])
+
+
+def test_masks_of_a_ball_come_back() -> None:
+    masks = mistaken_masks(VIEWS, FaultSettings(mask_jitter=2))
+    spoiled = [replace(view, mask=mask) for view, mask in zip(VIEWS, masks, strict=True)]
+    mended = consistent(spoiled, 3, 3)
+    assert np.std(radii(spoiled) - radii(VIEWS)) > 0.9
+    assert np.std(radii(mended) - radii(VIEWS)) < 0.45
+    smaller = [n for n in range(40) if radii(spoiled)[n] < radii(mended)[n] - 0.5]
+    assert smaller
+    for n in smaller:  # what a mask has won was never photographed
+        won = (mended[n].mask > 0) & (spoiled[n].mask == 0)
+        assert not mended[n].valid[won].any()
+
+
+def test_poses_come_back_where_outlines_tell_them(tiny: Scene) -> None:
+    """Of an object that is no ball; what is left is what outlines cannot tell."""
+    points = tiny.expect_mesh().vertices
+    cameras = misplaced(tiny.train, FaultSettings(poses=1.0))
+    spoiled = [replace(view, camera=camera) for view, camera in zip(tiny.train, cameras, strict=True)]
+    before, after = wrong_by(spoiled, tiny.train, points), wrong_by(consistent(spoiled, 3, 1), tiny.train, points)
+    assert before > 0.8
+    assert after < 0.7 * before
+    assert wrong_by(consistent(tiny.train, 3, 1), tiny.train, points) < 0.25
+
+
+def test_one_motion_is_one_pixel_and_rays_find_the_shape() -> None:
+    camera = VIEWS[0].camera
+    points = np.concatenate([np.eye(3), -np.eye(3)]) * 0.7
+    units = pixel_motions(camera, 3.0, float(VIEWS[0].mask.sum()))
+    for one in np.eye(6):
+        apart = seen_at(moved(camera, units * one), points) - seen_at(camera, points)
+        assert 0.3 < np.sqrt((apart**2).sum(-1).mean()) < 1.6
+    grid = visual_hull(VIEWS, 48)
+    ball = DistanceGrid(grid.positions().norm(dim=-1) - 0.7, grid.low, grid.step)
+    rows, columns = np.array([24, 24, 24]), np.array([24, 38, 44])
+    found, beyond = nearest_to_rays(camera, rows, columns, ball)
+    np.testing.assert_allclose(seen_at(camera, found)[:, 0] + 24, columns + 0.5, atol=1e-6)
+    outline = 24 + 48 * 1.2 * 0.7 / np.sqrt(9 - 0.49)
+    assert beyond[1] == pytest.approx(38.5 - outline, abs=0.3)
+    assert beyond[2] == pytest.approx(44.5 - outline, abs=0.3)  # a ray that misses the grid's box
+    assert beyond[0] < -10
