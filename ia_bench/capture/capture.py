@@ -30,17 +30,15 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     if settings.views != "all":
         train = spread(train, settings.views)
     train = of_one_size(train)
-    ldr, per_image = settings.radiometry == "ldr", settings.exposure == "per_image"
-    if not ldr:
-        for key, set_to in (("exposure", per_image), ("jpeg", settings.jpeg != "none")):
-            if set_to:
-                note(f"capture.{key}={getattr(settings, key)} changes nothing with capture.radiometry=hdr")
+    ldr = settings.radiometry == "ldr"
+    if settings.jpeg != "none" and not ldr:
+        note(f"capture.jpeg={settings.jpeg} changes nothing with capture.radiometry=hdr")
     if ldr or settings.background != "none" or settings.faults != FaultSettings():
         train = _taken(train, settings)
     if settings.consistency:
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
         train = consistent(train, settings.consistency, max(settings.tolerated, DOUBTED))
-    differ = scene.exposures_differ or (ldr and per_image)
+    differ = scene.exposures_differ or settings.exposure == "per_image"
     shaped = with_geometry(replace(scene, train=train, exposures_differ=differ), settings, note)
     return replace(shaped, train=inside(train, settings.margin)) if settings.margin else shaped
 
