@@ -81,11 +81,22 @@ class CaptureSettings:
     @property
     def label(self) -> str:
         """What differs from a capture that leaves everything in, in words: "8 views, LDR, hull"; empty for nothing."""
-        plain = CaptureSettings()
-        changed = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) != getattr(plain, f.name)}
+        changed = _changed(self, CaptureSettings())
         named = changed.pop("name", None)
         words = [_word(key, value) for key, value in changed.items() if named is None or key == "views"]
         return ", ".join(([named] if named else []) + words)
+
+
+def _changed(settings: CaptureSettings | FaultSettings, plain: CaptureSettings | FaultSettings) -> dict[str, object]:
+    """The settings that differ from ``plain``, those of a part among them."""
+    found: dict[str, object] = {}
+    for one in fields(settings):
+        value, usual = getattr(settings, one.name), getattr(plain, one.name)
+        if isinstance(value, FaultSettings):
+            found |= _changed(value, usual)
+        elif value != usual:
+            found[one.name] = value
+    return found
 
 
 def _word(key: str, value: object) -> str:
@@ -93,4 +104,4 @@ def _word(key: str, value: object) -> str:
         return f"{value} view" if value == 1 else f"{value} views"
     if isinstance(value, str):
         return value.upper() if key == "radiometry" else value.replace("_", " ")
-    return f"{key} {value:g}" if isinstance(value, int | float) else f"{key} {value}"
+    return f"{key.replace('_', ' ')} {value}"

@@ -82,7 +82,7 @@ class Table:
         """Every row with every capture, as a row of its own; capture after capture."""
         found = []
         for settings in self.captures or [{}]:
-            label, overrides = capture_of(settings).label, [f"capture.{key}={value}" for key, value in settings.items()]
+            label, overrides = capture_of(settings).label, _overrides("capture", settings)
             found += [
                 replace(row, name=crossed_name(row.name, label), overrides=[*row.overrides, *overrides], captures=None)
                 for row in self.rows
@@ -104,6 +104,14 @@ class Table:
 def capture_of(settings: Mapping[str, Any]) -> CaptureSettings:
     """One of :attr:`Table.captures`. Raises InputError for what is no setting of a capture."""
     return parsed(CaptureSettings, settings, "captures")
+
+
+def _overrides(key: str, settings: Mapping[str, Any]) -> list[str]:
+    """Settings below ``key`` as the command line has them."""
+    found = []
+    for name, value in settings.items():
+        found += _overrides(f"{key}.{name}", value) if isinstance(value, Mapping) else [f"{key}.{name}={value}"]
+    return found
 
 
 def crossed_name(row: str, capture: str) -> str:

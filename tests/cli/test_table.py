@@ -225,14 +225,15 @@ def test_every_row_is_run_with_every_capture_unless_it_says_with_which(tmp_path:
     monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
     (tmp_path / "table").mkdir()
     rows = '[{name: a, overrides: [prior=none]}, {name: b, overrides: [prior=oracle], captures: [""]}]'
-    captures = "[{}, {views: 8, radiometry: ldr}, {geometry: hull}]"
+    captures = "[{}, {views: 8, radiometry: ldr}, {faults: {mask_growth: -2}}]"
     (tmp_path / "table" / "t.yaml").write_text(f"scenes: [hat]\nreference: a\nrows: {rows}\ncaptures: {captures}\n")
     table = load_table("t")
-    assert [row.name for row in table.crossed] == ["a", "b", "a, 8 views, LDR", "a, hull"]
+    assert [row.name for row in table.crossed] == ["a", "b", "a, 8 views, LDR", "a, mask growth -2.0"]
     assert table.compared is None, "rows of different captures do not compare"
     monkeypatch.undo()
     capture = {cell.row.name: cell.config.capture for cell in cells_of(table)}
     assert (capture["a, 8 views, LDR"].views, capture["a, 8 views, LDR"].radiometry) == (8, "ldr")
+    assert capture["a, mask growth -2.0"].faults.mask_growth == -2
     assert capture["a"] == capture["b"] == CaptureSettings()
 
 
