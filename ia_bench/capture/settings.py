@@ -84,7 +84,7 @@ class CaptureSettings:
         changed = _changed(self, CaptureSettings())
         named = changed.pop("name", None)
         words = [_word(key, value) for key, value in changed.items() if named is None or key == "views"]
-        return ", ".join(([named] if named else []) + words)
+        return ", ".join(([str(named)] if named else []) + words)
 
 
 def _changed(settings: CaptureSettings | FaultSettings, plain: CaptureSettings | FaultSettings) -> dict[str, object]:
