@@ -11,6 +11,7 @@ import numpy as np
 
 from ia_bench.checks.contact_sheet import write_sheet
 from ia_bench.checks.finding import Finding, judge, raised
+from ia_bench.checks.views import check_views
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS, SceneReader, check_scene, unscored
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.scenes.scene import Scene
@@ -52,6 +53,7 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
     twice = [view.name for view in (*scene.test, *scene.novel) if view.image.tobytes() in seen]
     yield judge(not twice, "held-out views", "no training image among them", ", ".join(twice) or "none")
     yield from _agreement(scene)
+    yield from check_views(scene.train)
     if sheet is not None:
         yield _drawn(scene, sheet)
     lacking = unscored(scene)

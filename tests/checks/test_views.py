@@ -1,0 +1,62 @@
+"""The check of a capture names the view that went wrong, whichever it is, and no view of a sound capture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ia_bench.capture.capture import captured
+from ia_bench.capture.settings import CaptureSettings, FaultSettings
+from ia_bench.checks.views import check_views, disagreement, sharpness
+from ia_bench.geometry.silhouettes import outline_distance
+from ia_bench.scenes.scene import Scene, View
+
+
+def spoiled(tiny: Scene, **faults: int) -> tuple[View, ...]:
+    return captured(tiny, CaptureSettings(faults=FaultSettings(**faults)), lambda line: None).train
+
+
+def test_no_view_of_a_sound_capture_stands_out(tiny: Scene) -> None:
+    found = list(check_views(tiny.train))
+    assert [(finding.what, finding.status) for finding in found] == [("worst mask or pose", "pass"), ("least sharp view", "pass")]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_one_wrong_mask_is_named(tiny: Scene, seed: int) -> None:
+    views = spoiled(tiny, wrong_masks=1, seed=seed)
+    (name,) = [a.name for a, b in zip(views, tiny.train, strict=True) if a.mask.sum() < 0.8 * b.mask.sum()]
+    mask, sharp = check_views(views)
+    assert mask.status == "fail"
+    assert mask.found.startswith(f"view {name}: its outline lies ")
+    assert "inside of what the others' masks leave" in mask.found
+    assert sharp.status == "pass"
+
+
+def test_a_mask_that_is_too_large_and_a_camera_that_is_off_are_named(tiny: Scene) -> None:
+    wide = (outline_distance(tiny.train[4].mask) < 3).astype(np.float32)
+    apart = disagreement([*tiny.train[:4], replace(tiny.train[4], mask=wide), *tiny.train[5:]])
+    assert int(np.abs(apart).argmax()) == 4
+    assert apart[4] > 1
+    camera = tiny.train[6].camera
+    off = replace(camera, centre=(camera.centre[0] + 4, camera.centre[1]))
+    apart = np.abs(disagreement([*tiny.train[:6], replace(tiny.train[6], camera=off), *tiny.train[7:]]))
+    assert int(apart.argmax()) == 6
+
+
+def test_one_blurred_view_is_named(tiny: Scene) -> None:
+    views = spoiled(tiny, blurred_views=1)
+    (name,) = [a.name for a, b in zip(views, tiny.train, strict=True) if np.abs(a.image - b.image).max() > 0.05 * b.image.max()]
+    mask, sharp = check_views(views)
+    assert (mask.status, sharp.status) == ("pass", "fail")
+    assert sharp.found.startswith(f"view {name}: ")
+    dim = replace(tiny.train[0], image=0.01 * tiny.train[0].image)
+    assert sharpness(dim) == pytest.approx(sharpness(tiny.train[0]), rel=1e-3)  # exposure is no blur
+
+
+def test_what_cannot_be_told_is_said(tiny: Scene) -> None:
+    (few,) = check_views(tiny.train[:3])
+    assert (few.status, few.found) == ("skip", "3 views are too few for one to stand out")
+    even = [replace(v, image=np.repeat(v.mask[..., None], 3, -1)) for v in tiny.train]
+    assert list(check_views(even))[1].status == "skip"
