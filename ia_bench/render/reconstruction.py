@@ -116,6 +116,11 @@ class TexturedReconstruction:
         self.renderer = ", ".join([REFERENCE, *(name for name, it_is in unlike.items() if it_is)])
         self._stage, self._coat, self._bounces = stage.apart, coat, bounces
 
+    @property
+    def device(self) -> torch.device:
+        """Where it draws."""
+        return self._stage.device
+
     @classmethod
     def of(cls, assets: Assets, stage: Stage) -> TexturedReconstruction:
         """What assets hold, on a stage of their mesh."""

@@ -194,7 +194,7 @@ def read_run(folder: Path) -> Run:
         variants={f"{group}.{name}": value for group, found in variants.items() for name, value in found.items()},
         reasons=data.get("reasons", {}),
         phases=data["time_s"],
-        seconds=sum(seconds for phase, seconds in data["time_s"].items() if phase not in ("total", "score")),
+        seconds=sum(seconds for phase, seconds in data["time_s"].items() if phase not in ("total", "score", "pictures")),
         peak_memory_bytes=data["peak_memory_bytes"],
         about=about,
         sees_truth=data["sees_truth"],

@@ -89,8 +89,8 @@ class Recovered:
                 f"the run was on another scene ({name}), or a file of the scene has changed since"
             )
 
-    def read_scene(self, folder: Path | None = None) -> Scene:
-        """The run's scene with its truth, as it was captured: that in ``folder``, or the shipped one.
+    def read_scene(self, folder: Path | None = None, *, whole: bool = False) -> Scene:
+        """The run's scene with its truth, as it was captured, or ``whole``: that in ``folder``, or the shipped one.
 
         Raises InputError as :meth:`check_scene`.
         """
@@ -98,8 +98,9 @@ class Recovered:
         place = resolve_scene_folder(scene, self.reader)
         if place is not None:
             self.check_scene(place)
+        found = read_scene(scene, self.reader, truth=True)
         settings = parsed(CaptureSettings, self.config.get("config", dict).get("capture", {}), "capture")
-        return captured(read_scene(scene, self.reader, truth=True), settings, lambda line: None)
+        return found if whole else captured(found, settings, lambda line: None)
 
     def reconstruction(self, stage: Stage) -> TexturedReconstruction:
         """What the run recovered, on a stage of its scene's mesh. Raises InputError where a map is missing."""

@@ -16,6 +16,7 @@ from ia_bench.runs.config import slug
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of
 from ia_bench.runs.metrics import SCHEMA, RecordError
+from ia_bench.runs.pictures.bundle import write_pictures
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
@@ -58,6 +59,7 @@ class Rescorer:
                 return place
             stage, scorer = self._scene_of(run)
             scores = scorer.full(run.reconstruction(stage)).as_dict()
+            write_pictures(kept, self._scene, scorer.drawn, scores["albedo_scales"].get(self.protocol.alignment), self._note)
             for name in ASSETS:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:
@@ -77,5 +79,5 @@ class Rescorer:
             scene = run.read_scene(self.scene)
             device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
             self._stage, self._scorer = Stage(scene.expect_mesh(), device), Scorer(scene, self.protocol, device)
-            self._key = key
+            self._key, self._scene = key, scene
         return self._stage, self._scorer

@@ -27,6 +27,7 @@ from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig, method_of
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.metrics import SCHEMA
+from ia_bench.runs.pictures.bundle import write_pictures
 from ia_bench.runs.scene import read_scene, tell
 from ia_bench.runs.truth import tell_truth
 from ia_bench.scenes.scene import Scene
@@ -59,6 +60,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     with books.aside("score"):
         scores = scorer.full(result.reconstruction)
     write_assets(folder, result.reconstruction)
+    with books.aside("pictures"):
+        write_pictures(folder, scene, scorer.drawn, scores.albedo_scales.get(config.protocol.alignment), progress.note)
     asked = method.info.uses_prior and problem.prior.info.sees_truth
     metrics = {
         "schema": SCHEMA,

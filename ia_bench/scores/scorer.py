@@ -40,6 +40,8 @@ class Scorer:
         perceptual.check_weights(protocol.lpips)
         self._scene, self._protocol, self._device = scene, protocol, device
         self._stage: Stage | None = None
+        self.drawn: tuple[TexturedReconstruction, Predictions] | None = None
+        """What the reference renderer has drawn for the last full scores, and of which textures; None without textures."""
         lights = dict.fromkeys(view.light for view in scene.novel)
         self._novel = {light: tuple(view for view in scene.novel if view.light == light) for light in lights}
         self._lights: dict[str, Environment] = {
@@ -59,6 +61,10 @@ class Scorer:
         redrawn = None if exported is None else self._predict(exported, truth, 1, samples)
         if own.relighting is None and redrawn is not None and redrawn.relighting is not None:
             own, renderer = replace(own, relighting=redrawn.relighting), f"{renderer}; under novel lights {REFERENCE}"
+        if exported is not None and redrawn is not None:
+            self.drawn = exported, redrawn
+        else:
+            self.drawn = (reconstruction, own) if isinstance(reconstruction, TexturedReconstruction) else None
         scores = score(own, truth, self._protocol, renderer=renderer)
         if redrawn is not None:
             score_again(scores, redrawn, truth, "_reference")

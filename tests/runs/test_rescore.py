@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import shutil
+import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
 from ia_bench.report.collect import collect, find_run_folders
+from ia_bench.report.site.pictures.store import hang
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.rescore import Rescorer
@@ -57,7 +61,8 @@ def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> N
     assert after["config_hash"] != before["config_hash"]
     assert after["rescored_from"]["config_hash"] == before["config_hash"]
     assert again.name == f"ceiling-seed3-{after['config_hash'][:8]}"
-    assert (again / "albedo.exr").read_bytes() == (run / "albedo.exr").read_bytes()
+    for name in ("albedo.exr", "pictures.zip"):
+        assert (again / name).read_bytes() == (run / name).read_bytes()
     written = (again / "metrics.json").stat().st_mtime_ns
     assert rescorer.rescore(run) == again
     assert (again / "metrics.json").stat().st_mtime_ns == written  # nothing is scored twice
@@ -88,3 +93,32 @@ def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path
     assert main([str(tmp_path / "nothing"), "--out", str(tmp_path / "new")]) == 2
     assert main([str(old_run), "--out", str(tmp_path / "new"), "--protocol", "papr"]) == 2
     assert not list((tmp_path / "new").rglob("metrics.json"))
+
+
+@pytest.mark.slow
+def test_a_report_shows_the_pictures_that_a_run_has_kept(run: Path, tmp_path: Path) -> None:
+    """Of the views that were scored, so that nothing of the run is drawn again; what they show is what drawing it again shows."""
+    of = collect([run]).runs
+    notes: list[str] = []
+    kept = hang(of, tmp_path / "kept", notes.append).scenes["tiny"]
+    assert notes == ["pictures of tiny: the truth"]
+    with zipfile.ZipFile(run / "pictures.zip") as archive:
+        assert (tmp_path / "kept" / "tiny" / "ceiling" / "relit.webp").read_bytes() == archive.read("relit.webp")
+    bare = shutil.copytree(run, tmp_path / "ceiling")
+    (bare / "pictures.zip").unlink()
+    drawn = hang(collect([bare]).runs, tmp_path / "drawn", notes.append).scenes["tiny"]
+    assert notes[1:] == ["pictures of tiny: the truth", "pictures of tiny: ceiling"]
+    assert kept == drawn
+    for name in ("albedo", "aligned", "roughness", "view", "relit", "turned", "light"):
+        one, other = (
+            Image.open(tmp_path / where / "tiny" / "ceiling" / f"{name}.webp").convert("RGB") for where in ("kept", "drawn")
+        )
+        assert np.abs(np.asarray(one, float) - np.asarray(other, float)).mean() < 6, name  # samples and points differ
+    record = json.loads((run / "metrics.json").read_text())
+    assert record["time_s"]["pictures"] > 0
+    assert of[0].seconds == pytest.approx(
+        sum(record["time_s"][name] for name in record["time_s"].keys() - {"total", "score", "pictures"})
+    )
+    (bare / "pictures.zip").write_bytes(b"torn")
+    missing = hang(collect([bare]).runs, tmp_path / "torn", notes.append).missing
+    assert "pictures.zip: expected the pictures of a run, found a damaged file" in missing[0]

@@ -20,9 +20,9 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel
 from ia_bench.readers.native import NativeReader
 from ia_bench.report.collect import Run
-from ia_bench.report.site.pictures import packing, solid
-from ia_bench.report.site.pictures.drawing import RELIT_STRIDE, TURNS, Easel, Pictures
 from ia_bench.report.site.pictures.store import hang
+from ia_bench.runs.pictures import packing, solid
+from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Easel, Pictures
 from ia_bench.runs.recovered import Recovered
 
 
@@ -106,7 +106,8 @@ def drawn() -> tuple[Easel, Pictures]:
 def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[Easel, Pictures], perfect_run: Path) -> None:
     """Its albedo is the truth over 1.25, so that errors before the alignment are those of that factor."""
     easel, truth = drawn
-    found = easel.recovered(Recovered(perfect_run))
+    run = Recovered(perfect_run)
+    found = easel.recovered(run.reconstruction(easel.stage), run.scale)
 
     def error(name: str, original: str) -> float:
         squares = [(a - b) ** 2 for a, b in zip(found.values[name], truth.values[original], strict=True)]

@@ -4,16 +4,19 @@
   const section = bench.find("#turn");
   if (!section || !Object.keys(bench.data.pictures).length) return;
   const stage = bench.find("#turn-stage"), [row, channel, light] = ["row", "channel", "light"].map((name) => bench.find(`#turn-${name}`));
-  let scene = null, viewer = null, shown = null;
+  let scene = null, viewer = null, shown = null, seen = null;
 
   const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   const inflated = (content) => new Response(new Blob([content]).stream().pipeThrough(new DecompressionStream("gzip"))).blob();
   const place = () => `${bench.data.pictures[scene].folder}`;
 
+  const solidOf = (name) => bench.part(`${place()}/${name === "truth" ? "truth" : bench.data.pictures[scene].rows[name].folder}/solid`);
+  // A run whose mesh was made from the photographs has its own.
+  const meshOf = async () => (await solidOf(row.value)).mesh || (await solidOf("truth")).mesh;
+
   const paint = async () => {
     const mine = shown;
-    const folder = row.value === "truth" ? "truth" : bench.data.pictures[scene].rows[row.value].folder;
-    const textures = await bench.part(`${place()}/${folder}/solid`);
+    const textures = await solidOf(row.value);
     if (mine !== shown || !viewer.model) return;
     const [material] = viewer.model.materials, pbr = material.pbrMetallicRoughness, lit = channel.value === "lit";
     const of = (name) => viewer.createTexture(textures[name]);
@@ -36,11 +39,13 @@
   const show = async () => {
     if (!viewer) return;
     const mine = (shown = {});
-    const { mesh, lights } = await bench.part(`${place()}/truth/solid`);
+    const { lights } = await bench.part(`${place()}/truth/solid`);
+    const mesh = await meshOf();
     bench.fill(light, Object.keys(lights), light.value);
     await illuminate();
     const model = await inflated(bytes(mesh));
     if (mine !== shown) return;
+    seen = mesh;
     viewer.addEventListener("load", paint, { once: true });
     viewer.src = URL.createObjectURL(model);
   };
@@ -50,7 +55,8 @@
     bench.fill(row, ["truth", ...rows], row.value || rows.find((one) => !bench.data.rows.find((other) => other.name === one).bound));
     show();
   });
-  [row, channel].forEach((select) => select.addEventListener("change", paint));
+  row.addEventListener("change", async () => ((await meshOf()) === seen ? paint() : show()));
+  channel.addEventListener("change", paint);
   light.addEventListener("change", async () => { await illuminate(); await paint(); });
   bench.whenNear(section, async () => {
     await bench.script("parts/model-viewer-umd.min.js");

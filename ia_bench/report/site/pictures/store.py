@@ -1,4 +1,4 @@
-"""Draw a report's runs and lay the pictures beside its page; what lies there already, of the same runs, is not drawn again."""
+"""Lay the pictures of a report's runs beside its page: what runs have kept, else drawn; what lies there already stays."""
 
 from __future__ import annotations
 
@@ -18,21 +18,19 @@ from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.report.collect import Run
 from ia_bench.report.site.gallery import Gallery
-from ia_bench.report.site.pictures import packing, solid
-from ia_bench.report.site.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, Easel, Pictures
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG
+from ia_bench.runs.pictures import packing, solid
+from ia_bench.runs.pictures.bundle import PICTURES, Bundle, bundle, read_bundle, sheets, textures_of
+from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, Easel, Pictures
 from ia_bench.runs.recovered import Recovered
-from ia_bench.scenes.exr import read_exr
 
 KEY = "drawn.json"
 TRUTH = "truth"
-COMPARED = {"albedo": "albedo", "aligned": "albedo", "roughness": "roughness", "view": "view", "relit": "relit"}
-"""What is compared with the truth -> under which name the truth has it."""
 
 
 def hang(runs: Sequence[Run], parts: Path, note: Callable[[str], None]) -> Gallery:
-    """Draw the first finished run of every row and scene into the folder ``parts``, and what is true beside it.
+    """Picture the first finished run of every row and scene in the folder ``parts``, and what is true beside it.
 
     ``note`` is told what is being drawn. What cannot be drawn (a run of no textures, a scene that is not there or was changed
     since) is named in :attr:`Gallery.missing`: a report is whole without it.
@@ -52,10 +50,11 @@ def hang(runs: Sequence[Run], parts: Path, note: Callable[[str], None]) -> Galle
 
 def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Callable[[str], None]) -> dict[str, Any]:
     recovered: dict[str, Recovered] = {}
+    kept: dict[str, Bundle | None] = {}
     for row, run in rows.items():
         try:
-            found = Recovered(run.folder)
-            if not (run.folder / "albedo.exr").is_file():
+            found, kept[row] = Recovered(run.folder), read_bundle(run.folder)
+            if kept[row] is None and not (run.folder / "albedo.exr").is_file():
                 raise InputError("it has exported no textures")
         except InputError as error:
             missing.append(f"{row}, {run.scene}: {error}")
@@ -69,12 +68,14 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
     described["rows"] = {}
     for row, run_ in recovered.items():
         if _scene_of(run_) != _scene_of(reference):
-            missing.append(f"{row}, {folder.name}: another reading or capture of the scene than that of {next(iter(recovered))}")
+            missing.append(f"{row}, {folder.name}: another reading of the scene than that of {next(iter(recovered))}")
             continue
         files = run_.metrics.get("files", dict)
-        known = [*_scene_of(run_), *(files.get(f"{name}.exr") for name in ("albedo", "roughness", "light")), run_.scale.tolist()]
+        names = (PICTURES, *(f"{name}.exr" for name in ("albedo", "roughness", "light")))
+        known = [*_scene_of(run_), *(files.get(name) for name in names), run_.scale.tolist()]
         try:
-            described["rows"][row] = _kept(folder / slug(row), known, partial(wall.write_row, run_))
+            one = dict(_kept(folder / slug(row), known, partial(wall.write_row, run_, kept[row])))
+            described["rows"][row] = {**one, "scores": _scores(one.pop("views"), run_)}
         except InputError as error:
             missing.append(f"{row}, {folder.name}: {error}")
     wanted = {TRUTH, *(one["folder"] for one in described["rows"].values())}
@@ -92,7 +93,7 @@ class _Wall:
 
     @cached_property
     def _easel(self) -> Easel:
-        return Easel(self._run.read_scene())
+        return Easel(self._run.read_scene(whole=True))
 
     @cached_property
     def _truth(self) -> Pictures:
@@ -103,17 +104,19 @@ class _Wall:
         self._note(f"pictures of {folder.parent.name}: the truth")
         return _write_truth(self._easel, self._truth, folder)
 
-    def write_row(self, run: Recovered, folder: Path) -> dict[str, Any]:
-        """The same of a run."""
-        self._note(f"pictures of {folder.parent.name}: {folder.name}")
-        return _write_row(self._easel, self._truth, run, folder)
+    def write_row(self, run: Recovered, kept: Bundle | None, folder: Path) -> dict[str, Any]:
+        """The same of a run: what it has ``kept``, else drawn from its textures."""
+        if kept is None:
+            if run.config.get("config", dict).get("capture", {}).get("geometry", "given") != "given":
+                raise InputError("its mesh is not the scene's, and its folder has no pictures")
+            self._note(f"pictures of {folder.parent.name}: {folder.name}")
+            kept = bundle(self._easel, self._truth, run.reconstruction(self._easel.stage), run.scale)
+        return _write_row(kept, folder)
 
 
 def _scene_of(run: Recovered) -> list[Any]:
-    """What decides the scene as a run is pictured: its files, how they were read, and its mesh where the capture made that."""
-    capture = run.config.get("config", dict).get("capture", {})
-    made = capture if capture.get("geometry", "given") != "given" else {}
-    return [run.config.get("config.scene.content", str), asdict(run.reader), made]
+    """What decides the scene as it is pictured: its files, and how they were read. What a capture leaves out is no truth."""
+    return [run.config.get("config.scene.content", str), asdict(run.reader)]
 
 
 def _kept(folder: Path, known: list[Any], write: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
@@ -139,35 +142,24 @@ def _write_truth(easel: Easel, pictures: Pictures, folder: Path) -> dict[str, An
         "lights": {name: solid.light(LatLongEnvironment(torch.from_numpy(map_).float())) for name, map_ in lights.items()},
     }
     if scene.truth.albedo is not None and scene.truth.roughness is not None:
-        content |= _textures(scene.truth.albedo, scene.truth.roughness)
+        content |= textures_of(scene.truth.albedo, scene.truth.roughness)
     _write(folder / "solid.js", packing.script(f"{folder.parent.name}/truth/solid", content))
-    sheets = _write_sheets(pictures, folder)
+    found, shapes = sheets(pictures)
+    _write_sheets(found, folder)
     relit = [[light, view.name] for light, views in easel.relit.items() for view in views]
     names = {"albedo": [view.name for view in easel.test], "view": [view.name for view in easel.views]}
-    return {"folder": f"{folder.parent.name}", "sheets": sheets, "lights": easel.lights, "relit": relit, "views": names}
+    return {"folder": f"{folder.parent.name}", "sheets": shapes, "lights": easel.lights, "relit": relit, "views": names}
 
 
-def _write_row(easel: Easel, true: Pictures, run: Recovered, folder: Path) -> dict[str, Any]:
-    pictures = easel.recovered(run)
-    errors, tiles = {}, {}
-    for name, original in COMPARED.items():
-        compared = zip(pictures.values[name], true.values[original], easel.masks[original], strict=True)
-        maps = [packing.error_map(*three) for three in compared]
-        errors[name] = packing.error_sheet(maps)
-        tiles[name] = len(maps[0])
+def _write_row(kept: Bundle, folder: Path) -> dict[str, Any]:
     place = f"{folder.parent.name}/{folder.name}"
-    content = {"tile": tiles["albedo"], "sheets": errors, "levels": packing.LEVELS, "largest": packing.LARGEST}
-    _write(folder / "errors.js", packing.script(f"{place}/errors", content))
-    textures = _textures(read_exr(run.folder / "albedo.exr", 3), read_exr(run.folder / "roughness.exr", 1)[..., 0])
-    _write(folder / "solid.js", packing.script(f"{place}/solid", textures))
-    return {"folder": folder.name, "sheets": _write_sheets(pictures, folder), "scores": _scores(easel, run)}
+    _write(folder / "errors.js", packing.script(f"{place}/errors", kept.errors))
+    _write(folder / "solid.js", packing.script(f"{place}/solid", kept.solid))
+    _write_sheets(kept.sheets, folder)
+    return {"folder": folder.name, "sheets": kept.shapes, "views": kept.views}
 
 
-def _textures(albedo: Any, roughness: Any) -> dict[str, str]:  # noqa: ANN401 (arrays)
-    return {"albedo": solid.texture(albedo, encoded=True), "roughness": solid.texture(roughness, encoded=False)}
-
-
-def _scores(easel: Easel, run: Recovered) -> dict[str, list[float | None]]:
+def _scores(views: dict[str, Any], run: Recovered) -> dict[str, list[float | None]]:
     """The recorded score of every view that is shown: PSNR, of roughness the squared error."""
     recorded = run.metrics.get("per_image", dict)
 
@@ -180,23 +172,19 @@ def _scores(easel: Easel, run: Recovered) -> dict[str, list[float | None]]:
         )
 
     relit = recorded.get("relighting") or {}
-    by_light = (of(relit.get(light), "psnr", len(views), RELIT_STRIDE) for light, views in easel.relit.items())
+    by_light = (of(relit.get(light), "psnr", number, RELIT_STRIDE) for light, number in views["relit"].items())
     return {
-        "albedo": of(recorded.get("albedo"), "psnr", len(easel.test), 1),
-        "aligned": of(recorded.get("aligned_albedo"), "psnr", len(easel.test), 1),
-        "roughness": of(recorded.get("roughness"), "mse", len(easel.test), 1),
-        "view": of(recorded.get("view_synthesis"), "psnr", len(easel.views), VIEW_STRIDE),
+        "albedo": of(recorded.get("albedo"), "psnr", views["test"], 1),
+        "aligned": of(recorded.get("aligned_albedo"), "psnr", views["test"], 1),
+        "roughness": of(recorded.get("roughness"), "mse", views["test"], 1),
+        "view": of(recorded.get("view_synthesis"), "psnr", views["view"], VIEW_STRIDE),
         "relit": [score for scores in by_light for score in scores],
     }
 
 
-def _write_sheets(pictures: Pictures, folder: Path) -> dict[str, list[int]]:
-    """Write every sheet; name -> its number of pictures and of columns."""
-    described = {}
-    for name, tiles in pictures.sheets.items():
-        _write(folder / f"{name}.webp", packing.sheet(tiles))
-        described[name] = [len(tiles), min(packing.COLUMNS, len(tiles))]
-    return described
+def _write_sheets(found: dict[str, bytes], folder: Path) -> None:
+    for name, sheet in found.items():
+        _write(folder / f"{name}.webp", sheet)
 
 
 def _write(path: Path, content: bytes) -> None:

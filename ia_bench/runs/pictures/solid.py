@@ -10,8 +10,8 @@ import numpy as np
 from PIL import Image
 
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.report.site.pictures.packing import data_url, webp
 from ia_bench.runs.assets import glb
+from ia_bench.runs.pictures.packing import data_url, webp
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Mesh
 

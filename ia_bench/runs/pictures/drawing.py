@@ -1,4 +1,4 @@
-"""Draw what the page shows of one scene: its truth, and what runs recovered of it, always by the reference renderer.
+"""Draw what a page shows of one scene: its truth, and what runs recovered of it, always by the reference renderer.
 
 Every picture is cut out around the object, at one exposure per light, which is the truth's. Errors are those that the protocol
 measures: encoded values clipped to [0, 1], divided by coverage, inside the true mask.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -17,17 +18,17 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
-from ia_bench.report.panels import GREY, exposure, extent, light_exposure, light_map, on_grey, unmultiplied
-from ia_bench.runs.recovered import Recovered
+from ia_bench.runs.pictures.panels import GREY, exposure, extent, light_exposure, light_map, on_grey, unmultiplied
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Scene, View
+from ia_bench.scores.predictions import Predictions
 
 QUALITY = Quality(points=2, samples=64)
 MAP_POINTS = 2
 TURNS = 16  # pictures of a light that goes round the object once
 VIEW_STRIDE, RELIT_STRIDE = 2, 4  # of the novel views, every second is shown under the training light, every fourth under others
-VERSION = 1
+VERSION = 2
 """Part of what a drawing is known by; raised when a change of the code changes pictures of unchanged runs."""
 
 
@@ -50,8 +51,8 @@ class Easel:
     def __init__(self, scene: Scene) -> None:
         """Raises InputError for a scene without truth that could be compared: no light, no test view with its albedo."""
         truth = scene.truth
-        if scene.mesh is None or truth is None or "train" not in truth.lights:
-            raise InputError(f"{scene.source}: expected a mesh and the true light of its photographs")
+        if truth is None or "train" not in truth.lights:
+            raise InputError(f"{scene.source}: expected the true light of its photographs")
         self.test = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
         self.lights = [
             name for name in dict.fromkeys(view.light for view in scene.novel) if name != "train" and name in truth.lights
@@ -64,7 +65,6 @@ class Easel:
         self.turned = self.relit[self.lights[0]][len(self.relit[self.lights[0]]) // 2]
         self._side = max(extent(view.mask) for view in (*self.test, *self.views, *novel))
         self.scene, self._truth = scene, truth
-        self._stage = Stage(scene.mesh, torch.device("cpu"))
         self._gains = {name: _gain(views) for name, views in {"train": (*self.views, *self.test), **self.relit}.items() if views}
         self.masks = {
             "albedo": self._masks(self.test),
@@ -73,8 +73,13 @@ class Easel:
             "relit": self._masks(novel),
         }
 
-    def truth(self) -> Pictures:
-        """The photographs and the truth behind them; the turning light shows the true textures."""
+    @cached_property
+    def stage(self) -> Stage:
+        """The scene's mesh, traced once. Raises InputError where there is none."""
+        return Stage(self.scene.expect_mesh(), torch.device("cpu"))
+
+    def truth(self, *, turned: bool = True) -> Pictures:
+        """The photographs and the truth behind them; the turning light shows the true textures, if that is wanted."""
         pictures = Pictures()
         self._add(pictures, "photograph", self.test, _of(self.test, "image"), self._gains["train"])
         self._add_maps(pictures, _of(self.test, "albedo"), _of(self.test, "roughness"), None)
@@ -82,25 +87,43 @@ class Easel:
         for light, views in self.relit.items():
             self._add(pictures, "relit", views, _of(views, "image"), self._gains[light])
         textures = self._truth.albedo, self._truth.roughness
-        if textures[0] is not None and textures[1] is not None:
+        if turned and textures[0] is not None and textures[1] is not None:
             material = Material(torch.from_numpy(textures[0]).float(), torch.from_numpy(textures[1]).float()[..., None])
-            self._add_turns(pictures, TexturedReconstruction(self._stage, material, None), None)
+            self._add_turns(pictures, TexturedReconstruction(self.stage, material, None), None)
         pictures.sheets["light"] = [light_map(self._truth.lights["train"], light_exposure(self._truth.lights["train"]))]
         return pictures
 
-    def recovered(self, run: Recovered) -> Pictures:
-        """The same of a run: its albedo also aligned as its scores were, relit with the aligned one."""
-        found, pictures = run.reconstruction(self._stage), Pictures()
+    def drawn(self, found: TexturedReconstruction, scale: torch.Tensor) -> Predictions:
+        """Draw the chosen views of what was recovered; ``scale`` aligns its albedo where it is relit."""
         maps = found.maps([view.camera for view in self.test], ("albedo", "roughness"), points=MAP_POINTS)
-        self._add_maps(pictures, maps["albedo"], maps["roughness"], run.scale.numpy())
-        self._add(pictures, "view", self.views, self._drawn(found, self.views, None, None), self._gains["train"])
-        for light, views in self.relit.items():
-            drawn = self._drawn(found, views, LatLongEnvironment(torch.from_numpy(self._truth.lights[light])), run.scale)
-            self._add(pictures, "relit", views, drawn, self._gains[light])
-        self._add_turns(pictures, found, run.scale)
+        lights = {name: LatLongEnvironment(torch.from_numpy(self._truth.lights[name]).to(found.device)) for name in self.lights}
+        relit = {name: self._drawn(found, self.relit[name], light, scale) for name, light in lights.items()}
+        return Predictions(maps["albedo"], maps["roughness"], self._drawn(found, self.views, None, None), relit)
+
+    def chosen(self, scored: Predictions) -> Predictions:
+        """The chosen views of those that a scorer has drawn. Raises InputError where some component was not drawn."""
+        if scored.albedo is None or scored.roughness is None or scored.view_synthesis is None or scored.relighting is None:
+            raise InputError("not every component was drawn")
+        relit = {name: _every(scored.relighting[name], RELIT_STRIDE) for name in self.lights}
+        return Predictions(scored.albedo, scored.roughness, _every(scored.view_synthesis, VIEW_STRIDE), relit)
+
+    def recovered(self, found: TexturedReconstruction, scale: torch.Tensor, drawn: Predictions | None = None) -> Pictures:
+        """The same of what was recovered: its albedo also aligned by ``scale``, relit with the aligned one.
+
+        ``drawn``: the chosen views, where somebody has drawn them already.
+        """
+        pictures, drawn = Pictures(), drawn or self.drawn(found, scale)
+        assert drawn.albedo is not None
+        assert drawn.roughness is not None
+        self._add_maps(pictures, drawn.albedo, drawn.roughness, scale.cpu().numpy())
+        if drawn.view_synthesis is not None:
+            self._add(pictures, "view", self.views, drawn.view_synthesis, self._gains.get("train", 1.0))
+        for light, images in (drawn.relighting or {}).items():
+            self._add(pictures, "relit", self.relit[light], images, self._gains[light])
+        self._add_turns(pictures, found, scale)
         if found.environment is not None:
             true_light = self._truth.lights["train"]
-            radiance = found.environment.latlong(true_light.shape[0]) / run.scale
+            radiance = found.environment.latlong(true_light.shape[0]).cpu() / scale.cpu()
             pictures.sheets["light"] = [light_map(radiance.numpy(), light_exposure(true_light))]
         return pictures
 
@@ -116,7 +139,7 @@ class Easel:
         view, light = self.turned, self._truth.lights[self.lights[0]]
         for turn in range(TURNS):
             turned = np.roll(light, round(turn * light.shape[1] / TURNS), axis=1)
-            drawn = self._drawn(found, [view], LatLongEnvironment(torch.from_numpy(turned)), scale)
+            drawn = self._drawn(found, [view], LatLongEnvironment(torch.from_numpy(turned).to(found.device)), scale)
             self._add(pictures, "turned", [view], drawn, self._gains[self.lights[0]])
 
     def _drawn(
@@ -149,6 +172,10 @@ class Easel:
         padded = np.pad(picture, ((side, side), (side, side), (0, 0)), constant_values=beyond)
         starts = [(found.min() + found.max() + 1 - side) // 2 + side if len(found) else side for found in np.nonzero(view.mask > 0)]
         return padded[starts[0] : starts[0] + side, starts[1] : starts[1] + side]
+
+
+def _every(images: Images, stride: int) -> Images:
+    return Images(images.images[::stride], images.coverage[::stride])
 
 
 def _of(views: Sequence[View], name: str) -> Images:

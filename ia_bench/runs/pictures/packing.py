@@ -18,6 +18,7 @@ LEVELS = 64  # of an error, evenly spaced in its square root
 LARGEST = 0.5  # error that the last level stands for
 OUTSIDE = 255  # a pixel of an error map that is not scored
 PICTURE_QUALITY = 70
+EFFORT = 75  # of a lossless picture: 100 takes twelve times as long for 4 % fewer bytes
 SMALL = 64  # pixels along a side of a picture that would lose its colours, which a lossy WebP halves in size
 
 
@@ -60,8 +61,8 @@ def error_sheet(maps: Sequence[np.ndarray]) -> str:
     return data_url("image/webp", webp(Image.fromarray(np.concatenate(maps)), lossless=True))
 
 
-def webp(image: Image.Image, *, quality: int = 100, lossless: bool = False) -> bytes:
-    """A WebP, the smallest that the encoder finds."""
+def webp(image: Image.Image, *, quality: int = EFFORT, lossless: bool = False) -> bytes:
+    """A WebP; the ``quality`` of a lossless one is the effort that the encoder makes."""
     buffer = io.BytesIO()
     image.save(buffer, "WEBP", quality=quality, lossless=lossless, method=6, exact=False)
     return buffer.getvalue()

@@ -1,0 +1,138 @@
+"""``pictures.zip`` of a run folder: the pictures of a run as a page shows them, with errors, textures and numbers of views."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.render.reconstruction import TexturedReconstruction
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.pictures import packing, solid
+from ia_bench.runs.pictures.drawing import VERSION, Easel, Pictures
+from ia_bench.scenes.scene import Scene
+from ia_bench.scores.predictions import Predictions
+
+PICTURES = "pictures.zip"
+EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file within: the same run gives the same bytes
+COMPARED = {"albedo": "albedo", "aligned": "albedo", "roughness": "roughness", "view": "view", "relit": "relit"}
+"""What is compared with the truth -> under which name the truth has it."""
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """The pictures of one run.
+
+    Attributes:
+        sheets: Name -> a WebP with its pictures in rows.
+        shapes: Name -> number of pictures and of columns on its sheet.
+        errors: What the page's error maps are read from (JSON types).
+        solid: Textures for the 3-D viewer, and the mesh where it is not the scene's (JSON types).
+        views: How many there are of "test", of "view", and "relit" by light.
+    """
+
+    sheets: dict[str, bytes]
+    shapes: dict[str, list[int]]
+    errors: dict[str, Any]
+    solid: dict[str, str]
+    views: dict[str, Any]
+
+    def zipped(self) -> bytes:
+        """The file."""
+        buffer = io.BytesIO()
+        about = {"version": VERSION, "shapes": self.shapes, "errors": self.errors, "solid": self.solid, "views": self.views}
+        with zipfile.ZipFile(buffer, "w") as archive:
+            for name, content in {
+                **{f"{name}.webp": sheet for name, sheet in self.sheets.items()},
+                "about.json": _json(about),
+            }.items():
+                archive.writestr(zipfile.ZipInfo(name, EPOCH), content)
+        return buffer.getvalue()
+
+
+def bundle(
+    easel: Easel, true: Pictures, found: TexturedReconstruction, scale: torch.Tensor, drawn: Predictions | None = None
+) -> Bundle:
+    """Draw and pack what was recovered. ``true``: the same views of the truth; ``drawn`` as in :meth:`Easel.recovered`."""
+    pictures = easel.recovered(found, scale, drawn)
+    errors, tile = {}, 0
+    for name, original in COMPARED.items():
+        if name in pictures.values:
+            compared = zip(pictures.values[name], true.values[original], easel.masks[original], strict=True)
+            maps = [packing.error_map(*three) for three in compared]
+            errors[name], tile = packing.error_sheet(maps), len(maps[0])
+    textures = found.material.albedo.detach().cpu().numpy(), found.material.roughness.detach().cpu().numpy()[..., 0]
+    views = {"test": len(easel.test), "view": len(easel.views), "relit": {name: len(views) for name, views in easel.relit.items()}}
+    return Bundle(
+        *sheets(pictures),
+        errors={"tile": tile, "sheets": errors, "levels": packing.LEVELS, "largest": packing.LARGEST},
+        solid=textures_of(*textures),
+        views=views,
+    )
+
+
+def sheets(pictures: Pictures) -> tuple[dict[str, bytes], dict[str, list[int]]]:
+    """Every sheet, and its number of pictures and of columns, by name."""
+    shapes = {name: [len(tiles), min(packing.COLUMNS, len(tiles))] for name, tiles in pictures.sheets.items()}
+    return {name: packing.sheet(tiles) for name, tiles in pictures.sheets.items()}, shapes
+
+
+def textures_of(albedo: np.ndarray, roughness: np.ndarray) -> dict[str, str]:
+    """Textures (T, T, 3) and (T, T), linear, for the viewer."""
+    return {"albedo": solid.texture(albedo, encoded=True), "roughness": solid.texture(roughness, encoded=False)}
+
+
+def write_pictures(
+    folder: RunFolder,
+    scene: Scene,
+    drawn: tuple[TexturedReconstruction, Predictions] | None,
+    scale: list[float] | None,
+    note: Callable[[str], None],
+) -> None:
+    r"""Write pictures.zip: what a report shows of the run, of the views that were drawn for its scores.
+
+    ``scale`` aligns the albedo. Nothing of a reconstruction without textures; a scene that cannot be pictured is told to ``note``.
+    """
+    if drawn is None:
+        return
+    found, predictions = drawn
+    try:
+        easel = Easel(scene)
+        packed = bundle(easel, easel.truth(turned=False), found, torch.tensor(scale or [1.0] * 3), easel.chosen(predictions))
+    except InputError as error:
+        note(f"no pictures for the report: {error}")
+    else:
+        if scene.mesh_is_made:
+            packed.solid["mesh"] = solid.solid(scene.expect_mesh())
+        folder.write_bytes(PICTURES, packed.zipped())
+
+
+def read_bundle(folder: Path) -> Bundle | None:
+    """The pictures in a run folder; None where there are none, or of another version of the drawing.
+
+    Raises InputError for a file that is damaged.
+    """
+    path = folder / PICTURES
+    if not path.is_file():
+        return None
+    try:
+        with zipfile.ZipFile(path) as archive:
+            about = json.loads(archive.read("about.json"))
+            if about["version"] != VERSION:
+                return None
+            found = {name: archive.read(f"{name}.webp") for name in about["shapes"]}
+            return Bundle(found, about["shapes"], about["errors"], about["solid"], about["views"])
+    except (zipfile.BadZipFile, KeyError, ValueError) as error:
+        raise InputError(f"{path}: expected the pictures of a run, found a damaged file ({error})") from None
+
+
+def _json(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
