@@ -114,13 +114,18 @@ class Commands:
         if not chosen:
             return None
         own = [f"{name}={_text(value)}" for name, value in settings.items() if _settable(name, value) and usual.get(name) != value]
-        before = " ".join(["python -m ia_bench", *map(shlex.quote, chosen)])
-        return before, "".join(f" {shlex.quote(word)}" for word in (f"row={_quoted(run.row)}", *own))
+        before = " ".join(["python -m ia_bench", *map(_word, chosen)])
+        return before, "".join(f" {_word(word)}" for word in (f"row={_quoted(run.row)}", *own))
 
     def _settings(self, overrides: tuple[str, ...]) -> Settings:
         if overrides not in self._composed:
             self._composed[overrides] = flat(identity(compose(overrides, here=False)))
         return self._composed[overrides]
+
+
+def _word(text: str) -> str:
+    """A word for a shell; one with quotes in it stands in double ones where that is safe, which is easier to read and to edit."""
+    return f'"{text}"' if "'" in text and not set(text) & set('"$`\\!') else shlex.quote(text)
 
 
 def _settable(name: str, value: object) -> bool:

@@ -97,6 +97,11 @@ def test_the_command_gives_the_configuration_again(overrides: tuple[str, ...], k
     assert config_hash(compose(words[3:], here=False)) == config_hash(config)
 
 
+def test_a_name_with_a_comma_stands_in_quotes_that_can_be_read(write_run: Write) -> None:
+    run = collect([write_run("a, b", "tiny")]).runs[0]
+    assert Commands({"a, b": ("prior=none",)}).of(run, {}) == ("python -m ia_bench prior=none", " \"row='a, b'\"")
+
+
 def test_a_list_of_runs_gives_the_table_of_its_folders(folders: list[Path], tmp_path: Path) -> None:
     before = write_report(folders, tmp_path / "out").findings
     after = analyse(Collection(tuple(read_published(tmp_path / "out" / "runs.csv"))), before.rows, before.scenes, None)
