@@ -117,7 +117,7 @@ def test_a_reconstruction_without_textures_is_scored_by_what_it_draws(
     photographed: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scorer_module, "Stage", no_texture)
-    monkeypatch.setattr(scorer_module, "TexturedReconstruction", no_texture)
+    monkeypatch.setattr(scorer_module.TexturedReconstruction, "of", no_texture)
     assert isinstance(BALL, Reconstruction)
     scorer = Scorer(photographed, SMALL, CPU)
     perfect = scorer.full(BALL)
