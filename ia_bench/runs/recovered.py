@@ -103,13 +103,18 @@ class Recovered:
         return found if whole else captured(found, settings, lambda line: None)
 
     def reconstruction(self, stage: Stage) -> TexturedReconstruction:
-        """What the run recovered, on a stage of its scene's mesh. Raises InputError where a map is missing."""
+        """What the run recovered, on a stage of its scene's mesh; some methods recover no light of the whole scene.
+
+        Raises InputError where a texture is missing.
+        """
 
         def texture(name: str, channels: int) -> torch.Tensor:
             image: np.ndarray = read_exr(self.folder / f"{name}.exr", channels)
             return torch.from_numpy(image).to(stage.device)
 
-        metallic = texture("metallic", 1) if (self.folder / "metallic.exr").is_file() else None
-        material = Material(texture("albedo", 3), texture("roughness", 1), metallic)
+        def optional(name: str, channels: int) -> torch.Tensor | None:
+            return texture(name, channels) if (self.folder / f"{name}.exr").is_file() else None
+
+        material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
         coat = self.config.get("config.render", dict).get("coat", "added")  # the oldest runs had the paper's sum
-        return TexturedReconstruction(stage, material, texture("light", 3), coat=coat)
+        return TexturedReconstruction(stage, material, optional("light", 3), coat=coat)

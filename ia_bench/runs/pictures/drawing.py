@@ -28,7 +28,7 @@ QUALITY = Quality(points=2, samples=64)
 MAP_POINTS = 2
 TURNS = 16  # pictures of a light that goes round the object once
 VIEW_STRIDE, RELIT_STRIDE = 2, 4  # of the novel views, every second is shown under the training light, every fourth under others
-VERSION = 2
+VERSION = 3
 """Part of what a drawing is known by; raised when a change of the code changes pictures of unchanged runs."""
 
 
@@ -98,14 +98,16 @@ class Easel:
         maps = found.maps([view.camera for view in self.test], ("albedo", "roughness"), points=MAP_POINTS)
         lights = {name: LatLongEnvironment(torch.from_numpy(self._truth.lights[name]).to(found.device)) for name in self.lights}
         relit = {name: self._drawn(found, self.relit[name], light, scale) for name, light in lights.items()}
-        return Predictions(maps["albedo"], maps["roughness"], self._drawn(found, self.views, None, None), relit)
+        views = None if found.environment is None else self._drawn(found, self.views, None, None)
+        return Predictions(maps["albedo"], maps["roughness"], views, relit)
 
     def chosen(self, scored: Predictions) -> Predictions:
-        """The chosen views of those that a scorer has drawn. Raises InputError where some component was not drawn."""
-        if scored.albedo is None or scored.roughness is None or scored.view_synthesis is None or scored.relighting is None:
+        """The chosen views of those that a scorer has drawn. Raises InputError where textures or relit views were not drawn."""
+        if scored.albedo is None or scored.roughness is None or scored.relighting is None:
             raise InputError("not every component was drawn")
         relit = {name: _every(scored.relighting[name], RELIT_STRIDE) for name in self.lights}
-        return Predictions(scored.albedo, scored.roughness, _every(scored.view_synthesis, VIEW_STRIDE), relit)
+        views = None if scored.view_synthesis is None else _every(scored.view_synthesis, VIEW_STRIDE)  # no light was recovered
+        return Predictions(scored.albedo, scored.roughness, views, relit)
 
     def recovered(self, found: TexturedReconstruction, scale: torch.Tensor, drawn: Predictions | None = None) -> Pictures:
         """The same of what was recovered: its albedo also aligned by ``scale``, relit with the aligned one.

@@ -14,10 +14,10 @@ from PIL import Image
 TILE = 128  # pixels along a side of a picture on a sheet, at most
 ERROR_TILE = 64  # the same of an error, which is a mean over what a pixel of it covers
 COLUMNS = 5
-LEVELS = 64  # of an error, evenly spaced in its square root
+LEVELS = 48  # of an error, evenly spaced in its square root
 LARGEST = 0.5  # error that the last level stands for
 OUTSIDE = 255  # a pixel of an error map that is not scored
-PICTURE_QUALITY = 70
+PICTURE_QUALITY = 64
 EFFORT = 75  # of a lossless picture: 100 takes twelve times as long for 4 % fewer bytes
 SMALL = 64  # pixels along a side of a picture that would lose its colours, which a lossy WebP halves in size
 

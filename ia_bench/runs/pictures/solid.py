@@ -16,7 +16,7 @@ from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Mesh
 
 TEXTURE = 256  # texels along a side
-TEXTURE_QUALITY = 60
+TEXTURE_QUALITY = 50
 STEPS = {"vertices": 2**13, "normals": 2**7, "uv": 2**12}  # a unit is divided into that many: finer than a pixel of the viewer
 LIGHT_ROWS = 32
 

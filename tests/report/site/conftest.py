@@ -1,13 +1,28 @@
-"""A real browser for the pages; without Chromium or Playwright what needs one is skipped, visibly."""
+"""A page, and a real browser for it; without Chromium or Playwright what needs one is skipped, visibly.
+
+``apt-get install chromium`` and ``pip install playwright`` (extra ``browser``) bring them.
+"""
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from ia_bench.cli.report import main
+from ia_bench.common.paths import scenes_folder
+from ia_bench.readers.native import NativeReader
+from ia_bench.runs.config import NATIVE_READER
+from ia_bench.scenes.exr import write_exr
+
+GREY_ALBEDO = 0.25  # of the row "grey", everywhere
+PAGE_ROWS = {"ceiling": 40.0, "constant": 10.0, "none": 20.0, "grey": 24.0}  # PSNR of seed 0 on hat, in dB
 
 FLAGS = (
     "--no-sandbox",
@@ -50,3 +65,46 @@ def open_page(browser: Any) -> Iterator[Callable[[Path], Any]]:
     yield open_
     context.close()
     assert wrong == []
+
+
+def curve(seed: int) -> str:
+    """Relighting rises from 10 to 20 dB, which it reaches after 9 s, or 10 s of the second seed."""
+    points = ((step, 10 + step / 9 * 5, 10 + step / 9 * 10, 0.2 / (1 + step)) for step in (1, 3, 9))
+    return "".join(f"final,{step},{step + seed},{albedo},12,13,{relit},{error}\n" for step, albedo, relit, error in points)
+
+
+@pytest.fixture(scope="session")
+def page_folder(
+    write_run_below: Callable[..., Path], put_on_scene: Callable[..., None], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    """Four rows on two scenes; two rows have textures on the scene ``tiny``: the truth, and one grey."""
+    root = tmp_path_factory.mktemp("browser")
+    write = partial(write_run_below, root)
+    scene = scenes_folder() / "tiny"
+    truth = NativeReader(scene).read(truth=True).truth
+    assert truth is not None
+    assert truth.albedo is not None
+    textures = {"ceiling": truth.albedo, "grey": np.full_like(truth.albedo, GREY_ALBEDO)}
+    for row, psnr in PAGE_ROWS.items():
+        for seed in (0, 1):
+            bound = row in ("ceiling", "constant")
+            points = f"final,0,0,{psnr},{psnr},{psnr},{psnr},0.01\n" if bound else curve(seed)
+            of = {"mean_rgb": [1.0] * 3}
+            description = {"protocol_description": {"lpips": {"net": "alex"}, "alignment": "mean_rgb"}, "albedo_scales": of}
+            files = {f"{name}.exr": row + name for name in ("albedo", "roughness", "light")}
+            for name, better in (("hat", 0.0), ("tiny", 2.0)):
+                run = write(row, name, seed, psnr=psnr + better + seed, curve=points, sees_truth=bound, files=files, **description)
+                if row in textures and name == "tiny":
+                    write_exr(run / "albedo.exr", textures[row], half=False)
+                    write_exr(run / "roughness.exr", truth.roughness, half=False)
+                    write_exr(run / "light.exr", truth.lights["train"], half=False)
+                    config = {"reader": {"name": "native", "target": NATIVE_READER, "options": {"uv": "mesh"}}, "seed": seed}
+                    (run / "config.json").write_text(json.dumps({"config": {**config, "render": {"coat": "layered"}}}))
+                    put_on_scene(run, scene)
+    assert main([str(root / "runs"), "--out", str(root / "out"), "--reference", "none"]) == 0
+    return root / "out" / "page"
+
+
+@pytest.fixture
+def page(open_page: Callable[[Path], Any], page_folder: Path) -> Any:
+    return open_page(page_folder)

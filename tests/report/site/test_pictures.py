@@ -22,6 +22,7 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.report.collect import Run
 from ia_bench.report.site.pictures.store import hang
 from ia_bench.runs.pictures import packing, solid
+from ia_bench.runs.pictures.bundle import bundle
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Easel, Pictures
 from ia_bench.runs.recovered import Recovered
 
@@ -118,6 +119,15 @@ def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[Ease
     assert error("roughness", "roughness") < 0.03
     assert error("relit", "relit") < 0.05  # Monte Carlo noise at 64 samples a pixel
     assert np.abs(found.sheets["light"][0] - truth.sheets["light"][0]).mean() < 0.01
+
+
+def test_a_run_that_recovered_no_light_is_pictured_without_what_needs_one(drawn: tuple[Easel, Pictures], perfect_run: Path) -> None:
+    (perfect_run / "light.exr").unlink()
+    easel, truth = drawn
+    run = Recovered(perfect_run)
+    packed = bundle(easel, truth, run.reconstruction(easel.stage), run.scale)
+    assert set(packed.sheets) == {"albedo", "aligned", "roughness", "relit", "turned"}
+    assert set(packed.errors["sheets"]) == {"albedo", "aligned", "roughness", "relit"}
 
 
 def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[Easel, Pictures]) -> None:

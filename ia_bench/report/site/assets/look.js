@@ -18,7 +18,9 @@
     return sheets[name] ? { place: `${scene.folder}/${folder}/${name}`, shape: sheets[name] } : null;
   };
   const count = () => (look.kind === "light" ? 1 : (sheetOf("truth", look.kind) || { shape: [1] }).shape[0]);
-  const sources = () => [...(["view", "relit", "light"].includes(look.kind) ? [] : ["photograph"]), "truth", ...Object.keys(here().rows)];
+  // Rows with a picture of a kind: some methods recover no light of the whole scene, and no view under it.
+  const rowsWith = (kind) => Object.keys(here().rows).filter((row) => here().rows[row].sheets[kind]);
+  const sources = () => [...(["view", "relit", "light"].includes(look.kind) ? [] : ["photograph"]), "truth", ...rowsWith(look.kind)];
   const viewName = () => {
     const scene = here();
     if (look.kind === "light") return "as it was recovered, over the alignment";
@@ -80,7 +82,7 @@
   };
   const choose = () => {
     look.view = Math.min(look.view, count() - 1);
-    const names = sources(), rows = Object.keys(here().rows), usual = rows.find((row) => !data.rows.find((one) => one.name === row).bound) || rows[0];
+    const names = sources(), rows = rowsWith(look.kind), usual = rows.find((row) => !data.rows.find((one) => one.name === row).bound) || rows[0];
     bench.fill(left, names, left.value || "truth");
     bench.fill(right, names, right.value || usual);
     bench.fill(bench.find("#look-of"), rows, bench.find("#look-of").value || usual);
@@ -130,8 +132,9 @@
   bench.lookAt = (scene, row, kind, other = "truth") => {
     chooseScene(scene);
     if (!here().rows[row]) return;
-    [left.value, right.value, bench.find("#look-of").value] = [here().rows[other] ? other : "truth", row, row];
-    chooseKind(kind in kinds ? kind : "relit");
+    chooseKind(here().rows[row].sheets[kind] ? kind : "relit");
+    [left.value, right.value, bench.find("#look-of").value] = [rowsWith(look.kind).includes(other) ? other : "truth", row, row];
+    bench.drawLook();
     bench.find("#look").scrollIntoView();
   };
   bench.whenNear(bench.find("#look"), () => { if (!look.scene) chooseScene(); });
