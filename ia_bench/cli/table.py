@@ -46,11 +46,11 @@ def parse(arguments: Sequence[str]) -> Request:
         elif key == "scenes":
             own[key] = tuple(value.split(","))
         elif key == "seeds":
-            own[key] = tuple(_whole(key, number, 0) for number in value.split(","))
+            own[key] = tuple(_whole(key, number, 0, "whole numbers with commas between") for number in value.split(","))
         elif key == "launcher" or key.startswith("launcher."):
             launcher.append(argument)
         elif key == "jobs":
-            own[key] = None if value == "auto" else _whole(key, value, 1)
+            own[key] = None if value == "auto" else _whole(key, value, 1, "a whole number")
         elif key.lstrip("+~") in ("scene", "scene.name", "scene.path", "seed", "row", "out"):
             raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds= and table=")
         else:
@@ -163,7 +163,7 @@ def _settings() -> str:
     return "\n".join(lines)
 
 
-def _whole(key: str, text: str, least: int) -> int:
+def _whole(key: str, text: str, least: int, what: str) -> int:
     if not text.isdecimal() or int(text) < least:
-        raise InputError(f"{key}={text}: expected whole numbers from {least}")
+        raise InputError(f"{key}={text}: expected {what}, from {least} on")
     return int(text)

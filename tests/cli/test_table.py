@@ -140,8 +140,9 @@ def test_command_line_is_told_apart() -> None:
     ("argument", "message"),
     [
         ("table=papper", "unknown table 'papper'; did you mean 'paper'?"),
-        ("seeds=0,x", "seeds=x: expected whole numbers from 0"),
-        ("jobs=0", "jobs=0: expected whole numbers from 1"),
+        ("seeds=0,x", "seeds=x: expected whole numbers with commas between, from 0 on"),
+        ("seeds=[1]", "seeds=[1]: expected whole numbers with commas between, from 0 on"),
+        ("jobs=0", "jobs=0: expected a whole number, from 1 on"),
         ("jobs=999999", f"jobs=999999: expected at most {len(os.sched_getaffinity(0))}, the cores that this process may use"),
         ("preset=smok", "unknown preset 'smok'; did you mean 'smoke'?"),
         ("scenes=hatt", "unknown scene 'hatt'; did you mean 'hat'?"),
