@@ -11,7 +11,7 @@ import numpy as np
 from ia_bench.capture.faults import blurred, misplaced, mistaken_masks
 from ia_bench.capture.margin import inside
 from ia_bench.capture.radiometry import photographed
-from ia_bench.capture.settings import CaptureSettings, FaultSettings
+from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings
 from ia_bench.capture.shapes import with_geometry
 from ia_bench.capture.views import spread
 from ia_bench.geometry.consistency import consistent
@@ -33,6 +33,8 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     ldr = settings.radiometry == "ldr"
     if settings.jpeg != "none" and not ldr:
         note(f"capture.jpeg={settings.jpeg} changes nothing with capture.radiometry=hdr")
+    if settings.sdf != SdfSettings() and settings.geometry != "sdf":
+        note(f"capture.sdf changes nothing with capture.geometry={settings.geometry}")
     if ldr or settings.background != "none" or settings.faults != FaultSettings():
         train = _taken(train, settings)
     if settings.consistency:

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ia_bench.common.ranges import NO_NUMBER, Number
 
-MADE = ("hull",)
+MADE = ("hull", "sdf")
 """The kinds of geometry that come from the images and masks, and need no mesh."""
 
 
@@ -37,6 +37,21 @@ class FaultSettings:
 
 
 @dataclass(frozen=True)
+class SdfSettings:
+    """How ``capture.geometry=sdf`` makes a surface of images and masks; nothing else reads them.
+
+    Attributes:
+        cells: Of the grid of distances, along the longest side of the object; about as many as the object has pixels.
+        steps: Of the refinement on the images; 0 takes what stereo finds inside of the hull.
+        seed: Of the pixels of each step.
+    """
+
+    cells: Annotated[int, Field(ge=32, le=256)] = 128
+    steps: Annotated[int, Field(ge=0, le=10**5)] = 400
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+
+
+@dataclass(frozen=True)
 class CaptureSettings:
     """How a scene is photographed before anything is planned or fitted.
 
@@ -54,12 +69,14 @@ class CaptureSettings:
         consistency: Rounds in which poses and masks are made to agree with the hull of all masks, before anything else is made of
             them; 0 takes them as they are.
         margin: Pixels along the inside of every mask that a fit does not see, nor anything outside of it; 0 shows it all.
-        geometry: Where the mesh comes from: "given" by the scene, "smoothed" from that, or the visual "hull" of the masks.
+        geometry: Where the mesh comes from: "given" by the scene, "smoothed" from that, the visual "hull" of the masks, or "sdf", a
+            surface that is made of masks and images.
         smoothing: Of "smoothed": standard deviation of the blur, as a share of the diagonal of the mesh's box.
         cells: Of "hull": cells of the grid along the longest side of the object.
-        tolerated: Of "hull": how many views may see a point outside of their masks before it is cut away; 1 survives one wrong
-            mask, and leaves a larger hull.
-        triangles: Of "hull": about how many the mesh has at most.
+        tolerated: Of "hull" and "sdf": how many views may see a point outside of their masks before it is cut away; 1 survives one
+            wrong mask, and leaves a larger hull.
+        triangles: Of "hull" and "sdf": about how many the mesh has at most.
+        sdf: How "sdf" is made.
     """
 
     name: str = field(default="as_read", metadata=NO_NUMBER)
@@ -72,11 +89,12 @@ class CaptureSettings:
     faults: FaultSettings = field(default_factory=FaultSettings)
     consistency: Annotated[int, Field(ge=0, le=20)] = 0
     margin: Annotated[float, Field(ge=0, le=100)] = 0.0
-    geometry: Literal["given", "smoothed", "hull"] = "given"
+    geometry: Literal["given", "smoothed", "hull", "sdf"] = "given"
     smoothing: Annotated[float, Field(ge=0, le=0.2)] = 0.01
     cells: Annotated[int, Field(ge=16, le=512)] = 192
     tolerated: Annotated[int, Field(ge=0, le=10)] = 0
     triangles: Annotated[int, Field(ge=100, le=10**6)] = 20_000
+    sdf: SdfSettings = field(default_factory=SdfSettings)
 
     @property
     def label(self) -> str:
@@ -87,15 +105,20 @@ class CaptureSettings:
         return ", ".join(([str(named)] if named else []) + words)
 
 
-def _changed(settings: CaptureSettings | FaultSettings, plain: CaptureSettings | FaultSettings) -> dict[str, object]:
-    """The settings that differ from ``plain``, those of a part among them."""
+Settings = CaptureSettings | FaultSettings | SdfSettings
+
+
+def _changed(settings: Settings, plain: Settings, part: str = "") -> dict[str, object]:
+    """The settings that differ from ``plain``, those of a part among them; of "sdf" with that before their names."""
     found: dict[str, object] = {}
     for one in fields(settings):
         value, usual = getattr(settings, one.name), getattr(plain, one.name)
         if isinstance(value, FaultSettings):
             found |= _changed(value, usual)
+        elif isinstance(value, SdfSettings):
+            found |= _changed(value, usual, "sdf ")
         elif value != usual:
-            found[one.name] = value
+            found[part + one.name] = value
     return found
 
 

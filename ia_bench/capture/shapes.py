@@ -11,11 +11,14 @@ import torch
 from ia_bench.capture.settings import MADE, CaptureSettings
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
+from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.geometry.smoothing import smoothed
 from ia_bench.geometry.surface import mesh_of
 from ia_bench.scenes.scene import Mesh, Scene
 
+VERSION = 1  # of how an "sdf" is made: meshes that another one made are not taken from the cache
 PARTS = ("vertices", "faces", "normals", "uv")
 
 
@@ -45,17 +48,31 @@ def with_geometry(scene: Scene, settings: CaptureSettings, note: Callable[[str],
 
 
 def _made(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> dict[str, torch.Tensor]:
-    note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {settings.cells} cells a side")
-    mesh = mesh_of(visual_hull(scene.train, settings.cells, settings.tolerated), settings.triangles)
+    cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
+    note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
+    mesh = mesh_of(_distances(scene, settings), settings.triangles)
     return {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
 
 
+def _distances(scene: Scene, settings: CaptureSettings) -> DistanceGrid:
+    if settings.geometry == "hull":
+        return visual_hull(scene.train, settings.cells, settings.tolerated)
+    sdf, differ = settings.sdf, scene.exposures_differ
+    return surface_from_images(
+        scene.train, sdf.cells, sdf.steps, tolerated=settings.tolerated, exposures_differ=differ, seed=sdf.seed
+    )
+
+
 def _key(scene: Scene, settings: CaptureSettings) -> str:
-    """Of everything that decides a mesh that is made: masks, what is known of them, cameras, sizes."""
+    """Of everything that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images besides."""
+    images = settings.geometry == "sdf"
     sizes = f"{settings.geometry} {settings.cells} {settings.tolerated} {settings.triangles}"
+    if images:
+        sizes = f"sdf {VERSION} {settings.sdf} {settings.tolerated} {settings.triangles} {scene.exposures_differ}"
     parts: list[str | np.ndarray] = [sizes]
     for view in scene.train:
         camera = view.camera
         parts += [f"{camera.focal} {camera.centre}", camera.to_world, view.mask]
         parts += [] if view.valid is None else [view.valid]
+        parts += [view.image] if images else []
     return content_key("shape", *parts)

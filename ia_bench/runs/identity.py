@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ia_bench.capture.settings import CaptureSettings
+from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import shown
@@ -36,10 +36,13 @@ def identity(config: RunConfig) -> dict[str, Any]:
     content = asdict(config)
     for label in ("out", "row", "preset", "fit"):
         del content[label]
-    if replace(config.capture, name=CaptureSettings.name) == CaptureSettings():
+    sdf = config.capture.sdf if config.capture.geometry == "sdf" else SdfSettings()
+    if replace(config.capture, name=CaptureSettings.name, sdf=sdf) == CaptureSettings():
         del content["capture"]  # so that a scene as it is read has the identity that it had before there were captures
     else:
         del content["capture"]["name"]
+        if config.capture.geometry != "sdf":
+            del content["capture"]["sdf"]  # which then decides nothing
     checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
     for known, settings in checked.items():
         for field in fields(known):

@@ -1,0 +1,194 @@
+"""A surface from photographs and masks: the hull, hollowed by stereo, refined until its pictures are the photographs.
+
+1. The visual hull bounds the object. 2. Depth maps by plane sweeping find its hollows, however deep, as steps along a gradient
+would not (:mod:`~ia_bench.geometry.sweep`), and are fused into one field (:mod:`~ia_bench.geometry.fusion`). 3. The distances at
+the vertices of a grid, features beside them and a small network are fitted to all pixels by volume rendering
+(:mod:`~ia_bench.geometry.marching`), on a coarse grid, then on a fine one. Minimised is, over random pixels,
+
+    |t(c) - t(c')| + MASK |A - mask| + EIKONAL (|grad f| - 1)^2 + SMOOTH (laplacian f)^2,      t(c) = log(1 + 3 c / mean)
+
+with c the colour that rays gather and A their opacity; the last two over the vertices near the surface, in cells. Nothing
+is known of the light, so shading is seen as paint, which tells shape as well where views overlap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import grid_sample, interpolate, normalize
+
+from ia_bench.common.errors import InputError
+from ia_bench.geometry.appearance import Appearance
+from ia_bench.geometry.fusion import fused
+from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.marching import Pixels, gathered, pixels_of
+from ia_bench.geometry.sweep import depth_maps
+from ia_bench.geometry.warp_march import CHANNELS
+from ia_bench.scenes.scene import View
+
+LEAST_VIEWS = 4  # fewer leave a hull in which no surface can be told
+CELLS = 2, 1  # of the finest grid that a cell of each stage has along a side
+WIDTH, STRIDE = 0.6, 0.5  # cells of the stage: of the soft surface, and of the rays' segments
+BATCH, RUN = 12288, 8  # rays a step, in runs of neighbouring pixels, which read the same cells
+LEVELS = 4  # grids, each of twice the cells of the next, whose sum moves the distances: large shapes move as fast as small ones
+DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE = 0.05, 0.1, 5e-3, 5e-3  # of Adam, in the beginning ...
+FALL = 0.1  # ... and over that in the end, of each stage
+MASK, EIKONAL, SMOOTH = 0.5, 0.05, 0.02  # weights of the loss
+BAND = 3.0  # cells from the surface within which vertices are regular
+BEYOND = 0.5  # cells of the finest grid that the surface may leave the hull by, where masks are not quite right
+AGAIN = 20  # steps after which the vertices near the surface are looked for again
+DARK = -0.5  # first value of the features of the colour: softplus of it is half of the mean radiance
+
+
+def surface_from_images(
+    views: Sequence[View], cells: int, steps: int, *, tolerated: int = 0, exposures_differ: bool = False, seed: int = 0
+) -> DistanceGrid:
+    """Signed distances to the surface that the images and masks of ``views`` show.
+
+    ``cells`` along the longest side of the object; ``steps`` of the fit, 0 for what stereo finds; ``tolerated`` as for
+    :func:`visual_hull`; ``exposures_differ`` where each image has a factor that nobody knows, which is then fitted.
+
+    Raises InputError for fewer views than tell a surface.
+    """
+    if len(views) < LEAST_VIEWS:
+        raise InputError(
+            f"capture.geometry=sdf: expected at least {LEAST_VIEWS} training views, found {len(views)}; "
+            "capture.geometry=hull needs masks alone"
+        )
+    if not any((view.image > 0).any() for view in views):
+        raise InputError("capture.geometry=sdf: expected images that show something, found all of them black")
+    torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
+    hull = visual_hull(views, cells, tolerated)
+    start = fused(hull, depth_maps(views, hull))
+    if steps == 0:
+        return start
+    return _Fit(pixels_of(views, hull), hull, len(views) if exposures_differ else 0, seed).refined(start, steps)
+
+
+@dataclass
+class _Near:
+    """Vertices near the surface, by their flat indices, and the strides to their neighbours along each axis."""
+
+    indices: Tensor
+    strides: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, values: Tensor) -> _Near:
+        inner = torch.zeros(values.shape, dtype=torch.bool)
+        inner[1:-1, 1:-1, 1:-1] = values[1:-1, 1:-1, 1:-1].abs() < BAND
+        return cls(inner.reshape(-1).nonzero()[:, 0], (values.stride(0), values.stride(1), values.stride(2)))
+
+    def irregularity(self, values: Tensor) -> Tensor:
+        """EIKONAL (|grad f| - 1)^2 + SMOOTH (laplacian f)^2, by differences of neighbours, in the mean."""
+        flat = values.reshape(-1)
+        laplacian, squared = -6 * flat[self.indices], torch.zeros(len(self.indices))
+        for stride in self.strides:
+            after, before = flat[self.indices + stride], flat[self.indices - stride]
+            laplacian = laplacian + after + before
+            squared = squared + (0.5 * (after - before)) ** 2
+        return EIKONAL * (((squared + 1e-12).sqrt() - 1) ** 2).mean() + SMOOTH * (laplacian**2).mean()
+
+
+class _Fit:
+    """What stays from stage to stage: pixels, the hull, how the surface looks, and the exposures of ``images`` (0: all alike)."""
+
+    def __init__(self, pixels: Pixels, hull: DistanceGrid, images: int, seed: int) -> None:
+        self._pixels, self._hull = pixels, hull
+        self._random = torch.Generator().manual_seed(seed)
+        self._appearance = Appearance(self._random)
+        self._gains = torch.zeros(images, requires_grad=images > 0)  # logarithms
+        shown = (pixels.mask > 0.5) & (pixels.colour_known > 0)
+        mean = float(pixels.colour[shown].mean()) if shown.any() else 1.0
+        self._colour = pixels.colour / max(mean, 1e-12)
+
+    def refined(self, start: DistanceGrid, steps: int) -> DistanceGrid:
+        """The distances after ``steps`` in all, on the grid of ``start``."""
+        stages = len(CELLS)
+        values, features = torch.empty(0), torch.empty(0)
+        for number, cells in enumerate(CELLS):
+            bound = self._hull.values[::cells, ::cells, ::cells].contiguous() / (cells * self._hull.step)
+            if number == 0:
+                values = start.values[::cells, ::cells, ::cells].contiguous() / (cells * start.step)
+                features = torch.zeros(*values.shape, CHANNELS)
+                features[..., :3] = DARK
+            else:
+                finer = CELLS[number - 1] / cells
+                values = _resized(values[None], bound.shape)[0] * finer
+                features = _resized(features.movedim(-1, 0), bound.shape).movedim(0, -1).contiguous()
+            part = steps * (number + 1) // stages - steps * number // stages
+            values = self._stage(values, features, bound - BEYOND / cells, cells, part)
+        return DistanceGrid(values * self._hull.step, self._hull.low, self._hull.step)
+
+    def _stage(self, base: Tensor, features: Tensor, bound: Tensor, cells: int, steps: int) -> Tensor:
+        """The distances in cells after ``steps``; ``features`` change in place, ``bound`` is the least that distances may be."""
+        coarser = [[-(-(count - 1) // 2**level) + 1 for count in base.shape] for level in range(LEVELS)]
+        moves = [torch.zeros(size, requires_grad=True) for size in coarser]
+        features.grad = torch.zeros_like(features)
+        rates = DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE
+        parts = moves, [features], list(self._appearance.parameters()), [self._gains] if len(self._gains) else []
+        groups = [{"params": part, "lr": rate, "initial_lr": rate} for part, rate in zip(parts, rates, strict=True) if part]
+        optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-10, fused=True)
+        near = _Near.of(base)
+        for step in range(steps):
+            for group in optimiser.param_groups:
+                group["lr"] = group["initial_lr"] * FALL ** (step / steps)
+            values = _moved(base, moves, bound)
+            if step % AGAIN == 0:
+                near = _Near.of(values.detach())
+            loss = self._misfit(values, features, cells) + near.irregularity(values)
+            optimiser.zero_grad(set_to_none=False)
+            loss.backward()
+            optimiser.step()
+            if len(self._gains):
+                with torch.no_grad():
+                    self._gains -= self._gains.mean()  # what all factors have in common, the colours have
+        with torch.no_grad():
+            return _moved(base, moves, bound)
+
+    def _misfit(self, values: Tensor, features: Tensor, cells: int) -> Tensor:
+        """Of random pixels, the mean difference of colours and MASK times that of coverages."""
+        pixels = self._pixels
+        runs = max(len(pixels.mask) // RUN, 1)
+        first = torch.randint(runs, (BATCH // RUN,), generator=self._random).sort().values
+        picked = (first[:, None] * RUN + torch.arange(RUN)).reshape(-1).clamp_max(len(pixels.mask) - 1)
+        rays = pixels.rays.chosen(picked, cells)
+        rays.near.add_(STRIDE * torch.rand(len(picked), generator=self._random))  # segments end elsewhere at every step
+        found, opacity, distance = gathered(values, features.detach(), rays, WIDTH, STRIDE, features.grad)
+        safe = opacity.clamp_min(1e-2)
+        place = rays.origins + (distance / safe).detach()[:, None] * rays.directions
+        colour = self._appearance(found / safe[:, None], _normals(values, place), rays.directions) * opacity[:, None]
+        if len(self._gains):
+            colour = colour * self._gains[pixels.view[picked]].exp()[:, None]
+        apart = (torch.log1p(3 * colour) - torch.log1p(3 * self._colour[picked])).abs().mean(-1)
+        uncovered = (opacity - pixels.mask[picked]).abs()
+        return (pixels.colour_known[picked] * apart).mean() + MASK * (pixels.mask_known[picked] * uncovered).mean()
+
+
+def _moved(base: Tensor, moves: Sequence[Tensor], bound: Tensor) -> Tensor:
+    values = base
+    for move in moves:
+        values = values + (move if move.shape == base.shape else _resized(move[None], base.shape)[0])
+    return torch.maximum(values, bound)
+
+
+def _resized(volumes: Tensor, size: Sequence[int]) -> Tensor:
+    """Volumes (C, X, Y, Z) interpolated to another size of the same box."""
+    return interpolate(volumes[None], tuple(size), mode="trilinear", align_corners=True)[0]
+
+
+def _normals(values: Tensor, places: Tensor) -> Tensor:
+    """Unit gradients (N, 3) of the values at places (N, 3) in cells: central differences at the vertices, interpolated."""
+    padded = torch.nn.functional.pad(values[None, None], (1,) * 6, mode="replicate")[0, 0]
+    inner = slice(1, -1)
+    differences = torch.stack([
+        padded[2:, inner, inner] - padded[:-2, inner, inner],
+        padded[inner, 2:, inner] - padded[inner, :-2, inner],
+        padded[inner, inner, 2:] - padded[inner, inner, :-2],
+    ])  # fmt: skip
+    grid = (2 * places / (torch.tensor(values.shape) - 1) - 1).flip(-1)[None, None, None]
+    found = grid_sample(differences[None], grid, align_corners=True, padding_mode="border")[0, :, 0, 0].T
+    return normalize(found, dim=-1, eps=1e-6)

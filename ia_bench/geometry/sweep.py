@@ -1,0 +1,173 @@
+"""Depth maps by plane sweeping: which depth makes a photograph agree with its neighbours?
+
+For planes across the axis of a camera, neighbouring photographs are projected onto the plane and seen from that camera. Where the
+plane meets the surface they look alike, which is measured in small windows by zero-mean normalised cross-correlation (Collins
+1996; Pons et al. 2007), whatever the exposure and, nearly, the shading. Depths are chosen for all pixels together by semi-global
+matching (Hirschmueller 2008). Only depths inside the visual hull are asked, since the object is nowhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, grid_sample
+
+from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.silhouettes import centre_of, project
+from ia_bench.scenes.scene import Camera, View
+
+NEIGHBOURS = 6  # photographs that each is compared with ...
+ANGLES = 8.0, 40.0  # ... seen from the object between so many degrees away: less tells little of depth, more looks different
+AGREEING = 3  # of these that have to agree: in the others, something else may be in the way
+WINDOW = 5  # pixels along a side
+SPACING = 1.2  # cells between planes
+POWER = 0.4  # of radiance: a factor of the exposure remains one, which correlation does not see, and highlights weigh less
+SMALL_JUMP, LARGE_JUMP = 0.05, 0.3  # what semi-global matching pays for neighbours that are one plane, or more, apart
+OUTSIDE = 1.2  # cost of a depth outside of the hull; 0 is perfect agreement, 1 none
+NEVER = 9.0  # and once costs are summed
+WHOLE = 0.9  # coverage from which a pixel shows nothing but the object
+TEXTURE = 1e-4  # of the variance of the photograph: windows with less of it agree with nothing
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """What the stereo of one view found: ``depth`` (H, W) along the camera's axis and ``trust`` (H, W), the correlation there.
+
+    Both are 0 where nothing is known.
+    """
+
+    camera: Camera
+    depth: Tensor
+    trust: Tensor
+
+
+def depth_maps(views: Sequence[View], hull: DistanceGrid) -> list[DepthMap]:
+    """The depth map of every view that has neighbours enough; an empty list where none has."""
+    pictures = [torch.from_numpy(view.image.clip(0) ** POWER).permute(2, 0, 1).float() for view in views]
+    found = []
+    for number, near in enumerate(neighbours(views)):
+        if near:
+            others = [(views[other].camera, pictures[other]) for other in near]
+            found.append(_depth_map(views[number], pictures[number], others, hull))
+    return found
+
+
+def neighbours(views: Sequence[View]) -> list[list[int]]:
+    """For each view the numbers of those that it is compared with, nearest first; none where there are too few."""
+    directions = np.stack([view.camera.to_world[:3, 3] for view in views]) - centre_of(views)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    apart = np.degrees(np.arccos((directions @ directions.T).clip(-1, 1)))
+    chosen = []
+    for row in apart:
+        near = [int(other) for other in np.argsort(row, kind="stable") if ANGLES[0] < row[other] < ANGLES[1]]
+        chosen.append(near[:NEIGHBOURS] if len(near) >= AGREEING else [])
+    return chosen
+
+
+def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tensor]], hull: DistanceGrid) -> DepthMap:
+    empty = DepthMap(view.camera, *torch.zeros(2, *view.mask.shape))
+    rows, columns = (slice(place.min(), place.max() + 1) for place in np.nonzero(view.mask > 0))
+    # ---------------------------------------------------------------- planes, and where they are inside of the hull
+    along = _rays(view.camera)[rows, columns]
+    origin = torch.from_numpy(np.array(view.camera.to_world[:3, 3], np.float32))
+    depths = _planes(view.camera, hull)
+    points = origin + depths[:, None, None, None] * along  # (K, H, W, 3)
+    boxed = ((points >= hull.low) & (points <= hull.high)).all(-1)
+    inside = boxed & (hull.at(points.reshape(-1, 3)).reshape(boxed.shape) < hull.step)
+    used = torch.nonzero(inside.flatten(1).any(1))[:, 0]
+    if len(used) < 3:
+        return empty
+    part = slice(int(used[0]), int(used[-1]) + 1)
+    depths, points, inside = depths[part], points[part], inside[part]
+    # ---------------------------------------------------------------- agreement, and the depths that have most of it
+    own = picture[:, rows, columns]
+    alike = torch.stack([correlation(own, _projected(*other, points)) for other in others])
+    alike = alike.topk(min(AGREEING, len(others)), 0).values.mean(0)
+    cost = semi_global(torch.where(inside, 1 - alike, OUTSIDE), SMALL_JUMP, LARGE_JUMP)
+    cost = torch.where(inside, cost, NEVER)
+    best = cost.argmin(0)
+    depth = depths[0] + (best + _between(cost, best)) * (depths[1] - depths[0])
+    # ---------------------------------------------------------------- pixels that know
+    known = view.mask > WHOLE if view.valid is None else (view.mask > WHOLE) & view.valid
+    sure = inside.any(0) & torch.from_numpy(known[rows, columns])
+    empty.depth[rows, columns] = torch.where(sure, depth, 0)
+    empty.trust[rows, columns] = torch.where(sure, alike.gather(0, best[None])[0].clamp_min(0), 0)
+    return empty
+
+
+def _rays(camera: Camera) -> Tensor:
+    """What to add to the camera's position per unit of depth, at the centres of its pixels (H, W, 3)."""
+    rows, columns = np.indices((camera.height, camera.width)) + 0.5
+    x, y = (columns - camera.centre[0]) / camera.focal[0], -(rows - camera.centre[1]) / camera.focal[1]
+    return torch.from_numpy(np.stack([x, y, -np.ones_like(x)], -1) @ camera.to_world[:3, :3].T).float()
+
+
+def _planes(camera: Camera, hull: DistanceGrid) -> Tensor:
+    """Depths (K,) of planes through the box of the hull, in front of the camera."""
+    box = (torch.tensor(ends) for ends in zip(hull.low.tolist(), hull.high.tolist(), strict=True))
+    corners = torch.stack(torch.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3)
+    depth = project(camera, corners)[2]
+    spacing = SPACING * hull.step
+    return torch.arange(max(float(depth.min()), spacing), float(depth.max()), spacing)
+
+
+def _projected(camera: Camera, picture: Tensor, points: Tensor) -> Tensor:
+    """What a camera's picture (C, H', W') shows at points (K, H, W, 3): (K, C, H, W)."""
+    planes, height, width = points.shape[:3]
+    column, row, _ = project(camera, points.reshape(-1, 3))
+    place = torch.stack([2 * column / camera.width - 1, 2 * row / camera.height - 1], -1).reshape(1, planes * height, width, 2)
+    seen = grid_sample(picture[None], place, align_corners=False)[0]
+    return seen.reshape(-1, planes, height, width).movedim(0, 1)
+
+
+def correlation(one: Tensor, other: Tensor) -> Tensor:
+    """Zero-mean normalised cross-correlation (K, H, W) of a picture (C, H, W) with K others (K, C, H, W), around each pixel.
+
+    Channels count together: sum of their covariances over the root of the product of the sums of their variances.
+    """
+
+    def mean(values: Tensor) -> Tensor:
+        return avg_pool2d(values, WINDOW, 1, WINDOW // 2, count_include_pad=False)
+
+    mean_one, mean_other = mean(one[None]), mean(other)
+    spread_one = (mean(one[None] ** 2) - mean_one**2).sum(1).clamp_min(0)
+    spread_other = (mean(other**2) - mean_other**2).sum(1).clamp_min(0)
+    together = (mean(one * other) - mean_one * mean_other).sum(1)
+    return (together / ((spread_one * spread_other).sqrt() + TEXTURE * float(one.var()) + 1e-12)).clamp(-1, 1)
+
+
+def semi_global(cost: Tensor, small: float, large: float) -> Tensor:
+    """Costs (K, H, W) of K choices with what the pixels around have to say: the mean over paths from four sides.
+
+    Along a path, with the least cost m of the last pixel: L(k) = cost(k) + min(L'(k), L'(k +- 1) + small, m + large) - m.
+    """
+    total = torch.zeros_like(cost)
+    for axis in (1, 2):
+        lines = cost.movedim(axis, 0)
+        for order in (range(len(lines)), range(len(lines) - 1, -1, -1)):
+            paths = torch.empty_like(lines)
+            last: Tensor | None = None
+            for place in order:
+                path = lines[place]
+                if last is not None:
+                    least = last.amin(0, keepdim=True)
+                    step = torch.minimum(last, least + large)
+                    step[1:] = torch.minimum(step[1:], last[:-1] + small)
+                    step[:-1] = torch.minimum(step[:-1], last[1:] + small)
+                    path = path + step - least
+                paths[place] = last = path
+            total += paths.movedim(0, axis)
+    return total / 4
+
+
+def _between(cost: Tensor, best: Tensor) -> Tensor:
+    """How far (H, W) from the best plane toward its neighbours the parabola through the three costs is least, in planes."""
+    middle = best.clamp(1, len(cost) - 2)
+    before, here, after = (cost.gather(0, (middle + offset)[None])[0] for offset in (-1, 0, 1))
+    bend = before - 2 * here + after
+    real = (bend > 1e-6) & (before < NEVER) & (after < NEVER) & (middle == best)
+    return torch.where(real, 0.5 * (before - after) / bend.clamp_min(1e-6), 0).clamp(-0.5, 0.5)

@@ -1,0 +1,232 @@
+"""Rays through a grid of signed distances as Warp kernels: what they gather of features, and the adjoint of that.
+
+Written by hand in both directions: a ray is marched again in the adjoint, so nothing is stored of its samples.
+All lengths are in cells of the grid, and the origin of its frame is its first vertex.
+"""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+CHANNELS = 8
+vec8 = wp.types.vector(length=CHANNELS, dtype=wp.float32)
+
+_CLEAR = wp.constant(0.004)  # transmittance below which a ray ends
+_STEPS = wp.constant(1024)  # of a ray, at most
+_CAUTION = wp.constant(0.8)  # of a distance that is skipped: away from the surface, values are no exact distances
+_FAR = wp.constant(6.0)  # widths from the surface beyond which the logistic function is as good as constant
+
+
+@wp.struct
+class Taps:
+    """The cell of a point and where in it the point is."""
+
+    x: int
+    y: int
+    z: int
+    u: float
+    v: float
+    w: float
+
+
+@wp.func
+def taps_at(place: wp.vec3, nx: int, ny: int, nz: int):
+    """The cell of a point, the nearest one for a point outside of the grid."""
+    x = wp.clamp(place[0], 0.0, float(nx - 1) - 1.0e-4)
+    y = wp.clamp(place[1], 0.0, float(ny - 1) - 1.0e-4)
+    z = wp.clamp(place[2], 0.0, float(nz - 1) - 1.0e-4)
+    taps = Taps()
+    taps.x = wp.min(int(x), nx - 2)
+    taps.y = wp.min(int(y), ny - 2)
+    taps.z = wp.min(int(z), nz - 2)
+    taps.u = x - float(taps.x)
+    taps.v = y - float(taps.y)
+    taps.w = z - float(taps.z)
+    return taps
+
+
+@wp.func
+def value_at(values: wp.array3d(dtype=float), t: Taps):
+    """Trilinear."""
+    a = wp.lerp(values[t.x, t.y, t.z], values[t.x, t.y, t.z + 1], t.w)
+    b = wp.lerp(values[t.x, t.y + 1, t.z], values[t.x, t.y + 1, t.z + 1], t.w)
+    c = wp.lerp(values[t.x + 1, t.y, t.z], values[t.x + 1, t.y, t.z + 1], t.w)
+    d = wp.lerp(values[t.x + 1, t.y + 1, t.z], values[t.x + 1, t.y + 1, t.z + 1], t.w)
+    return wp.lerp(wp.lerp(a, b, t.v), wp.lerp(c, d, t.v), t.u)
+
+
+@wp.func
+def add_value(values: wp.array3d(dtype=float), t: Taps, amount: float):
+    """The adjoint of :func:`value_at`."""
+    one = amount * (1.0 - t.u)
+    two = amount * t.u
+    values[t.x, t.y, t.z] += one * (1.0 - t.v) * (1.0 - t.w)
+    values[t.x, t.y, t.z + 1] += one * (1.0 - t.v) * t.w
+    values[t.x, t.y + 1, t.z] += one * t.v * (1.0 - t.w)
+    values[t.x, t.y + 1, t.z + 1] += one * t.v * t.w
+    values[t.x + 1, t.y, t.z] += two * (1.0 - t.v) * (1.0 - t.w)
+    values[t.x + 1, t.y, t.z + 1] += two * (1.0 - t.v) * t.w
+    values[t.x + 1, t.y + 1, t.z] += two * t.v * (1.0 - t.w)
+    values[t.x + 1, t.y + 1, t.z + 1] += two * t.v * t.w
+
+
+@wp.func
+def features_at(features: wp.array3d(dtype=vec8), t: Taps):
+    """Trilinear."""
+    one = 1.0 - t.u
+    total = (one * (1.0 - t.v) * (1.0 - t.w)) * features[t.x, t.y, t.z]
+    total += (one * (1.0 - t.v) * t.w) * features[t.x, t.y, t.z + 1]
+    total += (one * t.v * (1.0 - t.w)) * features[t.x, t.y + 1, t.z]
+    total += (one * t.v * t.w) * features[t.x, t.y + 1, t.z + 1]
+    total += (t.u * (1.0 - t.v) * (1.0 - t.w)) * features[t.x + 1, t.y, t.z]
+    total += (t.u * (1.0 - t.v) * t.w) * features[t.x + 1, t.y, t.z + 1]
+    total += (t.u * t.v * (1.0 - t.w)) * features[t.x + 1, t.y + 1, t.z]
+    total += (t.u * t.v * t.w) * features[t.x + 1, t.y + 1, t.z + 1]
+    return total
+
+
+@wp.func
+def add_features(features: wp.array3d(dtype=vec8), t: Taps, amount: vec8):
+    """The adjoint of :func:`features_at`."""
+    one = 1.0 - t.u
+    features[t.x, t.y, t.z] += (one * (1.0 - t.v) * (1.0 - t.w)) * amount
+    features[t.x, t.y, t.z + 1] += (one * (1.0 - t.v) * t.w) * amount
+    features[t.x, t.y + 1, t.z] += (one * t.v * (1.0 - t.w)) * amount
+    features[t.x, t.y + 1, t.z + 1] += (one * t.v * t.w) * amount
+    features[t.x + 1, t.y, t.z] += (t.u * (1.0 - t.v) * (1.0 - t.w)) * amount
+    features[t.x + 1, t.y, t.z + 1] += (t.u * (1.0 - t.v) * t.w) * amount
+    features[t.x + 1, t.y + 1, t.z] += (t.u * t.v * (1.0 - t.w)) * amount
+    features[t.x + 1, t.y + 1, t.z + 1] += (t.u * t.v * t.w) * amount
+
+
+@wp.func
+def logistic(x: float):
+    """1 / (1 + exp(-x))."""
+    return 1.0 / (1.0 + wp.exp(-wp.clamp(x, -40.0, 40.0)))
+
+
+@wp.kernel
+def gather(
+    first: int,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    near: wp.array(dtype=float),
+    far: wp.array(dtype=float),
+    values: wp.array3d(dtype=float),
+    features: wp.array3d(dtype=vec8),
+    width: float,
+    stride: float,
+    gathered: wp.array(dtype=vec8),
+    opacity: wp.array(dtype=float),
+    depth: wp.array(dtype=float),
+):
+    """Features, opacity and distance that a ray gathers, each weighted by what stops it there."""
+    n = first + wp.tid()
+    nx = values.shape[0]
+    ny = values.shape[1]
+    nz = values.shape[2]
+    total = vec8()
+    distance = float(0.0)
+    clear = float(1.0)
+    t = float(near[n])
+    before = value_at(values, taps_at(origins[n] + t * directions[n], nx, ny, nz))
+    cumulative = logistic(before / width)
+    for _step in range(_STEPS):
+        if t >= far[n] or clear < _CLEAR:
+            break
+        skip = _CAUTION * (before - _FAR * width)
+        if skip > stride:
+            t += skip
+            before = value_at(values, taps_at(origins[n] + t * directions[n], nx, ny, nz))
+            cumulative = logistic(before / width)
+            continue
+        after = value_at(values, taps_at(origins[n] + (t + stride) * directions[n], nx, ny, nz))
+        next_cumulative = logistic(after / width)
+        if next_cumulative < cumulative:
+            weight = clear * (1.0 - next_cumulative / cumulative)
+            middle = t + 0.5 * stride
+            total += weight * features_at(features, taps_at(origins[n] + middle * directions[n], nx, ny, nz))
+            distance += weight * middle
+            clear *= next_cumulative / cumulative
+        t += stride
+        before = after
+        cumulative = next_cumulative
+    gathered[n] = total
+    opacity[n] = 1.0 - clear
+    depth[n] = distance
+
+
+@wp.kernel
+def gather_adjoint(
+    first: int,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    near: wp.array(dtype=float),
+    far: wp.array(dtype=float),
+    values: wp.array3d(dtype=float),
+    features: wp.array3d(dtype=vec8),
+    width: float,
+    stride: float,
+    gathered: wp.array(dtype=vec8),
+    opacity: wp.array(dtype=float),
+    depth: wp.array(dtype=float),
+    of_gathered: wp.array(dtype=vec8),
+    of_opacity: wp.array(dtype=float),
+    of_depth: wp.array(dtype=float),
+    of_values: wp.array3d(dtype=float),
+    of_features: wp.array3d(dtype=vec8),
+):
+    """What :func:`gather` passes back to values and features.
+
+    With the weight w_i = T_i (1 - r_i), r_i = S(f_{i+1} / s) / S(f_i / s), T_i = r_0 ... r_{i-1}, and q_i what a unit of w_i is
+    worth: dL / dr_i = (sum over j > i of w_j q_j) / r_i - T_i q_i, and S' = S (1 - S).
+    """
+    n = first + wp.tid()
+    nx = values.shape[0]
+    ny = values.shape[1]
+    nz = values.shape[2]
+    rest = wp.dot(of_gathered[n], gathered[n]) + of_opacity[n] * opacity[n] + of_depth[n] * depth[n]
+    clear = float(1.0)
+    t = float(near[n])
+    place = taps_at(origins[n] + t * directions[n], nx, ny, nz)
+    before = value_at(values, place)
+    cumulative = logistic(before / width)
+    owed = float(0.0)  # to the value at the end of the last segment
+    for _step in range(_STEPS):
+        if t >= far[n] or clear < _CLEAR:
+            break
+        skip = _CAUTION * (before - _FAR * width)
+        if skip > stride:
+            if owed != 0.0:
+                add_value(of_values, place, owed)
+                owed = 0.0
+            t += skip
+            place = taps_at(origins[n] + t * directions[n], nx, ny, nz)
+            before = value_at(values, place)
+            cumulative = logistic(before / width)
+            continue
+        end = taps_at(origins[n] + (t + stride) * directions[n], nx, ny, nz)
+        after = value_at(values, end)
+        next_cumulative = logistic(after / width)
+        owed_after = float(0.0)
+        if next_cumulative < cumulative:
+            ratio = next_cumulative / cumulative
+            weight = clear * (1.0 - ratio)
+            middle = t + 0.5 * stride
+            inner = taps_at(origins[n] + middle * directions[n], nx, ny, nz)
+            worth = wp.dot(of_gathered[n], features_at(features, inner)) + of_opacity[n] + of_depth[n] * middle
+            add_features(of_features, inner, weight * of_gathered[n])
+            rest -= weight * worth
+            of_log_ratio = rest - clear * ratio * worth
+            owed -= of_log_ratio * (1.0 - cumulative) / width
+            owed_after = of_log_ratio * (1.0 - next_cumulative) / width
+            clear *= ratio
+        if owed != 0.0:
+            add_value(of_values, place, owed)
+        owed = owed_after
+        t += stride
+        place = end
+        before = after
+        cumulative = next_cumulative
+    if owed != 0.0:
+        add_value(of_values, place, owed)
