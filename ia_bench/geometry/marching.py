@@ -33,11 +33,9 @@ class Rays:
     near: Tensor
     far: Tensor
 
-    def chosen(self, indices: Tensor, cells: float) -> Rays:
-        """Some of the rays, in a grid of the same box whose cells are so many times as large."""
-        parts = self.origins[indices], self.near[indices], self.far[indices]
-        origins, near, far = (part / cells for part in parts)
-        return Rays(origins, self.directions[indices], near, far)
+    def chosen(self, indices: Tensor) -> Rays:
+        """Some of the rays, as copies."""
+        return Rays(self.origins[indices], self.directions[indices], self.near[indices], self.far[indices])
 
 
 @dataclass(frozen=True)

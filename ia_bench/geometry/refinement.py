@@ -3,7 +3,7 @@
 1. The visual hull bounds the object. 2. Depth maps by plane sweeping find its hollows, however deep, as steps along a gradient
 would not (:mod:`~ia_bench.geometry.sweep`), and are fused into one field (:mod:`~ia_bench.geometry.fusion`). 3. The distances at
 the vertices of a grid, features beside them and a small network are fitted to all pixels by volume rendering
-(:mod:`~ia_bench.geometry.marching`), on a coarse grid, then on a fine one. Minimised is, over random pixels,
+(:mod:`~ia_bench.geometry.marching`), all at the finest size, since coarse cells close hollows again. Minimised is, over random pixels,
 
     |t(c) - t(c')| + MASK |A - mask| + EIKONAL (|grad f| - 1)^2 + SMOOTH (laplacian f)^2,      t(c) = log(1 + 3 c / mean)
 
@@ -31,15 +31,15 @@ from ia_bench.geometry.warp_march import CHANNELS
 from ia_bench.scenes.scene import View
 
 LEAST_VIEWS = 4  # fewer leave a hull in which no surface can be told
-CELLS = 2, 1  # of the finest grid that a cell of each stage has along a side
-WIDTH, STRIDE = 0.6, 0.5  # cells of the stage: of the soft surface, and of the rays' segments
+WIDTH, STRIDE = 0.6, 0.5  # cells: of the soft surface, and of the rays' segments
 BATCH, RUN = 12288, 8  # rays a step, in runs of neighbouring pixels, which read the same cells
-LEVELS = 4  # grids, each of twice the cells of the next, whose sum moves the distances: large shapes move as fast as small ones
+LEVELS = 5  # grids, each of twice the cells of the next, whose sum moves the distances: large shapes move as fast as small ones
 DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE = 0.05, 0.1, 5e-3, 5e-3  # of Adam, in the beginning ...
-FALL = 0.1  # ... and over that in the end, of each stage
+FALL = 0.1  # ... and times that in the end
+WARM = 0.15  # of the steps in which the surface stays: before it has colours, all of them seem to be wrong
 MASK, EIKONAL, SMOOTH = 0.5, 0.05, 0.02  # weights of the loss
 BAND = 3.0  # cells from the surface within which vertices are regular
-BEYOND = 0.5  # cells of the finest grid that the surface may leave the hull by, where masks are not quite right
+BEYOND = 0.5  # cells that the surface may leave the hull by, where masks are not quite right
 AGAIN = 20  # steps after which the vertices near the surface are looked for again
 DARK = -0.5  # first value of the features of the colour: softplus of it is half of the mean radiance
 
@@ -66,7 +66,9 @@ def surface_from_images(
     start = fused(hull, depth_maps(views, hull))
     if steps == 0:
         return start
-    return _Fit(pixels_of(views, hull), hull, len(views) if exposures_differ else 0, seed).refined(start, steps)
+    fit = _Fit(pixels_of(views, hull), len(views) if exposures_differ else 0, seed)
+    values = fit.refined(start.values / hull.step, hull.values / hull.step - BEYOND, steps)
+    return DistanceGrid(values * hull.step, hull.low, hull.step)
 
 
 @dataclass
@@ -94,10 +96,10 @@ class _Near:
 
 
 class _Fit:
-    """What stays from stage to stage: pixels, the hull, how the surface looks, and the exposures of ``images`` (0: all alike)."""
+    """What is fitted to ``pixels``: how the surface looks, and the exposures of so many ``images`` (0: all alike)."""
 
-    def __init__(self, pixels: Pixels, hull: DistanceGrid, images: int, seed: int) -> None:
-        self._pixels, self._hull = pixels, hull
+    def __init__(self, pixels: Pixels, images: int, seed: int) -> None:
+        self._pixels = pixels
         self._random = torch.Generator().manual_seed(seed)
         self._appearance = Appearance(self._random)
         self._gains = torch.zeros(images, requires_grad=images > 0)  # logarithms
@@ -105,41 +107,27 @@ class _Fit:
         mean = float(pixels.colour[shown].mean()) if shown.any() else 1.0
         self._colour = pixels.colour / max(mean, 1e-12)
 
-    def refined(self, start: DistanceGrid, steps: int) -> DistanceGrid:
-        """The distances after ``steps`` in all, on the grid of ``start``."""
-        stages = len(CELLS)
-        values, features = torch.empty(0), torch.empty(0)
-        for number, cells in enumerate(CELLS):
-            bound = self._hull.values[::cells, ::cells, ::cells].contiguous() / (cells * self._hull.step)
-            if number == 0:
-                values = start.values[::cells, ::cells, ::cells].contiguous() / (cells * start.step)
-                features = torch.zeros(*values.shape, CHANNELS)
-                features[..., :3] = DARK
-            else:
-                finer = CELLS[number - 1] / cells
-                values = _resized(values[None], bound.shape)[0] * finer
-                features = _resized(features.movedim(-1, 0), bound.shape).movedim(0, -1).contiguous()
-            part = steps * (number + 1) // stages - steps * number // stages
-            values = self._stage(values, features, bound - BEYOND / cells, cells, part)
-        return DistanceGrid(values * self._hull.step, self._hull.low, self._hull.step)
-
-    def _stage(self, base: Tensor, features: Tensor, bound: Tensor, cells: int, steps: int) -> Tensor:
-        """The distances in cells after ``steps``; ``features`` change in place, ``bound`` is the least that distances may be."""
-        coarser = [[-(-(count - 1) // 2**level) + 1 for count in base.shape] for level in range(LEVELS)]
-        moves = [torch.zeros(size, requires_grad=True) for size in coarser]
+    def refined(self, start: Tensor, least: Tensor, steps: int) -> Tensor:
+        """Distances (X, Y, Z) in cells after ``steps`` from ``start``, never below ``least``."""
+        sizes = [[-(-(count - 1) // 2**level) + 1 for count in start.shape] for level in range(LEVELS)]
+        moves = [torch.zeros(size, requires_grad=True) for size in sizes]
+        features = torch.zeros(*start.shape, CHANNELS)
+        features[..., :3] = DARK
         features.grad = torch.zeros_like(features)
         rates = DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE
         parts = moves, [features], list(self._appearance.parameters()), [self._gains] if len(self._gains) else []
         groups = [{"params": part, "lr": rate, "initial_lr": rate} for part, rate in zip(parts, rates, strict=True) if part]
         optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-10, fused=True)
-        near = _Near.of(base)
+        near = _Near.of(start)
         for step in range(steps):
             for group in optimiser.param_groups:
                 group["lr"] = group["initial_lr"] * FALL ** (step / steps)
-            values = _moved(base, moves, bound)
+            if step < WARM * steps:
+                optimiser.param_groups[0]["lr"] = 0.0
+            values = _moved(start, moves, least)
             if step % AGAIN == 0:
                 near = _Near.of(values.detach())
-            loss = self._misfit(values, features, cells) + near.irregularity(values)
+            loss = self._misfit(values, features) + near.irregularity(values)
             optimiser.zero_grad(set_to_none=False)
             loss.backward()
             optimiser.step()
@@ -147,15 +135,15 @@ class _Fit:
                 with torch.no_grad():
                     self._gains -= self._gains.mean()  # what all factors have in common, the colours have
         with torch.no_grad():
-            return _moved(base, moves, bound)
+            return _moved(start, moves, least)
 
-    def _misfit(self, values: Tensor, features: Tensor, cells: int) -> Tensor:
+    def _misfit(self, values: Tensor, features: Tensor) -> Tensor:
         """Of random pixels, the mean difference of colours and MASK times that of coverages."""
         pixels = self._pixels
         runs = max(len(pixels.mask) // RUN, 1)
         first = torch.randint(runs, (BATCH // RUN,), generator=self._random).sort().values
         picked = (first[:, None] * RUN + torch.arange(RUN)).reshape(-1).clamp_max(len(pixels.mask) - 1)
-        rays = pixels.rays.chosen(picked, cells)
+        rays = pixels.rays.chosen(picked)
         rays.near.add_(STRIDE * torch.rand(len(picked), generator=self._random))  # segments end elsewhere at every step
         found, opacity, distance = gathered(values, features.detach(), rays, WIDTH, STRIDE, features.grad)
         safe = opacity.clamp_min(1e-2)
@@ -168,16 +156,12 @@ class _Fit:
         return (pixels.colour_known[picked] * apart).mean() + MASK * (pixels.mask_known[picked] * uncovered).mean()
 
 
-def _moved(base: Tensor, moves: Sequence[Tensor], bound: Tensor) -> Tensor:
-    values = base
+def _moved(values: Tensor, moves: Sequence[Tensor], least: Tensor) -> Tensor:
+    """Distances and the sum of all moves, each interpolated to their grid, where that is not below ``least``."""
     for move in moves:
-        values = values + (move if move.shape == base.shape else _resized(move[None], base.shape)[0])
-    return torch.maximum(values, bound)
-
-
-def _resized(volumes: Tensor, size: Sequence[int]) -> Tensor:
-    """Volumes (C, X, Y, Z) interpolated to another size of the same box."""
-    return interpolate(volumes[None], tuple(size), mode="trilinear", align_corners=True)[0]
+        same = move.shape == least.shape
+        values = values + (move if same else interpolate(move[None, None], least.shape, mode="trilinear", align_corners=True)[0, 0])
+    return torch.maximum(values, least)
 
 
 def _normals(values: Tensor, places: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ import pytest
 
 from ia_bench.capture.capture import captured, record
 from ia_bench.capture.radiometry import eight_bits, photographed
-from ia_bench.capture.settings import CaptureSettings
+from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.capture.views import farthest_first, spread
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.scene import Scene, View
@@ -137,6 +137,37 @@ def test_a_hull_needs_no_mesh_and_leaves_the_truth(tiny: Scene) -> None:
     assert again.truth.mesh is None
     given, found = tiny.expect_mesh().vertices, after.expect_mesh().vertices
     np.testing.assert_allclose(found.max(0) - found.min(0), given.max(0) - given.min(0), atol=0.15)
+
+
+def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
+    """The same with and without truth, from the cache the second time; another image is another mesh, of a hull the same."""
+    settings = CaptureSettings(geometry="sdf", sdf=SdfSettings(cells=32, steps=2), cells=32, triangles=1500)
+    notes: list[str] = []
+    after = captured(tiny, settings, notes.append)
+    bare = captured(replace(tiny.blind(), mesh=None), settings, notes.append)
+    assert len(notes) == 1
+    np.testing.assert_array_equal(after.expect_mesh().vertices, bare.expect_mesh().vertices)
+    assert after.mesh_is_made
+    assert after.truth is not None
+    assert after.truth.mesh is tiny.mesh
+    other = replace(tiny, train=(replace(tiny.train[0], image=2 * tiny.train[0].image), *tiny.train[1:]))
+    captured(other, settings, notes.append)
+    assert len(notes) == 2
+    hull = replace(settings, geometry="hull")
+    captured(tiny, hull, notes.append)
+    captured(other, hull, notes.append)
+    assert sum("from 16 training views" in note for note in notes) == 3
+
+
+def test_settings_of_an_sdf_elsewhere_are_told(tiny: Scene) -> None:
+    notes: list[str] = []
+    captured(tiny, CaptureSettings(sdf=SdfSettings(cells=64)), notes.append)
+    assert notes == ["capture.sdf changes nothing with capture.geometry=given"]
+
+
+def test_labels_name_what_an_sdf_has_of_its_own() -> None:
+    assert CaptureSettings(geometry="sdf").label == "sdf"
+    assert CaptureSettings(geometry="sdf", sdf=SdfSettings(cells=96, steps=0)).label == "sdf, sdf cells 96, sdf steps 0"
 
 
 def test_smoothed_meshes_keep_their_textures(tiny: Scene) -> None:

@@ -55,6 +55,12 @@ def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None
     assert hash_with(*overrides) == hash_with()
 
 
+def test_hash_ignores_how_an_sdf_is_made_where_there_is_none() -> None:
+    assert hash_with("capture.sdf.cells=96") == hash_with()
+    assert hash_with("capture.geometry=hull", "capture.sdf.cells=96") == hash_with("capture.geometry=hull")
+    assert hash_with("capture.geometry=sdf", "capture.sdf.cells=96") != hash_with("capture.geometry=sdf")
+
+
 @pytest.mark.parametrize(
     "override",
     [
@@ -62,6 +68,7 @@ def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None
         "threads=63",
         "capture.views=8",
         "capture.geometry=hull",
+        "capture.geometry=sdf",
         "scene=ship",
         "prior=oracle",
         "method=ceiling",

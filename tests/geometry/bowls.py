@@ -1,0 +1,56 @@
+"""Photographs of a textured bowl whose distances are known in closed form: half of a thick shell, hollow from above."""
+
+from __future__ import annotations
+
+import numpy as np
+from spheres import camera_at, directions
+
+from ia_bench.render.gbuffer import primary_rays
+from ia_bench.scenes.scene import Camera, View
+
+OUTER, INNER, RIM = 0.7, 0.55, 0.1  # radii of the shell, and the height at which it is cut
+
+
+def distance(points: np.ndarray) -> np.ndarray:
+    """Signed distance (...) of points (..., 3), a lower bound of it outside near the rim."""
+    shell = np.abs(np.linalg.norm(points, axis=-1) - 0.5 * (OUTER + INNER)) - 0.5 * (OUTER - INNER)
+    return np.maximum(shell, points[..., 2] - RIM)
+
+
+def normal(points: np.ndarray) -> np.ndarray:
+    """Unit gradients of the distance (..., 3)."""
+    gradient = np.stack([distance(points + step) - distance(points - step) for step in 1e-3 * np.eye(3)], -1)
+    return gradient / np.maximum(np.linalg.norm(gradient, axis=-1, keepdims=True), 1e-9)
+
+
+def paint(points: np.ndarray, fineness: float) -> np.ndarray:
+    """Blotches (..., 3) between .1 and .6."""
+    random = np.random.default_rng(0)
+    waves = [np.zeros(points.shape[:-1]) for _ in range(3)]
+    for channel in range(3):
+        for _ in range(24):
+            waves[channel] += np.sin(points @ (random.normal(size=3) * fineness) + random.uniform(0, 2 * np.pi))
+    return 0.35 + 0.25 * np.tanh(1.5 * np.stack(waves, -1) / np.sqrt(24))
+
+
+def bowl_view(number: int, camera: Camera, fineness: float) -> View:
+    """Matt, two lights, and a highlight that moves with the camera; 2 x 2 rays a pixel."""
+    origin, along = (part.astype(np.float64) for part in primary_rays(camera, 2))
+    travelled = np.linalg.norm(origin, axis=-1) - 1
+    for _ in range(50):
+        travelled = np.minimum(travelled + distance(origin + travelled[..., None] * along), 10)
+    points = origin + travelled[..., None] * along
+    hit = distance(points) < 2e-3
+    normals = normal(points)
+    light = np.array([0.5, 0.3, 0.81])
+    lit = 0.5 + 1.2 * np.maximum(normals @ light, 0) + 0.5 * np.maximum(normals @ [-0.9, 0.3, -0.3], 0)
+    halfway = light - along
+    halfway /= np.linalg.norm(halfway, axis=-1, keepdims=True)
+    shine = 0.3 * np.maximum((normals * halfway).sum(-1), 0) ** 20
+    radiance = np.where(hit[..., None], paint(points, fineness) * lit[..., None] + shine[..., None], 0)
+    return View(f"{number:02d}", camera, radiance.mean(2).astype(np.float32), hit.mean(2).astype(np.float32))
+
+
+def bowl_views(count: int, side: int, fineness: float = 9.0) -> list[View]:
+    """``count`` views from all around, ``side`` pixels wide."""
+    return [bowl_view(n, camera_at(3 * d, side=side), fineness) for n, d in enumerate(directions(count))]

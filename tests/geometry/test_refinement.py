@@ -1,0 +1,125 @@
+"""Surfaces from images and masks: a bowl, whose hollow no outline shows, against its closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bowls
+import numpy as np
+import pytest
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.geometry.fusion import fused, redistanced
+from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.refinement import surface_from_images
+from ia_bench.geometry.surface import extracted, normals_at
+from ia_bench.geometry.sweep import DepthMap, correlation, depth_maps, neighbours, semi_global
+from ia_bench.scenes.scene import View
+
+CELLS = 40
+
+
+@pytest.fixture(scope="module")
+def views() -> list[View]:
+    return bowls.bowl_views(50, 56, 6.0)
+
+
+def errors(grid: DistanceGrid) -> tuple[float, float]:
+    """Mean distance of the surface from the bowl's, and mean angle between their normals in degrees."""
+    vertices, _ = extracted(grid)
+    cosine = (normals_at(grid, vertices) * bowls.normal(vertices)).sum(-1)
+    return float(np.abs(bowls.distance(vertices)).mean()), float(np.degrees(np.arccos(cosine.clip(-1, 1))).mean())
+
+
+def depth_of_hollow(grid: DistanceGrid) -> float:
+    """Where a line down the bowl's axis meets the surface: 0.1 for a hull, -0.55 for the bowl."""
+    heights = torch.linspace(0.5, -0.68, 400)
+    outside = grid.at(torch.stack([torch.zeros(400), torch.zeros(400), heights], -1)) > 0
+    return float(heights[int((~outside).float().argmax())])
+
+
+def test_correlation_sees_neither_exposure_nor_offset() -> None:
+    random = torch.Generator().manual_seed(0)
+    one = torch.rand(3, 12, 13, generator=random)
+    other = torch.stack([2.5 * one + 0.3, -one, torch.rand(3, 12, 13, generator=random)])
+    found = correlation(one, other)
+    torch.testing.assert_close(found[0], torch.ones(12, 13), atol=3e-3, rtol=0)
+    torch.testing.assert_close(found[1], -torch.ones(12, 13), atol=3e-3, rtol=0)
+    patch, theirs = one[:, 3:8, 4:9].reshape(3, -1).numpy(), other[2, :, 3:8, 4:9].reshape(3, -1).numpy()  # around (5, 6)
+    apart, also = patch - patch.mean(1, keepdims=True), theirs - theirs.mean(1, keepdims=True)
+    by_hand = (apart * also).sum() / np.sqrt((apart**2).sum() * (also**2).sum())
+    assert float(found[2, 5, 6]) == pytest.approx(by_hand, abs=1e-3)
+
+
+def test_semi_global_costs_of_a_line_are_those_of_the_cheapest_paths() -> None:
+    """Of a line of pixels, each path ends at the least sum of costs and jumps over all choices of the pixels before, less a constant."""
+    cost = torch.rand(4, 1, 5, generator=torch.Generator().manual_seed(0))
+    found = semi_global(cost, 0.1, 0.25)[:, 0]
+    choices = np.stack(np.meshgrid(*[np.arange(4)] * 5, indexing="ij"), -1).reshape(-1, 5)
+    jumps = np.abs(np.diff(choices, axis=1))
+    paid = cost[choices, 0, np.arange(5)].numpy() + np.pad(np.where(jumps > 1, 0.25, 0.1 * jumps), ((0, 0), (1, 0)))
+    last = [paid.sum(1)[choices[:, -1] == k].min() for k in range(4)]  # the way from the left, which ends in the last pixel
+    rest = 4 * found[:, -1].numpy() - 3 * cost[:, 0, -1].numpy()  # of the other three ways, it is the first pixel
+    assert np.allclose(rest - rest.min(), np.array(last) - min(last), atol=1e-5)
+
+
+def test_neighbours_are_near_and_not_too_near(views: list[View]) -> None:
+    positions = np.stack([view.camera.to_world[:3, 3] for view in views]) / 3
+    for number, near in enumerate(neighbours(views)):
+        angles = np.degrees(np.arccos((positions[near] @ positions[number]).clip(-1, 1)))
+        assert 3 <= len(near) <= 6
+        assert 6 < angles.min() < angles.max() < 42  # the object's middle is not quite the origin
+    assert neighbours(views[:3]) == [[], [], []]
+
+
+def test_distances_from_triangles() -> None:
+    grid = DistanceGrid(torch.zeros(25, 25, 25), torch.full((3,), -1.2), 0.1)
+    true = grid.positions().norm(dim=-1) - 0.8
+    found = redistanced(DistanceGrid(true.sign() * true.abs().sqrt(), grid.low, grid.step))
+    assert (found.values - true).abs()[true > -0.6].max() < 0.3 * grid.step
+
+
+def test_depth_maps_of_a_ball_cut_it_out_of_a_cube() -> None:
+    """Maps of the exact depth of a ball, with a hull that is far too large."""
+    found = bowls.bowl_views(40, 40)
+    grid = DistanceGrid(torch.zeros(33, 33, 33), torch.full((3,), -0.8), 0.05)
+    cube = DistanceGrid(grid.positions().abs().amax(-1) - 0.7, grid.low, grid.step)
+    maps = []
+    for view in found:
+        rows, columns = np.indices(view.mask.shape) + 0.5
+        x = torch.from_numpy((columns - view.camera.centre[0]) / view.camera.focal[0])
+        y = torch.from_numpy((rows - view.camera.centre[1]) / view.camera.focal[1])
+        length = (1 + x * x + y * y).sqrt()  # of a ray, per unit of depth; the ball is 3 away along the axis
+        beside = 9 / length**2 - 9 + 0.6**2
+        depth = torch.where(beside > 0, (3 / length - beside.clamp_min(0).sqrt()) / length, 0).float()
+        maps.append(DepthMap(view.camera, depth, (depth > 0).float()))
+    vertices, _ = extracted(fused(cube, maps))
+    near = np.abs(vertices).max(1) < 0.65  # elsewhere no map says anything
+    assert near.mean() > 0.9
+    assert np.abs(np.linalg.norm(vertices[near], axis=1) - 0.6).mean() < 0.5 * grid.step
+
+
+def test_a_bowl_is_hollow(views: list[View]) -> None:
+    hull = visual_hull(views, CELLS)
+    found = surface_from_images(views, CELLS, 20)
+    assert depth_of_hollow(hull) > 0
+    assert depth_of_hollow(found) < -0.4
+    assert errors(found)[1] < 0.55 * errors(hull)[1]
+
+
+def test_exposures_change_nothing_of_stereo(views: list[View]) -> None:
+    random = np.random.default_rng(0)
+    exposed = [replace(view, image=view.image * np.float32(random.uniform(0.3, 3))) for view in views]
+    hull = visual_hull(views, CELLS)
+    chosen = slice(0, 12)
+    for one, other in zip(depth_maps(views[chosen], hull), depth_maps(exposed[chosen], hull), strict=True):
+        assert ((one.depth - other.depth).abs() < 0.1 * hull.step).float().mean() > 0.995
+
+
+def test_few_or_black_photographs_are_refused(views: list[View]) -> None:
+    with pytest.raises(InputError, match="capture.geometry=sdf: expected at least 4 training views, found 3"):
+        surface_from_images(views[:3], CELLS, 0)
+    with pytest.raises(InputError, match="expected images that show something, found all of them black"):
+        surface_from_images([replace(view, image=0 * view.image) for view in views], CELLS, 0)
