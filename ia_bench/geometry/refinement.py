@@ -3,7 +3,8 @@
 1. The visual hull bounds the object. 2. Depth maps by plane sweeping find its hollows, however deep, as steps along a gradient
 would not (:mod:`~ia_bench.geometry.sweep`), and are fused into one field (:mod:`~ia_bench.geometry.fusion`). 3. The distances at
 the vertices of a grid, features beside them and a small network are fitted to all pixels by volume rendering
-(:mod:`~ia_bench.geometry.marching`), all at the finest size, since coarse cells close hollows again. Minimised is, over random pixels,
+(:mod:`~ia_bench.geometry.marching`), at one size from the first step on, since coarse cells close hollows again. Minimised is,
+over random pixels,
 
     |t(c) - t(c')| + MASK |A - mask| + EIKONAL (|grad f| - 1)^2 + SMOOTH (laplacian f)^2,      t(c) = log(1 + 3 c / mean)
 

@@ -54,7 +54,7 @@ def test_correlation_sees_neither_exposure_nor_offset() -> None:
 
 
 def test_semi_global_costs_of_a_line_are_those_of_the_cheapest_paths() -> None:
-    """Of a line of pixels, each path ends at the least sum of costs and jumps over all choices of the pixels before, less a constant."""
+    """Of a line of pixels: the least sum of costs and jumps over all choices of the pixels before, less a constant."""
     cost = torch.rand(4, 1, 5, generator=torch.Generator().manual_seed(0))
     found = semi_global(cost, 0.1, 0.25)[:, 0]
     choices = np.stack(np.meshgrid(*[np.arange(4)] * 5, indexing="ij"), -1).reshape(-1, 5)
