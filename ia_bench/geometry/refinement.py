@@ -32,7 +32,7 @@ from ia_bench.geometry.warp_march import CHANNELS
 from ia_bench.scenes.scene import View
 
 LEAST_VIEWS = 4  # fewer leave a hull in which no surface can be told
-WIDTH, STRIDE = 0.6, 0.5  # cells: of the soft surface, and of the rays' segments
+WIDTH, STRIDE = 0.55, 0.4  # cells: of the soft surface, and of the rays' segments
 BATCH, RUN = 12288, 8  # rays a step, in runs of neighbouring pixels, which read the same cells
 LEVELS = 5  # grids, each of twice the cells of the next, whose sum moves the distances: large shapes move as fast as small ones
 DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE = 0.05, 0.1, 5e-3, 5e-3  # of Adam, in the beginning ...
