@@ -20,6 +20,7 @@ TRUNCATION = 3.0  # cells from its depth within which a view tells how far a poi
 LEAST_TRUST = 0.3  # correlation from which a depth counts
 PASSING = 0.5  # weight of a view that only says "outside": a depth that is too large would say so of the object
 ENOUGH = 0.2  # weight of all views together at which they count as much as the hull, which is what is believed without any
+FAR = 8.0  # cells, beyond which nobody asks how far the surface is
 BLUR = 0.5  # cells, of distances that come from triangles
 
 
@@ -52,12 +53,12 @@ def fused(hull: DistanceGrid, maps: Sequence[DepthMap]) -> DistanceGrid:
 
 
 def redistanced(grid: DistanceGrid) -> DistanceGrid:
-    """Distances to the same zero as that of a field that is none: to the nearest of the points of its triangles."""
+    """Distances, of FAR cells at most, to the zero of a field whose values are none: to the nearest points of its triangles."""
     values = grid.values.numpy()
     vertices, faces, _, _ = marching_cubes(values, 0.0)
     surface = np.concatenate([vertices, vertices[faces].mean(1)])
     places = np.indices(values.shape).reshape(3, -1).T
-    distance = cKDTree(surface).query(places)[0].reshape(values.shape)
+    distance = cKDTree(surface).query(places, distance_upper_bound=FAR)[0].clip(max=FAR).reshape(values.shape)
     signed: np.ndarray = gaussian_filter(np.where(values < 0, -distance, distance), BLUR)
     found: Tensor = torch.from_numpy(signed.astype(np.float32)) * grid.step
     return DistanceGrid(found, grid.low, grid.step)

@@ -24,7 +24,8 @@ NEIGHBOURS = 6  # photographs that each is compared with ...
 ANGLES = 8.0, 40.0  # ... seen from the object between so many degrees away: less tells little of depth, more looks different
 AGREEING = 3  # of these that have to agree: in the others, something else may be in the way
 WINDOW = 5  # pixels along a side
-SPACING = 1.2  # cells between planes
+SPACING = 2.0  # cells between planes
+PLANES_AT_ONCE = 8  # more leave the processor's cache
 POWER = 0.4  # of radiance: a factor of the exposure remains one, which correlation does not see, and highlights weigh less
 SMALL_JUMP, LARGE_JUMP = 0.05, 0.3  # what semi-global matching pays for neighbours that are one plane, or more, apart
 OUTSIDE = 1.2  # cost of a depth outside of the hull; 0 is perfect agreement, 1 none
@@ -85,8 +86,7 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     depths, points, inside = depths[part], points[part], inside[part]
     # ---------------------------------------------------------------- agreement, and the depths that have most of it
     own = picture[:, rows, columns]
-    alike = torch.stack([correlation(own, _projected(*other, points)) for other in others])
-    alike = alike.topk(min(AGREEING, len(others)), 0).values.mean(0)
+    alike = torch.cat([_agreement(own, others, some) for some in points.split(PLANES_AT_ONCE)])
     cost = semi_global(torch.where(inside, 1 - alike, OUTSIDE), SMALL_JUMP, LARGE_JUMP)
     cost = torch.where(inside, cost, NEVER)
     best = cost.argmin(0)
@@ -97,6 +97,12 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     empty.depth[rows, columns] = torch.where(sure, depth, 0)
     empty.trust[rows, columns] = torch.where(sure, alike.gather(0, best[None])[0].clamp_min(0), 0)
     return empty
+
+
+def _agreement(own: Tensor, others: Sequence[tuple[Camera, Tensor]], points: Tensor) -> Tensor:
+    """How much the photographs that agree most look like one's own (C, H, W) if its pixels are at the points (K, H, W, 3)."""
+    alike = torch.stack([correlation(own, _projected(*other, points)) for other in others])
+    return alike.topk(min(AGREEING, len(others)), 0).values.mean(0)
 
 
 def _rays(camera: Camera) -> Tensor:
