@@ -62,13 +62,16 @@ def surface_from_images(
         )
     if not any((view.image > 0).any() for view in views):
         raise InputError("capture.geometry=sdf: expected images that show something, found all of them black")
-    torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
     hull = visual_hull(views, cells, tolerated)
     start = fused(hull, depth_maps(views, hull))
     if steps == 0:
         return start
     fit = _Fit(pixels_of(views, hull), len(views) if exposures_differ else 0, seed)
-    values = fit.refined(start.values / hull.step, hull.values / hull.step - BEYOND, steps)
+    torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
+    try:
+        values = fit.refined(start.values / hull.step, hull.values / hull.step - BEYOND, steps)
+    finally:
+        torch.set_flush_denormal(False)
     return DistanceGrid(values * hull.step, hull.low, hull.step)
 
 
