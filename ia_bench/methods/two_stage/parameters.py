@@ -12,12 +12,15 @@ from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import form_of_adam
+from ia_bench.methods.two_stage.coarse_steps import CoarseSteps
 from ia_bench.methods.two_stage.exchange import ColourExchange
 from ia_bench.methods.two_stage.exposures import Exposures
 from ia_bench.methods.two_stage.settings import FitSettings
 
 LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
 """The least value of each texture; the largest is 1."""
+
+BETAS = 0.9, 0.99  # of Adam
 
 
 class Parameters:
@@ -27,6 +30,7 @@ class Parameters:
         tensors: "albedo" (T, T, 3), "roughness" and "metallic" (T, T, 1), "log_light" (H, 2H, 3): leaves of the gradient.
         observed: (T, T) bool, texels that some training view sees.
         optimizer: Adam, one group a tensor.
+        coarse: Its steps at coarser scales.
         exchange: The step in which light and albedo exchange a colour.
         exposures: The factors of the photographs, None where they are known to be the same.
     """
@@ -46,8 +50,10 @@ class Parameters:
             tensor.requires_grad_(True)
         self._settings = settings
         self._rates = [getattr(settings.rates, name.removeprefix("log_")) for name in self.tensors]
+        self._coarse_rates = {name: getattr(settings.coarse_rates, name.removeprefix("log_")) for name in self.tensors}
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
-        self.optimizer = torch.optim.Adam(groups, betas=(0.9, 0.99), fused=True)
+        self.optimizer = torch.optim.Adam(groups, betas=BETAS, fused=True)
+        self.coarse = CoarseSteps(self.tensors, BETAS)
         self.exchange = ColourExchange(self.tensors["albedo"], self.tensors["log_light"], self.observed)
         self.exposures: Exposures | None = None
         if problem.scene.exposures_differ:
@@ -91,6 +97,7 @@ class Parameters:
         for name in frozen:  # the gradient is computed all the same, so that one compiled step serves the whole run
             self.tensors[name].grad = None
         self.optimizer.step()
+        self.coarse({name: rate * fall for name, rate in self._coarse_rates.items() if name not in frozen})
         with torch.no_grad():  # projected onto the valid range, so that no clamp in the model can kill a gradient
             for name, least in LEAST.items():
                 if name in self.tensors:
@@ -101,6 +108,7 @@ class Parameters:
         return {
             "tensors": {name: tensor.detach() for name, tensor in self.tensors.items()},
             "optimizer": self.optimizer.state_dict(),
+            "coarse": self.coarse.state_dict(),
             "exchange": self.exchange.state_dict(),
             **({} if self.exposures is None else {"exposures": self.exposures.state_dict()}),
         }
@@ -109,7 +117,8 @@ class Parameters:
         """The form of :meth:`state`, for :func:`ia_bench.methods.state.check_form`."""
         exchange = {"optimizer": form_of_adam(self.exchange.optimizer), "blocked": 0}
         exposures = {} if self.exposures is None else {"exposures": self.exposures.form()}
-        return {**self.state(), "optimizer": form_of_adam(self.optimizer), "exchange": exchange, **exposures}
+        moments = {"optimizer": form_of_adam(self.optimizer), "coarse": self.coarse.form()}
+        return {**self.state(), **moments, "exchange": exchange, **exposures}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take over a :meth:`state`."""
@@ -117,6 +126,7 @@ class Parameters:
             for name, tensor in self.tensors.items():
                 tensor.copy_(state["tensors"][name])
         self.optimizer.load_state_dict(state["optimizer"])
+        self.coarse.load_state_dict(state["coarse"])
         self.exchange.load_state_dict(state["exchange"])
         if self.exposures is not None:
             self.exposures.load_state_dict(state["exposures"])

@@ -55,6 +55,23 @@ class LearningRates:
 
 
 @dataclass(frozen=True)
+class CoarseRates:
+    """Adam's rates of steps at coarser scales (``coarse_steps.CoarseSteps``), the same at each; 0 leaves them out.
+
+    Attributes:
+        albedo: In units of albedo, which is in [0, 1].
+        roughness: Likewise.
+        metallic: Likewise.
+        light: In units of log radiance.
+    """
+
+    albedo: Rate = 0.02
+    roughness: Rate = 0.01
+    metallic: Rate = 0.01
+    light: Rate = 0.2
+
+
+@dataclass(frozen=True)
 class FitSettings:
     """Two stages of Adam steps over random foreground pixels.
 
@@ -64,6 +81,7 @@ class FitSettings:
         pixels: In every step.
         weights: Of the parts of the loss.
         rates: Of the optimiser.
+        coarse_rates: Of its steps at coarser scales; they fall as the others do.
         guided: Whether stage 2 draws samples again, with the current renders as guidance; else it goes on with stage 1's.
         image_loss: "crossed": each half of a pixel's samples weighed by the residual of the other half
             (``losses.crossed_loss``: noise pulls nowhere). "l1" of tone-mapped radiance, value and gradient from the same
@@ -90,6 +108,7 @@ class FitSettings:
     pixels: Number = 4096
     weights: LossWeights = field(default_factory=LossWeights)
     rates: LearningRates = field(default_factory=LearningRates)
+    coarse_rates: CoarseRates = field(default_factory=CoarseRates)
     guided: bool = True
     image_loss: Literal["crossed", "l1"] = "crossed"
     residual_cut: Positive = 0.1
