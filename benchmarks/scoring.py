@@ -19,8 +19,7 @@ import torch
 from stage import run_as_a_run
 
 from ia_bench.render.gbuffer import trace_gbuffer
-from ia_bench.render.reconstruction import mapped
-from ia_bench.render.renderer import Renderer
+from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scores import metrics, perceptual, predictions
@@ -29,7 +28,7 @@ from ia_bench.scores.scorer import Scorer
 
 PARTS: dict[str, Callable[..., object]] = {
     "G-buffers": trace_gbuffer,
-    "maps": mapped,
+    "maps": texture_images,
     "renders": Renderer.render_images,
     "pairs": predictions.pairs,
     "encoding": metrics.encode,

@@ -8,13 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ia_bench.capture.faults import blurred, misplaced, mistaken_masks
-from ia_bench.capture.margin import inside
 from ia_bench.capture.radiometry import photographed
 from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings
 from ia_bench.capture.shapes import with_geometry
-from ia_bench.capture.views import spread
-from ia_bench.geometry.consistency import consistent
 from ia_bench.scenes.padding import of_one_size
 from ia_bench.scenes.scene import Scene, View
 
@@ -28,6 +24,8 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     """
     train = scene.train
     if settings.views != "all":
+        from ia_bench.capture.views import spread  # imported only here, as what follows: they bring in scipy and trimesh
+
         train = spread(train, settings.views)
     train = of_one_size(train)
     ldr = settings.radiometry == "ldr"
@@ -38,15 +36,23 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     if ldr or settings.background != "none" or settings.faults != FaultSettings():
         train = _taken(train, settings)
     if settings.consistency:
+        from ia_bench.geometry.consistency import consistent
+
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
         train = consistent(train, settings.consistency, max(settings.tolerated, DOUBTED))
     differ = scene.exposures_differ or settings.exposure == "per_image"
     shaped = with_geometry(replace(scene, train=train, exposures_differ=differ), settings, note)
-    return replace(shaped, train=inside(train, settings.margin)) if settings.margin else shaped
+    if not settings.margin:
+        return shaped
+    from ia_bench.capture.margin import inside
+
+    return replace(shaped, train=inside(train, settings.margin))
 
 
 def _taken(views: tuple[View, ...], settings: CaptureSettings) -> tuple[View, ...]:
     """The views photographed, with masks and poses as they would be found for the photographs."""
+    from ia_bench.capture.faults import blurred, misplaced, mistaken_masks
+
     cameras, masks = misplaced(views, settings.faults), mistaken_masks(views, settings.faults)
     photos = photographed(blurred(views, settings.faults), settings, masks)
     return tuple(replace(photo, camera=camera) for photo, camera in zip(photos, cameras, strict=True))

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
 from ia_bench.capture.settings import MADE, CaptureSettings
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.refinement import surface_from_images
-from ia_bench.geometry.smoothing import smoothed
-from ia_bench.geometry.surface import mesh_of
 from ia_bench.scenes.scene import Mesh, Scene
+
+if TYPE_CHECKING:
+    import torch
+
+    from ia_bench.geometry.grid import DistanceGrid
 
 VERSION = 1  # of how an "sdf" is made: meshes that another one made are not taken from the cache
 PARTS = ("vertices", "faces", "normals", "uv")
@@ -37,6 +37,8 @@ def with_geometry(scene: Scene, settings: CaptureSettings, note: Callable[[str],
     if kind == "given":
         return scene
     if kind == "smoothed":
+        from ia_bench.geometry.smoothing import smoothed  # which takes a second to import, as what makes meshes below does
+
         given = scene.expect_mesh()
         mesh = smoothed(given, settings.smoothing * float(np.linalg.norm(np.ptp(given.vertices, axis=0))))
     else:
@@ -48,6 +50,10 @@ def with_geometry(scene: Scene, settings: CaptureSettings, note: Callable[[str],
 
 
 def _made(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> dict[str, torch.Tensor]:
+    import torch
+
+    from ia_bench.geometry.surface import mesh_of
+
     cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
     mesh = mesh_of(_distances(scene, settings), settings.triangles)
@@ -55,8 +61,12 @@ def _made(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) 
 
 
 def _distances(scene: Scene, settings: CaptureSettings) -> DistanceGrid:
+    from ia_bench.geometry.hull import visual_hull
+
     if settings.geometry == "hull":
         return visual_hull(scene.train, settings.cells, settings.tolerated)
+    from ia_bench.geometry.refinement import surface_from_images
+
     sdf, differ = settings.sdf, scene.exposures_differ
     return surface_from_images(
         scene.train, sdf.cells, sdf.steps, tolerated=settings.tolerated, exposures_differ=differ, seed=sdf.seed

@@ -58,10 +58,17 @@ def main(arguments: list[str] | None = None) -> int:
         return OK
     if arguments[-2:] == ["--cfg", "job"]:  # as it will be checked, with the options of the method and its preset in it
         return status_of(lambda: _show(arguments[:-2]))
+    if not any(text.lstrip("+~").startswith(("-", "hydra")) for text in arguments):  # Hydra's own way to one run composes it twice
+        return status_of(lambda: _run(arguments))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra hands its errors on instead of printing them and exiting
     # argparse wants its own options together, wherever among the overrides -m was written
     sys.argv[1:] = sorted(arguments, key=lambda text: "=" in text and not text.startswith("-"))
     return status_of(lambda: _compose_and_run(arguments))
+
+
+def _run(arguments: list[str]) -> int:
+    say(summary(execute(compose(arguments))), sys.stdout)
+    return OK
 
 
 def _show(arguments: list[str]) -> int:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import trimesh
+import torch
 
+from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.scene import Mesh
+
+PARTS = ("vertices", "faces", "normals", "uv")
 
 
 def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
@@ -17,9 +20,26 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
 
     ``uv``: "mesh" uses the file's texture coordinates, "xatlas" makes new ones. Raises InputError for a file without
     triangles, with NaN or Inf vertices, or (with "mesh") without UV, or with UV outside [0, 1].
+
+    What a PLY file has become is kept in the cache, for this code: xatlas takes seconds, and trimesh half a second to be imported.
     """
     if not is_file(path):
         raise InputError(f"{shown(path)}: no such mesh")
+    if path.suffix.lower() != ".ply":  # others may refer to more files
+        return _read(path, uv)
+    code = Path(__file__).read_text(encoding="utf-8")
+    cache, key = Cache(), content_key("mesh", code, uv, path.name, np.fromfile(path, np.uint8))
+    kept = cache.get(key)
+    if kept is None:
+        mesh, notes = _read(path, uv)
+        cache.put(key, {part: torch.from_numpy(getattr(mesh, part)) for part in PARTS}, {"notes": notes})
+        return mesh, notes
+    return Mesh(*(kept[0][part].numpy() for part in PARTS)), tuple(kept[1]["notes"])
+
+
+def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
+    import trimesh
+
     try:
         loaded = trimesh.load(path, process=False, fix_texture=_uv_per_face(path))
         if isinstance(loaded, trimesh.Scene):  # a file of several parts
@@ -91,6 +111,8 @@ def _normals(vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None,
         notes.append(f"{path.name}: stored normals are zero or not finite in places; smooth normals computed instead")
     else:
         notes.append(f"{path.name}: no normals stored; smooth normals computed")
+    import trimesh
+
     # Vertices split at UV seams must share one normal, so the averaging is over positions, weighted by corner angle.
     _, shared = np.unique(vertices, axis=0, return_inverse=True)
     shared = shared.reshape(-1)

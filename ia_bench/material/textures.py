@@ -77,12 +77,11 @@ def splat(uv: Tensor, values: Tensor, size: int) -> tuple[Tensor, Tensor]:
 
     Returns the (size, size, C) averages, 0 where nothing fell, and the (size, size) total weights.
     """
-    index, weight = bilinear_taps(uv, size, size)
-    total = torch.zeros(size * size, device=uv.device).index_add_(0, index.reshape(-1), weight.reshape(-1))
-    weighted = (values[:, None] * weight[..., None]).flatten(0, 1)
-    summed = torch.zeros(size * size, values.shape[-1], device=uv.device).index_add_(0, index.reshape(-1), weighted)
-    average = summed / total.clamp_min(1e-12)[:, None]
-    return average.reshape(size, size, values.shape[-1]), total.reshape(size, size)
+    summed = values.new_zeros(size, size, values.shape[-1] + 1)
+    weighed = torch.cat([values, torch.ones_like(uv[:, :1])], 1)
+    launch_summing(look_up_adjoint, len(uv), uv.contiguous(), weighed, sums=[summed], device=uv.device)
+    total = summed[..., -1]
+    return summed[..., :-1] / total.clamp_min(1e-12)[..., None], total
 
 
 def fill_unobserved(texture: Tensor, observed: Tensor) -> Tensor:

@@ -48,14 +48,14 @@ class EmbreeRays:
         self.mesh, self.rays = mesh, 0
 
     def intersect(
-        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None
+        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None, *, coherent: bool = False
     ) -> tuple[Tensor, Tensor, Tensor]:
         """See :meth:`ia_bench.render.rays.RayCaster.intersect`."""
         shape = directions.shape[:-1]
         face = torch.full(shape, -1, dtype=torch.int32)
         barycentric, distance = torch.zeros(*shape, 2), torch.full(shape, torch.inf)
         results = face.reshape(-1), barycentric.reshape(-1, 2), distance.reshape(-1)
-        self._ask(nearest, self._nearest, origins, directions, asked, *results)
+        self._ask(nearest, self._nearest, origins, directions, asked, *results, coherent=coherent)
         return face.long(), barycentric, distance
 
     def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:
@@ -65,14 +65,21 @@ class EmbreeRays:
         return blocked.bool()
 
     def _ask(
-        self, kernel: wp.Kernel, query: int | None, origins: Tensor, directions: Tensor, asked: Tensor | None, *results: Tensor
+        self,
+        kernel: wp.Kernel,
+        query: int | None,
+        origins: Tensor,
+        directions: Tensor,
+        asked: Tensor | None,
+        *results: Tensor,
+        coherent: bool = False,
     ) -> None:
         count = directions.numel() // 3
         if count:
             mask = None if asked is None else asked.contiguous().view(torch.uint8).reshape(-1)
             launch(
                 kernel, -(-count // BLOCK), query, self._scene, origins.contiguous(), directions.contiguous().reshape(-1, 3),
-                count // len(origins), int(asked is not None), mask, count, *results, device=origins.device,
+                count // len(origins), int(asked is not None), mask, int(coherent), count, *results, device=origins.device,
             )  # fmt: skip
         self.rays += count if asked is None else int(asked.sum())
 

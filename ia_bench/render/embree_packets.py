@@ -16,7 +16,9 @@ _ASK = """
         float nx[W], ny[W], nz[W], u[W], v[W];
         unsigned primitive[W], geometry[W], instance[2][W];
     };
-    typedef void (*Query)(const int*, void*, void*, void*);
+    struct Arguments { unsigned flags, features; void *context, *filter, *function; };  // RTCIntersectArguments
+    typedef void (*Query)(const int*, void*, void*, Arguments*);
+    Arguments arguments = {coherent ? 1u << 16 : 0u, 0xffffffffu, nullptr, nullptr, nullptr};
     Packet packet;
     alignas(64) int valid[W];
     int which[W];
@@ -43,7 +45,7 @@ _ASK = """
             packet.id[k] = packet.flags[k] = 0u;
             valid[k] = k < filled ? -1 : 0;
         }
-        ((Query)query)(valid, (void*)scene, &packet, nullptr);
+        ((Query)query)(valid, (void*)scene, &packet, &arguments);
         for (int k = 0; k < filled; ++k) {
             const int n = which[k];
             (void)n;
@@ -69,14 +71,15 @@ def _snippet(result: str) -> str:
 @wp.func_native(_snippet(_OCCLUDED))
 def _ask_occluded(
     query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
-    each: int, masked: int, asked: wp.array(dtype=wp.uint8), count: int, item: int, blocked: wp.array(dtype=wp.uint8),
+    each: int, masked: int, asked: wp.array(dtype=wp.uint8), coherent: int, count: int, item: int,
+    blocked: wp.array(dtype=wp.uint8),
 ): ...  # fmt: skip
 
 
 @wp.func_native(_snippet(_INTERSECTED))
 def _ask_nearest(
     query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
-    each: int, masked: int, asked: wp.array(dtype=wp.uint8), count: int, item: int,
+    each: int, masked: int, asked: wp.array(dtype=wp.uint8), coherent: int, count: int, item: int,
     faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2),
     distances: wp.array(dtype=float),
 ): ...  # fmt: skip
@@ -85,19 +88,22 @@ def _ask_nearest(
 @wp.kernel(enable_backward=False)
 def occluded(
     first: int, query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
-    each: int, masked: int, asked: wp.array(dtype=wp.uint8), count: int, blocked: wp.array(dtype=wp.uint8),
+    each: int, masked: int, asked: wp.array(dtype=wp.uint8), coherent: int, count: int, blocked: wp.array(dtype=wp.uint8),
 ):  # fmt: skip
-    """Whether ``count`` rays, ``each`` from every origin, hit anything; if ``masked`` only those that are ``asked`` for."""
-    _ask_occluded(query, scene, origins, directions, each, masked, asked, count, first + wp.tid(), blocked)
+    """Whether ``count`` rays, ``each`` from every origin, hit anything; if ``masked`` only those that are ``asked`` for.
+
+    ``coherent``: whether rays that follow each other take nearly the same way; Embree then walks with a whole packet at once.
+    """
+    _ask_occluded(query, scene, origins, directions, each, masked, asked, coherent, count, first + wp.tid(), blocked)
 
 
 @wp.kernel(enable_backward=False)
 def nearest(
     first: int, query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
-    each: int, masked: int, asked: wp.array(dtype=wp.uint8), count: int,
+    each: int, masked: int, asked: wp.array(dtype=wp.uint8), coherent: int, count: int,
     faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2),
     distances: wp.array(dtype=float),
 ):  # fmt: skip
     """Their nearest hits, where there are any."""
     item = first + wp.tid()
-    _ask_nearest(query, scene, origins, directions, each, masked, asked, count, item, faces, barycentrics, distances)
+    _ask_nearest(query, scene, origins, directions, each, masked, asked, coherent, count, item, faces, barycentrics, distances)

@@ -11,7 +11,7 @@ from torch import Tensor
 from ia_bench.common.warp_launch import launch
 from ia_bench.material.brdf import normalize
 from ia_bench.render.rays import RayCaster
-from ia_bench.render.surface_kernels import interpolate, land
+from ia_bench.render.surface_kernels import average, interpolate, land
 from ia_bench.scenes.scene import Camera, Mesh
 
 RAYS_AT_ONCE = 2**18  # primary rays traced together: about 50 MB while they are made
@@ -71,6 +71,12 @@ def primary_rays(camera: Camera, side: int, pixels: np.ndarray | None = None) ->
 
     ``pixels`` (P,): only of these, by their flat indices, (P, S, 3).
     """
+    directions = primary_directions(camera, side, pixels)
+    return np.broadcast_to(camera.to_world[:3, 3].astype(np.float32), directions.shape).copy(), directions
+
+
+def primary_directions(camera: Camera, side: int, pixels: np.ndarray | None = None) -> np.ndarray:
+    """The directions of :func:`primary_rays`, which all begin at the camera."""
     chosen = np.arange(camera.height * camera.width).reshape(camera.height, -1) if pixels is None else pixels
     row, column = np.divmod(chosen[..., None], camera.width)
     down, across = np.divmod(np.arange(side * side), side)
@@ -78,8 +84,7 @@ def primary_rays(camera: Camera, side: int, pixels: np.ndarray | None = None) ->
     y = -(row + (down + 0.5) / side - camera.centre[1]) / camera.focal[1]
     directions = np.stack([x, y, np.full(x.shape, -1.0)], -1) @ camera.to_world[:3, :3].T
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    origins = np.broadcast_to(camera.to_world[:3, 3].astype(np.float32), directions.shape)
-    return origins.copy(), directions.astype(np.float32)
+    return directions.astype(np.float32)
 
 
 def pixels_in_reach(camera: Camera, mesh: Mesh) -> np.ndarray:
@@ -103,24 +108,24 @@ def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: tor
     """Trace ``side`` x ``side`` points in every pixel of every camera (all of one size)."""
     faces, barycentrics, pixels = [], [], []
     height, width = cameras[0].height, cameras[0].width
+    centres = torch.from_numpy(np.stack([camera.to_world[:3, 3] for camera in cameras]).astype(np.float32)).to(device)
     for view, camera in enumerate(cameras):
         if (camera.height, camera.width) != (height, width):
             raise ValueError(f"view {view} is {camera.height} x {camera.width}, the first is {height} x {width}")
         reached = pixels_in_reach(camera, rays.mesh)
         for chosen in np.array_split(reached, max(1, -(-len(reached) * side**2 // RAYS_AT_ONCE))):
-            origins, directions = (torch.from_numpy(a).reshape(-1, 3).to(device) for a in primary_rays(camera, side, chosen))
-            face, barycentric, _ = rays.intersect(origins, directions)
+            directions = torch.from_numpy(primary_directions(camera, side, chosen)).to(device)
+            face, barycentric, _ = rays.intersect(centres[view, None], directions.reshape(1, -1, 3), coherent=True)
             face = face.reshape(-1, side * side)
             seen = (face >= 0).any(1)
             faces.append(face[seen].int())
             barycentrics.append(barycentric.reshape(-1, side * side, 2)[seen])
             pixels.append(torch.from_numpy(chosen).to(device)[seen] + view * height * width)
-    centres = np.stack([camera.to_world[:3, 3] for camera in cameras]).astype(np.float32)
     return GBuffer(
         face=torch.cat(faces),
         barycentric=torch.cat(barycentrics),
         pixel=torch.cat(pixels),
-        origin=torch.from_numpy(centres).to(device),
+        origin=centres,
         shape=(len(cameras), height, width),
     )
 
@@ -147,6 +152,15 @@ class SurfaceInterpolator:
         """Texture coordinates (..., 2) of (...,) faces >= 0 and (..., 2) barycentrics."""
         weights = torch.cat([1 - barycentric.sum(-1, keepdim=True), barycentric], -1)
         return (self._uv[face] * weights[..., None]).sum(-2)
+
+    def averaged(self, face: Tensor, barycentric: Tensor, texture: Tensor) -> Tensor:
+        """The mean of a texture (H, W, C) over the points of (P, S) faces and (P, S, 2) barycentrics: (P, C).
+
+        A face of -1 is a miss, which is one of the S points and adds nothing.
+        """
+        found = torch.zeros(len(face), texture.shape[-1], device=self.device)
+        launch(average, len(face), face, barycentric, self._uv, texture.contiguous(), found, device=self.device)
+        return found
 
     def geometry(self, face: Tensor, barycentric: Tensor) -> tuple[Tensor, Tensor]:
         """Unit normal of the triangle (as it is wound) and position of (N,) points, each (N, 3)."""

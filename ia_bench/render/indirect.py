@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,6 +35,8 @@ from ia_bench.scenes.scene import Mesh
 ATLAS_SIZE = 128  # texels along a side of the atlas between whose texels a fit exchanges light
 SKY_ROWS = 16  # rows of the lat-long grid of directions; twice as many columns
 BAKE_CHUNK = 1024  # texels traced at once
+VERSION = 2  # of what is kept of a bake
+ATLAS_PARTS = ("place", "face", "barycentric", "row")
 BURIED = 0.3  # a texel that sees more backs of triangles than this (cosine-weighted) lies inside the object
 
 
@@ -45,23 +47,23 @@ class IndirectLight(NamedTuple):
     leaving: Tensor
 
 
-@dataclass(frozen=True)
 class Operator:
-    """A fixed sparse matrix (rows, columns) beside its transpose, both by rows: the gradient needs the latter as often."""
+    """A fixed sparse matrix (rows, columns), kept by rows; its transpose likewise, as soon as a gradient asks for it."""
 
-    matrix: Tensor
-    transpose: Tensor
-
-    @classmethod
-    def of(cls, matrix: Tensor) -> Operator:
-        """From a dense matrix or a sparse one of coordinates."""
+    def __init__(self, matrix: Tensor) -> None:
+        """From a dense matrix or a sparse one."""
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta state", category=UserWarning)
-            return cls(_by_rows(matrix), _by_rows(matrix.t()))
+            self.matrix = _by_rows(matrix)
+
+    @cached_property
+    def transposed(self) -> Operator:
+        """Of the transpose."""
+        return Operator(self.matrix.t())
 
     def apply(self, values: Tensor) -> Tensor:
         """The matrix times (columns, 3) values: (rows, 3). Differentiable in the values."""
-        product: Tensor = _Product.apply(values, self.matrix, self.transpose)
+        product: Tensor = _Product.apply(values, self)
         return product
 
 
@@ -113,14 +115,13 @@ class _Product(torch.autograd.Function):
     """A sparse matrix times a dense one; the gradient is the transpose times its own."""
 
     @staticmethod
-    def forward(ctx: Any, values: Tensor, matrix: Tensor, transpose: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
-        ctx.save_for_backward(matrix, transpose)
-        return matrix @ values
+    def forward(ctx: Any, values: Tensor, operator: Operator) -> Tensor:  # noqa: ANN401 (torch's context)
+        ctx.operator = operator
+        return operator.matrix @ values
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:  # noqa: ANN401 (torch's context)
-        matrix, transpose = ctx.saved_tensors
-        return _Product.apply(gradients[0].contiguous(), transpose, matrix), None, None  # which can be differentiated again
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401 (torch's context)
+        return _Product.apply(gradients[0].contiguous(), ctx.operator.transposed), None  # which can be differentiated again
 
 
 def _cells(radiance: Tensor) -> Tensor:
@@ -136,26 +137,30 @@ def bake_interreflection(
     mesh: Mesh, surface: SurfaceInterpolator, rays: RayCaster, bounces: int, cache: Path, *, atlas_size: int = ATLAS_SIZE
 ) -> Interreflection:
     """Trace the operators of a mesh, or read them from the cache. Raises InputError where the mesh has no atlas to speak of."""
-    atlas = Atlas.of(mesh, atlas_size, surface.device)
-    if len(atlas.face) == 0:
-        raise InputError(
-            f"render.bounces={bounces}: expected texture coordinates that cover a part of the texture, found none of "
-            f"{atlas_size} x {atlas_size} texels on a triangle; reader.options.uv=xatlas makes some"
-        )
-    key = mesh_key("interreflection", mesh, atlas_size, SKY_ROWS)
-    traced = Cache(cache).kept(key, lambda: _trace(atlas, surface, rays))
+
+    def trace() -> dict[str, Tensor]:
+        atlas = Atlas.of(mesh, atlas_size, surface.device)
+        if len(atlas.face) == 0:
+            raise InputError(
+                f"render.bounces={bounces}: expected texture coordinates that cover a part of the texture, found none of "
+                f"{atlas_size} x {atlas_size} texels on a triangle; reader.options.uv=xatlas makes some"
+            )
+        return _trace(atlas, surface, rays)
+
+    traced = Cache(cache).kept(mesh_key("interreflection", mesh, VERSION, atlas_size, SKY_ROWS), trace)
+    atlas = Atlas(**{part: traced[part].to(surface.device) for part in ATLAS_PARTS})
     size = (len(atlas.face), len(atlas.face))
     pairs = torch.stack([traced["to_texel"], traced["from_texel"]]).long()
-    exchange = torch.sparse_coo_tensor(pairs, traced["share"], size, check_invariants=True)
-    sky = Operator.of(traced["sky"].to(surface.device).float())
-    seen = atlas.keeping(~traced["buried"])
-    return Interreflection(seen, sky, Operator.of(exchange.to(surface.device).coalesce()), surface, rays, bounces)
+    exchange = torch.sparse_coo_tensor(pairs, traced["share"], size, check_invariants=True, is_coalesced=True)
+    sky = Operator(traced["sky"].to(surface.device).float())
+    return Interreflection(atlas, sky, Operator(exchange.to(surface.device)), surface, rays, bounces)
 
 
 def _trace(atlas: Atlas, surface: SurfaceInterpolator, rays: RayCaster) -> dict[str, Tensor]:
-    """``sky`` (N, cells) float16, X as ``share`` (E,) float32 of pairs ``to_texel``, ``from_texel``, and ``buried`` (N,) bool.
+    """``sky`` (N, cells) float16, X as ``share`` (E,) float32 of pairs ``to_texel``, ``from_texel``, and ATLAS_PARTS.
 
-    One direction in each cell above the triangle, weighted by cosine and solid angle; the weights of a texel sum to pi.
+    No texel inside the object is found in that atlas. One direction is traced in each cell above the triangle, weighted by cosine
+    and solid angle; the weights of a texel sum to pi.
     """
     device, count = surface.device, len(atlas.face)
     cells = torch.arange(2 * SKY_ROWS * SKY_ROWS)
@@ -180,12 +185,13 @@ def _trace(atlas: Atlas, surface: SurfaceInterpolator, rays: RayCaster) -> dict[
         pairs.append((texel[which[front]], weight[front], surface.uv(face[front], barycentric[front])))
     buried = backs > BURIED * math.pi
     to_texel, share, uv = (torch.cat(parts) for parts in zip(*pairs, strict=True))
-    from_texel = atlas.keeping(~buried).nearest(uv)
+    seen = atlas.keeping(~buried)
+    from_texel = seen.nearest(uv)
     matrix = torch.sparse_coo_tensor(torch.stack([to_texel, from_texel]), share, (count, count), check_invariants=True).coalesce()
     return {
         "sky": sky.half().cpu(),
         "to_texel": matrix.indices()[0].int().cpu(),
         "from_texel": matrix.indices()[1].int().cpu(),
         "share": matrix.values().cpu(),
-        "buried": buried.cpu(),
+        **{part: getattr(seen, part).cpu() for part in ATLAS_PARTS},
     }

@@ -17,13 +17,15 @@ class RayCaster(Protocol):
     rays: int
 
     def intersect(
-        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None
+        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None, *, coherent: bool = False
     ) -> tuple[Tensor, Tensor, Tensor]:
         """Nearest hits of rays, (N, 3) origins and directions.
 
         Returns the triangle (N,) int64, -1 for a miss; the barycentrics (N, 2) of corners 1 and 2; the distance (N,), Inf
         for a miss. Or (N, K) of each for (N, K, 3) directions, K from every origin, of which only those are traced that are
         ``asked`` (N, K) bool for; the others count as misses.
+
+        ``coherent`` says that rays that follow each other take nearly the same way, which some tracers find sooner.
         """
         ...
 

@@ -8,15 +8,15 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.textures import Material, fetch
-from ia_bench.render.estimator import FromObject, draw_samples, shade_samples
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator
+from ia_bench.material.textures import Material
+from ia_bench.render.estimator import FromObject, Samples, draw_samples, shade_samples
+from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
 from ia_bench.render.visibility import Visibility
 
-POINTS_AT_ONCE = 2**18  # of a textured picture: about 50 MB
 CHUNK = 4096  # pixels at a time where no gradient is needed ...
 PASS_SAMPLES = 128  # ... with at most this many samples, in as many passes as will do
+MET_BYTES = 512 * 2**20  # of what directions by the BRDF meet, kept between pictures
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,38 @@ class PixelRadiance:
 
         mirrored = None if self.mirrored is None else mean(self.mirrored)
         return PixelRadiance(mean(self.diffuse), mean(self.specular), mean(self.albedo), mirrored)
+
+
+class Met:
+    """What the directions by the BRDF meet in a picture: the same under every light, so it is traced once and kept.
+
+    Pictures that share it must have everything else in common: views, samples, roughness, and the generator's seed. What does
+    not fit into MET_BYTES is traced again for each.
+    """
+
+    def __init__(self) -> None:
+        self._passes: list[tuple[Tensor, Tensor | None] | None] = []
+        self._bytes, self._next = 0, 0
+
+    def begin(self) -> None:
+        """Go back to the first pass, for another picture."""
+        self._next = 0
+
+    def known(self) -> tuple[Tensor, Tensor | None] | None:
+        """Of the next pass: (N, count) bool, whether the object is in the way, and (N, count) int32, which of its texels is seen.
+
+        The latter is None without indirect light, the whole where it has to be traced.
+        """
+        self._next += 1
+        return self._passes[self._next - 1] if self._next <= len(self._passes) else None
+
+    def keep(self, blocked: Tensor, seen: Tensor | None) -> None:
+        """What the pass that was not known has found."""
+        if self._next > len(self._passes):
+            size = blocked.nbytes + (0 if seen is None else seen.nbytes)
+            fits = self._bytes + size <= MET_BYTES
+            self._bytes += size if fits else 0
+            self._passes.append((blocked.clone(), seen) if fits else None)
 
 
 class Renderer:
@@ -98,6 +130,7 @@ class Renderer:
         shift: Tensor,
         part: int = 0,
         parts: int = 1,
+        met: Met | None = None,
     ) -> PixelRadiance:
         """As :meth:`render_pixels`, for one of several parts of the lattices that start at ``shift`` (2, P, 3)."""
         points = gbuffer.subsamples
@@ -113,12 +146,11 @@ class Renderer:
                 surface, face >= 0, material.roughness.detach(), light.sampler, shift,
                 points=points, count=count, part=part, parts=parts,
             )  # fmt: skip
-            blocked = self.visibility.blocked(surface, drawn.direction, drawn.texel >= 0)
+            blocked, seen = self._in_the_way(surface, drawn, count, met)
             drawn.texel[blocked] = -1
             of_object = None
-            if indirect is not None:
+            if indirect is not None and seen is not None:
                 assert self.interreflection is not None
-                seen = self.interreflection.seen(surface, drawn.direction[:, count:], blocked[:, count:])
                 of_object = FromObject(indirect.arriving, indirect.leaving, self.interreflection.atlas.row, seen)
 
         # ---- what reaches the camera, (N, 3), and its mean over the points of a pixel, (P, 3); a miss is black ------
@@ -127,13 +159,36 @@ class Renderer:
         diffuse, specular, mirrored, albedo = ((part.reshape(-1, points, 3) * pool).sum(1) for part in shaded)
         return PixelRadiance(diffuse, specular, albedo, None if of_object is None else mirrored)
 
+    def _in_the_way(
+        self, surface: SurfacePoints, drawn: Samples, count: int, met: Met | None
+    ) -> tuple[Tensor, Tensor | None]:
+        """Whether the object blocks each sample, (N, 2 count) bool, and what of it the directions by the BRDF see, (N, count)."""
+        asked = drawn.texel >= 0
+        known = None if met is None else met.known()
+        if known is not None:
+            by_light = self.visibility.blocked(surface, drawn.direction[:, :count].contiguous(), asked[:, :count])
+            return torch.cat([by_light, known[0]], 1), known[1]
+        blocked, seen = self.visibility.blocked(surface, drawn.direction, asked), None
+        if self.interreflection is not None:
+            seen = self.interreflection.seen(surface, drawn.direction[:, count:], blocked[:, count:])
+        if met is not None:
+            met.keep(blocked[:, count:], seen)
+        return blocked, seen
+
     @torch.no_grad()
     def render_images(
-        self, gbuffer: GBuffer, material: Material, light: SampledLight, samples: int, generator: torch.Generator
+        self,
+        gbuffer: GBuffer,
+        material: Material,
+        light: SampledLight,
+        samples: int,
+        generator: torch.Generator,
+        met: Met | None = None,
     ) -> dict[str, Tensor]:
         """Whole images of all views, premultiplied, each (V, H, W, 3): "radiance" and the parts of :class:`PixelRadiance`.
 
         The samples of a pixel are one lattice, dealt out evenly to as few passes of at most PASS_SAMPLES as will do.
+        ``met``: filled by the first picture that it is given to, and used by the same one under other lights.
         """
         parts = ["diffuse", "specular", "albedo"] + ["mirrored"] * (self.interreflection is not None)
         images = {name: torch.zeros(*gbuffer.shape, 3, device=gbuffer.face.device).reshape(-1, 3) for name in parts}
@@ -145,7 +200,7 @@ class Renderer:
             shift = lattice_shift(padded, generator)
             for part in range(passes):
                 each = round(samples / passes)
-                rendered = self._render(gbuffer, padded, material, light, indirect, each, shift, part, passes)
+                rendered = self._render(gbuffer, padded, material, light, indirect, each, shift, part, passes, met)
                 for name in parts:
                     images[name][gbuffer.pixel[chunk]] += getattr(rendered, name)[: len(chunk)] / passes
         images["radiance"] = sum((images[name] for name in parts if name != "albedo"), torch.zeros(()))
@@ -159,12 +214,8 @@ def lattice_shift(pixels: Tensor, generator: torch.Generator) -> Tensor:
 
 def texture_images(surface: SurfaceInterpolator, gbuffer: GBuffer, texture: Tensor) -> Tensor:
     """Premultiplied box-filtered pictures (V, H, W, C) of a texture (T, T, C) mapped onto the surface."""
-    points = gbuffer.subsamples
     image = torch.zeros(*gbuffer.shape, texture.shape[-1], device=texture.device).reshape(-1, texture.shape[-1])
-    parts = (part.split(POINTS_AT_ONCE // points) for part in (gbuffer.pixel, gbuffer.face, gbuffer.barycentric))
-    for pixel, face, barycentric in zip(*parts, strict=True):
-        uv = surface.uv(face.clamp_min(0).long(), barycentric)
-        image[pixel] = (fetch(texture, uv) * (face >= 0)[..., None]).sum(1) / points
+    image[gbuffer.pixel] = surface.averaged(gbuffer.face, gbuffer.barycentric, texture)
     return image.reshape(*gbuffer.shape, -1)
 
 

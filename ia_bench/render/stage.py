@@ -58,7 +58,7 @@ class Stage:
 
     def gbuffer(self, cameras: Sequence[Camera], side: int) -> GBuffer:
         """What ``cameras``, all of one size, see with ``side`` x ``side`` points a pixel; kept while there is room."""
-        key = b"".join([side.to_bytes(4, "little"), *map(_key, cameras)])
+        key = b"".join([side.to_bytes(4, "little"), *map(camera_key, cameras)])
         if key in self._gbuffers:
             return self._gbuffers[key]
         rows, pixels = (sum(part) for part in zip(*((c.width, c.width * c.height) for c in cameras), strict=True))
@@ -106,5 +106,6 @@ class Stage:
         return self._renderers[key]
 
 
-def _key(camera: Camera) -> bytes:
+def camera_key(camera: Camera) -> bytes:
+    """What tells cameras apart that see different things."""
     return camera.to_world.tobytes() + repr((camera.focal, camera.centre, camera.width, camera.height)).encode()

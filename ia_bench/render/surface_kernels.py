@@ -1,9 +1,10 @@
-"""Warp kernels that find points of a surface: those that a camera sees, and those on which rays end."""
+"""Warp kernels that find points of a surface: those that a camera sees, what of a texture lies there, and where rays end."""
 
 import warp as wp
 
 from ia_bench.common.warp_math import unit
 from ia_bench.material.brdf import MIN_COSINE
+from ia_bench.material.warp_textures import bilinear_taps
 
 wp.set_module_options({"enable_backward": False})
 
@@ -50,9 +51,39 @@ def interpolate(
     normals[n] = normal
     views[n] = view
     turned_geometrics[n] = side * geometric
-    uvs[n] = a * corner_uvs[face, 0] + b[0] * corner_uvs[face, 1] + b[1] * corner_uvs[face, 2]
+    uvs[n] = uv_at(corner_uvs, face, b)
     flags[n, 0] = wp.where(side > 0.0, wp.uint8(1), wp.uint8(0))
     flags[n, 1] = bent
+
+
+@wp.func
+def uv_at(corner_uvs: wp.array2d(dtype=wp.vec2), face: int, b: wp.vec2) -> wp.vec2:
+    """The texture coordinates of a point of a triangle."""
+    return (1.0 - b[0] - b[1]) * corner_uvs[face, 0] + b[0] * corner_uvs[face, 1] + b[1] * corner_uvs[face, 2]
+
+
+@wp.kernel
+def average(
+    first: int,
+    faces: wp.array2d(dtype=int),
+    barycentrics: wp.array2d(dtype=wp.vec2),
+    corner_uvs: wp.array2d(dtype=wp.vec2),
+    texture: wp.array3d(dtype=float),
+    found: wp.array2d(dtype=float),
+):
+    """The mean of a texture over the points of a pixel, to which those that miss add nothing; ``found`` holds zeros before."""
+    pixel = first + wp.tid()
+    width = texture.shape[1]
+    for point in range(faces.shape[1]):
+        face = faces[pixel, point]
+        if face >= 0:
+            taps = bilinear_taps(uv_at(corner_uvs, face, barycentrics[pixel, point]), texture.shape[0], width)
+            for t in range(4):
+                row = taps.index[t] // width
+                for c in range(texture.shape[2]):
+                    found[pixel, c] = found[pixel, c] + taps.weight[t] * texture[row, taps.index[t] - row * width, c]
+    for c in range(texture.shape[2]):
+        found[pixel, c] = found[pixel, c] / float(faces.shape[1])
 
 
 @wp.kernel
@@ -73,8 +104,7 @@ def land(
     texel = int(-1)
     if face >= 0:
         if wp.dot(geometrics[face], directions[n]) < 0.0:
-            b = barycentrics[n]
-            uv = (1.0 - b[0] - b[1]) * corner_uvs[face, 0] + b[0] * corner_uvs[face, 1] + b[1] * corner_uvs[face, 2]
+            uv = uv_at(corner_uvs, face, barycentrics[n])
             column = wp.clamp(int(uv[0] * float(side)), 0, side - 1)
             row = wp.clamp(int((1.0 - uv[1]) * float(side)), 0, side - 1)
             texel = atlas[row * side + column]

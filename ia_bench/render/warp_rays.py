@@ -59,7 +59,7 @@ class WarpRays:
         self.mesh, self.rays = mesh, 0
 
     def intersect(
-        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None
+        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None, *, coherent: bool = False
     ) -> tuple[Tensor, Tensor, Tensor]:
         """See :meth:`ia_bench.render.rays.RayCaster.intersect`."""
         shape, device = directions.shape[:-1], origins.device

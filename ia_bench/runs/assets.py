@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 from PIL import Image
-from trimesh.visual.material import PBRMaterial
 
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.runs.folder import RunFolder
@@ -35,6 +33,9 @@ def glb(mesh: Mesh, albedo: np.ndarray, roughness: np.ndarray, metallic: np.ndar
 
     ``albedo`` (T, T, 3); ``roughness`` and ``metallic`` (T', T'), None for a dielectric.
     """
+    import trimesh  # most of a second, at the end of a run
+    from trimesh.visual.material import PBRMaterial
+
     base_colour = np.round(255 * linear_to_srgb(albedo.clip(0, 1))).astype(np.uint8)
     packed = np.zeros((*roughness.shape, 3), np.uint8)
     packed[..., 1] = np.round(255 * roughness.clip(0, 1))

@@ -37,7 +37,8 @@ from ia_bench.scores.scorer import Scorer
 def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, Any]:
     """Do one run (or finish an interrupted one) and return its metrics, which are then in ``folder``."""
     # The same configuration gives the same numbers. On CUDA some sums have no deterministic algorithm in torch: there it warns.
-    torch.use_deterministic_algorithms(True, warn_only=config.device == "cuda")
+    # (torch.use_deterministic_algorithms would say the same, and import torch's compiler.)
+    torch.set_deterministic_debug_mode("warn" if config.device == "cuda" else "error")
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     books = Books()
     # ---- load ------------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
 from torch import Tensor
 
 from ia_bench.render.gbuffer import primary_rays
@@ -78,6 +77,8 @@ def score_geometry(found: Stage, true: Mesh | None, views: Sequence[View], mask_
     if not sum(map(len, angles)):
         return GeometryScores(None, None, None, *masks, _without("no ray hits both shapes"))
     clouds = [_thinned(torch.cat([part.position[part.hit] for part in parts])) for parts in (seen, truth)]
+    from scipy.spatial import cKDTree  # only where a mesh was made
+
     trees = [cKDTree(cloud) for cloud in clouds]
     chamfer = 0.5 * sum(float(trees[1 - side].query(clouds[side])[0].mean()) for side in (0, 1))
     means = (float(torch.cat(values).double().mean()) for values in (angles, depths))

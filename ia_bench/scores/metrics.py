@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scores.protocol import Encoding, SsimSettings
@@ -78,6 +77,8 @@ def ssim(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: Ss
 
 def similarity(predicted: np.ndarray, true: np.ndarray, settings: SsimSettings) -> np.ndarray:
     """The SSIM map (H, W, 3) of two images (H, W, 3), which are mirrored at their borders."""
+    from scipy.ndimage import gaussian_filter  # only the scores of a whole run need it
+
     x, y = (image.astype(np.float64) for image in (predicted, true))
     reach = settings.window // 2
     blur = partial(gaussian_filter, sigma=(0, settings.sigma, settings.sigma, 0), radius=(0, reach, reach, 0))

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_erosion
 
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scores import metrics
@@ -103,6 +102,8 @@ def composed(view: Pair, comparison: ComparisonSettings, pair: tuple[np.ndarray,
 
 def eroded(mask: np.ndarray, side: int) -> np.ndarray:
     """The mask (H, W) bool without what is nearer than half of ``side`` pixels to its edge; the image's border is no edge."""
+    from scipy.ndimage import binary_erosion  # only other papers' protocols need it
+
     return binary_erosion(mask, np.ones((side, side)), border_value=1) if side else mask
 
 

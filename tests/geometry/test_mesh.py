@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ia_bench.common.errors import InputError
+from ia_bench.geometry import mesh as mesh_module
 from ia_bench.geometry.mesh import load_mesh
 from ia_bench.scenes.scene import Mesh, Scene
 
@@ -35,6 +36,11 @@ class Ply:
         rows += [" ".join(map(str, (len(face), *face))) for face in self.faces]
         path.write_text("\n".join([*header, *rows]) + "\n")
         return path
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
 
 
 @pytest.fixture
@@ -251,3 +257,24 @@ end_header
     np.testing.assert_allclose(
         corner[corner[:, 0].argsort()], [[0, 0, 0.4, 0, 0.4, 0.4], [0.5, 0.5, 0.9, 0.9, 0.5, 0.9]]
     )
+
+
+def test_a_mesh_is_kept_for_the_next_time(tmp_path: Path, ply: Ply, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its notes, without a reader; another file of that name, or other texture coordinates, is read again."""
+    ply.normals = None
+    path = ply.write(tmp_path / "mesh.ply")
+    mesh, notes = load_mesh(path)
+    assert notes
+    with monkeypatch.context() as patch:
+        patch.setattr(mesh_module, "_read", None)
+        again, the_same = load_mesh(path)
+        assert the_same == notes
+        for name in ("vertices", "faces", "normals", "uv"):
+            kept, made = getattr(again, name), getattr(mesh, name)
+            assert kept.dtype == made.dtype
+            np.testing.assert_array_equal(kept, made)
+    unwrapped, _ = load_mesh(path, uv="xatlas")
+    assert not np.array_equal(unwrapped.uv, mesh.uv)
+    ply.vertices *= 2
+    larger, _ = load_mesh(ply.write(path))
+    np.testing.assert_allclose(np.ptp(larger.vertices, axis=0), 2 * np.ptp(mesh.vertices, axis=0), rtol=1e-6)

@@ -141,7 +141,7 @@ def test_gradients_of_the_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     exchange = torch.rand(count, count, generator=generator, dtype=torch.float64)
     exchange *= torch.rand(count, count, generator=generator) < 0.4
     sky = torch.rand(count, 2 * indirect.SKY_ROWS**2, generator=generator, dtype=torch.float64)
-    bounced = Interreflection(texels, Operator.of(sky), Operator.of(exchange), stage.surface, stage.rays, 3)
+    bounced = Interreflection(texels, Operator(sky), Operator(exchange), stage.surface, stage.rays, 3)
     albedo = torch.rand(2, 2, 3, generator=generator, dtype=torch.float64, requires_grad=True)
     radiance = torch.rand(2, 4, 3, generator=generator, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda a, r: bounced.solve(a, r).leaving, (albedo, radiance))

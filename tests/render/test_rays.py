@@ -192,5 +192,19 @@ def test_few_rays(kind: str, count: int) -> None:
     assert rays.occluded(origins, directions).tolist() == [True] * count
 
 
+@pytest.mark.parametrize("kind", TRACERS)
+def test_rays_that_are_said_to_be_coherent(kind: str, many: tuple[torch.Tensor, ...]) -> None:
+    """Whether they are or not, they hit what they hit; one origin may do for all of them."""
+    rays = tracer(kind, MESHES["random triangles"])
+    origins, directions, face, _ = many
+    for got, usual in zip(rays.intersect(origins, directions, coherent=True), rays.intersect(origins, directions), strict=True):
+        torch.testing.assert_close(got, usual, rtol=1e-6, atol=1e-6)
+    assert torch.equal(rays.intersect(origins, directions, coherent=True)[0], face)
+    fan = directions[None]
+    alone = rays.intersect(origins[:1].expand_as(directions).contiguous(), directions)[0]
+    assert torch.equal(rays.intersect(origins[:1], fan, coherent=True)[0][0], alone)
+    assert (alone >= 0).any()
+
+
 def test_the_cpu_gets_embree() -> None:
     assert isinstance(make_rays(MESHES["sphere"], CPU), EmbreeRays)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from shapes import camera_at, sphere
+from shapes import bowl, camera_at, sphere
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.light.latlong import SampledLight, texel_centres
@@ -35,6 +35,11 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def stage() -> Stage:
     ball = sphere(2)
     return Stage(replace(ball, uv=(0.5 + 0.5 * ball.vertices[:, :2]).astype(np.float32)), CPU)
+
+
+def bowl_stage() -> Stage:
+    """A bowl, which sees itself."""
+    return Stage(bowl(8), CPU)
 
 
 @pytest.fixture
@@ -81,6 +86,52 @@ def test_it_renders_as_the_reference_renderer_does(stage: Stage, material: Mater
     np.testing.assert_array_equal(np.stack(rendered.images), expected.numpy())
     given = found.render(CAMERAS, light=LatLongEnvironment(light), **USUAL)
     np.testing.assert_array_equal(given.images, rendered.images)
+
+
+def test_lights_of_the_same_views_share_what_the_brdf_meets(material: Material, light: torch.Tensor) -> None:
+    """To the last bit what a reconstruction renders that has rendered nothing before, with fewer rays; no other pictures do."""
+    bowl = bowl_stage()
+    other = light.flip(0)
+
+    def fresh(light: torch.Tensor, **settings: object) -> np.ndarray:
+        alone = TexturedReconstruction(bowl, material, light).render(CAMERAS, light=None, **{**USUAL, **settings})
+        return np.stack(alone.images)
+
+    found, rays = TexturedReconstruction(bowl, material, light), bowl.apart.rays
+    before = rays.rays
+    np.testing.assert_array_equal(found.render(CAMERAS, light=None, **USUAL).images, fresh(light))
+    first = (rays.rays - before) / 2
+    before = rays.rays
+    relit = found.render(CAMERAS, light=LatLongEnvironment(other), **USUAL)
+    second = rays.rays - before
+    np.testing.assert_array_equal(relit.images, fresh(other))
+    assert 0 < second < 0.6 * first
+    scale = torch.tensor([0.5, 0.7, 0.9])
+    scaled = found.render(CAMERAS, light=None, **{**USUAL, "albedo_scale": scale})
+    np.testing.assert_array_equal(scaled.images, fresh(light, albedo_scale=scale))
+    for changed in ({"quality": Quality(2, 16, 4)}, {"quality": Quality(2, 32, 3)}, {"quality": Quality(1, 16, 3)}):
+        again = found.render(CAMERAS, light=None, **{**USUAL, **changed})
+        np.testing.assert_array_equal(again.images, fresh(light, **changed))
+    turned = found.render(CAMERAS[::-1], light=None, **USUAL)
+    whole = TexturedReconstruction(bowl, material, light).render(CAMERAS[::-1], light=None, **USUAL)
+    np.testing.assert_array_equal(turned.images, whole.images)
+    material.roughness.mul_(0.5)  # in place: the directions are others
+    np.testing.assert_array_equal(found.render(CAMERAS, light=None, **USUAL).images, fresh(light))
+
+
+def test_what_finds_no_room_is_traced_again(
+    material: Material, light: torch.Tensor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures, rays = [], []
+    for room in (2**20, 0):
+        monkeypatch.setattr("ia_bench.render.renderer.MET_BYTES", room)
+        found = TexturedReconstruction(bowl_stage(), material, light)
+        found.render(CAMERAS, light=None, **USUAL)
+        before = found._stage.rays.rays
+        pictures.append(np.stack(found.render(CAMERAS, light=None, **USUAL).images))
+        rays.append(found._stage.rays.rays - before)
+    np.testing.assert_array_equal(*pictures)
+    assert rays[0] < 0.6 * rays[1]
 
 
 def test_another_coat_is_another_renderer(stage: Stage, material: Material, light: torch.Tensor) -> None:
