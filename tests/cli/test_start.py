@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-NETWORKS, TABLES = ("diffusers", "lpips", "torch._dynamo", "torchvision", "transformers"), ("matplotlib", "networkx", "pandas")
+NETWORKS, TABLES = ("diffusers", "lpips", "torchvision", "transformers"), ("matplotlib", "networkx", "pandas")
 LATER = (*NETWORKS, *TABLES, "scipy", "skimage", "trimesh")
 FIRST_STEP = f"""
 import os, sys

@@ -103,9 +103,9 @@ class FitSettings:
         checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
-    stage1_steps: Count = 400
-    stage2_steps: Count = 200
-    pixels: Number = 4096
+    stage1_steps: Count = 200
+    stage2_steps: Count = 100
+    pixels: Number = 2048
     weights: LossWeights = field(default_factory=LossWeights)
     rates: LearningRates = field(default_factory=LearningRates)
     coarse_rates: CoarseRates = field(default_factory=CoarseRates)
