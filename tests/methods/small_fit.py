@@ -13,7 +13,7 @@ from torch import Tensor
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
-from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.settings import CoarseRates, FitSettings
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
@@ -24,6 +24,7 @@ from ia_bench.scenes.scene import Scene
 RENDER = RenderSettings(
     samples=16, subsamples=2, texture=64, light_height=16, shadows="traced", bounces=0, coat="added", metallic=False,
 )
+TEXELS_ALONE = CoarseRates(albedo=0.0, roughness=0.0, metallic=0.0, light=0.0)
 SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256, checkpoint_seconds=1e9)
 OF_THE_PRIOR = ("prior",)
 

@@ -41,9 +41,9 @@ class CoarseSteps:
     @torch.no_grad()
     def __call__(self, rates: Mapping[str, float]) -> None:
         """Move every image that has one of the ``rates``, and a gradient, by a step at each of its levels."""
-        if self.optimizer is None:
-            return
         moving = [name for name in self._names if rates.get(name) and self._images[name].grad is not None]
+        if self.optimizer is None or not moving:
+            return
         for name, group in zip(self._names, self.optimizer.param_groups, strict=True):
             group["lr"] = rates.get(name, 0.0)
             gradient = self._images[name].grad

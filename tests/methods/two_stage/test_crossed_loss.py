@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from means import assert_same_mean
-from small_fit import Record, altered, fit
+from small_fit import TEXELS_ALONE, Record, altered, fit
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
@@ -74,7 +74,8 @@ def test_gradient_of_a_step_is_that_of_independent_halves(
 
     monkeypatch.setattr(torch.optim.Adam, "step", held)
     settings = FitSettings(stage1_steps=STEPS, stage2_steps=0, pixels=PIXELS, guided=False)
-    settings = replace(settings, rates=replace(settings.rates, exchange=0.0))  # its optimiser has no light of its own to look at
+    # The optimisers of other steps have no light of their own to look at.
+    settings = replace(settings, rates=replace(settings.rates, exchange=0.0), coarse_rates=TEXELS_ALONE)
     noisy = NoisyRenderer(problem.renderer.surface, problem.renderer.visibility)
     fit(altered(problem, renderer=noisy), NoPrior(), settings, record)
     assert len(gradients) == STEPS
