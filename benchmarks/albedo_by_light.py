@@ -1,6 +1,6 @@
 """Where one row of a table recovers the albedo better than another one: by the light that a pixel gets, and by where it faces.
 
-    python benchmarks/albedo_by_light.py results/longer_fits --row "diffusion, kernel, 1800 steps" --reference "none, 1900 steps"
+    python benchmarks/albedo_by_light.py results/longer_fits --row "diffusion, kernel, four times" --reference "none, four times"
 
 Prints, for every scene, the row's PSNR of aligned albedo less that of the reference (dB, mean over the seeds that both have) over
 the pixels of all test views together: all, the tenth and the three tenths that get the least and the most light (radiance over
