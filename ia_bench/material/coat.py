@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import functools
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from ia_bench.common.cache import Cache, content_key
+from ia_bench.material import brdf
 from ia_bench.material.brdf import MIN_COSINE, MIN_ROUGHNESS, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
 
 GRID = 32
@@ -16,7 +19,15 @@ GOLDEN = 0.6180339887498949  # fraction of the golden ratio: its multiples fill 
 
 @functools.cache
 def coat_reflectance(size: int = GRID, samples: int = SAMPLES) -> Tensor:
-    """The directional albedo of the specular lobe, (size, size): rows are roughness, columns the cosine, both from 0 to 1."""
+    """The directional albedo of the specular lobe, (size, size): rows are roughness, columns the cosine, both from 0 to 1.
+
+    The table is kept in the cache, for this code and that of the lobe.
+    """
+    code = (Path(file).read_text(encoding="utf-8") for file in (__file__, brdf.__file__))
+    return Cache().kept(content_key("coat", f"{size} {samples}", *code), lambda: {"table": _tabulated(size, samples)})["table"]
+
+
+def _tabulated(size: int, samples: int) -> Tensor:
     values = torch.linspace(0, 1, size)
     roughness, cosine = (grid[..., None, None] for grid in torch.meshgrid(values, values, indexing="ij"))
     cosine = cosine.clamp_min(MIN_COSINE)
