@@ -14,7 +14,6 @@ from means import assert_same_mean
 from small_fit import TEXELS_ALONE, Record, altered, fit
 from torch import Tensor
 
-from ia_bench.common.adam import Adam
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
@@ -73,7 +72,7 @@ def test_gradient_of_a_step_is_that_of_independent_halves(
         gradients.append(log_light.grad.sum((0, 1)))
         lights.append(log_light.detach().exp().mean((0, 1)))
 
-    monkeypatch.setattr(Adam, "step", held)
+    monkeypatch.setattr(torch.optim.Adam, "step", held)
     settings = FitSettings(stage1_steps=STEPS, stage2_steps=0, pixels=PIXELS, guided=False)
     # The optimisers of other steps have no light of their own to look at.
     settings = replace(settings, rates=replace(settings.rates, exchange=0.0), coarse_rates=TEXELS_ALONE)
