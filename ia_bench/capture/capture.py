@@ -10,6 +10,7 @@ import numpy as np
 
 from ia_bench.capture.faults import blurred, misplaced, mistaken_masks
 from ia_bench.capture.margin import inside
+from ia_bench.capture.normals import given_normals
 from ia_bench.capture.radiometry import photographed
 from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings
 from ia_bench.capture.shapes import with_geometry
@@ -29,6 +30,10 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     train = scene.train
     if settings.views != "all":
         train = spread(train, settings.views)
+    follows = settings.geometry == "sdf" and settings.sdf.normals != "none"
+    normals = given_normals(settings.sdf.normals, train) if follows else []
+    if follows and settings.sdf.steps == 0:
+        note("capture.sdf.normals changes nothing with capture.sdf.steps=0")
     train = of_one_size(train)
     ldr = settings.radiometry == "ldr"
     if settings.jpeg != "none" and not ldr:
@@ -41,7 +46,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
         train = consistent(train, settings.consistency, max(settings.tolerated, DOUBTED))
     differ = scene.exposures_differ or settings.exposure == "per_image"
-    shaped = with_geometry(replace(scene, train=train, exposures_differ=differ), settings, note)
+    shaped = with_geometry(replace(scene, train=train, exposures_differ=differ), settings, note, normals)
     return replace(shaped, train=inside(train, settings.margin)) if settings.margin else shaped
 
 

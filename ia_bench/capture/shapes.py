@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,11 +22,13 @@ VERSION = 1  # of how an "sdf" is made: meshes that another one made are not tak
 PARTS = ("vertices", "faces", "normals", "uv")
 
 
-def with_geometry(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> Scene:
+def with_geometry(
+    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray] = ()
+) -> Scene:
     """The scene with the mesh that ``capture.geometry`` names; the true one, where there is one, stays in the truth.
 
-    Meshes that are made of images and masks are kept in the cache, by the content of both. Raises InputError where there is
-    nothing to make one of.
+    ``normals`` of each training view, of none by default, are what an "sdf" follows besides its image. Meshes that are made of
+    images and masks are kept in the cache, by the content of all. Raises InputError where there is nothing to make one of.
     """
     kind = settings.geometry
     if kind not in MADE and scene.mesh is None:
@@ -41,35 +43,44 @@ def with_geometry(scene: Scene, settings: CaptureSettings, note: Callable[[str],
         mesh = smoothed(given, settings.smoothing * float(np.linalg.norm(np.ptp(given.vertices, axis=0))))
     else:
         seen = replace(scene, mesh=None).blind()  # nothing that is made may know the truth
-        made = Cache().kept(_key(seen, settings), lambda: _made(seen, settings, note))
+        made = Cache().kept(_key(seen, settings, normals), lambda: _made(seen, settings, note, normals))
         mesh = Mesh(*(made[part].numpy() for part in PARTS))
     truth = scene.truth and replace(scene.truth, mesh=scene.mesh)
     return replace(scene, mesh=mesh, truth=truth, mesh_is_made=True)
 
 
-def _made(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> dict[str, torch.Tensor]:
+def _made(
+    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray]
+) -> dict[str, torch.Tensor]:
     cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
-    mesh = mesh_of(_distances(scene, settings), settings.triangles)
+    mesh = mesh_of(_distances(scene, settings, normals), settings.triangles)
     return {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
 
 
-def _distances(scene: Scene, settings: CaptureSettings) -> DistanceGrid:
+def _distances(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> DistanceGrid:
     if settings.geometry == "hull":
         return visual_hull(scene.train, settings.cells, settings.tolerated)
     sdf, differ = settings.sdf, scene.exposures_differ
     return surface_from_images(
-        scene.train, sdf.cells, sdf.steps, tolerated=settings.tolerated, exposures_differ=differ, seed=sdf.seed
+        scene.train,
+        sdf.cells,
+        sdf.steps,
+        tolerated=settings.tolerated,
+        exposures_differ=differ,
+        normals=normals,
+        seed=sdf.seed,
     )
 
 
-def _key(scene: Scene, settings: CaptureSettings) -> str:
-    """Of everything that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images besides."""
+def _key(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> str:
+    """Of all that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images and normals besides."""
     images = settings.geometry == "sdf"
     sizes = f"{settings.geometry} {settings.cells} {settings.tolerated} {settings.triangles}"
     if images:
-        sizes = f"sdf {VERSION} {settings.sdf} {settings.tolerated} {settings.triangles} {scene.exposures_differ}"
-    parts: list[str | np.ndarray] = [sizes]
+        made = replace(settings.sdf, normals="none")  # they count by what they are, not by where they lie
+        sizes = f"sdf {VERSION} {made} {settings.tolerated} {settings.triangles} {scene.exposures_differ}"
+    parts: list[str | np.ndarray] = [sizes, *normals]
     for view in scene.train:
         camera = view.camera
         parts += [f"{camera.focal} {camera.centre}", camera.to_world, view.mask]

@@ -13,7 +13,7 @@ from typing import Any
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import shown
+from ia_bench.common.files import shown, user_path
 from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -43,6 +43,11 @@ def identity(config: RunConfig) -> dict[str, Any]:
         del content["capture"]["name"]
         if config.capture.geometry != "sdf":
             del content["capture"]["sdf"]  # which then decides nothing
+        elif sdf.normals == SdfSettings.normals:
+            del content["capture"]["sdf"]["normals"]  # so that runs without any are those that they were
+        else:
+            given = user_path("capture.sdf.normals", sdf.normals, folder=True)
+            content["capture"]["sdf"]["normals"] = f"content {content_of(given)}"
     checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
     for known, settings in checked.items():
         for field in fields(known):
