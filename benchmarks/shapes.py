@@ -77,7 +77,7 @@ def measured(name: str, kind: str, sdf: SdfSettings, *, true_normals: bool = Fal
 
 
 def write_normals(folder: Path, scene: Scene) -> None:
-    """What each training view sees of the true mesh, as normals in the axes of its camera: files as ``capture.sdf.normals`` takes."""
+    """What each training view sees of the true mesh, as the files of normals that ``capture.sdf.normals`` takes."""
     stage = Stage(scene.expect_mesh(), torch.device("cpu"))
     for view in scene.train:
         origins, directions = (torch.from_numpy(part).reshape(-1, 3) for part in primary_rays(view.camera, SIDE))

@@ -1,7 +1,7 @@
 """Normals that another program has estimated, one picture for each training view: an optional input of ``capture.geometry=sdf``.
 
 They are the camera's: x to the right, y up, z toward the camera, as OpenGL has it, so that wrong poses do not turn them. A PNG
-holds (n + 1) / 2 in 8 bits, OpenEXR (R, G, B) and .npy (H, W, 3) hold n itself; a vector shorter than a half says that none is known.
+holds (n + 1) / 2 in 8 bits, OpenEXR (R, G, B) and .npy (H, W, 3) hold n itself; vectors shorter than a half say nothing.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def likely_axes(views: Sequence[View], normals: Sequence[np.ndarray]) -> str:
 
 
 def _clues(view: View, normals: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Normals (N, 3), directions (N, 3) that they agree with in the mean, and the camera's rotation: inside, then at the outline."""
+    """Normals (N, 3), directions (N, 3) that they agree with in the mean, the camera's rotation: inside, then at the outline."""
     camera, turn = view.camera, np.asarray(view.camera.to_world, np.float64)[:3, :3]
     known = (view.mask > SOLID) & (normals != 0).any(-1)
     rows, columns = np.nonzero(known)

@@ -74,7 +74,7 @@ def _distances(scene: Scene, settings: CaptureSettings, normals: Sequence[np.nda
 
 
 def _key(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> str:
-    """Of all that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images and normals besides."""
+    """Of all that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images and normals."""
     images = settings.geometry == "sdf"
     sizes = f"{settings.geometry} {settings.cells} {settings.tolerated} {settings.triangles}"
     if images:
