@@ -44,12 +44,15 @@ class SdfSettings:
         cells: Of the grid of distances, along the longest side of the object; about as many as the object has pixels.
         steps: Of the refinement on the images; 0 takes what stereo finds inside of the hull.
         seed: Of the pixels of each step.
+        align: Whether photographs may move on their picture planes while the surface is refined, and cameras with them: poses that are
+            a little off are put right.
         normals: A folder with a picture of normals for each training view, in its camera's axes, which the refinement follows too.
     """
 
     cells: Annotated[int, Field(ge=32, le=256)] = 128
     steps: Annotated[int, Field(ge=0, le=10**5)] = 400
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    align: bool = False
     normals: str = "none"
 
 

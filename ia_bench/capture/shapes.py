@@ -11,6 +11,7 @@ import torch
 from ia_bench.capture.settings import MADE, CaptureSettings
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
+from ia_bench.geometry.alignment import Photographs
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.refinement import surface_from_images
@@ -20,6 +21,7 @@ from ia_bench.scenes.scene import Mesh, Scene
 
 VERSION = 1  # of how an "sdf" is made: meshes that another one made are not taken from the cache
 PARTS = ("vertices", "faces", "normals", "uv")
+CAMERAS = "cameras"  # of the training views, where they have moved
 
 
 def with_geometry(
@@ -45,6 +47,10 @@ def with_geometry(
         seen = replace(scene, mesh=None).blind()  # nothing that is made may know the truth
         made = Cache().kept(_key(seen, settings, normals), lambda: _made(seen, settings, note, normals))
         mesh = Mesh(*(made[part].numpy() for part in PARTS))
+        if CAMERAS in made:
+            poses = zip(scene.train, made[CAMERAS].numpy(), strict=True)
+            train = tuple(replace(view, camera=replace(view.camera, to_world=pose)) for view, pose in poses)
+            scene = replace(scene, train=train)
     truth = scene.truth and replace(scene.truth, mesh=scene.mesh)
     return replace(scene, mesh=mesh, truth=truth, mesh_is_made=True)
 
@@ -54,11 +60,17 @@ def _made(
 ) -> dict[str, torch.Tensor]:
     cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
-    mesh = mesh_of(_distances(scene, settings, normals), settings.triangles)
-    return {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
+    moving = Photographs(scene.train) if settings.geometry == "sdf" and settings.sdf.align else None
+    mesh = mesh_of(_distances(scene, settings, normals, moving), settings.triangles)
+    made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
+    if moving is not None:
+        made[CAMERAS] = torch.from_numpy(np.stack([camera.to_world for camera in moving.cameras(scene.train)]))
+    return made
 
 
-def _distances(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> DistanceGrid:
+def _distances(
+    scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray], moving: Photographs | None
+) -> DistanceGrid:
     if settings.geometry == "hull":
         return visual_hull(scene.train, settings.cells, settings.tolerated)
     sdf, differ = settings.sdf, scene.exposures_differ
@@ -69,6 +81,7 @@ def _distances(scene: Scene, settings: CaptureSettings, normals: Sequence[np.nda
         tolerated=settings.tolerated,
         exposures_differ=differ,
         normals=normals,
+        photographs=moving,
         seed=sdf.seed,
     )
 

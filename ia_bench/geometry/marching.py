@@ -44,7 +44,7 @@ class Pixels:
     """What photographs show of an object and right beside it, N pixels of all views one after another.
 
     ``colour`` (N, 3) linear, premultiplied; ``mask`` (N,) coverage; ``colour_known`` and ``mask_known`` (N,), 0 or 1;
-    ``view`` (N,) the number of the photograph; ``normal`` (N, 3) of the surface in the grid's axes, 0 where none is known, and
+    ``view`` (N,) the number of the photograph, ``place`` (N, 2) column and row in it; ``normal`` (N, 3) of the surface in the grid's axes, 0 where none is known, and
     None where none was given at all.
     """
 
@@ -54,6 +54,7 @@ class Pixels:
     colour_known: Tensor
     mask_known: Tensor
     view: Tensor
+    place: Tensor
     normal: Tensor | None = None
 
 
@@ -81,14 +82,15 @@ def _of_view(number: int, view: View, grid: DistanceGrid, normals: np.ndarray | 
     met = far > near
     known = np.ones(view.mask.shape, bool) if view.valid is None else view.valid
     of_pixels = (view.image, view.mask, known, known | (view.mask > 0))
-    values = origin, along, near, far, *(values[rows, columns] for values in of_pixels), np.full(len(rows), number)
-    floats = [torch.from_numpy(np.ascontiguousarray(one[met], np.float32)) for one in values]
+    values = origin, along, near, far, *(values[rows, columns] for values in of_pixels), np.stack([columns, rows], -1) + 0.5
+    *floats, place = (torch.from_numpy(np.ascontiguousarray(one[met], np.float32)) for one in values)
+    named = torch.full((len(place),), number)
     if normals is None:
-        return *floats[:-1], floats[-1].long()
+        return *floats, named, place
     whole = np.zeros((*view.mask.shape, 3), np.float32)
     whole[: normals.shape[0], : normals.shape[1]] = normals
     turned = whole[rows, columns][met] @ np.asarray(camera.to_world[:3, :3], np.float32).T
-    return *floats[:-1], floats[-1].long(), torch.from_numpy(np.where((view.mask > WHOLE)[rows, columns][met][:, None], turned, 0))
+    return *floats, named, place, torch.from_numpy(np.where((view.mask > WHOLE)[rows, columns][met][:, None], turned, 0))
 
 
 def gathered(
@@ -111,16 +113,19 @@ class _Gather(torch.autograd.Function):
     ) -> tuple[Tensor, ...]:
         count = len(rays.near)
         outputs = features.new_empty(count, features.shape[-1]), values.new_empty(count), values.new_empty(count)
-        inputs = (rays.origins, rays.directions, rays.near, rays.far, values.contiguous(), features.contiguous(), width, stride)
-        launch(gather, count, *inputs, *outputs, device=values.device)
-        ctx.given = inputs, outputs, of_features  # type: ignore[attr-defined]
+        values, features = values.contiguous(), features.contiguous()
+        of_rays = rays.origins, rays.directions, rays.near, rays.far
+        launch(gather, count, *of_rays, values, features, width, stride, *outputs, device=values.device)
+        ctx.save_for_backward(values, features, *outputs)  # as an attribute, outputs would hold the function that holds them: for ever
+        ctx.given = of_rays, width, stride, of_features  # type: ignore[attr-defined]
         return outputs
 
     @staticmethod
     def backward(ctx: FunctionCtx, *of_outputs: Tensor) -> tuple[Tensor | None, ...]:
-        inputs, outputs, of_features = ctx.given  # type: ignore[attr-defined]
-        values, features = inputs[4:6]
+        of_rays, width, stride, of_features = ctx.given  # type: ignore[attr-defined]
+        values, features, *outputs = ctx.saved_tensors  # type: ignore[attr-defined]
         sums = torch.zeros_like(values), torch.zeros_like(features) if of_features is None else of_features
         of_each = [one.contiguous() for one in of_outputs]
-        launch_summing(gather_adjoint, len(of_each[1]), *inputs, *outputs, *of_each, sums=sums, device=values.device)
+        given = *of_rays, values, features, width, stride, *outputs, *of_each
+        launch_summing(gather_adjoint, len(of_each[1]), *given, sums=sums, device=values.device)
         return sums[0], sums[1] if of_features is None else None, None, None, None, None

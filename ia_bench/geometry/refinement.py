@@ -26,6 +26,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample, interpolate, normalize, pad
 
 from ia_bench.common.errors import InputError
+from ia_bench.geometry.alignment import Photographs
 from ia_bench.geometry.appearance import Appearance
 from ia_bench.geometry.fusion import fused
 from ia_bench.geometry.grid import DistanceGrid
@@ -39,10 +40,11 @@ LEAST_VIEWS = 4  # fewer leave a hull in which no surface can be told
 WIDTH, STRIDE = 0.55, 0.4  # cells: of the soft surface, and of the rays' segments
 BATCH, RUN = 12288, 8  # rays a step, in runs of neighbouring pixels, which read the same cells
 LEVELS = 5  # grids, each of twice the cells of the next, whose sum moves the distances: large shapes move as fast as small ones
-DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE = 0.05, 0.1, 5e-3, 5e-3  # of Adam, in the beginning ...
+DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE, OFFSET_RATE = 0.05, 0.1, 5e-3, 5e-3, 0.02  # of Adam, in the beginning ...
 FALL = 0.1  # ... and times that in the end
 WARM = 0.15  # of the steps in which the surface stays: before it has colours, all of them seem to be wrong
 MASK, EIKONAL, SMOOTH, NORMAL = 0.5, 0.05, 0.02, 0.05  # weights of the loss
+OFFSET = 1e-3  # and of the square of a pixel by which a photograph moves
 BAND = 3.0  # cells from the surface within which vertices are regular
 BEYOND = 0.5  # cells that the surface may leave the hull by, where masks are not quite right
 AGAIN = 20  # steps after which the vertices near the surface are looked for again
@@ -57,13 +59,15 @@ def surface_from_images(
     tolerated: int = 0,
     exposures_differ: bool = False,
     normals: Sequence[np.ndarray] = (),
+    photographs: Photographs | None = None,
     seed: int = 0,
 ) -> DistanceGrid:
     """Signed distances to the surface that the images and masks of ``views`` show.
 
     ``cells`` along the longest side of the object; ``steps`` of the fit, 0 for what stereo finds; ``tolerated`` as for
     :func:`visual_hull`; ``exposures_differ`` where each image has a factor that nobody knows, which is then fitted;
-    ``normals`` (H, W, 3) of each view in its camera's axes, 0 where unknown, where there are any.
+    ``normals`` (H, W, 3) of each view in its camera's axes, 0 where unknown, where there are any; ``photographs`` of the views where
+    these may move on their picture planes, and have moved when this returns.
 
     Raises InputError for fewer views than tell a surface.
     """
@@ -78,7 +82,7 @@ def surface_from_images(
     start = fused(hull, depth_maps(views, hull))
     if steps == 0:
         return start
-    fit = _Fit(pixels_of(views, hull, normals), len(views) if exposures_differ else 0, seed)
+    fit = _Fit(pixels_of(views, hull, normals), len(views) if exposures_differ else 0, photographs, seed)
     torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
     try:
         values = fit.refined(start.values / hull.step, hull.values / hull.step - BEYOND, steps)
@@ -114,14 +118,15 @@ class _Near:
 class _Fit:
     """What is fitted to ``pixels``: how the surface looks, and the exposures of so many ``images`` (0: all alike)."""
 
-    def __init__(self, pixels: Pixels, images: int, seed: int) -> None:
+    def __init__(self, pixels: Pixels, images: int, photographs: Photographs | None, seed: int) -> None:
         self._pixels = pixels
+        self._photographs = photographs
         self._random = torch.Generator().manual_seed(seed)
         self._appearance = Appearance(self._random)
         self._gains = torch.zeros(images, requires_grad=images > 0)  # logarithms
         shown = (pixels.mask > 0.5) & (pixels.colour_known > 0)
         mean = float(pixels.colour[shown].mean()) if shown.any() else 1.0
-        self._colour = pixels.colour / max(mean, 1e-12)
+        self._mean = max(mean, 1e-12)
 
     def refined(self, start: Tensor, least: Tensor, steps: int) -> Tensor:
         """Distances (X, Y, Z) in cells after ``steps`` from ``start``, never below ``least``."""
@@ -130,8 +135,9 @@ class _Fit:
         features = torch.zeros(*start.shape, CHANNELS)
         features[..., :3] = DARK
         features.grad = torch.zeros_like(features)
-        rates = DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE
-        parts = moves, [features], list(self._appearance.parameters()), [self._gains] if len(self._gains) else []
+        rates = DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE, OFFSET_RATE
+        gains, offsets = [self._gains] if len(self._gains) else [], [self._photographs.offsets] if self._photographs else []
+        parts = moves, [features], list(self._appearance.parameters()), gains, offsets
         groups = [{"params": part, "lr": rate, "initial_lr": rate} for part, rate in zip(parts, rates, strict=True) if part]
         optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-10, fused=True)
         near = _Near.of(start)
@@ -167,10 +173,19 @@ class _Fit:
         colour = self._appearance(found / safe[:, None], _normals(values, place), rays.directions) * opacity[:, None]
         if len(self._gains):
             colour = colour * self._gains[pixels.view[picked]].exp()[:, None]
-        apart = (torch.log1p(3 * colour) - torch.log1p(3 * self._colour[picked])).abs().mean(-1)
-        uncovered = (opacity - pixels.mask[picked]).abs()
-        loss = (pixels.colour_known[picked] * apart).mean() + MASK * (pixels.mask_known[picked] * uncovered).mean()
+        shown, mask, colour_known, mask_known = self._shown(picked)
+        apart = (torch.log1p(3 * colour) - torch.log1p(3 * shown / self._mean)).abs().mean(-1)
+        loss = (colour_known * apart).mean() + MASK * (mask_known * (opacity - mask).abs()).mean()
+        if self._photographs is not None:
+            loss = loss + OFFSET * (self._photographs.offsets**2).mean()
         return loss if pixels.normal is None else loss + NORMAL * turned_away(values, rays, pixels.normal[picked])
+
+    def _shown(self, picked: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Colour and coverage of some pixels, and whether each is known."""
+        pixels = self._pixels
+        if self._photographs is not None:
+            return self._photographs.at(pixels.view[picked], pixels.place[picked])
+        return pixels.colour[picked], pixels.mask[picked], pixels.colour_known[picked], pixels.mask_known[picked]
 
 
 def turned_away(values: Tensor, rays: Rays, given: Tensor) -> Tensor:

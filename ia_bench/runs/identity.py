@@ -43,11 +43,8 @@ def identity(config: RunConfig) -> dict[str, Any]:
         del content["capture"]["name"]
         if config.capture.geometry != "sdf":
             del content["capture"]["sdf"]  # which then decides nothing
-        elif sdf.normals == SdfSettings.normals:
-            del content["capture"]["sdf"]["normals"]  # so that runs without any are those that they were
         else:
-            given = user_path("capture.sdf.normals", sdf.normals, folder=True)
-            content["capture"]["sdf"]["normals"] = f"content {content_of(given)}"
+            content["capture"]["sdf"] = _of_sdf(sdf)
     checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
     for known, settings in checked.items():
         for field in fields(known):
@@ -74,6 +71,18 @@ def identity(config: RunConfig) -> dict[str, Any]:
     content["protocol"] = protocol
     content["identity_version"] = IDENTITY_VERSION
     return content
+
+
+def _of_sdf(sdf: SdfSettings) -> dict[str, Any]:
+    """How a surface is made; what came later is left out where it is off, so that runs without it are those that they were."""
+    found = asdict(sdf)
+    if not sdf.align:
+        del found["align"]
+    if sdf.normals == SdfSettings.normals:
+        del found["normals"]
+    else:
+        found["normals"] = f"content {content_of(user_path('capture.sdf.normals', sdf.normals, folder=True))}"
+    return found
 
 
 def config_hash(config: RunConfig) -> str:
