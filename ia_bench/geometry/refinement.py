@@ -145,7 +145,8 @@ class _Fit:
             for group in optimiser.param_groups:
                 group["lr"] = group["initial_lr"] * FALL ** (step / steps)
             if step < WARM * steps:
-                optimiser.param_groups[0]["lr"] = 0.0
+                for place in (0, -1) if offsets else (0,):
+                    optimiser.param_groups[place]["lr"] = 0.0
             values = _moved(start, moves, least)
             if step % AGAIN == 0:
                 near = _Near.of(values.detach())
@@ -156,6 +157,9 @@ class _Fit:
             if len(self._gains):
                 with torch.no_grad():
                     self._gains -= self._gains.mean()  # what all factors have in common, the colours have
+            if self._photographs is not None:
+                with torch.no_grad():
+                    self._photographs.offsets[:, 3] -= self._photographs.offsets[:, 3].mean()  # and the size of the surface
         with torch.no_grad():
             return _moved(start, moves, least)
 
