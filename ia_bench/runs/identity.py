@@ -22,6 +22,9 @@ from ia_bench.runs.config import RunConfig, options_class, resolve_scene_folder,
 IDENTITY_VERSION = 4
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 
+CONSISTENCY_VERSION = 2
+"""Like that, of what captures with ``capture.consistency`` alone go through."""
+
 PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
 
 
@@ -45,6 +48,8 @@ def identity(config: RunConfig) -> dict[str, Any]:
             del content["capture"]["sdf"]  # which then decides nothing
         else:
             content["capture"]["sdf"] = _of_sdf(sdf)
+        if config.capture.consistency:
+            content["capture"]["consistency_version"] = CONSISTENCY_VERSION
     checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
     for known, settings in checked.items():
         for field in fields(known):
