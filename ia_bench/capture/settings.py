@@ -44,9 +44,9 @@ class SdfSettings:
         cells: Of the grid of distances, along the longest side of the object; about as many as the object has pixels.
         steps: Of the refinement on the images; 0 takes what stereo finds inside of the hull.
         seed: Of the pixels of each step.
-        align: Whether photographs may move on their picture planes while the surface is refined, and cameras with them: poses that are
-            a little off are put right.
-        normals: A folder with a picture of normals for each training view, in its camera's axes, which the refinement follows too.
+        align: Whether photographs may move on their picture planes while the surface is refined, and their cameras with them: so
+            poses that are a little off are put right.
+        normals: A folder with the normals that each training view shows, in its camera's axes, which the refinement follows too.
     """
 
     cells: Annotated[int, Field(ge=32, le=256)] = 128

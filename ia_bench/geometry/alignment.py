@@ -40,7 +40,7 @@ class Photographs:
         self.offsets = torch.zeros(len(views), 4, requires_grad=True)
 
     def at(self, view: Tensor, place: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Colour (N, 3), coverage, and whether both are known (N,), of what belongs to ``place`` (N, 2: column, row) of ``view`` (N,)."""
+        """Colour (N, 3), coverage (N,) and whether each is known (N,), of what belongs to column and row ``place`` (N, 2)."""
         apart = (place - self._middle[view]) / self._radius[view, None]
         right, down, turned, scaled = self.offsets[view].unbind(-1)
         x, y = apart.unbind(-1)

@@ -44,8 +44,8 @@ class Pixels:
     """What photographs show of an object and right beside it, N pixels of all views one after another.
 
     ``colour`` (N, 3) linear, premultiplied; ``mask`` (N,) coverage; ``colour_known`` and ``mask_known`` (N,), 0 or 1;
-    ``view`` (N,) the number of the photograph, ``place`` (N, 2) column and row in it; ``normal`` (N, 3) of the surface in the grid's axes, 0 where none is known, and
-    None where none was given at all.
+    ``view`` (N,) the number of the photograph, ``place`` (N, 2) column and row in it; ``normal`` (N, 3) of the surface in the
+    grid's axes, 0 where none is known, None where none was given at all.
     """
 
     rays: Rays
@@ -90,7 +90,8 @@ def _of_view(number: int, view: View, grid: DistanceGrid, normals: np.ndarray | 
     whole = np.zeros((*view.mask.shape, 3), np.float32)
     whole[: normals.shape[0], : normals.shape[1]] = normals
     turned = whole[rows, columns][met] @ np.asarray(camera.to_world[:3, :3], np.float32).T
-    return *floats, named, place, torch.from_numpy(np.where((view.mask > WHOLE)[rows, columns][met][:, None], turned, 0))
+    solid = (view.mask > WHOLE)[rows, columns][met]
+    return *floats, named, place, torch.from_numpy(np.where(solid[:, None], turned, 0))
 
 
 def gathered(
@@ -116,7 +117,7 @@ class _Gather(torch.autograd.Function):
         values, features = values.contiguous(), features.contiguous()
         of_rays = rays.origins, rays.directions, rays.near, rays.far
         launch(gather, count, *of_rays, values, features, width, stride, *outputs, device=values.device)
-        ctx.save_for_backward(values, features, *outputs)  # as an attribute, outputs would hold the function that holds them: for ever
+        ctx.save_for_backward(values, features, *outputs)  # outputs in an attribute would hold, for ever, what holds them
         ctx.given = of_rays, width, stride, of_features  # type: ignore[attr-defined]
         return outputs
 

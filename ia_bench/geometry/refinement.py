@@ -66,8 +66,8 @@ def surface_from_images(
 
     ``cells`` along the longest side of the object; ``steps`` of the fit, 0 for what stereo finds; ``tolerated`` as for
     :func:`visual_hull`; ``exposures_differ`` where each image has a factor that nobody knows, which is then fitted;
-    ``normals`` (H, W, 3) of each view in its camera's axes, 0 where unknown, where there are any; ``photographs`` of the views where
-    these may move on their picture planes, and have moved when this returns.
+    ``normals`` (H, W, 3) of each view in its camera's axes, 0 where unknown, where there are any; ``photographs`` of the views
+    where these may move on their picture planes, and have moved when this returns.
 
     Raises InputError for fewer views than tell a surface.
     """
