@@ -32,8 +32,8 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         train = spread(train, settings.views)
     follows = settings.geometry == "sdf" and settings.sdf.normals != "none"
     normals = given_normals(settings.sdf.normals, train) if follows else []
-    if follows and settings.sdf.steps == 0:
-        note("capture.sdf.normals changes nothing with capture.sdf.steps=0")
+    if settings.geometry == "sdf" and settings.sdf.steps == 0 and (follows or settings.sdf.align):
+        note("capture.sdf.normals and capture.sdf.align change nothing with capture.sdf.steps=0")
     train = of_one_size(train)
     ldr = settings.radiometry == "ldr"
     if settings.jpeg != "none" and not ldr:

@@ -65,7 +65,8 @@ def test_hash_ignores_how_an_sdf_is_made_where_there_is_none() -> None:
 def test_given_normals_count_by_their_content(tmp_path: Path) -> None:
     """Not by where they lie; without any, a run has the identity that it had before there could be some."""
     plain = identity(compose(["device=cpu", "capture.geometry=sdf"]))
-    assert "normals" not in plain["capture"]["sdf"]
+    assert plain["capture"]["sdf"].keys() == {"cells", "steps", "seed"}
+    assert hash_with("capture.geometry=sdf", "capture.sdf.align=true") != hash_with("capture.geometry=sdf")
     hashes = []
     for name, content in (("a", b"1"), ("b", b"1"), ("c", b"2")):
         (tmp_path / name).mkdir()
