@@ -2,7 +2,8 @@
 
     python -m benchmarks.shapes hat ship console figurine --out docs/results/geometry/shapes.csv
 
-Scored as a run scores it (docs/captures.md#scores-on-another-shape). Nothing is taken from the cache.
+Scored as a run scores it (docs/captures.md#scores-on-another-shape). Nothing is taken from the cache. With ``--true-normals`` the
+refinement is given those of the true mesh, which no estimate can be better than: an upper bound of ``capture.sdf.normals``.
 """
 
 from __future__ import annotations
@@ -12,20 +13,25 @@ import csv
 import os
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import MADE, CaptureSettings, SdfSettings
 from ia_bench.common.paths import scenes_folder
 from ia_bench.readers.native import NativeReader
+from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.stage import Stage
+from ia_bench.scenes.scene import Scene
 from ia_bench.scores.geometry import score_geometry
 
 MASK_THRESHOLD = 0.5  # as in protocol paper-v2
 COLUMNS = ("normals_degrees", "depth", "chamfer", "mask_iou", "missed_share")
 PLAIN = SdfSettings()
+SIDE = 2  # rays along a side of a pixel, of true normals
 
 
 def main() -> None:
@@ -35,6 +41,7 @@ def main() -> None:
     parser.add_argument("--kinds", nargs="+", default=MADE, choices=MADE)
     parser.add_argument("--cells", type=int, default=PLAIN.cells)
     parser.add_argument("--steps", type=int, default=PLAIN.steps)
+    parser.add_argument("--true-normals", action="store_true")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
@@ -42,7 +49,8 @@ def main() -> None:
     rows = []
     for name in options.scenes:
         for kind in options.kinds:
-            rows.append({"scene": name, "geometry": kind, **measured(name, kind, SdfSettings(options.cells, options.steps))})
+            found = measured(name, kind, SdfSettings(options.cells, options.steps), true_normals=options.true_normals)
+            rows.append({"scene": name, "geometry": kind, **found})
             print("  ".join(f"{value:.4g}" if isinstance(value, float) else str(value) for value in rows[-1].values()), flush=True)
     if options.out:
         with options.out.open("w", newline="") as file:
@@ -52,17 +60,32 @@ def main() -> None:
                 writer.writerow({key: f"{value:.5g}" if isinstance(value, float) else value for key, value in row.items()})
 
 
-def measured(name: str, kind: str, sdf: SdfSettings) -> dict[str, float | int | None]:
+def measured(name: str, kind: str, sdf: SdfSettings, *, true_normals: bool = False) -> dict[str, float | int | None]:
     """Scores and seconds of the mesh that is made of scene ``name``."""
     scene = NativeReader(scenes_folder() / name).read(truth=True)
-    settings = CaptureSettings(geometry=kind, sdf=sdf)  # type: ignore[arg-type]
     with tempfile.TemporaryDirectory() as empty:
         os.environ["IA_BENCH_CACHE"] = empty
+        if true_normals:
+            write_normals(Path(empty), scene)
+            sdf = replace(sdf, normals=empty)
+        settings = CaptureSettings(geometry=kind, sdf=sdf)  # type: ignore[arg-type]
         began = time.perf_counter()
         made = captured(scene, settings, lambda line: None).expect_mesh()
         seconds = time.perf_counter() - began
     found = score_geometry(Stage(made, torch.device("cpu")), scene.mesh, scene.test or scene.novel, MASK_THRESHOLD).as_dict()
     return {**{column: found[column] for column in COLUMNS}, "seconds": seconds, "threads": torch.get_num_threads()}
+
+
+def write_normals(folder: Path, scene: Scene) -> None:
+    """What each training view sees of the true mesh, as the files of normals that ``capture.sdf.normals`` takes."""
+    stage = Stage(scene.expect_mesh(), torch.device("cpu"))
+    for view in scene.train:
+        origins, directions = (torch.from_numpy(part).reshape(-1, 3) for part in primary_rays(view.camera, SIDE))
+        face, barycentric, _ = stage.rays.intersect(origins, directions)
+        seen = torch.where((face >= 0)[:, None], stage.surface(face, barycentric, origins).normal, 0).numpy()
+        mean = seen.reshape(*view.mask.shape, SIDE * SIDE, 3).mean(2) @ view.camera.to_world[:3, :3]
+        length = np.linalg.norm(mean, axis=-1, keepdims=True)
+        np.save(folder / f"{view.name}.npy", np.where(length > 0.5, mean / length.clip(0.5), 0).astype(np.float32))
 
 
 if __name__ == "__main__":

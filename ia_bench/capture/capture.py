@@ -10,7 +10,6 @@ import numpy as np
 
 from ia_bench.capture.radiometry import photographed
 from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings
-from ia_bench.capture.shapes import with_geometry
 from ia_bench.scenes.padding import of_one_size
 from ia_bench.scenes.scene import Scene, View
 
@@ -27,6 +26,14 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         from ia_bench.capture.views import spread  # imported only here, as what follows: they bring in scipy and trimesh
 
         train = spread(train, settings.views)
+    follows = settings.geometry == "sdf" and settings.sdf.normals != "none"
+    normals = []
+    if follows:
+        from ia_bench.capture.normals import given_normals
+
+        normals = given_normals(settings.sdf.normals, train)
+    if settings.geometry == "sdf" and settings.sdf.steps == 0 and (follows or settings.sdf.align):
+        note("capture.sdf.normals and capture.sdf.align change nothing with capture.sdf.steps=0")
     train = of_one_size(train)
     ldr = settings.radiometry == "ldr"
     if settings.jpeg != "none" and not ldr:
@@ -41,12 +48,16 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
         train = consistent(train, settings.consistency, max(settings.tolerated, DOUBTED))
     differ = scene.exposures_differ or settings.exposure == "per_image"
-    shaped = with_geometry(replace(scene, train=train, exposures_differ=differ), settings, note)
+    shaped = replace(scene, train=train, exposures_differ=differ)
+    if settings.geometry != "given" or scene.mesh is None:
+        from ia_bench.capture.shapes import with_geometry
+
+        shaped = with_geometry(shaped, settings, note, normals)
     if not settings.margin:
         return shaped
     from ia_bench.capture.margin import inside
 
-    return replace(shaped, train=inside(train, settings.margin))
+    return replace(shaped, train=inside(shaped.train, settings.margin))
 
 
 def _taken(views: tuple[View, ...], settings: CaptureSettings) -> tuple[View, ...]:

@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 
 from ia_bench.capture.settings import MADE, CaptureSettings
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
+from ia_bench.geometry.alignment import Photographs
+from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.refinement import surface_from_images
+from ia_bench.geometry.smoothing import smoothed
+from ia_bench.geometry.surface import mesh_of
 from ia_bench.scenes.scene import Mesh, Scene
-
-if TYPE_CHECKING:
-    import torch
-
-    from ia_bench.geometry.grid import DistanceGrid
 
 VERSION = 1  # of how an "sdf" is made: meshes that another one made are not taken from the cache
 PARTS = ("vertices", "faces", "normals", "uv")
+CAMERAS = "cameras"  # of the training views, where they have moved
 
 
-def with_geometry(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> Scene:
+def with_geometry(
+    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray] = ()
+) -> Scene:
     """The scene with the mesh that ``capture.geometry`` names; the true one, where there is one, stays in the truth.
 
-    Meshes that are made of images and masks are kept in the cache, by the content of both. Raises InputError where there is
-    nothing to make one of.
+    ``normals`` of each training view, of none by default, are what an "sdf" follows besides its image. Meshes that are made of
+    images and masks are kept in the cache, by the content of all. Raises InputError where there is nothing to make one of.
     """
     kind = settings.geometry
     if kind not in MADE and scene.mesh is None:
@@ -37,49 +41,59 @@ def with_geometry(scene: Scene, settings: CaptureSettings, note: Callable[[str],
     if kind == "given":
         return scene
     if kind == "smoothed":
-        from ia_bench.geometry.smoothing import smoothed  # which takes a second to import, as what makes meshes below does
-
         given = scene.expect_mesh()
         mesh = smoothed(given, settings.smoothing * float(np.linalg.norm(np.ptp(given.vertices, axis=0))))
     else:
         seen = replace(scene, mesh=None).blind()  # nothing that is made may know the truth
-        made = Cache().kept(_key(seen, settings), lambda: _made(seen, settings, note))
+        made = Cache().kept(_key(seen, settings, normals), lambda: _made(seen, settings, note, normals))
         mesh = Mesh(*(made[part].numpy() for part in PARTS))
+        if CAMERAS in made:
+            poses = zip(scene.train, made[CAMERAS].numpy(), strict=True)
+            train = tuple(replace(view, camera=replace(view.camera, to_world=pose)) for view, pose in poses)
+            scene = replace(scene, train=train)
     truth = scene.truth and replace(scene.truth, mesh=scene.mesh)
     return replace(scene, mesh=mesh, truth=truth, mesh_is_made=True)
 
 
-def _made(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> dict[str, torch.Tensor]:
-    import torch
-
-    from ia_bench.geometry.surface import mesh_of
-
+def _made(
+    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray]
+) -> dict[str, torch.Tensor]:
     cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
-    mesh = mesh_of(_distances(scene, settings), settings.triangles)
-    return {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
+    moving = Photographs(scene.train) if settings.geometry == "sdf" and settings.sdf.align else None
+    mesh = mesh_of(_distances(scene, settings, normals, moving), settings.triangles)
+    made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
+    if moving is not None:
+        made[CAMERAS] = torch.from_numpy(np.stack([camera.to_world for camera in moving.cameras(scene.train)]))
+    return made
 
 
-def _distances(scene: Scene, settings: CaptureSettings) -> DistanceGrid:
-    from ia_bench.geometry.hull import visual_hull
-
+def _distances(
+    scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray], moving: Photographs | None
+) -> DistanceGrid:
     if settings.geometry == "hull":
         return visual_hull(scene.train, settings.cells, settings.tolerated)
-    from ia_bench.geometry.refinement import surface_from_images
-
     sdf, differ = settings.sdf, scene.exposures_differ
     return surface_from_images(
-        scene.train, sdf.cells, sdf.steps, tolerated=settings.tolerated, exposures_differ=differ, seed=sdf.seed
+        scene.train,
+        sdf.cells,
+        sdf.steps,
+        tolerated=settings.tolerated,
+        exposures_differ=differ,
+        normals=normals,
+        photographs=moving,
+        seed=sdf.seed,
     )
 
 
-def _key(scene: Scene, settings: CaptureSettings) -> str:
-    """Of everything that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images besides."""
+def _key(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> str:
+    """Of all that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images and normals."""
     images = settings.geometry == "sdf"
     sizes = f"{settings.geometry} {settings.cells} {settings.tolerated} {settings.triangles}"
     if images:
-        sizes = f"sdf {VERSION} {settings.sdf} {settings.tolerated} {settings.triangles} {scene.exposures_differ}"
-    parts: list[str | np.ndarray] = [sizes]
+        made = replace(settings.sdf, normals="none")  # they count by what they are, not by where they lie
+        sizes = f"sdf {VERSION} {made} {settings.tolerated} {settings.triangles} {scene.exposures_differ}"
+    parts: list[str | np.ndarray] = [sizes, *normals]
     for view in scene.train:
         camera = view.camera
         parts += [f"{camera.focal} {camera.centre}", camera.to_world, view.mask]

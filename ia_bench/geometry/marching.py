@@ -21,6 +21,7 @@ from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.warp_march import gather, gather_adjoint
 from ia_bench.scenes.scene import View
 
+WHOLE = 0.9  # coverage from which a pixel shows nothing but the object, so that a normal can be that of its surface
 BESIDE = 2  # pixels around a mask that are looked at too: they say that nothing is there
 
 
@@ -43,7 +44,8 @@ class Pixels:
     """What photographs show of an object and right beside it, N pixels of all views one after another.
 
     ``colour`` (N, 3) linear, premultiplied; ``mask`` (N,) coverage; ``colour_known`` and ``mask_known`` (N,), 0 or 1;
-    ``view`` (N,) the number of the photograph.
+    ``view`` (N,) the number of the photograph, ``place`` (N, 2) column and row in it; ``normal`` (N, 3) of the surface in the
+    grid's axes, 0 where none is known, None where none was given at all.
     """
 
     rays: Rays
@@ -52,16 +54,22 @@ class Pixels:
     colour_known: Tensor
     mask_known: Tensor
     view: Tensor
+    place: Tensor
+    normal: Tensor | None = None
 
 
-def pixels_of(views: Sequence[View], grid: DistanceGrid) -> Pixels:
-    """The pixels of the views whose rays meet the box of the grid, up to a few beside the masks."""
-    parts = [_of_view(number, view, grid) for number, view in enumerate(views)]
+def pixels_of(views: Sequence[View], grid: DistanceGrid, normals: Sequence[np.ndarray] = ()) -> Pixels:
+    """The pixels of the views whose rays meet the box of the grid, up to a few beside the masks.
+
+    ``normals`` (H, W, 3) of each view, or of none, in the axes of its camera; they may be smaller than its picture, which is then
+    padded at the right and at the bottom.
+    """
+    parts = [_of_view(number, view, grid, normals[number] if normals else None) for number, view in enumerate(views)]
     origins, directions, near, far, *rest = (torch.cat(values) for values in zip(*parts, strict=True))
     return Pixels(Rays(origins, directions, near, far), *rest)
 
 
-def _of_view(number: int, view: View, grid: DistanceGrid) -> tuple[Tensor, ...]:
+def _of_view(number: int, view: View, grid: DistanceGrid, normals: np.ndarray | None) -> tuple[Tensor, ...]:
     camera = view.camera
     rows, columns = np.nonzero(maximum_filter(view.mask > 0, 2 * BESIDE + 1))
     x, y = (columns + 0.5 - camera.centre[0]) / camera.focal[0], -(rows + 0.5 - camera.centre[1]) / camera.focal[1]
@@ -74,9 +82,16 @@ def _of_view(number: int, view: View, grid: DistanceGrid) -> tuple[Tensor, ...]:
     met = far > near
     known = np.ones(view.mask.shape, bool) if view.valid is None else view.valid
     of_pixels = (view.image, view.mask, known, known | (view.mask > 0))
-    values = origin, along, near, far, *(values[rows, columns] for values in of_pixels), np.full(len(rows), number)
-    floats = [torch.from_numpy(np.ascontiguousarray(one[met], np.float32)) for one in values]
-    return *floats[:-1], floats[-1].long()
+    values = origin, along, near, far, *(values[rows, columns] for values in of_pixels), np.stack([columns, rows], -1) + 0.5
+    *floats, place = (torch.from_numpy(np.ascontiguousarray(one[met], np.float32)) for one in values)
+    named = torch.full((len(place),), number)
+    if normals is None:
+        return *floats, named, place
+    whole = np.zeros((*view.mask.shape, 3), np.float32)
+    whole[: normals.shape[0], : normals.shape[1]] = normals
+    turned = whole[rows, columns][met] @ np.asarray(camera.to_world[:3, :3], np.float32).T
+    solid = (view.mask > WHOLE)[rows, columns][met]
+    return *floats, named, place, torch.from_numpy(np.where(solid[:, None], turned, 0))
 
 
 def gathered(
@@ -99,16 +114,19 @@ class _Gather(torch.autograd.Function):
     ) -> tuple[Tensor, ...]:
         count = len(rays.near)
         outputs = features.new_empty(count, features.shape[-1]), values.new_empty(count), values.new_empty(count)
-        inputs = (rays.origins, rays.directions, rays.near, rays.far, values.contiguous(), features.contiguous(), width, stride)
-        launch(gather, count, *inputs, *outputs, device=values.device)
-        ctx.given = inputs, outputs, of_features  # type: ignore[attr-defined]
+        values, features = values.contiguous(), features.contiguous()
+        of_rays = rays.origins, rays.directions, rays.near, rays.far
+        launch(gather, count, *of_rays, values, features, width, stride, *outputs, device=values.device)
+        ctx.save_for_backward(values, features, *outputs)  # outputs in an attribute would hold, for ever, what holds them
+        ctx.given = of_rays, width, stride, of_features  # type: ignore[attr-defined]
         return outputs
 
     @staticmethod
     def backward(ctx: FunctionCtx, *of_outputs: Tensor) -> tuple[Tensor | None, ...]:
-        inputs, outputs, of_features = ctx.given  # type: ignore[attr-defined]
-        values, features = inputs[4:6]
+        of_rays, width, stride, of_features = ctx.given  # type: ignore[attr-defined]
+        values, features, *outputs = ctx.saved_tensors  # type: ignore[attr-defined]
         sums = torch.zeros_like(values), torch.zeros_like(features) if of_features is None else of_features
         of_each = [one.contiguous() for one in of_outputs]
-        launch_summing(gather_adjoint, len(of_each[1]), *inputs, *outputs, *of_each, sums=sums, device=values.device)
+        given = *of_rays, values, features, width, stride, *outputs, *of_each
+        launch_summing(gather_adjoint, len(of_each[1]), *given, sums=sums, device=values.device)
         return sums[0], sums[1] if of_features is None else None, None, None, None, None

@@ -9,7 +9,10 @@ over random pixels,
     |t(c) - t(c')| + MASK |A - mask| + EIKONAL (|grad f| - 1)^2 + SMOOTH (laplacian f)^2,      t(c) = log(1 + 3 c / mean)
 
 with c the colour that rays gather and A their opacity; the last two over the vertices near the surface, in cells. Nothing
-is known of the light, so shading is seen as paint, which tells shape as well where views overlap.
+is known of the light, so shading is seen as paint, which tells shape as well where views overlap. Where normals n' are given
+(MonoSDF: Yu et al. 2022), there is besides, of the normals n that rays gather as they do colours,
+
+    NORMAL (|n - n'|_1 + |1 - n . n'|)
 """
 
 from __future__ import annotations
@@ -17,16 +20,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import grid_sample, interpolate, normalize
+from torch.nn.functional import grid_sample, interpolate, normalize, pad
 
 from ia_bench.common.errors import InputError
+from ia_bench.geometry.alignment import Photographs
 from ia_bench.geometry.appearance import Appearance
 from ia_bench.geometry.fusion import fused
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.marching import Pixels, gathered, pixels_of
+from ia_bench.geometry.marching import Pixels, Rays, gathered, pixels_of
 from ia_bench.geometry.sweep import depth_maps
 from ia_bench.geometry.warp_march import CHANNELS
 from ia_bench.scenes.scene import View
@@ -35,10 +40,11 @@ LEAST_VIEWS = 4  # fewer leave a hull in which no surface can be told
 WIDTH, STRIDE = 0.55, 0.4  # cells: of the soft surface, and of the rays' segments
 BATCH, RUN = 12288, 8  # rays a step, in runs of neighbouring pixels, which read the same cells
 LEVELS = 5  # grids, each of twice the cells of the next, whose sum moves the distances: large shapes move as fast as small ones
-DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE = 0.05, 0.1, 5e-3, 5e-3  # of Adam, in the beginning ...
+DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE, OFFSET_RATE = 0.05, 0.1, 5e-3, 5e-3, 0.02  # of Adam, in the beginning ...
 FALL = 0.1  # ... and times that in the end
 WARM = 0.15  # of the steps in which the surface stays: before it has colours, all of them seem to be wrong
-MASK, EIKONAL, SMOOTH = 0.5, 0.05, 0.02  # weights of the loss
+MASK, EIKONAL, SMOOTH, NORMAL = 0.5, 0.05, 0.02, 0.05  # weights of the loss
+OFFSET = 1e-3  # and of the square of a pixel by which a photograph moves
 BAND = 3.0  # cells from the surface within which vertices are regular
 BEYOND = 0.5  # cells that the surface may leave the hull by, where masks are not quite right
 AGAIN = 20  # steps after which the vertices near the surface are looked for again
@@ -46,12 +52,22 @@ DARK = -0.5  # first value of the features of the colour: softplus of it is half
 
 
 def surface_from_images(
-    views: Sequence[View], cells: int, steps: int, *, tolerated: int = 0, exposures_differ: bool = False, seed: int = 0
+    views: Sequence[View],
+    cells: int,
+    steps: int,
+    *,
+    tolerated: int = 0,
+    exposures_differ: bool = False,
+    normals: Sequence[np.ndarray] = (),
+    photographs: Photographs | None = None,
+    seed: int = 0,
 ) -> DistanceGrid:
     """Signed distances to the surface that the images and masks of ``views`` show.
 
     ``cells`` along the longest side of the object; ``steps`` of the fit, 0 for what stereo finds; ``tolerated`` as for
-    :func:`visual_hull`; ``exposures_differ`` where each image has a factor that nobody knows, which is then fitted.
+    :func:`visual_hull`; ``exposures_differ`` where each image has a factor that nobody knows, which is then fitted;
+    ``normals`` (H, W, 3) of each view in its camera's axes, 0 where unknown, where there are any; ``photographs`` of the views
+    where these may move on their picture planes, and have moved when this returns.
 
     Raises InputError for fewer views than tell a surface.
     """
@@ -66,7 +82,7 @@ def surface_from_images(
     start = fused(hull, depth_maps(views, hull))
     if steps == 0:
         return start
-    fit = _Fit(pixels_of(views, hull), len(views) if exposures_differ else 0, seed)
+    fit = _Fit(pixels_of(views, hull, normals), len(views) if exposures_differ else 0, photographs, seed)
     torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
     try:
         values = fit.refined(start.values / hull.step, hull.values / hull.step - BEYOND, steps)
@@ -102,14 +118,15 @@ class _Near:
 class _Fit:
     """What is fitted to ``pixels``: how the surface looks, and the exposures of so many ``images`` (0: all alike)."""
 
-    def __init__(self, pixels: Pixels, images: int, seed: int) -> None:
+    def __init__(self, pixels: Pixels, images: int, photographs: Photographs | None, seed: int) -> None:
         self._pixels = pixels
+        self._photographs = photographs
         self._random = torch.Generator().manual_seed(seed)
         self._appearance = Appearance(self._random)
         self._gains = torch.zeros(images, requires_grad=images > 0)  # logarithms
         shown = (pixels.mask > 0.5) & (pixels.colour_known > 0)
         mean = float(pixels.colour[shown].mean()) if shown.any() else 1.0
-        self._colour = pixels.colour / max(mean, 1e-12)
+        self._mean = max(mean, 1e-12)
 
     def refined(self, start: Tensor, least: Tensor, steps: int) -> Tensor:
         """Distances (X, Y, Z) in cells after ``steps`` from ``start``, never below ``least``."""
@@ -118,8 +135,9 @@ class _Fit:
         features = torch.zeros(*start.shape, CHANNELS)
         features[..., :3] = DARK
         features.grad = torch.zeros_like(features)
-        rates = DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE
-        parts = moves, [features], list(self._appearance.parameters()), [self._gains] if len(self._gains) else []
+        rates = DISTANCE_RATE, FEATURE_RATE, NETWORK_RATE, GAIN_RATE, OFFSET_RATE
+        gains, offsets = [self._gains] if len(self._gains) else [], [self._photographs.offsets] if self._photographs else []
+        parts = moves, [features], list(self._appearance.parameters()), gains, offsets
         groups = [{"params": part, "lr": rate, "initial_lr": rate} for part, rate in zip(parts, rates, strict=True) if part]
         optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99), eps=1e-10, fused=True)
         near = _Near.of(start)
@@ -127,7 +145,8 @@ class _Fit:
             for group in optimiser.param_groups:
                 group["lr"] = group["initial_lr"] * FALL ** (step / steps)
             if step < WARM * steps:
-                optimiser.param_groups[0]["lr"] = 0.0
+                for place in (0, -1) if offsets else (0,):
+                    optimiser.param_groups[place]["lr"] = 0.0
             values = _moved(start, moves, least)
             if step % AGAIN == 0:
                 near = _Near.of(values.detach())
@@ -138,6 +157,9 @@ class _Fit:
             if len(self._gains):
                 with torch.no_grad():
                     self._gains -= self._gains.mean()  # what all factors have in common, the colours have
+            if self._photographs is not None:
+                with torch.no_grad():
+                    self._photographs.offsets[:, 3] -= self._photographs.offsets[:, 3].mean()  # and the size of the surface
         with torch.no_grad():
             return _moved(start, moves, least)
 
@@ -155,9 +177,27 @@ class _Fit:
         colour = self._appearance(found / safe[:, None], _normals(values, place), rays.directions) * opacity[:, None]
         if len(self._gains):
             colour = colour * self._gains[pixels.view[picked]].exp()[:, None]
-        apart = (torch.log1p(3 * colour) - torch.log1p(3 * self._colour[picked])).abs().mean(-1)
-        uncovered = (opacity - pixels.mask[picked]).abs()
-        return (pixels.colour_known[picked] * apart).mean() + MASK * (pixels.mask_known[picked] * uncovered).mean()
+        shown, mask, colour_known, mask_known = self._shown(picked)
+        apart = (torch.log1p(3 * colour) - torch.log1p(3 * shown / self._mean)).abs().mean(-1)
+        loss = (colour_known * apart).mean() + MASK * (mask_known * (opacity - mask).abs()).mean()
+        if self._photographs is not None:
+            loss = loss + OFFSET * (self._photographs.offsets**2).mean()
+        return loss if pixels.normal is None else loss + NORMAL * turned_away(values, rays, pixels.normal[picked])
+
+    def _shown(self, picked: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Colour and coverage of some pixels, and whether each is known."""
+        pixels = self._pixels
+        if self._photographs is not None:
+            return self._photographs.at(pixels.view[picked], pixels.place[picked])
+        return pixels.colour[picked], pixels.mask[picked], pixels.colour_known[picked], pixels.mask_known[picked]
+
+
+def turned_away(values: Tensor, rays: Rays, given: Tensor) -> Tensor:
+    """The mean of |n - n'|_1 + |1 - n . n'| over rays, n the normals that they gather, n' ``given`` (N, 3), or 0 for none."""
+    field = pad(normalize(_differences(values), dim=0, eps=1e-6).movedim(0, -1), (0, CHANNELS - 3))
+    found = gathered(values, field, rays, WIDTH, STRIDE)[0][:, :3]
+    apart = (found - given).abs().sum(-1) + (1 - (found * given).sum(-1)).abs()
+    return ((given != 0).any(-1) * apart).mean()
 
 
 def _moved(values: Tensor, moves: Sequence[Tensor], least: Tensor) -> Tensor:
@@ -169,14 +209,18 @@ def _moved(values: Tensor, moves: Sequence[Tensor], least: Tensor) -> Tensor:
 
 
 def _normals(values: Tensor, places: Tensor) -> Tensor:
-    """Unit gradients (N, 3) of the values at places (N, 3) in cells: central differences at the vertices, interpolated."""
-    padded = torch.nn.functional.pad(values[None, None], (1,) * 6, mode="replicate")[0, 0]
+    """Unit gradients (N, 3) of the values at places (N, 3) in cells."""
+    grid = (2 * places / (torch.tensor(values.shape) - 1) - 1).flip(-1)[None, None, None]
+    found = grid_sample(_differences(values)[None], grid, align_corners=True, padding_mode="border")[0, :, 0, 0].T
+    return normalize(found, dim=-1, eps=1e-6)
+
+
+def _differences(values: Tensor) -> Tensor:
+    """Central differences at the vertices, (3, X, Y, Z), twice what the gradient is per cell."""
+    padded = pad(values[None, None], (1,) * 6, mode="replicate")[0, 0]
     inner = slice(1, -1)
-    differences = torch.stack([
+    return torch.stack([
         padded[2:, inner, inner] - padded[:-2, inner, inner],
         padded[inner, 2:, inner] - padded[inner, :-2, inner],
         padded[inner, inner, 2:] - padded[inner, inner, :-2],
     ])  # fmt: skip
-    grid = (2 * places / (torch.tensor(values.shape) - 1) - 1).flip(-1)[None, None, None]
-    found = grid_sample(differences[None], grid, align_corners=True, padding_mode="border")[0, :, 0, 0].T
-    return normalize(found, dim=-1, eps=1e-6)

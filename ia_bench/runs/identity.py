@@ -13,7 +13,7 @@ from typing import Any
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import shown
+from ia_bench.common.files import shown, user_path
 from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -21,6 +21,9 @@ from ia_bench.runs.config import RunConfig, options_class, resolve_scene_folder,
 
 IDENTITY_VERSION = 4
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
+
+CONSISTENCY_VERSION = 2
+"""Like that, of what captures with ``capture.consistency`` alone go through."""
 
 PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
 
@@ -43,6 +46,10 @@ def identity(config: RunConfig) -> dict[str, Any]:
         del content["capture"]["name"]
         if config.capture.geometry != "sdf":
             del content["capture"]["sdf"]  # which then decides nothing
+        else:
+            content["capture"]["sdf"] = _of_sdf(sdf)
+        if config.capture.consistency:
+            content["capture"]["consistency_version"] = CONSISTENCY_VERSION
     checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
     for known, settings in checked.items():
         for field in fields(known):
@@ -69,6 +76,18 @@ def identity(config: RunConfig) -> dict[str, Any]:
     content["protocol"] = protocol
     content["identity_version"] = IDENTITY_VERSION
     return content
+
+
+def _of_sdf(sdf: SdfSettings) -> dict[str, Any]:
+    """How a surface is made; what came later is left out where it is off, so that runs without it are those that they were."""
+    found = asdict(sdf)
+    if not sdf.align:
+        del found["align"]
+    if sdf.normals == SdfSettings.normals:
+        del found["normals"]
+    else:
+        found["normals"] = f"content {content_of(user_path('capture.sdf.normals', sdf.normals, folder=True))}"
+    return found
 
 
 def config_hash(config: RunConfig) -> str:

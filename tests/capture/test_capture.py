@@ -159,6 +159,20 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     assert sum("from 16 training views" in note for note in notes) == 3
 
 
+def test_cameras_move_with_their_photographs_where_they_may(tiny: Scene) -> None:
+    """Training cameras alone, a little, and as much when the mesh comes from the cache; without ``align`` they stay."""
+    sdf = SdfSettings(cells=32, steps=30, align=True)
+    settings = CaptureSettings(geometry="sdf", sdf=sdf, triangles=1500)
+    one, again = (captured(tiny, settings, lambda line: None) for _ in range(2))
+    for before, view, same in zip(tiny.train, one.train, again.train, strict=True):
+        np.testing.assert_array_equal(view.camera.to_world, same.camera.to_world)
+        assert 0 < np.abs(view.camera.to_world - before.camera.to_world).max() < 0.1
+        np.testing.assert_array_equal(view.image, before.image)
+    assert all(a is b for a, b in zip(one.test, tiny.test, strict=True))
+    stay = captured(tiny, replace(settings, sdf=replace(sdf, align=False)), lambda line: None)
+    assert all(a.camera is b.camera for a, b in zip(stay.train, tiny.train, strict=True))
+
+
 def test_settings_of_an_sdf_elsewhere_are_told(tiny: Scene) -> None:
     notes: list[str] = []
     captured(tiny, CaptureSettings(sdf=SdfSettings(cells=64)), notes.append)

@@ -34,7 +34,7 @@ def paint(points: np.ndarray, fineness: float) -> np.ndarray:
 
 
 def bowl_view(number: int, camera: Camera, fineness: float) -> View:
-    """Matt, two lights, and a highlight that moves with the camera; 2 x 2 rays a pixel."""
+    """Matt, two lights, and a highlight that moves with the camera; 2 x 2 rays a pixel. It has its normals, as truth."""
     origin, along = (part.astype(np.float64) for part in primary_rays(camera, 2))
     travelled = np.linalg.norm(origin, axis=-1) - 1
     for _ in range(50):
@@ -48,7 +48,18 @@ def bowl_view(number: int, camera: Camera, fineness: float) -> View:
     halfway /= np.linalg.norm(halfway, axis=-1, keepdims=True)
     shine = 0.3 * np.maximum((normals * halfway).sum(-1), 0) ** 20
     radiance = np.where(hit[..., None], paint(points, fineness) * lit[..., None] + shine[..., None], 0)
-    return View(f"{number:02d}", camera, radiance.mean(2).astype(np.float32), hit.mean(2).astype(np.float32))
+    image, mask, normal_truth = (
+        part.mean(2).astype(np.float32) for part in (radiance, hit, np.where(hit[..., None], normals, 0))
+    )
+    return View(f"{number:02d}", camera, image, mask, normal=normal_truth)
+
+
+def camera_normals(view: View) -> np.ndarray:
+    """Unit normals (H, W, 3) in the axes of the view's camera, 0 where pixels are not covered by half."""
+    assert view.normal is not None
+    length = np.linalg.norm(view.normal, axis=-1, keepdims=True)
+    turned = view.normal @ view.camera.to_world[:3, :3]
+    return np.where((view.mask[..., None] > 0.5) & (length > 0.5), turned / length.clip(0.5), 0).astype(np.float32)
 
 
 def bowl_views(count: int, side: int, fineness: float = 9.0) -> list[View]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -70,6 +72,17 @@ def test_gradients_of_features_can_be_added_to_a_tensor_of_ones_own() -> None:
     gathered(values, features, some_rays(50), 0.3, STRIDE, own)[0].sum().backward()
     opacity = gathered(values, features, some_rays(50), 0.3, STRIDE)[1]
     torch.testing.assert_close(own.sum(), CHANNELS * opacity.detach().sum())
+
+
+def test_nothing_is_kept_of_a_step_that_is_over() -> None:
+    """A refinement takes hundreds of steps, each with distances and features of its own."""
+    values = torch.linspace(4, -4, SIDE)[:, None, None].expand(SIDE, SIDE, SIDE).contiguous().requires_grad_()
+    of_this_step = 1 * values
+    gathered(of_this_step, torch.ones(SIDE, SIDE, SIDE, CHANNELS), some_rays(50), 0.3, STRIDE)[1].sum().backward()
+    kept = weakref.ref(of_this_step)
+    del of_this_step
+    gc.collect()
+    assert kept() is None
 
 
 @pytest.mark.parametrize("width", [0.1, 0.4])

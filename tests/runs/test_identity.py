@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from shipped_choices import _variations
 
+from ia_bench.common.errors import InputError
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors import learned
 from ia_bench.runs import identity as identities
@@ -59,6 +60,22 @@ def test_hash_ignores_how_an_sdf_is_made_where_there_is_none() -> None:
     assert hash_with("capture.sdf.cells=96") == hash_with()
     assert hash_with("capture.geometry=hull", "capture.sdf.cells=96") == hash_with("capture.geometry=hull")
     assert hash_with("capture.geometry=sdf", "capture.sdf.cells=96") != hash_with("capture.geometry=sdf")
+
+
+def test_given_normals_count_by_their_content(tmp_path: Path) -> None:
+    """Not by where they lie; without any, a run has the identity that it had before there could be some."""
+    plain = identity(compose(["device=cpu", "capture.geometry=sdf"]))
+    assert plain["capture"]["sdf"].keys() == {"cells", "steps", "seed"}
+    assert hash_with("capture.geometry=sdf", "capture.sdf.align=true") != hash_with("capture.geometry=sdf")
+    hashes = []
+    for name, content in (("a", b"1"), ("b", b"1"), ("c", b"2")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "0000.npy").write_bytes(content)
+        hashes.append(hash_with("capture.geometry=sdf", f"capture.sdf.normals={tmp_path / name}"))
+    assert hashes[0] == hashes[1]
+    assert len({*hashes, hash_with("capture.geometry=sdf")}) == 3
+    with pytest.raises(InputError, match="capture.sdf.normals=nowhere: no such folder"):
+        hash_with("capture.geometry=sdf", "capture.sdf.normals=nowhere")
 
 
 @pytest.mark.parametrize(

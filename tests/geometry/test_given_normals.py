@@ -1,0 +1,180 @@
+"""Normals from files: what each format holds, what is refused, and that wrong axes are told by what a bowl's outlines show."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import bowls
+import numpy as np
+import pytest
+from PIL import Image
+
+from ia_bench.capture.capture import captured
+from ia_bench.capture.normals import AXES, OF_WORLD, given_normals
+from ia_bench.capture.settings import CaptureSettings, SdfSettings
+from ia_bench.capture.views import spread
+from ia_bench.common.errors import InputError
+from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.scene import Scene, View
+
+SIDE = 40
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture(scope="module")
+def views() -> list[View]:
+    return bowls.bowl_views(10, SIDE, 6.0)
+
+
+def write_png(path: Path, normals: np.ndarray) -> None:
+    """By the description: 0.5 (n + 1) in 8 bits, so that nothing is grey."""
+    Image.fromarray(np.round(255 * 0.5 * (normals + 1)).astype(np.uint8)).save(path.with_suffix(".png"))
+
+
+def write_half_exr(path: Path, normals: np.ndarray) -> None:
+    write_exr(path.with_suffix(".exr"), normals)
+
+
+def write_npy(path: Path, normals: np.ndarray) -> None:
+    np.save(path.with_suffix(".npy"), normals)
+
+
+def folder_of(views: list[View], folder: Path, write: Callable[[Path, np.ndarray], None] = write_npy) -> Path:
+    folder.mkdir()
+    for view in views:
+        write(folder / view.name, bowls.camera_normals(view))
+    return folder
+
+
+@pytest.mark.parametrize(("write", "degrees"), [(write_png, 0.5), (write_half_exr, 0.05), (write_npy, 1e-3)])
+def test_each_format_is_read_as_what_was_written(
+    views: list[View], tmp_path: Path, write: Callable[[Path, np.ndarray], None], degrees: float
+) -> None:
+    found = given_normals(str(folder_of(views, tmp_path / "normals", write)), views)
+    for view, normals in zip(views, found, strict=True):
+        true = bowls.camera_normals(view)
+        known = (true != 0).any(-1)
+        np.testing.assert_array_equal((normals != 0).any(-1), known)
+        cosine = (normals * true).sum(-1)[known]
+        assert np.degrees(np.arccos(cosine.clip(-1, 1))).max() < max(degrees, 0.03)  # of float32 near a cosine of 1
+        assert normals.dtype == np.float32
+
+
+def test_axes_are_right_up_and_toward_the_camera(views: list[View]) -> None:
+    """From below, the bowl is a ball: its middle faces the camera, its right half to the right, its upper half up."""
+    lowest = min(views, key=lambda view: view.camera.to_world[2, 3])
+    normals = bowls.camera_normals(lowest)
+    assert normals[SIDE // 2, SIDE // 2, 2] > 0.9
+    right, left = normals[SIDE // 2, SIDE // 2 + 6], normals[SIDE // 2, SIDE // 2 - 6]
+    above, below = normals[SIDE // 2 - 6, SIDE // 2], normals[SIDE // 2 + 6, SIDE // 2]
+    assert right[0] > 0.1 > -0.1 > left[0]
+    assert above[1] > 0.1 > -0.1 > below[1]
+
+
+def test_larger_pictures_are_averaged(views: list[View], tmp_path: Path) -> None:
+    folder = folder_of(views, tmp_path / "normals", lambda path, n: write_npy(path, n.repeat(2, 0).repeat(2, 1)))
+    for view, normals in zip(views, given_normals(str(folder), views), strict=True):
+        np.testing.assert_allclose(normals, bowls.camera_normals(view), atol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [*AXES, OF_WORLD])
+def test_wrong_axes_are_told(views: list[View], tmp_path: Path, wrong: str) -> None:
+    folder = tmp_path / "normals"
+    folder.mkdir()
+    for view in views:
+        normals = bowls.camera_normals(view)
+        turned = normals @ view.camera.to_world[:3, :3].T if wrong == OF_WORLD else normals * AXES[wrong]
+        write_png(folder / view.name, turned)
+    with pytest.raises(InputError, match=f"expected normals of the camera .*{re.escape(wrong)}$"):
+        given_normals(str(folder), views)
+
+
+def gone(path: Path) -> None:
+    path.unlink()
+
+
+def two(path: Path) -> None:
+    path.with_suffix(".png").write_bytes(b"")
+
+
+def stored(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], None]:
+    return lambda path: np.save(path, change(np.load(path)))
+
+
+MISTAKES: dict[str, tuple[Callable[[Path], None], str]] = {
+    "missing": (gone, r"expected one of 03\.png, 03\.exr, 03\.npy for training view 03, found none"),
+    "two": (two, r"for training view 03, found 03\.png and 03\.npy"),
+    "another size": (stored(lambda n: n[1:]), r"03\.npy: expected 40 x 40 pixels like the training view.*found 40 x 39"),
+    "channels first": (stored(lambda n: np.moveaxis(n, -1, 0)), r"expected floating point numbers of shape \(H, W, 3\), found"),
+    "codes": (stored(lambda n: np.round(127.5 * (n + 1)).astype(np.uint8)), r"\(H, W, 3\), found uint8"),
+    "not decoded": (stored(lambda n: 0.5 * (n + 1)), "expected unit normals, found a median length"),
+    "half as long": (stored(lambda n: 0.6 * n), "expected unit normals, found a median length of 0.60"),
+    "nothing": (stored(np.zeros_like), "expected normals where the mask shows the object, found none"),
+    "NaN": (stored(lambda n: np.where(n == 0, np.nan, n)), "expected finite numbers"),
+    "no array": (lambda path: path.write_bytes(b"no array"), r"03\.npy: not a readable array of numpy"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_wrong_file_is_one_sentence(views: list[View], tmp_path: Path, mistake: str) -> None:
+    spoil, says = MISTAKES[mistake]
+    folder = folder_of(views, tmp_path / "normals")
+    spoil(folder / "03.npy")
+    with pytest.raises(InputError, match=says) as caught:
+        given_normals(str(folder), views)
+    assert "\n" not in str(caught.value)
+
+
+def scene_of(views: list[View]) -> Scene:
+    return Scene("bowl", "a bowl", None, tuple(views))
+
+
+def test_a_capture_takes_them_by_name_and_by_content(views: list[View], tmp_path: Path) -> None:
+    """Views that are left out need none; a mesh is another one with other normals, and the same one wherever they lie."""
+    few = list(spread(tuple(views), 6))
+    one, same = folder_of(few, tmp_path / "one"), folder_of(few, tmp_path / "same")
+    other = folder_of(few, tmp_path / "other")
+    np.save(other / f"{few[0].name}.npy", np.full((SIDE, SIDE, 3), np.float32([0, 0, 1])))
+    notes: list[str] = []
+
+    def mesh_with(normals: Path | None) -> np.ndarray:
+        sdf = SdfSettings(cells=32, steps=3, normals=str(normals) if normals else "none")
+        settings = CaptureSettings(views=6, geometry="sdf", triangles=1000, sdf=sdf)
+        return captured(scene_of(views), settings, notes.append).expect_mesh().vertices
+
+    first = mesh_with(one)
+    np.testing.assert_array_equal(first, mesh_with(same))
+    assert len(notes) == 1  # the second one is from the cache
+    for another in (mesh_with(other), mesh_with(None)):
+        assert another.shape != first.shape or not np.array_equal(another, first)
+    assert len(notes) == 3
+
+
+def test_a_folder_that_is_not_there_is_told(views: list[View]) -> None:
+    settings = CaptureSettings(geometry="sdf", sdf=SdfSettings(normals="nowhere"))
+    with pytest.raises(InputError, match="capture.sdf.normals=nowhere: no such folder"):
+        captured(scene_of(views), settings, lambda line: None)
+
+
+def test_views_of_several_sizes_have_normals_of_theirs(views: list[View], tmp_path: Path) -> None:
+    """Views are padded to one size; normals are as large as the photograph was."""
+    small = replace(views[0], image=views[0].image[:-4], mask=views[0].mask[:-4], normal=None)
+    small = replace(small, camera=replace(small.camera, height=SIDE - 4))
+    folder = folder_of(views, tmp_path / "normals")
+    np.save(folder / f"{small.name}.npy", bowls.camera_normals(views[0])[:-4])
+    sdf = SdfSettings(cells=32, steps=2, normals=str(folder))
+    after = captured(scene_of([small, *views[1:]]), CaptureSettings(geometry="sdf", triangles=1000, sdf=sdf), lambda line: None)
+    assert after.mesh_is_made
+    assert after.train[0].mask.shape == (SIDE, SIDE)
+
+
+def test_labels_name_no_folder() -> None:
+    settings = CaptureSettings(geometry="sdf", sdf=SdfSettings(normals="/somewhere/else"))
+    assert settings.label == "sdf, given normals"
