@@ -15,7 +15,10 @@ from PIL import Image
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene, View
 
-SMALL = ["preset=smoke", "capture.cells=48", "capture.triangles=2000", "protocol.map_points=2", "protocol.render_points=2"]
+SMALL = [
+    "preset=smoke", "capture.sdf.cells=48", "capture.sdf.steps=20", "capture.triangles=2000", "protocol.map_points=2",
+    "protocol.render_points=2",
+]  # fmt: skip
 
 
 def write_capture(folder: Path, scene: Scene) -> None:
@@ -49,11 +52,11 @@ def command(module: str, folder: Path, *words: str) -> subprocess.CompletedProce
 def test_a_folder_of_photographs_gives_an_asset_a_light_and_scores(tiny: Scene, tmp_path: Path) -> None:
     folder, out = tmp_path / "mine", tmp_path / "run"
     write_capture(folder, tiny)
-    words = ["capture.geometry=hull", "prior=diffusion", "threads=1", f"out={out}", *SMALL]
+    words = ["capture.geometry=sdf", "prior=diffusion", "threads=1", f"out={out}", *SMALL]
     done = command("ia_bench", folder, *words)
     assert done.returncode == 0, done.stderr
     found = json.loads((out / "metrics.json").read_text())
-    assert (found["capture"]["views"], found["capture"]["geometry"]) == (17, "hull")  # of 20, every 8th is held out
+    assert (found["capture"]["views"], found["capture"]["geometry"]) == (17, "sdf")  # of 20, every 8th is held out
     assert found["metrics"]["view_synthesis"]["psnr"] > 12
     for component in ("albedo", "aligned_albedo", "relighting"):
         assert found["metrics"][component]["psnr"] is None
