@@ -10,28 +10,35 @@ from ia_bench.common.errors import InputError
 
 PACKAGE = Path(__file__).resolve().parents[1]
 SCENES_VARIABLE = "IA_BENCH_DATASETS"
+MORE_SCENES = f"Either set {SCENES_VARIABLE} to the datasets folder of a checkout, or name a scene folder with scene.path=FOLDER"
 
 
 def conf_folder() -> Path:
     """Folder of the Hydra configuration: ``ia_bench/conf`` in an installed package, ``conf`` in a checkout."""
-    installed = PACKAGE / "conf"
-    return installed if installed.is_dir() else PACKAGE.parent / "conf"
+    return _installed_or_beside("conf")
 
 
 def scenes_folder() -> Path:
-    """Folder that holds the shipped scenes: ``$IA_BENCH_DATASETS/scenes``, or ``datasets/scenes`` of the checkout.
+    """Folder of the scenes: ``$IA_BENCH_DATASETS/scenes``, or all shipped ones in a checkout, ``tiny`` in an installed package.
 
-    Raises InputError where there is none, which is the case for a package installed without its checkout.
+    Raises InputError where there is none.
     """
     chosen = os.environ.get(SCENES_VARIABLE)
-    folder = Path(chosen) / "scenes" if chosen else PACKAGE.parent / "datasets" / "scenes"
+    folder = Path(chosen) / "scenes" if chosen else _installed_or_beside("datasets") / "scenes"
     if not folder.is_dir():
         where = f"{SCENES_VARIABLE}={chosen}" if chosen else "this installation"
-        raise InputError(
-            f"{folder}: {where} has no shipped scenes. Either set {SCENES_VARIABLE} to the datasets folder of a "
-            "checkout, or name a scene folder with scene.path=FOLDER"
-        )
+        raise InputError(f"{folder}: {where} has no shipped scenes. {MORE_SCENES}")
     return folder
+
+
+def lacks_scenes(folder: Path) -> bool:
+    """Whether a folder of scenes is the one within an installed package, which is without those of the tables."""
+    return folder.is_relative_to(PACKAGE)
+
+
+def _installed_or_beside(name: str) -> Path:
+    installed = PACKAGE / name
+    return installed if installed.is_dir() else PACKAGE.parent / name
 
 
 def make_writable(folder: Path, key: str) -> None:

@@ -16,7 +16,7 @@ from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
-from ia_bench.common.paths import scenes_folder
+from ia_bench.common.paths import MORE_SCENES, lacks_scenes, scenes_folder
 from ia_bench.common.settings import check_arguments, merged, parsed
 from ia_bench.common.suggestions import unknown
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -163,7 +163,8 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
         return None
     root = scenes_folder()
     if not (root / scene.name).is_dir():
-        raise InputError(unknown(f"scene in {root}:", scene.name, sorted(p.name for p in root.iterdir() if p.is_dir())))
+        message = unknown(f"scene in {root}:", scene.name, sorted(p.name for p in root.iterdir() if p.is_dir()))
+        raise InputError(f"{message}. {MORE_SCENES}" if lacks_scenes(root) else message)
     return root / scene.name
 
 

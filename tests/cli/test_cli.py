@@ -187,7 +187,7 @@ def test_one_bad_job_takes_no_other_with_it(workplace: Path, capfd: pytest.Captu
 def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     """Wheels of both distributions in an empty environment; the dependencies are borrowed from this one, so nothing is loaded."""
     borrowed = next(path for path in sys.path if path.endswith("site-packages"))
-    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "FAKE_LOG")}
+    environment = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "FAKE_LOG", "IA_BENCH_DATASETS")}
     python = tmp_path / "venv" / "bin" / "python"
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
     (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
@@ -195,6 +195,7 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     source = tmp_path / "source"
     shutil.copytree(HERE.parents[1] / "ia_bench", source / "ia_bench")
     shutil.copytree(HERE.parents[1] / "conf", source / "conf")
+    shutil.copytree(HERE.parents[1] / "datasets/scenes/tiny", source / "datasets/scenes/tiny")
     for name in ("pyproject.toml", "README.md"):
         shutil.copy(HERE.parents[1] / name, source)
     shutil.copytree(HERE.parents[1] / "baselines", source / "baselines")
@@ -215,14 +216,17 @@ def test_installation_works_from_any_folder(tmp_path: Path) -> None:
     decomposed = subprocess.run([python, "-m", "ia_bench.decompose", "photo.png", "--samples", "1", "--out", "parts"], **run)
     assert decomposed.returncode == 0, decomposed.stderr  # the weights are in the package
     assert (elsewhere / "parts/photo_albedo.exr").is_file()
-    environment["IA_BENCH_DATASETS"] = str(HERE.parents[1] / "datasets")
-    smoke = ["scene=tiny", "preset=smoke", "device=cpu", "out=result"]
-    done = subprocess.run([python, "-m", "ia_bench", "method=nvdiffrec", *smoke], **run)
-    assert done.returncode == 0, done.stderr
-    assert json.loads((elsewhere / "result" / "metrics.json").read_text())["status"] == "ok"
-    del environment["IA_BENCH_DATASETS"]
-    without = subprocess.run([python, "-m", "ia_bench", "device=cpu"], **run)
+    for method in ([], ["method=nvdiffrec"]):  # the scene `tiny` is in the package, the baselines in the other one
+        smoke = [*method, "scene=tiny", "preset=smoke", "device=cpu", f"out=result{len(method)}"]
+        done = subprocess.run([python, "-m", "ia_bench", *smoke], **run)
+        assert done.returncode == 0, done.stderr
+        assert json.loads((elsewhere / f"result{len(method)}" / "metrics.json").read_text())["status"] == "ok"
+    checked = subprocess.run([python, "-m", "ia_bench.check", "method=nvdiffrec"], **run)
+    assert "on scene tiny" in checked.stdout
+    assert checked.stdout.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
+    without = subprocess.run([python, "-m", "ia_bench", "scene=hat", "device=cpu"], **run)
     assert without.returncode == 2
+    assert "There are: tiny. " in without.stderr
     assert "IA_BENCH_DATASETS" in without.stderr
     assert "scene.path=FOLDER" in without.stderr
 

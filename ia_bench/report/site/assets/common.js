@@ -24,10 +24,15 @@ bench.metricOf = (key) => bench.data.metrics.find((metric) => metric.key === key
 bench.secondsText = (seconds) => `${seconds < 100 ? seconds.toFixed(1) : seconds.toFixed(0)} s`;
 bench.mean = (values) => values.reduce((sum, value) => sum + value, 0) / values.length;
 
-// Colours that colour-blind readers tell apart (Petroff, ten of them), and dashes that tell three tens of rows apart.
+// Colours that colour-blind readers tell apart (Petroff, ten of them), and dashes that tell three tens of rows apart: handed out
+// to the rows that have curves, so that two of few rows never look alike.
 bench.colours = ["#3f90da", "#ffa90e", "#bd1f01", "#94a4a2", "#832db6", "#a96b59", "#e76300", "#b9ac70", "#717581", "#92dadd"];
 bench.dashes = [[], [7, 3], [6, 2, 1, 2]];
-bench.styleOf = (row) => ({ colour: bench.colours[row % 10], dash: bench.dashes[row % 3] });
+bench.drawn = bench.data.rows.map((_, row) => row).filter((row) => bench.data.live || bench.data.runs.some((run) => run.row === row && run.curve && !run.curve.level));
+bench.styleOf = (row) => {
+  const place = Math.max(0, bench.drawn.indexOf(row));
+  return { colour: bench.colours[place % 10], dash: bench.dashes[place % 3] };
+};
 
 // One line for readers of screens, such as "copied".
 bench.say = (text) => { bench.find("#said").textContent = text; };

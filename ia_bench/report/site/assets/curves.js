@@ -53,7 +53,7 @@
     probe.style.color = `var(${name})`;
     return getComputedStyle(probe).color;
   };
-  const plain = (value) => String(Number(value.toPrecision(3)));
+  const plain = (value, digits) => String(Number(value.toPrecision(digits)));
   // Where many rows are drawn, dots and bands would cover them all: then they come with the row that is pointed at.
   const crowded = (rows) => rows.filter((one) => !state.off.has(one.row)).length > 8;
   const faint = (row) => state.lit !== null && state.lit !== row;
@@ -98,6 +98,7 @@
       ctx.lineTo(bbox.left + bbox.width, y);
       ctx.stroke();
       ctx.font = `${11 * ratio}px ${style("--sans")}`;
+      [ctx.textAlign, ctx.textBaseline] = ["left", "alphabetic"]; // uPlot's axes leave others
       ctx.fillText(data.rows[one.row].bound, bbox.left + 4 * ratio, y - 3 * ratio);
     });
     ctx.restore();
@@ -180,7 +181,7 @@
     const bands = rows.map((one, at) => ({ series: [3 * at + 3, 3 * at + 2], fill: () => bench.styleOf(one.row).colour + (faint(one.row) ? "08" : state.lit === one.row ? "44" : crowded(rows) ? "0e" : "22") }));
     const logY = metric.label === "MSE" && state.value === "log";
     const axis = { stroke: () => style("--muted"), grid: { stroke: () => style("--line"), width: 1 }, ticks: { show: false }, font: `11px ${style("--sans")}` };
-    const seconds = (_, splits) => splits.map((value) => (value === null ? "" : plain(value)));
+    const ticks = (log) => (_, splits) => splits.map((value) => (value === null ? "" : plain(value, log ? 2 : 3)));
     const plot = new uPlot({
       width: Math.max(240, holder.clientWidth), height: 250, legend: { show: false }, padding: [10, 12, 0, 0],
       scales: {
@@ -188,7 +189,7 @@
         y: { distr: logY ? 3 : 1, range: () => rangeOf(rows, found.dots, logY) },
       },
       cursor: { sync: { key: "curves", scales: ["x", null] }, points: { show: false }, y: false, drag: { x: true, y: false } },
-      axes: [{ ...axis, values: seconds, size: 32 }, { ...axis, values: seconds, size: 48 }],
+      axes: [{ ...axis, values: ticks(state.time === "log"), size: 32 }, { ...axis, values: ticks(logY), size: 48 }],
       series: [{}, ...lines], bands,
       hooks: {
         draw: [(self) => overlay(self, rows, found, place)],

@@ -84,7 +84,7 @@
       make("p", { class: "fine", text: metric ? metric.definition : `${data.costs[key]}.` }),
       row.note ? make("p", { text: `${row.note[0].toUpperCase()}${row.note.slice(1)}.` }) : null,
       paper !== undefined && paper !== null
-        ? make("p", {}, make("b", { text: `The paper has ${metric.label === "PSNR" ? paper.toFixed(2) : paper}` }), ` (${row.paper.method}). `,
+        ? make("p", {}, make("b", { text: `The paper has ${text(paper, key)}` }), ` (${row.paper.method}). `,
           make("span", { class: "fine", text: data.whyPaper }))
         : null,
       strip(runs, key),
