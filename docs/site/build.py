@@ -34,7 +34,8 @@ def main() -> int:
     """Build the site into results/docs and return MkDocs's exit status."""
     shutil.rmtree(STAGE, ignore_errors=True)
     pages = documents()
-    for path in [Path(__file__).with_name("wide.css"), *pages, *(file for page in pages for file in linked(page))]:
+    own = [Path(__file__).with_name(name) for name in ("wide.css", "iframe-worker.js")]
+    for path in [*own, *pages, *(file for page in pages for file in linked(page))]:
         place = STAGE / path.relative_to(ROOT)
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, place)

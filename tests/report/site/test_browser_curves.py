@@ -63,3 +63,12 @@ def test_the_handle_tells_when_a_level_was_first_measured(page: Any) -> None:
     page.mouse.move(box["x"] + 60, box["y"] + 60, steps=3)
     page.mouse.up()
     assert float(handle.get_attribute("aria-valuenow")) < level
+
+
+def test_rows_with_curves_differ_in_colour(page: Any) -> None:
+    """Colours go to the rows that have curves, so that a row far down in the table does not take one that is in use."""
+    page.locator("#curves").scroll_into_view_if_needed()
+    page.wait_for_selector("#curve-rows .chip")
+    colours = page.evaluate("bench.drawn.map((row) => bench.styleOf(row).colour)")
+    assert len(colours) == len(set(colours)) == 2
+    assert page.evaluate("bench.styleOf(bench.drawn[0]).colour === bench.colours[0]")
