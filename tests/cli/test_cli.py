@@ -112,7 +112,7 @@ def test_folder_of_another_configuration_is_refused(capfd: pytest.CaptureFixture
     assert call("out=here") == 0
     capfd.readouterr()
     assert call("out=here", "fit.pixels=7") == 2
-    assert "here: holds the results of another configuration; these differ: method.options.pixels (4096 there, 7 here)" in (
+    assert "here: holds the results of another configuration; these differ: method.options.pixels (2048 there, 7 here)" in (
         capfd.readouterr().err
     )
 

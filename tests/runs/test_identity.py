@@ -47,7 +47,7 @@ def test_a_scene_as_it_is_read_is_known_by_what_identified_it_before_there_were_
         ("preset=quick",),
         ("fit.checkpoint_seconds=99",),
         ("prior.supervision.cache=false",),
-        ("fit.pixels=4096",),
+        ("fit.pixels=2048",),
         (f"threads={len(os.sched_getaffinity(0))}",),
     ],
     ids=str,
