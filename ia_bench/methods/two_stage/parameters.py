@@ -94,7 +94,7 @@ class Parameters:
             self.exchange(settings.rates.exchange * fall)
         if self.exposures is not None:
             self.exposures.descend(fall)
-        for name in frozen:  # the gradient is computed all the same, so that one compiled step serves the whole run
+        for name in frozen:  # which the backward pass has computed all the same
             self.tensors[name].grad = None
         self.optimizer.step()
         self.coarse({name: rate * fall for name, rate in self._coarse_rates.items() if name not in frozen})
