@@ -81,11 +81,11 @@ def test_the_divergence_is_none_where_codes_are_as_sparse_as_asked() -> None:
 def test_material_and_indirect_light_keep_their_ranges() -> None:
     torch.manual_seed(0)
     position = 3 * torch.randn(50, 3)
-    values = 100 * SparseMaterial(16).decoder(torch.rand(50, 32))
+    values = 100 * SparseMaterial(16, 10).decoder(torch.rand(50, 32))
     assert bool(torch.isfinite(values).all())
-    found = SparseMaterial(16)(position)
+    found = SparseMaterial(16, 10)(position)
     assert bool(((found[:, :3] >= 0) & (found[:, :3] <= 1)).all() and ((found[:, 3] >= 0.09) & (found[:, 3] <= 0.99)).all())
-    lobes = IndirectField(16)(position)
+    lobes = IndirectField(16, 10)(position)
     assert torch.allclose(lobes.axis.norm(dim=-1), torch.tensor(1.0), atol=1e-5)
     assert bool((lobes.sharpness > 0).all() and (lobes.amplitude >= 0).all())
 

@@ -29,7 +29,7 @@ class Fitting:
         self._pixels = TrainingPixels(problem)
         self._transport = Transport.of(problem.stage, options.atlas, options.directions)
         generator = torch.Generator().manual_seed(seed)
-        self.model = InvRenderModel(problem.scene.expect_mesh(), options.width, generator).to(problem.device)
+        self.model = InvRenderModel(problem.scene.expect_mesh(), options.width, options.octaves, generator).to(problem.device)
         self.model.light_up(float(self._pixels.radiance.mean()))
         self._indirect: SphericalGaussians | None = None
 

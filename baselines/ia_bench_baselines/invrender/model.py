@@ -29,10 +29,11 @@ class InvRenderModel(nn.Module):
     centre: Tensor
     extent: Tensor
 
-    def __init__(self, mesh: Mesh, width: int, generator: torch.Generator) -> None:
+    def __init__(self, mesh: Mesh, width: int, octaves: int, generator: torch.Generator) -> None:
         """Networks are drawn from ``generator``, and so is the sharpness of the first light."""
         super().__init__()
-        self.material, self.radiance, self.indirect = SparseMaterial(width), RadianceField(width), IndirectField(width)
+        self.material = SparseMaterial(width, octaves)
+        self.radiance, self.indirect = RadianceField(width, octaves), IndirectField(width, octaves)
         initialise(self, generator, math.sqrt(6))
         initialise(self.material.decoder, generator)  # whose first albedo and roughness are then near the middle of their ranges
         low, high = (torch.from_numpy(bound) for bound in (mesh.vertices.min(0), mesh.vertices.max(0)))

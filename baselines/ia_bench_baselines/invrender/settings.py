@@ -18,6 +18,7 @@ class InvRenderOptions:
         pixels: Training pixels of a step, of all views.
         texels: Surface points of a step of the indirect light.
         width: Of the hidden layers of all networks but the decoder.
+        octaves: Of the encoding of positions; the last one's period is 2 pi / 2^(octaves - 1) of half the object's extent.
         network_rate: Adam rate of networks.
         light_rate: Adam rate of the light's axes and of the logarithms of its sharpness and amplitude.
         final_rate: What the rates fall to over a phase, as a fraction.
@@ -35,6 +36,7 @@ class InvRenderOptions:
     pixels: Number = 512
     texels: Number = 256
     width: Number = 128
+    octaves: Number = 10
     network_rate: Rate = 4e-3
     light_rate: Rate = 0.05
     final_rate: Positive = 0.1
