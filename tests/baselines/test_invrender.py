@@ -12,6 +12,8 @@ from ia_bench.checks.methods import Memory, check_method
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.textures import Material
+from ia_bench.render.atlas import Atlas
+from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.common.shaded import bake
@@ -21,6 +23,7 @@ from ia_bench_baselines.invrender.networks import ACTIVE, IndirectField, SparseM
 from ia_bench_baselines.invrender.reconstruction import reconstruction
 from ia_bench_baselines.invrender.settings import InvRenderOptions
 from ia_bench_baselines.invrender.transport import Transport
+from ia_bench_baselines.invrender.visibility import NARROWEST, LobeVisibility
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light
 from tests.shapes import bowl
 
@@ -37,35 +40,54 @@ def stage(tiny: Scene) -> Stage:
     return Stage(tiny.mesh, torch.device("cpu"))
 
 
-@pytest.mark.parametrize("sharpness", [1.0, 8.0])
+def some_points(stage: Stage) -> SurfacePoints:
+    """Points all over the mesh, seen from above each."""
+    atlas = Atlas.of(stage.mesh, 16, stage.device)
+    face, barycentric = atlas.face[::7], atlas.barycentric[::7]
+    geometric, position = stage.surface.geometry(face, barycentric)
+    return stage.surface(face, barycentric, position + geometric)
+
+
+@pytest.mark.parametrize("sharpness", [1.0, 8.0, 300.0])
 def test_the_visibility_of_a_lobe_is_its_mean_over_rays(stage: Stage, sharpness: float) -> None:
-    transport = Transport.of(stage, 16, 512)
-    rows = torch.arange(0, len(transport.position), 7)
+    """2000 draws have a standard deviation of at most .011; six of them by chance once in 5e8, for each of some hundred values."""
+    points, rounds = some_points(stage), 2000
+    visibility = LobeVisibility(stage, torch.Generator().manual_seed(0))
     axis = torch.nn.functional.normalize(torch.tensor([[0.3, 0.2, 0.9], [-0.8, 0.1, 0.2]]), dim=1)
-    found = transport.of_lobes(rows, axis, torch.full((2,), sharpness))
+    found = torch.stack([visibility.of_light(points, axis, torch.full((2,), sharpness)) for _ in range(rounds)]).mean(0)
 
-    directions, area = texel_centres(24, 48).reshape(-1, 3), row_solid_angles(24, 48).repeat_interleave(48).float()
-    geometric, position = stage.surface.geometry(transport.atlas.face[rows], transport.atlas.barycentric[rows])
-    toward = directions.expand(len(rows), -1, -1).contiguous()
-    free = ~stage.rays.occluded(position + stage.surface.offset * geometric, toward) & (geometric @ directions.T > 0)
+    directions, area = texel_centres(96, 192).reshape(-1, 3), row_solid_angles(96, 192).repeat_interleave(192).float()
     weight = torch.exp(sharpness * (axis @ directions.T - 1)) * area
-    expected = (free.float() @ weight.T) / weight.sum(1)
-    assert torch.allclose(found, expected, atol=0.05)
+    near = weight.amax(0) > 1e-6 * weight.max()
+    directions, weight = directions[near], weight[:, near]
+    toward = directions.expand(len(points.position), -1, -1).contiguous()
+    free = ~stage.rays.occluded(points.position + stage.surface.offset * points.geometric, toward)
+    seen = (free & (points.geometric @ directions.T > 0)).float()
+    expected = (seen @ weight.T) / weight.sum(1)
+    assert torch.allclose(found, expected, atol=0.067)
     assert float((found - expected).abs().mean()) < 0.01
-    reflected = transport.of_reflection(rows, axis[:1].expand(len(rows), 3), torch.full((len(rows), 1), sharpness))
-    assert torch.allclose(reflected, found[:, :1], atol=1e-5)
+
+    if sharpness <= NARROWEST:
+        lobe = axis[:1].expand(len(points.position), 3), torch.full((len(points.position), 1), sharpness)
+        reflected = torch.stack([visibility.of_reflection(points, *lobe) for _ in range(rounds // 4)]).mean(0)
+        assert torch.allclose(reflected, expected[:, :1], atol=0.067)
 
 
-def test_the_narrowest_lobe_has_the_visibility_of_the_nearest_direction(stage: Stage) -> None:
-    transport = Transport.of(stage, 8, 64)
-    axis = transport.directions[[5, 40]]
-    rows = torch.arange(len(transport.position))
-    assert torch.allclose(transport.of_lobes(rows, axis, torch.tensor([1e3, 1e6])), transport.free[:, [5, 40]].float(), atol=1e-6)
+def test_the_narrowest_lobe_is_seen_along_its_axis(stage: Stage) -> None:
+    points, axis = some_points(stage), torch.nn.functional.normalize(torch.tensor([[0.3, 0.2, 0.9], [-0.8, 0.1, 0.2]]), dim=1)
+    found = LobeVisibility(stage, torch.Generator().manual_seed(0)).of_light(points, axis, torch.full((2,), 1e7))
+    toward = axis.expand(len(points.position), -1, -1).contiguous()
+    free = ~stage.rays.occluded(points.position + stage.surface.offset * points.geometric, toward)
+    assert float((found == (free & (points.geometric @ axis.T > 0)).float()).float().mean()) > 0.98  # but at edges of shadows
 
 
 def test_a_bowl_lands_on_itself_where_it_sees_no_sky() -> None:
-    transport = Transport.of(Stage(bowl(), torch.device("cpu")), 32, 64)
-    assert torch.equal(transport.landed >= 0, transport.above & ~transport.free)
+    stage = Stage(bowl(), torch.device("cpu"))
+    transport = Transport.of(stage, 32, 64)
+    toward = transport.directions.expand(len(transport.position), -1, -1).contiguous()
+    geometric, position = stage.surface.geometry(transport.atlas.face, transport.atlas.barycentric)
+    blocked = stage.rays.occluded(position + stage.surface.offset * geometric, toward)
+    assert torch.equal(transport.landed >= 0, transport.above & blocked)
     there = transport.position[transport.landed.clamp_min(0).long()] - transport.position[:, None]
     cosine = (torch.nn.functional.normalize(there, dim=-1) * transport.directions).sum(-1)
     far = (transport.landed >= 0) & (there.norm(dim=-1) > 0.5)
@@ -112,7 +134,7 @@ def test_on_its_home_ground_it_recovers_the_material(tiny: Scene, stage: Stage) 
     known = bake(stage, 128, lambda position: waves(position, extent))
     material = Material(known[..., :3].contiguous(), known[..., 3:].contiguous())
     light = fit.fit_light(LatLongEnvironment(smooth_light())).lobes
-    truth = reconstruction(stage, material, light, Transport.of(stage, options.atlas, options.directions), None)
+    truth = reconstruction(stage, material, light, None)
     scene = photographed(tiny, truth)
     found = InvRender(options).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
     recovered = compare(found.reconstruction, truth, scene)

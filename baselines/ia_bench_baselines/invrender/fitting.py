@@ -15,7 +15,8 @@ from ia_bench_baselines.invrender.model import InvRenderModel, shade
 from ia_bench_baselines.invrender.networks import PERTURBATION, sparsity
 from ia_bench_baselines.invrender.reconstruction import reconstruction
 from ia_bench_baselines.invrender.settings import InvRenderOptions
-from ia_bench_baselines.invrender.transport import Transport
+from ia_bench_baselines.invrender.transport import IndirectLight, Transport
+from ia_bench_baselines.invrender.visibility import LobeVisibility
 
 DIRECTIONS_OF_A_STEP = 32  # that indirect light is compared in; half of them are above the surface
 
@@ -24,14 +25,14 @@ class Fitting:
     """One scene, the model that is fitted to it, and its losses."""
 
     def __init__(self, problem: Problem, options: InvRenderOptions, seed: int) -> None:
-        """Trace what is seen of the scene. Raises InputError where no training pixel shows the object alone."""
+        """Trace what sees what. Raises InputError where no training pixel shows the object alone."""
         self._options, self._stage = options, problem.stage
         self._pixels = TrainingPixels(problem)
         self._transport = Transport.of(problem.stage, options.atlas, options.directions)
         generator = torch.Generator().manual_seed(seed)
         self.model = InvRenderModel(problem.scene.expect_mesh(), options.width, options.octaves, generator).to(problem.device)
         self.model.light_up(float(self._pixels.radiance.mean()))
-        self._indirect: SphericalGaussians | None = None
+        self._indirect: IndirectLight | None = None
 
     def phases(self) -> list[Phase]:
         """What :class:`ia_bench_baselines.common.descent.Descent` goes through."""
@@ -89,7 +90,9 @@ class Fitting:
         noise = PERTURBATION * torch.randn(code.shape, generator=generator, device=code.device)
         albedo, roughness = material.decode(torch.cat([code, code + noise]))
         (albedo, near_albedo), (roughness, near_roughness) = albedo.chunk(2), roughness.chunk(2)
-        found = shade(points, albedo, roughness, self.model.light(), self._transport, self._indirect)
+        visibility = LobeVisibility(self._stage, generator)
+        indirect = None if self._indirect is None else self._indirect.at(points.uv)
+        found = shade(points, albedo, roughness, self.model.light(), visibility, indirect)
         image = (found - self._pixels.target(drawn, found)).abs().sum(1).mean()
         change = (albedo - near_albedo).abs().mean() + (roughness - near_roughness).abs().mean()
         return image + options.sparsity * sparsity(code) + options.smoothness * change
@@ -98,7 +101,8 @@ class Fitting:
     def _keep_indirect(self) -> None:
         """Indirect light is known by now: write its lobes down for all texels."""
         if self._options.indirect_steps:
-            self._indirect = self.model.indirect(self.model.unit(self._transport.position))
+            lobes = self.model.indirect(self.model.unit(self._transport.position))
+            self._indirect = IndirectLight(self._transport.atlas, lobes)
 
     # ---- what is recovered -------------------------------------------------------------------------------------------
 
@@ -109,4 +113,4 @@ class Fitting:
         found = bake(self._stage, self._options.texture, lambda position: model.material(model.unit(position)))
         material = Material(found[..., :3].contiguous(), found[..., 3:].contiguous())
         light = SphericalGaussians(*(part.detach().clone() for part in model.light()))
-        return reconstruction(self._stage, material, light, self._transport, self._indirect)
+        return reconstruction(self._stage, material, light, self._indirect)

@@ -15,11 +15,11 @@ from ia_bench_baselines.common.spherical_gaussians.environment import fibonacci_
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
 from ia_bench_baselines.common.spherical_gaussians.shading import Gloss, glossy, irradiance, reflected_lobe
 from ia_bench_baselines.invrender.networks import IndirectField, RadianceField, SparseMaterial
-from ia_bench_baselines.invrender.transport import Transport
+from ia_bench_baselines.invrender.visibility import LobeVisibility
 
 GLOSS = Gloss(reflectance=0.02, gain=2.0)
 LOBES = 128
-LEAST_SHARPNESS, LARGEST_SHARPNESS = 0.1, 1000.0  # a narrower lobe would fall between the directions of visibility
+LEAST_SHARPNESS, LARGEST_SHARPNESS = 0.1, 2000.0  # as of a light that is given
 SEEN_OF_SKY = 0.7  # the share that a point of an object sees of it, roughly: for the brightness of the first light
 
 
@@ -70,21 +70,19 @@ def shade(
     albedo: Tensor,
     roughness: Tensor,
     light: SphericalGaussians,
-    transport: Transport,
+    visibility: LobeVisibility,
     indirect: SphericalGaussians | None,
 ) -> Tensor:
     """Radiance (N, 3) toward the camera.
 
     Every lobe of the light has a visibility of its own where it is reflected by the diffuse lobe, and all share one, that of the
-    reflected lobe, where by GGX. Visibility carries no gradient. ``indirect`` are the lobes of all texels, which see no shadow.
+    reflected lobe, where by GGX. Visibility carries no gradient. ``indirect`` are the lobes of each point, which see no shadow.
     """
-    normal, view, rows = points.normal, points.view, transport.rows(points.uv)
+    normal, view = points.normal, points.view
     axis, sharpness, _ = reflected_lobe(normal, view, roughness.detach(), GLOSS)
-    seen = transport.of_lobes(rows, light.axis.detach(), light.sharpness.detach())
-    arriving = irradiance(light, normal, seen)
-    reflected = glossy(light, normal, view, roughness, GLOSS) * transport.of_reflection(rows, axis, sharpness)
+    arriving = irradiance(light, normal, visibility.of_light(points, light.axis.detach(), light.sharpness.detach()))
+    reflected = glossy(light, normal, view, roughness, GLOSS) * visibility.of_reflection(points, axis, sharpness)
     if indirect is not None:
-        there = SphericalGaussians(*(part[rows] for part in indirect))
-        arriving = arriving + irradiance(there, normal)
-        reflected = reflected + glossy(there, normal, view, roughness, GLOSS)
+        arriving = arriving + irradiance(indirect, normal)
+        reflected = reflected + glossy(indirect, normal, view, roughness, GLOSS)
     return albedo / math.pi * arriving + reflected

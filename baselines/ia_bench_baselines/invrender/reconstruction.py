@@ -15,13 +15,14 @@ from ia_bench_baselines.common.spherical_gaussians.environment import SphericalG
 from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
 from ia_bench_baselines.invrender.model import shade
-from ia_bench_baselines.invrender.transport import Transport
+from ia_bench_baselines.invrender.transport import IndirectLight
+from ia_bench_baselines.invrender.visibility import LobeVisibility
 
 SHADED_AT_ONCE = 1024  # points, whose lobes stay in the processor's cache
 
 
 def reconstruction(
-    stage: Stage, material: Material, light: SphericalGaussians, transport: Transport, indirect: SphericalGaussians | None
+    stage: Stage, material: Material, light: SphericalGaussians, indirect: IndirectLight | None
 ) -> ShadedReconstruction:
     """Textures under ``light`` and the ``indirect`` light that it makes, which is left out under other lights.
 
@@ -30,8 +31,8 @@ def reconstruction(
 
     def shader(given: Environment | None, quality: Quality) -> _Shader:
         if given is None:
-            return _Shader(material, light, transport, indirect)
-        return _Shader(material, fit_light(given).lobes, transport, None)
+            return _Shader(stage, material, light, indirect)
+        return _Shader(stage, material, fit_light(given).lobes, None)
 
     environment = SphericalGaussianEnvironment(light)
     return ShadedReconstruction(stage, material, renderer="spherical Gaussians", environment=environment, shader=shader)
@@ -40,10 +41,9 @@ def reconstruction(
 class _Shader:
     """See :class:`ia_bench_baselines.common.shaded.Shader`."""
 
-    def __init__(
-        self, material: Material, light: SphericalGaussians, transport: Transport, indirect: SphericalGaussians | None
-    ) -> None:
-        self._material, self._light, self._transport, self._indirect = material, light, transport, indirect
+    def __init__(self, stage: Stage, material: Material, light: SphericalGaussians, indirect: IndirectLight | None) -> None:
+        self._material, self._light, self._indirect = material, light, indirect
+        self._visibility = LobeVisibility(stage.apart, torch.Generator(device=stage.device).manual_seed(0))
 
     def __call__(self, points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
         shaded = []
@@ -51,5 +51,6 @@ class _Shader:
             some = SurfacePoints(*(values[part] for values in vars(points).values()))
             albedo, roughness = fetch(self._material.albedo, some.uv), fetch(self._material.roughness, some.uv)
             scaled = albedo if albedo_scale is None else albedo * albedo_scale
-            shaded.append(shade(some, scaled, roughness, self._light, self._transport, self._indirect))
+            indirect = None if self._indirect is None else self._indirect.at(some.uv)
+            shaded.append(shade(some, scaled, roughness, self._light, self._visibility, indirect))
         return torch.cat(shaded)

@@ -40,8 +40,12 @@ class Objective:
         supervision: Supervision,
         frozen: list[str],
         generator: torch.Generator,
+        done: float = 0.0,
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """The loss of G-buffer entries (B,), and the renders (B, 3) that are to blame first if it is not finite."""
+        """The loss of G-buffer entries (B,), and the renders (B, 3) that are to blame first if it is not finite.
+
+        ``done``: the share of the run's steps that are done, from 0 to 1.
+        """
         settings, weights = self._settings, self._settings.weights
         material, light = parameters.material(), parameters.light(uniform=settings.light_uniform)
         target, known = self.images[pixels], None if self._known is None else self._known[pixels]
@@ -65,7 +69,8 @@ class Objective:
         # ---- lambda_4: smoothness
         loss = loss + self._smoothness(pixels, parameters.tensors, frozen)
         if weights.smooth_light:
-            loss = loss + weights.smooth_light * total_variation(parameters.tensors["log_light"])
+            price = weights.smooth_light * weights.smooth_light_final**done
+            loss = loss + price * total_variation(parameters.tensors["log_light"])
         return loss, {"the rendered radiance": rendered.radiance, "the rendered albedo": rendered.albedo}
 
     @property

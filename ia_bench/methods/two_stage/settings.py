@@ -23,6 +23,8 @@ class LossWeights:
         smooth_albedo: Of differences of albedo between neighbours that look alike.
         smooth_roughness: Of differences of roughness, and of metallic, likewise.
         smooth_light: Of the total variation of the light's log radiance (``losses.total_variation``).
+        smooth_light_final: What ``smooth_light`` falls to over the run, exponentially, as a fraction. It holds down the noise of
+            steps, of which there is less as rates fall; what is more than that pulls lamps and dim surroundings together.
     """
 
     image: Weight = 1.0
@@ -31,6 +33,7 @@ class LossWeights:
     smooth_albedo: Weight = 0.02
     smooth_roughness: Weight = 0.1
     smooth_light: Weight = 0.0003
+    smooth_light_final: Positive = 1.0
 
 
 @dataclass(frozen=True)
