@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 
 from . import drum_paint as paints
-from .common import frame, grid_surface, lathe, mesh_object, sheet, smooth_path, tube_along_curve
 from .drum_paint import BOWL_BAND, COLLAR, FOOT_BAND, FOOT_MOTIFS, STEM_BAND, STEM_MOTIFS
+from .forms import frame, grid_surface, lathe, mesh_object, sheet, smooth_path, tube_along_curve
 
 TAU = 2.0 * np.pi
 COLUMNS = 60  # vertices round the shell

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import bpy
 
-from .common import Paint, Socket
+from .paint import Paint, Socket
 
 FOOT_BAND, STEM_BAND, BOWL_BAND = (-0.83, -0.69), (-0.51, -0.385), (0.22, 0.36)
 """Heights between which the three painted bands lie."""
@@ -24,11 +24,6 @@ SOOT, INDIGO = (0.041, 0.038, 0.036), (0.045, 0.085, 0.25)
 
 
 # ---------------------------------------------------------------- the shell
-def between(paint: Paint, value: Socket, low: float, high: float, soft: float = 0.003) -> Socket:
-    """Mask of `value` in [low, high], with edges `soft` wide."""
-    return paint.math("MULTIPLY", paint.smooth(value, low - soft, low + soft), paint.smooth(value, high - soft, high + soft, 1, 0))
-
-
 def grain(paint: Paint) -> tuple[Socket, Socket, Socket]:
     """Colour and roughness of oiled hardwood carved from one log, and a stain that says where it was handled."""
     p = paint.position()
@@ -86,7 +81,7 @@ def shell() -> bpy.types.Material:
 def _across(paint: Paint, z: Socket, band: tuple[float, float]) -> tuple[Socket, Socket]:
     """Position across a band from 0 to 1, and the band's mask."""
     low, high = band
-    return paint.formula("(z - low) / height", z=z, low=low, height=high - low), between(paint, z, low - 0.012, high + 0.012)
+    return paint.formula("(z - low) / height", z=z, low=low, height=high - low), paint.between(z, low - 0.012, high + 0.012)
 
 
 def _tooth(paint: Paint, turn: Socket, motifs: int, shift: float = 0.0) -> Socket:
@@ -138,7 +133,7 @@ def _dots(paint: Paint, turn: Socket, z: Socket) -> tuple[Socket, Socket]:
     low, high = COLLAR
     across = paint.formula("(fract(t * 30) - 0.5) * 0.045", t=turn)
     dot = paint.vector("LENGTH", paint.join(across, paint.formula("z - middle", z=z, middle=0.5 * (low + high)), 0.0))
-    return paint.mix(paint.smooth(dot, 0.010, 0.014, 1.0, 0.0), INDIGO, KAOLIN), between(paint, z, low, high)
+    return paint.mix(paint.smooth(dot, 0.010, 0.014, 1.0, 0.0), INDIGO, KAOLIN), paint.between(z, low, high)
 
 
 # ---------------------------------------------------------------- skin, leather, shell
@@ -261,7 +256,7 @@ def wound_yarn() -> bpy.types.Material:
     off = paint.formula("absolute(fract(v * 8 + u) - 0.5)", v=along, u=around)
     fluff = paint.noise(p, 40.0, 3.0)
     colour = paint.mix(paint.smooth(paint.noise(p, 9.0, 3.0), 0.35, 0.65), (0.50, 0.085, 0.045), (0.30, 0.040, 0.035))
-    cream = paint.formula("a * b", a=between(paint, along, 0.62, 0.82), b=paint.smooth(off, 0.12, 0.20, 1.0, 0.0))
+    cream = paint.formula("a * b", a=paint.between(along, 0.62, 0.82), b=paint.smooth(off, 0.12, 0.20, 1.0, 0.0))
     colour = paint.mix(cream, colour, (0.72, 0.60, 0.38))
     colour = paint.mix(paint.smooth(off, 0.36, 0.5, 0.0, 0.65), colour, (0.10, 0.034, 0.034))
     struck = paint.smooth(paint.noise(p, 14.0, 3.0), 0.58, 0.68, 0.0, 0.6)
