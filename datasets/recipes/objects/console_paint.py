@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from mathutils import Matrix, Vector
 
-from .common import Paint, Socket, Value
+from .paint import Paint, Socket, Value
 
 Triple = tuple[float, float, float]  # linear RGB, or lengths along x, y, z
 

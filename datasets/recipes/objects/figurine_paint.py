@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .common import Paint, Socket
+from .paint import Paint, Socket
 
 GOLD = (0.62, 0.36, 0.06)
 GLAZE = (0.84, 0.81, 0.75)

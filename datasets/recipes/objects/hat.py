@@ -11,134 +11,29 @@ import bpy
 import numpy as np
 
 from . import hat_paint as paints
-from .common import mesh_object
+from .forms import mesh_object
+from .hat_form import (
+    ARC,
+    BAND_MIDDLE,
+    EYE,
+    OPENING,
+    PITCH,
+    RADIUS,
+    RIM,
+    TURNS,
+    brim_height,
+    charted,
+    ribbon_strip,
+    skin,
+    surface,
+    worn,
+)
 
 COLUMNS = 80  # vertices round the hat
-PITCH = 0.0535  # width of one turn of the braid
 RIDGE = 0.013  # height of a ridge
 THICKNESS = 0.016  # of the straw, without the ridges
-EYE = 0.02  # radius at which the spiral starts
-TURNS = 22  # of the braid, from the top of the crown to the rim
-RIM = EYE + PITCH * TURNS  # arc length from the top of the crown to the rim
 BOW = -0.95  # where the bow sits round the crown, radians
 BAND = 0.062  # half the width of the ribbon
-
-# Section of the hat without waves: (radius, height) from the top of the crown to the brim.
-SECTION = np.array([
-    (0.00, 0.435), (0.10, 0.434), (0.20, 0.428), (0.27, 0.408), (0.318, 0.37), (0.345, 0.31), (0.362, 0.23),
-    (0.376, 0.14), (0.390, 0.065), (0.412, 0.022), (0.455, 0.002), (0.55, -0.012), (0.70, -0.030),
-    (0.85, -0.050), (1.05, -0.070),
-])  # fmt: skip
-
-
-def _fine_section() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Arc length, radius and height along the rounded section."""
-    points = SECTION
-    for _ in range(4):  # corner cutting (Chaikin), which keeps the ends
-        inner = np.stack([0.75 * points[:-1] + 0.25 * points[1:], 0.25 * points[:-1] + 0.75 * points[1:]], axis=1)
-        points = np.concatenate([points[:1], inner.reshape(-1, 2), points[-1:]])
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    return length, points[:, 0], points[:, 1]
-
-
-ARC, RADIUS, HEIGHT = _fine_section()
-BAND_MIDDLE = float(ARC[np.argmax((HEIGHT < 0.105) & (RADIUS > 0.3))])  # arc length at the ribbon's middle line
-OPENING = float(ARC[np.argmax((HEIGHT < 0.055) & (RADIUS > 0.3))])  # where the lining of straw starts inside the crown
-
-
-# ---------------------------------------------------------------- the shape of the hat
-def _bare(arc: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Points (..., 3) of the smooth hat at an arc length from the crown's top and an angle."""
-    radius, height = np.interp(arc, ARC, RADIUS), np.interp(arc, ARC, HEIGHT)
-    outward = np.clip((radius - 0.43) / 0.50, 0.0, None)  # 0 at the crown, 1 at the rim
-    oval = 0.06 * np.exp(-2.0 * outward)  # heads are longer than wide, the rim is round
-    x, y = radius * np.cos(angle) * (1.0 + oval), radius * np.sin(angle) * (1.0 - oval)
-    wave = 0.052 * np.cos(2.0 * angle - 0.5) + 0.034 * np.cos(3.0 * angle + 1.3) + 0.012 * np.sin(5.0 * angle + 0.4)
-    crease = 0.075 * np.exp(-((x / 0.24) ** 2) - (y / 0.10) ** 2) * (height > 0.3)  # pinched by the hand that lifts it
-    return np.stack([x, y, height + wave * outward**1.5 - crease], axis=-1)
-
-
-def _surface(arc: np.ndarray, angle: np.ndarray, lift: np.ndarray | float = 0.0) -> np.ndarray:
-    """Points lifted off the smooth hat along its outward normal."""
-    arc, angle = np.broadcast_arrays(np.asarray(arc, float), np.asarray(angle, float))
-    step = 1e-3
-    start = np.maximum(arc, 2.0 * step)  # the angle has no direction at the very top
-    down = _bare(start + step, angle) - _bare(start - step, angle)
-    round_ = _bare(start, angle + step) - _bare(start, angle - step)
-    normal = np.cross(down, round_)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    return _bare(arc, angle) + np.asarray(lift)[..., None] * normal
-
-
-def _brim_height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Height of the smooth brim over points of the plane, by fixed-point inversion of `_bare`."""
-    arc, angle = np.interp(np.hypot(x, y), RADIUS, ARC), np.arctan2(y, x)
-    for _ in range(12):
-        found = _bare(arc, angle)
-        arc = arc + np.hypot(x, y) - np.hypot(found[..., 0], found[..., 1])
-        angle = angle + np.arctan2(y, x) - np.arctan2(found[..., 1], found[..., 0])
-    return _bare(arc, angle)[..., 2]
-
-
-def _worn(points: np.ndarray) -> np.ndarray:
-    """Tilt the hat to its resting pose on the block."""
-    roll, pitch = np.radians(9.0), np.radians(-7.0)
-    about_x = np.array([[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]])
-    about_y = np.array([[np.cos(pitch), 0, np.sin(pitch)], [0, 1, 0], [-np.sin(pitch), 0, np.cos(pitch)]])
-    return points @ (about_x @ about_y).T + (0.0, 0.0, 0.11)
-
-
-# ---------------------------------------------------------------- meshes with a chart
-def _charted(
-    name: str, points: np.ndarray, faces: list[list[int]], charts: list[list], paint: bpy.types.Material, sharp: float
-) -> bpy.types.Object:
-    """Object in the hat's pose, with one chart triple per face corner."""
-    item = mesh_object(name, _worn(points), faces, paint, sharp)
-    layer = item.data.attributes.new("chart", "FLOAT_VECTOR", "CORNER")
-    layer.data.foreach_set("vector", np.array([corner for face in charts for corner in face], np.float32).ravel())
-    return item
-
-
-def _skin(
-    name: str,
-    points: np.ndarray,
-    chart: np.ndarray,
-    paint: bpy.types.Material,
-    *,
-    caps: bool = True,
-    sharp: float = 40.0,
-) -> bpy.types.Object:
-    """Surface through closed rings: `points` (rows, columns, 3), `chart` (rows, columns + 1, 3), flat end caps."""
-    rows, columns, _ = points.shape
-    faces, charts = [], []
-    for i in range(rows - 1):
-        for j in range(columns):
-            k = (j + 1) % columns
-            faces.append([i * columns + j, i * columns + k, (i + 1) * columns + k, (i + 1) * columns + j])
-            charts.append([chart[i, j], chart[i, j + 1], chart[i + 1, j + 1], chart[i + 1, j]])
-    if caps:
-        for j in range(columns // 2 - 1):  # strips between the two halves of the ring
-            strip = [j, j + 1, columns - 2 - j, columns - 1 - j]
-            faces += [strip[::-1], [(rows - 1) * columns + index for index in strip]]
-            charts += [list(chart[0, strip[::-1]]), list(chart[-1, strip])]
-    return _charted(name, points.reshape(-1, 3), faces, charts, paint, sharp)
-
-
-def _ribbon(
-    name: str, points: np.ndarray, paint: bpy.types.Material, wide: np.ndarray, thickness: float = 0.010
-) -> bpy.types.Object:
-    """Solid strip round a sheet (along, across, 3), with the chart (length, distance from the middle, 0).
-
-    `wide` holds that distance per column, so that a gathered strip carries the whole width of the print.
-    """
-    normal = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
-    normal *= 0.5 * thickness / np.linalg.norm(normal, axis=-1, keepdims=True)
-    rings = np.concatenate([points - normal, (points + normal)[:, ::-1]], axis=1)
-    middle = points[:, points.shape[1] // 2]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(middle, axis=0), axis=1))])
-    across = np.concatenate([wide, wide[::-1], wide[:1]])
-    chart = np.stack([*np.meshgrid(along, across, indexing="ij"), np.zeros((len(along), len(across)))], axis=-1)
-    return _skin(name, rings, chart, paint)
 
 
 # ---------------------------------------------------------------- straw
@@ -165,7 +60,7 @@ def _braid(first: int, samples: np.ndarray, under: bool, paint: bpy.types.Materi
     arc = arc + 0.0016 * ~ends * _smooth_random(rng, last + 1, 5)[:, None]
     height = RIDGE * width / PITCH * (1.0 + 0.16 * _smooth_random(rng, last + 1, 7))
     ridge = height[:, None] * np.sin(np.pi * samples) ** 0.7
-    points = _surface(arc, turn[:, None], -THICKNESS - ridge if under else ridge)
+    points = surface(arc, turn[:, None], -THICKNESS - ridge if under else ridge)
     count = len(samples) - 1
 
     def vertex(column: int, m: int) -> int:
@@ -202,16 +97,16 @@ def _braid(first: int, samples: np.ndarray, under: bool, paint: bpy.types.Materi
     used = np.unique(np.concatenate([np.array(face) for face in faces]))
     position = {int(old): new for new, old in enumerate(used)}
     faces = [[position[index] for index in face] for face in faces]
-    _charted("braid_under" if under else "braid", points.reshape(-1, 3)[used], faces, charts, paint, 32.0)
+    charted("braid_under" if under else "braid", points.reshape(-1, 3)[used], faces, charts, paint, 32.0)
 
 
 def _eye(paint: bpy.types.Material) -> None:
     """Button of straw in which the spiral starts."""
     angles = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
-    rings = np.stack([_surface(arc, angles, lift) for arc, lift in ((0.032, 0.0), (0.026, 0.013), (0.012, 0.018))])
+    rings = np.stack([surface(arc, angles, lift) for arc, lift in ((0.032, 0.0), (0.026, 0.013), (0.012, 0.018))])
     across = np.linspace(0.0, 0.11, 13)
     chart = np.stack([np.stack([across, np.full(13, v), np.zeros(13)], axis=-1) for v in (0.1, 0.4, 0.6)])
-    _skin("eye", rings, chart, paint)
+    skin("eye", rings, chart, paint)
 
 
 def _frays(paint: bpy.types.Material, rng: np.random.Generator, count: int = 56) -> None:
@@ -224,7 +119,7 @@ def _frays(paint: bpy.types.Material, rng: np.random.Generator, count: int = 56)
         forward, sideways, lift = rng.uniform(0.01, 0.06), rng.uniform(-0.11, 0.11), rng.uniform(0.022, 0.05)
         steps = np.array([0.0, 0.5, 1.0])
         swing = sideways / float(np.interp(arc, ARC, RADIUS))
-        path = _surface(arc + forward * steps, angle + swing * steps, lift * steps**0.8 + 0.002)
+        path = surface(arc + forward * steps, angle + swing * steps, lift * steps**0.8 + 0.002)
         for centre, radius in zip(path[:2], (0.0048, 0.0036), strict=True):
             vertices += list(centre + radius * section)
         vertices.append(path[2])
@@ -232,7 +127,7 @@ def _frays(paint: bpy.types.Material, rng: np.random.Generator, count: int = 56)
         for j in range(3):
             k = (j + 1) % 3
             faces += [[base + j, base + k, base + 3 + k, base + 3 + j], [base + 3 + j, base + 3 + k, base + 6]]
-    mesh_object("frays", _worn(np.array(vertices)), faces, paint, 50.0)
+    mesh_object("frays", worn(np.array(vertices)), faces, paint, 50.0)
 
 
 # ---------------------------------------------------------------- cloth
@@ -244,17 +139,17 @@ def _hem(cloth: bpy.types.Material, thread: bpy.types.Material) -> None:
         (-0.010, 0.021), (-0.036, 0.019), (-0.044, 0.004),
     ])  # fmt: skip
     pucker = 1.0 + 0.08 * np.sin(48.0 * angles) * np.sin(7.0 * angles)
-    rings = np.stack([_surface(RIM + inward * pucker, angles, lift * pucker) for inward, lift in section])
+    rings = np.stack([surface(RIM + inward * pucker, angles, lift * pucker) for inward, lift in section])
     along = np.linspace(0.0, 5.9, COLUMNS + 1)
     across = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(section, axis=0), axis=1))])
     chart = np.stack([*np.meshgrid(along, across), np.zeros((len(section), COLUMNS + 1))], axis=-1)
-    _skin("hem", rings, chart, cloth, caps=False, sharp=90.0)
+    skin("hem", rings, chart, cloth, caps=False, sharp=90.0)
 
     count, vertices, faces = 92, [], []
     for i in range(count):
         middle = 2.0 * np.pi * i / count
         at = middle + np.array([-0.019, -0.012, 0.012, 0.019])
-        spine = _surface(RIM - 0.025, at, np.array([0.016, 0.0205, 0.0205, 0.016]))
+        spine = surface(RIM - 0.025, at, np.array([0.016, 0.0205, 0.0205, 0.016]))
         outward = np.array([np.cos(middle), np.sin(middle), 0.0])
         section_of_thread = [0.0055 * outward, np.array([0.0, 0.0, 0.0055]), -0.0055 * outward]
         base = len(vertices)
@@ -262,7 +157,7 @@ def _hem(cloth: bpy.types.Material, thread: bpy.types.Material) -> None:
         for j in range(3):
             a, b = base + 1 + j, base + 1 + (j + 1) % 3
             faces += [[base, a, b], [b, a, a + 3, b + 3], [b + 3, a + 3, base + 7]]
-    mesh_object("stitches", _worn(np.array(vertices)), faces, thread, 70.0)
+    mesh_object("stitches", worn(np.array(vertices)), faces, thread, 70.0)
 
 
 def _band(paint: bpy.types.Material) -> None:
@@ -271,16 +166,16 @@ def _band(paint: bpy.types.Material) -> None:
     across = np.array([1.0, 1.0, 0.93, 0.4, -0.4, -0.93, -1.0, -1.0]) * BAND
     lifts = np.array([0.0, 0.017, 0.0225, 0.021, 0.021, 0.0225, 0.017, 0.0])
     sag = 0.004 * np.sin(2.0 * angles + 1.0) + 0.002 * np.sin(7.0 * angles)
-    rings = np.stack([_surface(BAND_MIDDLE + a + sag, angles, lift) for a, lift in zip(across, lifts, strict=True)])
+    rings = np.stack([surface(BAND_MIDDLE + a + sag, angles, lift) for a, lift in zip(across, lifts, strict=True)])
     along = np.linspace(0.0, 2.4, COLUMNS + 1)  # twenty whole prints
     chart = np.stack([*np.meshgrid(along, across), np.zeros((len(across), COLUMNS + 1))], axis=-1)
-    _skin("band", rings, chart, paint, caps=False)
+    skin("band", rings, chart, paint, caps=False)
 
 
 def _bow(paint: bpy.types.Material) -> None:
     """Two gathered loops, two tails on the brim with swallow-tail ends, and the knot over them."""
-    origin = _surface(BAND_MIDDLE, BOW, 0.03)
-    out = _surface(BAND_MIDDLE, BOW, 1.03) - origin
+    origin = surface(BAND_MIDDLE, BOW, 0.03)
+    out = surface(BAND_MIDDLE, BOW, 1.03) - origin
     side = np.cross((0.0, 0.0, 1.0), out)
     side /= np.linalg.norm(side)
     up = np.cross(out, side)
@@ -294,7 +189,7 @@ def _bow(paint: bpy.types.Material) -> None:
         half = (0.026 + 0.062 * full**0.8) * across
         rise = (0.085 if hand > 0 else 0.045) * full**1.5 + half * (1.0 + 0.10 * full * across)
         points = origin + reach[..., None] * hand * side + depth[..., None] * out + rise[..., None] * up
-        _ribbon("loop", points, paint, BAND * across)
+        ribbon_strip("loop", points, paint, BAND * across)
     for hand in (-1.0, 1.0):
         length = 0.40 if hand > 0 else 0.33
         v = np.linspace(0.0, 1.0, 17)[:, None] * (1.0 - 0.16 * (1.0 - np.abs(across)))
@@ -307,10 +202,10 @@ def _bow(paint: bpy.types.Material) -> None:
         level = out * (1.0, 1.0, 0.0) / np.hypot(out[0], out[1])
         plan = origin + sideways[..., None] * side + outward[..., None] * level
         ripple = 0.013 * (1.0 + np.sin(15.0 * v + 1.5 * hand + 0.8 * across)) * np.clip(v / 0.4, 0.0, 1.0)
-        rest = _brim_height(plan[..., 0], plan[..., 1]) + 0.021 + ripple
+        rest = brim_height(plan[..., 0], plan[..., 1]) + 0.021 + ripple
         fall = 1.0 - np.clip(v / 0.34, 0.0, 1.0)
         plan[..., 2] = rest + np.maximum(origin[2] - 0.02 - rest, 0.0) * fall**2 * (3.0 - 2.0 * fall)
-        _ribbon("tail", plan, paint, BAND * across, 0.009)
+        ribbon_strip("tail", plan, paint, BAND * across, 0.009)
 
     height = np.array([-0.062, -0.060, -0.045, -0.02, 0.02, 0.045, 0.060, 0.062])
     bulge = np.array([0.55, 0.85, 1.0, 0.95, 0.95, 1.0, 0.85, 0.55])
@@ -322,7 +217,7 @@ def _bow(paint: bpy.types.Material) -> None:
         - (0.040 * ring * np.sin(turn))[..., None] * out + height[:, None, None] * up
     )  # fmt: skip
     chart = np.stack([*np.meshgrid(np.linspace(0.05, 0.35, 15), height), np.zeros((8, 15))], axis=-1)
-    _skin("knot", points, chart[..., [1, 0, 2]] * (1.0, 0.15, 1.0), paint, sharp=60.0)
+    skin("knot", points, chart[..., [1, 0, 2]] * (1.0, 0.15, 1.0), paint, sharp=60.0)
 
 
 # ---------------------------------------------------------------- the hat block
@@ -343,7 +238,7 @@ def _block(paint: bpy.types.Material, steps: int = 44) -> None:
         (0.17, -0.085),
     ])  # fmt: skip
     turned = np.stack([np.column_stack([r * circle, np.full(steps, z)]) for r, z in foot])
-    for name, points, posed in (("head", rings, _worn), ("foot", turned, np.asarray)):
+    for name, points, posed in (("head", rings, worn), ("foot", turned, np.asarray)):
         rows = len(points)
         faces = [
             [i * steps + j, i * steps + (j + 1) % steps, (i + 1) * steps + (j + 1) % steps, (i + 1) * steps + j]

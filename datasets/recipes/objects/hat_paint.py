@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import bpy
 
-from .common import Paint
+from .paint import Paint
 
 
 def straw() -> bpy.types.Material:

@@ -8,7 +8,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .common import Paint, Socket, grid_surface, lathe, plate, smooth_path, tube_along_curve
+from .forms import grid_surface, lathe, plate, smooth_path, tube_along_curve
+from .paint import Paint, Socket
 
 EYE = (0.165, -0.250, 0.50)
 """Centre of its left eye; the right one is at -x."""

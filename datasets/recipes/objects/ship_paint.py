@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import bpy
 
-from .common import Paint, Socket, Value
+from .paint import Paint, Socket, Value
 
 Palette = dict[str, bpy.types.Material]
 
@@ -24,11 +24,6 @@ def _joint(p: Paint, value: Socket, half: float) -> Socket:
     """1 where `value` is within `half` of an integer, falling smoothly to 0."""
     distance = p.math("ABSOLUTE", p.math("SUBTRACT", p.math("FRACT", p.math("ADD", value, 0.5)), 0.5))
     return p.smooth(distance, 0.4 * half, half, 1.0, 0.0)
-
-
-def _between(p: Paint, value: Socket, low: float, high: float, soft: float = 0.003) -> Socket:
-    rising = p.smooth(value, low - soft, low + soft)
-    return p.math("MULTIPLY", rising, p.smooth(value, high - soft, high + soft, 1.0, 0.0))
 
 
 def _planks(p: Paint, along: Socket, across: Socket, length: float, seam: float) -> tuple[Socket, Socket]:
@@ -81,9 +76,9 @@ def hull_paint(keel: float, sheer: tuple[float, float, float]) -> bpy.types.Mate
     lozenge = p.math("ADD", p.math("MULTIPLY", p.math("PINGPONG", x, 0.03), 1.0),
                      p.math("ABSOLUTE", _affine(p, above, 1.0, -0.037)))  # fmt: skip
     band = p.mix(p.smooth(lozenge, 0.020, 0.024), (0.62, 0.36, 0.05), (0.03, 0.085, 0.24))
-    band = p.mix(_between(p, above, 0.006, 0.068), (0.62, 0.36, 0.05), band)
+    band = p.mix(p.between(above, 0.006, 0.068), (0.62, 0.36, 0.05), band)
     ornate = p.smooth(above, 0.0, 0.003)
-    upper = _between(p, above, 0.078, 0.5)
+    upper = p.between(above, 0.078, 0.5)
     band = p.mix(upper, band, p.mix(p.math("MULTIPLY", tone, 0.6), (0.22, 0.035, 0.03), (0.13, 0.02, 0.02)))
     bottom = p.mix(p.math("MULTIPLY", tone, 0.5), (0.34, 0.06, 0.035), (0.20, 0.035, 0.025))
     slime = p.smooth(
@@ -91,7 +86,7 @@ def hull_paint(keel: float, sheer: tuple[float, float, float]) -> bpy.types.Mate
     )
     bottom = p.mix(p.math("MULTIPLY", slime, 0.7), bottom, (0.07, 0.085, 0.04))
     under = p.smooth(z, -0.531, -0.527, 1.0, 0.0)
-    boot = _between(p, z, -0.529, -0.497, 0.002)
+    boot = p.between(z, -0.529, -0.497, 0.002)
     color = p.mix(boot, p.mix(ornate, oak, band), (0.74, 0.71, 0.62))
     color = p.mix(under, color, bottom)
     paint = p.math("MAXIMUM", p.math("MAXIMUM", ornate, boot), under)
@@ -146,7 +141,7 @@ def canvas(name: str, emblem: str = "", centre: float = 0.0, radius: float = 0.1
 def _emblem(p: Paint, kind: str, y: Socket, z: Socket, radius: float) -> tuple[Socket, Value, Socket]:
     """Mask of the painted area, its ink, and the mask of the second colour, ochre."""
     distance = p.vector("LENGTH", p.join(y, z, 0.0))
-    rim = _between(p, distance, 1.02 * radius, 1.14 * radius)
+    rim = p.between(distance, 1.02 * radius, 1.14 * radius)
     if kind == "cross":
         a, b = p.math("ABSOLUTE", y), p.math("ABSOLUTE", z)
         arms = [p.smooth(p.math("SUBTRACT", one, _affine(p, other, 0.34, 0.13 * radius)), -0.003, 0.003, 1.0, 0.0)

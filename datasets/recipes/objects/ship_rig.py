@@ -8,7 +8,7 @@ import numpy as np
 # isort: split
 from mathutils import Matrix
 
-from .common import box, lathe, sheet, tube_along_curve
+from .forms import box, lathe, sheet, tube_along_curve
 from .ship_form import SIDES, half_breadth, rail_height, sheer
 from .ship_paint import Palette
 

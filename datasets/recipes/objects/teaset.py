@@ -8,7 +8,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .common import Paint, Socket, box, lathe, sheet, smooth_path, tube_along_curve
+from .forms import box, lathe, sheet, smooth_path, tube_along_curve
+from .paint import Paint, Socket
 
 TEAPOT, CUP, HONEY = (-0.20, 0.10), (0.40, -0.14), (0.42, 0.22)
 """Where the vessels stand on the tray, (x, y)."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .common import Paint, Socket, box, lathe, plate, tube_along_curve
+from .forms import box, lathe, plate, tube_along_curve
+from .paint import Paint, Socket
 
 CEILING, SLOPE = 0.36, 0.42
 """The underside of the cap is a cone: height CEILING - SLOPE * radius."""
