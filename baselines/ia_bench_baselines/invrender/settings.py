@@ -18,14 +18,15 @@ class InvRenderOptions:
         pixels: Training pixels of a step, of all views.
         texels: Surface points of a step of the indirect light.
         width: Of the hidden layers of all networks but the decoder.
-        octaves: Of the encoding of positions; the last one's period is 2 pi / 2^(octaves - 1) of half the object's extent.
+        octaves: Of the encoding of positions; the last one's period is 2 pi / 2^(octaves - 1) of half the object's extent: with 7
+            about five pixels where the object fills an image of 128, as with the original's 10 in one of 1024.
         network_rate: Adam rate of networks.
         light_rate: Adam rate of the light's axes and of the logarithms of its sharpness and amplitude.
         final_rate: What the rates fall to over a phase, as a fraction.
         sparsity: Weight of the divergence that keeps latent codes sparse.
         smoothness: Weight of the change of the material where its latent code is perturbed.
-        directions: Over the sphere, in which visibility is traced once from every texel of the atlas.
-        atlas: Texels along a side of the atlas of points that visibility and indirect light are known at.
+        directions: Over the sphere, in which what every texel of the atlas sees of the object is traced once, for indirect light.
+        atlas: Texels along a side of the atlas of points that indirect light is known at.
         texture: Texels along a side of the textures that the material is written to.
         checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
@@ -36,7 +37,7 @@ class InvRenderOptions:
     pixels: Number = 512
     texels: Number = 256
     width: Number = 128
-    octaves: Number = 10
+    octaves: Number = 7
     network_rate: Rate = 4e-3
     light_rate: Rate = 0.05
     final_rate: Positive = 0.1
