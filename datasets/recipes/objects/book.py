@@ -1,7 +1,7 @@
 """Three books: an old cloth-bound one stands open on a printed paperback, which lies on a ledger with a leather back.
 
 Print under soft gloss beside cloth, leather, marbled and yellowed paper; leaves that shade each other; a woven ribbon that
-hangs from the head of the open book and over the paperback. About 14000 triangles.
+hangs from the head of the open book and over the paperback. About 20300 triangles.
 
 Every part is a slab through grids of points, and carries the corner attribute 'chart' for painting: two coordinates on the
 faces and which face it is, FRONT, BACK or the RIM, where the coordinates are the way round and the share of the thickness.

@@ -170,7 +170,6 @@ def ribbon() -> bpy.types.Material:
 def headband() -> bpy.types.Material:
     """Silk over cord in stripes of red and cream."""
     paint = Paint("headband")
-    u, _, _ = paint.split(paint.attribute("chart"))
-    _, v, _ = paint.split(paint.attribute("chart"))
+    u, v, _ = paint.split(paint.attribute("chart"))
     stripe = paint.smooth(paint.formula("absolute(fract(v * 7 + 0.15 * u) - 0.5)", u=u, v=v), 0.23, 0.27)
     return paint.finish(paint.mix(stripe, (0.55, 0.08, 0.06), CREAM), 0.6)
