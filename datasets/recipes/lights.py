@@ -1,12 +1,14 @@
 """The lights of the benchmark: one training light per scene, three novel lights for relighting.
 
-Every light is a function of direction, so it can be rasterised at any resolution. Values are relative radiance;
-`make_light` scales each to the same mean, at which a white diffuse sphere averages 0.6 and objects about 0.3.
+Photographed ones (`photographs.py`) are called `photo_...`. Every other is a function of direction, so it can be
+rasterised at any resolution. Values are relative radiance; `make_light` scales each to the same mean, at which a white
+diffuse sphere averages 0.6 and objects about 0.3.
 """
 
 import numpy as np
 from latlong import Radiance, rasterise
 from numpy.typing import NDArray
+from photographs import PREFIX, photographed_light
 
 BRIGHTNESS = 0.6
 """Mean luminance of every light over the sphere of directions."""
@@ -270,8 +272,10 @@ def make_light(name: str, height: int) -> NDArray[np.float32]:
     """Light (height, 2 height, 3), linear radiance, mean luminance BRIGHTNESS.
 
     Raises:
-        ValueError: if no light has that name.
+        ValueError: if no light has that name, or a photographed one cannot be had.
     """
+    if name.startswith(PREFIX):
+        return photographed_light(name.removeprefix(PREFIX), height, BRIGHTNESS)
     if name not in MODELS:
         raise ValueError(f"light must be one of {', '.join(MODELS)}, got {name!r}")
     return rasterise(MODELS[name], height, BRIGHTNESS)

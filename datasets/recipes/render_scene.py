@@ -76,12 +76,21 @@ def make_geometry(recipe: Recipe, out: Path) -> None:
         (out / "mesh.ply.part").rename(out / "mesh.ply")
 
 
-def load(recipe: Recipe, out: Path, threads: int) -> SplitRenderer:
-    """Renderer of exactly what the scene folder holds: mesh.ply, the two textures, the lights."""
+def make_lights(recipe: Recipe, out: Path) -> dict[str, Path]:
+    """Write the lights that are not there yet; the file of every light by its name.
+
+    Raises:
+        ValueError: if a photographed light cannot be had; the message says what to do.
+    """
     lights = {name: out / "lights" / f"{name}.exr" for name in recipe.lights}
     for name, model in recipe.lights.items():
         if not lights[name].exists():
             store(lights[name], make_light(model, recipe.light_height), "light")
+    return lights
+
+
+def load(recipe: Recipe, out: Path, lights: dict[str, Path], threads: int) -> SplitRenderer:
+    """Renderer of exactly what the scene folder holds: mesh.ply, the two textures, the lights."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     item = to_blender(read_ply(out / "mesh.ply"))
     item.data.materials.append(textured_material(out / "truth"))
@@ -129,10 +138,11 @@ def main(arguments: list[str]) -> None:
         recipe = recipe.at_size(options.size)
     try:
         folder = begin(options.out, recipe)
+        lights = make_lights(recipe, folder)
     except ValueError as error:
         parser.error(str(error))
     make_geometry(recipe, folder)
-    renderer = load(recipe, folder, options.threads)
+    renderer = load(recipe, folder, lights, options.threads)
     write_transforms(folder, recipe)
     everything = views(recipe)
     render_views(recipe, folder, renderer, everything[options.views_from : options.views_to])
@@ -156,6 +166,7 @@ def describe(recipe: Recipe, renderer: SplitRenderer) -> dict[str, object]:
         "renderer": f"Blender {bpy.app.version_string} Cycles, CPU",
         "size": recipe.size,
         "samples": recipe.samples,
+        "lights": recipe.lights,
         "sample_shares": renderer.shares(),
         "bounces": BOUNCES,
         "pixel_filter": "box, 1 pixel",

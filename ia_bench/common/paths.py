@@ -18,17 +18,26 @@ def conf_folder() -> Path:
     return _installed_or_beside("conf")
 
 
-def scenes_folder() -> Path:
-    """Folder of the scenes: ``$IA_BENCH_DATASETS/scenes``, or all shipped ones in a checkout, ``tiny`` in an installed package.
+def scenes_folders() -> list[Path]:
+    """Folders of scenes that exist, the first that has a scene first: those of ``$IA_BENCH_DATASETS``, with ``:`` between.
+
+    Without that variable, the shipped scenes of a checkout, or ``tiny`` in an installed package.
 
     Raises InputError where there is none.
     """
     chosen = os.environ.get(SCENES_VARIABLE)
-    folder = Path(chosen) / "scenes" if chosen else _installed_or_beside("datasets") / "scenes"
-    if not folder.is_dir():
+    datasets = [Path(part) for part in chosen.split(os.pathsep) if part] if chosen else [_installed_or_beside("datasets")]
+    folders = [folder / "scenes" for folder in datasets]
+    found = [folder for folder in folders if folder.is_dir()]
+    if not found:
         where = f"{SCENES_VARIABLE}={chosen}" if chosen else "this installation"
-        raise InputError(f"{folder}: {where} has no shipped scenes. {MORE_SCENES}")
-    return folder
+        raise InputError(f"{', '.join(map(str, folders))}: {where} has no shipped scenes. {MORE_SCENES}")
+    return found
+
+
+def scenes_folder() -> Path:
+    """The first of :func:`scenes_folders`, where the scenes are that come with the project; raises InputError likewise."""
+    return scenes_folders()[0]
 
 
 def lacks_scenes(folder: Path) -> bool:

@@ -16,7 +16,7 @@ from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
-from ia_bench.common.paths import MORE_SCENES, lacks_scenes, scenes_folder
+from ia_bench.common.paths import MORE_SCENES, lacks_scenes, scenes_folders
 from ia_bench.common.settings import check_arguments, merged, parsed
 from ia_bench.common.suggestions import unknown
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -161,11 +161,13 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
         return user_path("scene.path", scene.path, folder=True)
     if reader is not None and reader.target != NATIVE_READER:
         return None
-    root = scenes_folder()
-    if not (root / scene.name).is_dir():
-        message = unknown(f"scene in {root}:", scene.name, sorted(p.name for p in root.iterdir() if p.is_dir()))
-        raise InputError(f"{message}. {MORE_SCENES}" if lacks_scenes(root) else message)
-    return root / scene.name
+    roots = scenes_folders()
+    found = [root / scene.name for root in roots if (root / scene.name).is_dir()]
+    if not found:
+        there = sorted({folder.name for root in roots for folder in root.iterdir() if folder.is_dir()})
+        message = unknown(f"scene in {' or '.join(map(str, roots))}:", scene.name, there)
+        raise InputError(f"{message}. {MORE_SCENES}" if lacks_scenes(roots[0]) else message)
+    return found[0]
 
 
 def labels(config: RunConfig) -> dict[str, Any]:

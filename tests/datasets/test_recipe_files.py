@@ -135,6 +135,8 @@ def test_make_scenes_leaves_the_shipped_scenes_alone() -> None:
         [name, "--size", "512", "--out", f"results/datasets-512/scenes/{name}"] for name in four
     ]
     assert make_scenes("SCENES=tiny") == [["tiny", "--out", "results/datasets/scenes/tiny"]]  # at its own size
+    four = ("book", "fruit", "bear", "drum")
+    assert make_scenes("SCENES=value") == [[name, "--out", f"results/datasets/scenes/{name}"] for name in four]
     assert make_scenes("SCENES=hat", "DATASETS=elsewhere") == [["hat", "--out", "elsewhere/scenes/hat"]]
 
 

@@ -216,6 +216,16 @@ def test_no_shipped_scenes_names_both_ways_out(tmp_path: Path, monkeypatch: pyte
         resolve_scene_folder(SceneConfig(name="hat"))
 
 
+def test_scenes_are_looked_for_in_several_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder in ("first/scenes/hat", "second/scenes/hat", "second/scenes/book"):
+        (tmp_path / folder).mkdir(parents=True)
+    monkeypatch.setenv("IA_BENCH_DATASETS", f"{tmp_path}/nothing:{tmp_path}/first:{tmp_path}/second")
+    assert resolve_scene_folder(SceneConfig(name="hat")) == tmp_path / "first/scenes/hat"
+    assert resolve_scene_folder(SceneConfig(name="book")) == tmp_path / "second/scenes/book"
+    with pytest.raises(InputError, match=r"(?s)first/scenes or .*second/scenes:.*book"):
+        resolve_scene_folder(SceneConfig(name="boook"))
+
+
 def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Its scene is none of the shipped ones, whose name is there by default: it is called after its reader."""
     monkeypatch.syspath_prepend(tmp_path)
