@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 
 from . import bear_paint as paints
-from .common import grid_surface, smooth_path, tube_along_curve
 from .craft import Skin, pad, stitches, strip
+from .forms import grid_surface, smooth_path, tube_along_curve
 
 TAU = 2.0 * np.pi
 WALES = 56

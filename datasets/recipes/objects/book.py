@@ -16,7 +16,7 @@ import numpy as np
 
 from . import book_paint as paints
 from . import book_print as prints
-from .common import mesh_object, smooth_path, tube_along_curve
+from .forms import mesh_object, smooth_path, tube_along_curve
 
 FLOOR = -0.652
 LEDGER, LEDGER_THICK = (1.14, 0.90), 0.22  # along the spine, from spine to fore-edge

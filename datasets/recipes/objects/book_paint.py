@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 
 from .book_print import CREAM, OCHRE, any_of, below, both, letters, within
-from .common import Paint, Socket, Value
+from .paint import Paint, Socket, Value
 
 HUBS = (-0.34, -0.17, 0.0, 0.17, 0.34)
 """Raised bands of the ledger's back, as shares of its length from the middle."""

@@ -10,7 +10,7 @@ import functools
 
 import bpy
 
-from .common import Paint, Socket, Value
+from .paint import Paint, Socket, Value
 
 FRONT, PLAIN, BACK, RIM = 0.0, 0.3, 1.0, -1.0
 """The third number of a chart; PLAIN is a front without a title. Pages have 0, 1, 2, ... for what is printed on them."""

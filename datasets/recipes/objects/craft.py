@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .common import Paint, Socket, Value, grid_surface, mesh_object, solid
+from .forms import grid_surface, mesh_object, solid
+from .paint import Paint, Socket, Value
 
 DARKEST, BRIGHTEST = 0.03, 0.85
 """Bounds of the albedo's channels, linear."""

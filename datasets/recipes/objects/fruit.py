@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 
 from . import fruit_paint as paints
-from .common import grid_surface, sheet, smooth_path, tube_along_curve
 from .craft import stitches, strip
+from .forms import grid_surface, sheet, smooth_path, tube_along_curve
 from .fruit_pile import FALLEN, FRUIT, PROFILE, TABLE, settle, stalk, turned_to
 
 HALF, HEM = 0.575, 0.046

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import bpy
 
-from .common import Paint, Socket
 from .craft import finish
+from .paint import Paint, Socket
 
 Colour = tuple[float, float, float]
 
