@@ -133,6 +133,6 @@ class FitSettings:
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "smoke": {"stage1_steps": 12, "stage2_steps": 6, "pixels": 512},
-    "full": {"stage1_steps": 2000, "stage2_steps": 1000, "pixels": 4096},
+    "full": {"stage1_steps": 800, "stage2_steps": 400, "weights": {"smooth_light": 0.001, "smooth_light_final": 0.05}},
     "paper": {"stage1_steps": 20_000, "stage2_steps": 15_000, "pixels": 4096},
 }
