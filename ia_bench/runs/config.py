@@ -16,7 +16,7 @@ from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
-from ia_bench.common.paths import MORE_SCENES, lacks_scenes, scenes_folders
+from ia_bench.common.paths import MORE_SCENES, SCENES_VARIABLE, conf_folder, lacks_scenes, scenes_folders
 from ia_bench.common.settings import check_arguments, merged, parsed
 from ia_bench.common.suggestions import unknown
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -166,7 +166,11 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
     if not found:
         there = sorted({folder.name for root in roots for folder in root.iterdir() if folder.is_dir()})
         message = unknown(f"scene in {' or '.join(map(str, roots))}:", scene.name, there)
-        raise InputError(f"{message}. {MORE_SCENES}" if lacks_scenes(roots[0]) else message)
+        if lacks_scenes(roots[0]):
+            message += f". {MORE_SCENES}"
+        elif (conf_folder() / "scene" / f"{scene.name}.yaml").is_file():
+            message += f". It has a recipe: make scenes SCENES={scene.name}, then {SCENES_VARIABLE}=results/datasets"
+        raise InputError(message)
     return found[0]
 
 

@@ -224,6 +224,8 @@ def test_scenes_are_looked_for_in_several_folders(tmp_path: Path, monkeypatch: p
     assert resolve_scene_folder(SceneConfig(name="book")) == tmp_path / "second/scenes/book"
     with pytest.raises(InputError, match=r"(?s)first/scenes or .*second/scenes:.*book"):
         resolve_scene_folder(SceneConfig(name="boook"))
+    with pytest.raises(InputError, match="make scenes SCENES=drum"):
+        resolve_scene_folder(SceneConfig(name="drum"))
 
 
 def test_another_reader_needs_no_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

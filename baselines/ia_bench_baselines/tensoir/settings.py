@@ -51,7 +51,7 @@ class TensoirOptions:
     tensor_rate: Rate = 0.02
     network_rate: Rate = 0.003
     light_rate: Rate = 0.05
-    brdf_weight: Weight = 1.0
+    brdf_weight: Weight = 10.0
     smooth_weight: Weight = 0.001
     variation_weight: Weight = 0.005
     checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)
