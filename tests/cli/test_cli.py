@@ -28,7 +28,7 @@ pytestmark = pytest.mark.usefixtures("workplace")
     ("mistake", "expected"),
     [
         ("preset=quik", "unknown preset 'quik'; did you mean 'quick'? There are: full, paper, quick, smoke"),
-        ("scene=hatt", "unknown scene 'hatt'; did you mean 'hat'? There are: console, "),
+        ("scene=hatt", "unknown scene 'hatt'; did you mean 'hat'? There are: bear, book, console, "),
         ("prior=orcale", "unknown prior 'orcale'; did you mean 'oracle'?"),
         ("sed=1", "unknown setting 'sed'; did you mean 'seed'? There are: capture, device, "),
         ("presett=quick", "unknown setting 'presett'; did you mean 'preset'?"),

@@ -82,7 +82,7 @@ def test_a_click_on_a_cell_of_the_map_opens_the_pictures_of_both_rows(page: Any)
     cells.nth(1).click()
     assert opened(page) == ["none, 2 views", "kernel, 2 views", "kernel, 2 views", "aligned"]
     assert page.evaluate("bench.look.scene") == "s1"
-    assert page.evaluate("Math.abs(document.querySelector('#look').getBoundingClientRect().top)") < 300
+    page.wait_for_function("Math.abs(document.querySelector('#look').getBoundingClientRect().top) < 300")
     assert page.locator("#evidence").is_hidden()
     assert "dB" in page.locator("#look-rows figure", has_text="kernel, 2 views").inner_text()
 
