@@ -19,7 +19,7 @@ class InvRenderOptions:
         texels: Surface points of a step of the indirect light.
         width: Of the hidden layers of all networks but the decoder.
         octaves: Of the encoding of positions; the last one's period is 2 pi / 2^(octaves - 1) of half the object's extent: with 7
-            about five pixels where the object fills an image of 128, as with the original's 10 in one of 1024.
+            about five pixels where the object fills an image of 128, as with the original's 10 in one of 800.
         network_rate: Adam rate of networks.
         light_rate: Adam rate of the light's axes and of the logarithms of its sharpness and amplitude.
         final_rate: What the rates fall to over a phase, as a fraction.
