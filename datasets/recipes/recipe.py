@@ -58,6 +58,9 @@ PHOTOGRAPHED_SAMPLES = dict.fromkeys(PAPER_SAMPLES, 64)
 PHOTOGRAPHED_LIGHTS = ("photo_studio", "photo_venice", "photo_workshop")
 """Novel lights of the scenes that are lit by photographs: two lamps in the dark, a blue dusk, a hall with roof lights."""
 
+DEVELOPMENT_LIGHTS = ("photo_bridge", "photo_dawn", "photo_hall")
+"""Novel lights of development scenes under photographs, none of which lights a scene that is scored."""
+
 TINY_SAMPLES = dict.fromkeys(PAPER_SAMPLES, 1024)
 
 
@@ -76,6 +79,8 @@ RECIPES = {
     "teaset": Recipe("teaset", "workshop", DEVELOPMENT_SAMPLES, DEVELOPMENT_VIEWS),  # likewise
     "owl": Recipe("owl", "balcony", DEVELOPMENT_SAMPLES, DEVELOPMENT_VIEWS),  # likewise
     "owl_cellar": Recipe("owl", "cellar", DEVELOPMENT_SAMPLES, DEVELOPMENT_VIEWS),  # likewise
+    "owl_forest": Recipe("owl", "photo_forest", DEVELOPMENT_SAMPLES, DEVELOPMENT_VIEWS, novel_lights=DEVELOPMENT_LIGHTS),
+    "teaset_lobby": Recipe("teaset", "photo_lobby", DEVELOPMENT_SAMPLES, DEVELOPMENT_VIEWS, novel_lights=DEVELOPMENT_LIGHTS),
     "book": photographed("book", "photo_apartment"),  # for the table `value`; not shipped
     "fruit": photographed("fruit", "photo_city"),  # likewise
     "drum": photographed("drum", "photo_sky"),  # likewise
