@@ -53,7 +53,7 @@ DEVELOPMENT_SAMPLES = dict.fromkeys(PAPER_SAMPLES, 32)
 """Minutes on one core. The noise of test and novel views is 29 to 37 dB of sRGB."""
 
 PHOTOGRAPHED_SAMPLES = dict.fromkeys(PAPER_SAMPLES, 64)
-"""Minutes on two cores. The noise of test and novel views is 33 to 38 dB of sRGB for `book`."""
+"""Minutes on one core. The noise of test and novel views is 32 to 40 dB of sRGB."""
 
 PHOTOGRAPHED_LIGHTS = ("photo_studio", "photo_venice", "photo_workshop")
 """Novel lights of the scenes that are lit by photographs: two lamps in the dark, a blue dusk, a hall with roof lights."""
