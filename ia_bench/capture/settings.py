@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from ia_bench.common.files import is_file, read_yaml
+from ia_bench.common.paths import conf_folder
 from ia_bench.common.ranges import NO_NUMBER, Number
+from ia_bench.common.settings import parsed
 
 MADE = ("hull", "sdf")
 """The kinds of geometry that come from the images and masks, and need no mesh."""
@@ -103,11 +107,21 @@ class CaptureSettings:
 
     @property
     def label(self) -> str:
-        """What differs from a capture that leaves everything in, in words: "8 views, LDR, hull"; empty for nothing."""
-        changed = _changed(self, CaptureSettings())
-        named = changed.pop("name", None)
-        words = [_word(key, value) for key, value in changed.items() if named is None or key == "views"]
-        return ", ".join(([str(named)] if named else []) + words)
+        """What differs from a capture that leaves everything in, in words: "8 views, LDR, hull"; empty for nothing.
+
+        A choice of another name is called by that, and what differs from what is shipped under it: "phone, 8 views".
+        """
+        changed = _changed(self, shipped(self.name))
+        changed.pop("name", None)
+        named = [] if self.name == CaptureSettings.name else [self.name]
+        return ", ".join(named + [_word(key, value) for key, value in changed.items()])
+
+
+@cache
+def shipped(name: str) -> CaptureSettings:
+    """The capture that ``conf/capture/NAME.yaml`` describes, one that leaves everything in where there is no such file."""
+    path = conf_folder() / "capture" / f"{name}.yaml"
+    return parsed(CaptureSettings, read_yaml(path), "capture") if is_file(path) else CaptureSettings()
 
 
 Settings = CaptureSettings | FaultSettings | SdfSettings
@@ -132,6 +146,8 @@ def _word(key: str, value: object) -> str:
         return "given normals"  # where their folder lies says nothing
     if key == "views":
         return f"{value} view" if value == 1 else f"{value} views"
+    if value == "none":
+        return f"no {key}"
     if isinstance(value, str):
         return value.upper() if key == "radiometry" else value.replace("_", " ")
     return f"{key.replace('_', ' ')} {value}"

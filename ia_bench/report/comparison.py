@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
@@ -51,7 +52,7 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
     readers = [run.reader for run in read.values()]
     if not readers or any(reader != readers[0] for reader in readers):
         raise InputError(f"expected at least one run, all with the same reader, found {readers or 'none'}")
-    scene = run.read_scene(scene_folder)
+    scene = next(iter(read.values())).read_scene(scene_folder, whole=True)
     shown = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
     lights = {} if scene.truth is None else scene.truth.lights
     novel = [view for view in scene.novel if view.light != "train" and view.light in lights]
@@ -59,7 +60,11 @@ def write_comparison(runs: Mapping[str, Path], scene_folder: Path, out: Path) ->
         raise InputError(f"{scene_folder}: expected a test view with true albedo and roughness, its light, and a novel light")
     shown_by = _Columns(scene, shown[len(shown) // 2], novel[len(novel) // 2])
     columns = {PHOTOGRAPH: shown_by.photograph(), TRUTH: shown_by.truth()}
-    columns |= {name: shown_by.recovered(run) for name, run in read.items()}
+    stages: dict[CaptureSettings, Stage] = {}  # a capture may make the mesh, whose textures fit no other
+    for name, run in read.items():
+        if run.capture not in stages:
+            stages[run.capture] = Stage(run.read_scene(scene_folder).expect_mesh(), torch.device("cpu"))
+        columns[name] = shown_by.recovered(run, stages[run.capture])
     scores = [[_score_text(run, key) for _, key in LINES] for run in read.values()]
     out.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(out) as partial:
@@ -75,7 +80,6 @@ class _Columns:
         self._side = max(extent(view.mask), extent(relit.mask))
         self._true_light = scene.truth.lights["train"]
         self._light_gain = light_exposure(self._true_light)
-        self._stage = Stage(scene.expect_mesh(), torch.device("cpu"))
         self._light = LatLongEnvironment(torch.from_numpy(scene.truth.lights[relit.light]))
         self._gain = exposure(relit.image[None], relit.mask[None])
 
@@ -90,24 +94,27 @@ class _Columns:
         maps = {name: Images((getattr(view, name),), (view.mask,)) for name in ("albedo", "roughness")}
         return self._pictures(maps, Images((relit.image,), (relit.mask,)), self._true_light)
 
-    def recovered(self, run: Recovered) -> list[np.ndarray]:
-        """What :meth:`truth` returns, of a run: albedo times its scores' alignment, also before it is relit, light over it."""
-        found = run.reconstruction(self._stage)
+    def recovered(self, run: Recovered, stage: Stage) -> list[np.ndarray]:
+        """What :meth:`truth` returns, of a run: albedo times its scores' alignment, also before it is relit, light over it.
+
+        Without the light where the run recovered none of the whole scene. ``stage``: of the mesh that the run had.
+        """
+        found = run.reconstruction(stage)
         maps = found.maps([self.view.camera], ("albedo", "roughness"), points=QUALITY.points)
         albedo = Images(tuple(run.scale.numpy() * image for image in maps["albedo"].images), maps["albedo"].coverage)
         relit = found.render([self.relit.camera], light=self._light, albedo_scale=run.scale, quality=QUALITY)
         assert relit is not None
-        assert found.environment is not None
-        return self._pictures({**maps, "albedo": albedo}, relit, (found.environment.texels / run.scale).numpy())
+        light = None if found.environment is None else (found.environment.texels / run.scale).numpy()
+        return self._pictures({**maps, "albedo": albedo}, relit, light)
 
-    def _pictures(self, maps: Mapping[str, Images], relit: Images, light: np.ndarray) -> list[np.ndarray]:
+    def _pictures(self, maps: Mapping[str, Images], relit: Images, light: np.ndarray | None) -> list[np.ndarray]:
         coverage = maps["albedo"].coverage[0]
-        return [
+        pictures = [
             self._cut(displayed(maps["albedo"].images[0], coverage), self.view.mask),
             self._cut(plain(maps["roughness"].images[0], coverage), self.view.mask),
             self._cut(displayed(self._gain * relit.images[0], relit.coverage[0]), self.relit.mask),
-            light_map(light, self._light_gain),
         ]
+        return pictures if light is None else [*pictures, light_map(light, self._light_gain)]
 
     def _cut(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
         return cut_out(picture, mask, self._side)

@@ -13,12 +13,13 @@ import pandas as pd
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import shown
 from ia_bench.report.collect import Run
-from ia_bench.scores.columns import METRICS
+from ia_bench.scores.columns import METRIC_OF, METRICS
 
 LABELS = ("protocol", "row", "scene", "seed", "status", "reason", "sees_truth")
 COSTS = ("seconds", "peak_memory_bytes")
 ABOUT = ("config_hash", "rays", "network_calls", "commit", "cpu")  # and rescored_from_*
 TIMES = "seconds_"  # what the columns of phases begin with
+GEOMETRY = "geometry_"  # and those of a shape that was made for the run
 
 
 def read_published(path: Path) -> list[Run]:
@@ -64,7 +65,7 @@ def _run(path: Path, number: int, line: Mapping[str, str]) -> Run:
         cell,
         protocol=line["protocol"],
         metrics=metrics,
-        variants={".".join(key.rsplit("_", 1)): value(key) for key in others},
+        variants={_variant(key): value(key) for key in others},
         reasons=_reasons(line["reason"]),
         phases={phase: seconds for phase, seconds in phases.items() if seconds is not None},
         seconds=value("seconds"),
@@ -72,7 +73,21 @@ def _run(path: Path, number: int, line: Mapping[str, str]) -> Run:
     )
 
 
+def _variant(column: str) -> str:
+    """The key of a variant by its column: group and name, of which one or the other may hold underscores."""
+    geometry = column.removeprefix(GEOMETRY)
+    return f"geometry.{geometry}" if geometry != column else ".".join(column.rsplit("_", 1))
+
+
 def _reasons(text: str) -> dict[str, str]:
-    """Why metrics are null, by their keys: "key, key: why; key: why"."""
-    parts = (part.partition(": ") for part in text.split("; ") if part)
-    return {key: why for keys, _, why in parts for key in keys.split(", ")}
+    """Why metrics are null, by their keys: "key, key: why; key: why". A reason may hold colons and semicolons of its own."""
+    found: dict[str, str] = {}
+    mine: list[str] = []
+    for part in text.split("; "):
+        keys, colon, why = part.partition(": ")
+        if colon and METRIC_OF.keys() >= set(keys.split(", ")):
+            mine = keys.split(", ")
+            found |= dict.fromkeys(mine, why)
+        else:
+            found |= {key: f"{found[key]}; {part}" for key in mine}
+    return found

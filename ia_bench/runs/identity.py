@@ -141,6 +141,17 @@ def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (an option, wha
     """``value`` with a hash of the content in place of every file or folder that it names."""
     if isinstance(value, dict):
         return {inner: _without_paths(inner, part) for inner, part in value.items()}
-    if isinstance(value, str) and (key == "weights" or os.sep in value) and Path(value).expanduser().exists():
-        return f"content {content_of(Path(value).expanduser().resolve())}"
+    if isinstance(value, list | tuple):
+        return [_without_paths(key, part) for part in value]
+    if isinstance(value, str) and value:
+        path = Path(value).expanduser()
+        if _is_file(path) or ((key == "weights" or os.sep in value) and path.exists()):  # a word may be a folder's name by chance
+            return f"content {content_of(path.resolve())}"
     return value
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a text that no file system takes for a name
+        return False

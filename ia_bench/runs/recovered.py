@@ -78,6 +78,11 @@ class Recovered:
         value: float | None = self.metrics.get(f"metrics.{key}", float | int | None)
         return value
 
+    @property
+    def capture(self) -> CaptureSettings:
+        """How its scene was photographed. Raises InputError for what is no setting of a capture."""
+        return parsed(CaptureSettings, self.config.get("config", dict).get("capture", {}), "capture")
+
     def check_scene(self, folder: Path) -> None:
         """Raise InputError unless the scene in ``folder`` is the run's, to the byte: maps fit no other mesh."""
         found = self.config.get("config.scene.content", str)
@@ -99,8 +104,7 @@ class Recovered:
         if place is not None:
             self.check_scene(place)
         found = read_scene(scene, self.reader, truth=True)
-        settings = parsed(CaptureSettings, self.config.get("config", dict).get("capture", {}), "capture")
-        return found if whole else captured(found, settings, lambda line: None)
+        return found if whole else captured(found, self.capture, lambda line: None)
 
     def reconstruction(self, stage: Stage) -> TexturedReconstruction:
         """What the run recovered, on a stage of its scene's mesh; some methods recover no light of the whole scene.

@@ -93,6 +93,8 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
     lacking = info.lacking(scene)
     if lacking:
         raise InputError(f"method={config.method.name}: expected a scene with {' and '.join(lacking)}, found none in {scene.name}")
+    if scene.exposures_differ and not (info.fits_exposures or info.sees_truth):
+        note(f"every photograph has an exposure of its own; method={config.method.name} takes them for the same")
     with books.aside("bake"):
         prior: Prior = NoPrior()
         if info.uses_prior:
@@ -103,7 +105,7 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         config.render,
         config.prior.supervision,
         torch.device(config.device),
-        make_prior=(lambda problem: tell_truth(prior, scene, problem)) if "truth" in prior.info.wants else (lambda _: prior),
+        make_prior=lambda problem: tell_truth(prior, scene, problem),
         truth=scene if info.sees_truth else None,
         note=note,
         books=books,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.exit_codes import INTERRUPTED, OK, TERMINATED
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
@@ -98,7 +98,7 @@ class _Attempts:
             with RunFolder.open(self.cell.folder, self.cell.content, self.cell.config_hash) as folder:
                 if _time_of_record(self.cell) == self._before:  # it could not say why, and nobody else has finished it since
                     folder.write_failure(problem, labels(self.cell.config))
-        except (InputError, OSError) as error:  # of this cell; the others go on
+        except (InputError, Fault, OSError) as error:  # of this cell; the others go on
             return f"FAILED ({error})"
         return f"FAILED ({problem}), see {self.work.log}"
 

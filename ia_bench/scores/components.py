@@ -59,8 +59,8 @@ def _whole_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...
     """The same metrics of whole images (:mod:`ia_bench.scores.whole_images`)."""
 
     def of(view: Pair) -> Measured:
-        if view.broken:
-            return Measured(dict.fromkeys(names, _not_finite(view)))
+        if _broken_anywhere(view):
+            return Measured(dict.fromkeys(names, _not_finite_anywhere(view)))
         pictures = whole_images(view, encoding, protocol.comparison)
         functions: dict[str, Callable[..., float]] = {
             "psnr": pictures.psnr,
@@ -76,8 +76,8 @@ def hdr_measure(protocol: Protocol) -> Measure:
     """PSNR of linear values, cut where ``protocol.comparison.hdr_clip`` says, of whole images."""
 
     def of(view: Pair) -> Measured:
-        if view.broken:
-            return Measured({"psnr": _not_finite(view)})
+        if _broken_anywhere(view):
+            return Measured({"psnr": _not_finite_anywhere(view)})
         return Measured({"psnr": _value(linear_images(view, protocol.comparison).psnr)})
 
     return Measure(("psnr",), of)
@@ -91,9 +91,8 @@ def whole_image_measure(encoding: Encoding) -> Measure:
         return share * metrics.encode(linear, encoding, coverage > 0)[0] + (1 - share)
 
     def of(view: Pair) -> Measured:
-        broken = int((~np.isfinite(view.predicted)).any(-1).sum())
-        if broken:
-            return Measured({"psnr": Undefined(f"the prediction is not finite in {broken} pixels")})
+        if _broken_anywhere(view):
+            return Measured({"psnr": _not_finite_anywhere(view)})
         pair = over_white(view.predicted, view.coverage[0]), over_white(view.true, view.coverage[1])
         return Measured({"psnr": _value(metrics.psnr, *pair, view.known)})
 
@@ -104,10 +103,12 @@ def roughness_measure(protocol: Protocol) -> Measure:
     """Squared error of roughness: over the object, or over a whole image with the background's grey around the object."""
 
     def of(view: Pair) -> Measured:
-        if view.broken:
-            return Measured({"mse": _not_finite(view)})
         if protocol.comparison.area == "object":
+            if view.broken:
+                return Measured({"mse": _not_finite(view)})
             return Measured({"mse": _value(metrics.squared_error, view.predicted, view.true, view.mask)})
+        if _broken_anywhere(view):
+            return Measured({"mse": _not_finite_anywhere(view)})
         predicted, true = composed(view, protocol.comparison, (view.predicted, view.true))
         return Measured({"mse": _value(metrics.squared_error, predicted, true, view.known)})
 
@@ -116,6 +117,16 @@ def roughness_measure(protocol: Protocol) -> Measure:
 
 def _not_finite(view: Pair) -> Undefined:
     return Undefined(f"the prediction is not finite in {view.broken} scored pixels")
+
+
+def _broken_anywhere(view: Pair) -> int:
+    """Pixels of the whole picture where the prediction is NaN or Inf: no weight, not even 0, takes one out of a mean."""
+    finite = np.isfinite(view.predicted)
+    return int((~(finite if finite.ndim == 2 else finite.all(-1))).sum())
+
+
+def _not_finite_anywhere(view: Pair) -> Undefined:
+    return Undefined(f"the prediction is not finite in {_broken_anywhere(view)} pixels")
 
 
 def _value(metric: Callable[..., float], *arguments: object) -> Value:

@@ -48,6 +48,11 @@ class SsimSettings:
     side: Annotated[int, Field(ge=1, le=99)] | None = None
     border: Literal["reflect", "valid"] = "reflect"
 
+    def __post_init__(self) -> None:
+        """Raise InputError for a window without a pixel in its middle."""
+        if self.side is not None and self.side % 2 == 0:
+            raise InputError(f"protocol.ssim.side: expected an odd number, found {self.side}")
+
     @property
     def window(self) -> int:
         """Width of the window in pixels (scikit-image's rule, unless it is given)."""

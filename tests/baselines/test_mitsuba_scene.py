@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
-from benchmarks.work_precision.forward import ForwardStage
+from benchmarks.work_precision.forward import SIDE, ForwardStage
 from ia_bench.common.errors import InputError
+from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene, import_mitsuba
 
@@ -36,6 +39,20 @@ def test_albedo_image_is_the_texture_at_the_points_of_the_g_buffer(pair: tuple[F
     ours = texture_images(stage.surface, stage.gbuffer, stage.material.albedo)[0].numpy()
     theirs = np.array(scene.albedo(0))
     assert np.abs(ours - theirs)[stage.inside].max() < 2e-3
+
+
+def test_a_camera_whose_axis_is_not_in_the_middle_sees_what_ours_does(pair: tuple[ForwardStage, MitsubaScene]):
+    stage, _ = pair
+    middle = stage.camera.centre
+    camera = replace(stage.camera, centre=(middle[0] + 3.5, middle[1] - 2.0))
+    gbuffer = trace_gbuffer([camera], stage.rays, SIDE, torch.device("cpu"))
+    ours = texture_images(stage.surface, gbuffer, stage.material.albedo)[0].numpy()
+    theirs = np.array(MitsubaScene(stage.mesh, [camera], stage.material, stage.light.radiance, threads=1).albedo(0))
+    inside = (gbuffer.coverage()[0] == 1).numpy()
+    assert inside.sum() > 50
+    assert np.abs(ours - theirs)[inside].max() < 2e-3
+    with pytest.raises(InputError, match="expected square pixels"):
+        MitsubaScene(stage.mesh, [replace(camera, focal=(40.0, 50.0))], stage.material, stage.light.radiance, threads=1)
 
 
 def test_gradients_lie_where_ours_do(pair: tuple[ForwardStage, MitsubaScene]):

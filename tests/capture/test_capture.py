@@ -10,7 +10,7 @@ import pytest
 
 from ia_bench.capture.capture import captured, record
 from ia_bench.capture.radiometry import eight_bits, photographed
-from ia_bench.capture.settings import CaptureSettings, SdfSettings
+from ia_bench.capture.settings import CaptureSettings, SdfSettings, shipped
 from ia_bench.capture.views import farthest_first, spread
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.scene import Scene, View
@@ -195,3 +195,10 @@ def test_smoothed_meshes_keep_their_textures(tiny: Scene) -> None:
 def test_a_mesh_that_is_not_there_is_told_with_what_to_do(tiny: Scene, geometry: str) -> None:
     with pytest.raises(InputError, match=f"capture.geometry={geometry}: expected a mesh.*found none; capture.geometry=hull"):
         take(replace(tiny, mesh=None), geometry=geometry)
+
+
+def test_labels_of_a_named_choice_tell_what_differs_from_it() -> None:
+    phone = shipped("phone")
+    assert phone.label == "phone"
+    assert replace(phone, views=8, geometry="hull", jpeg="none").label == "phone, 8 views, no jpeg, hull"
+    assert replace(phone, name="mine", views=1).label.startswith("mine, 1 view, LDR")

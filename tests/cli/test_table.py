@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from ia_bench.cli.table import main, make_table, parse
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.exit_codes import TERMINATED
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.progress import Progress
@@ -24,6 +24,7 @@ from ia_bench.report.table import counterparts
 from ia_bench.runs import launchers
 from ia_bench.runs import table as module
 from ia_bench.runs.composition import compose
+from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import run_cells
@@ -292,6 +293,21 @@ def test_a_cell_whose_folder_is_taken_fails_alone(capfd: pytest.CaptureFixture[s
     said = capfd.readouterr().err
     assert "hat / taken / seed 0: FAILED (" in said
     assert "config.json: not valid JSON" in said
+    assert "hat / good / seed 0: ok" in said
+
+
+def test_a_cell_that_cannot_write_why_it_failed_fails_alone(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def full(self: RunFolder, problem: str, labels: object) -> None:
+        raise Fault("metrics.json: No space left on device")
+
+    monkeypatch.setattr(RunFolder, "write_failure", full)
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("crash", ["prior=oracle"]), Row("good", ["prior=none"])]))
+    with Progress() as progress:
+        assert run_cells(cells, Local(attempts=1), 1, Path("results/paper/logs"), progress) == 1
+    said = capfd.readouterr().err
+    assert "hat / crash / seed 0: FAILED (metrics.json: No space left on device)" in said
     assert "hat / good / seed 0: ok" in said
 
 

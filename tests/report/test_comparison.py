@@ -49,6 +49,31 @@ def test_runs_beside_the_truth(perfect_run: Path, spoiled_run: Path, scene_folde
     assert (spoiled[0] - truth[0]).mean((0, 1)).argmax() == 1  # green
 
 
+def test_each_run_is_drawn_on_the_mesh_that_it_had(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+    blurred = shutil.copytree(perfect_run, tmp_path / "blurred")
+    config = json.loads((blurred / "config.json").read_text())
+    config["config"]["capture"] = {"geometry": "smoothed", "smoothing": 0.05}
+    (blurred / "config.json").write_text(json.dumps(config))
+    sheets, a, b = [], {"a": perfect_run}, {"b": blurred}
+    for number, runs in enumerate((a, b, a | b, b | a)):
+        write_comparison(runs, scene_folder, tmp_path / f"{number}.png")
+        sheets.append({name: np.stack(pictures(tmp_path / f"{number}.png", 2 + column)) for column, name in enumerate(runs)})
+    sharp, smooth = sheets[0]["a"], sheets[1]["b"]
+    assert np.abs(sharp - smooth).mean() > 0.01
+    for both in sheets[2:]:
+        np.testing.assert_array_equal(both["a"], sharp)
+        np.testing.assert_array_equal(both["b"], smooth)
+
+
+def test_a_run_without_a_light_has_no_picture_of_it(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
+    (perfect_run / "light.exr").unlink()
+    write_comparison({"run": perfect_run}, scene_folder, tmp_path / "sheet.png")
+    pixels = np.asarray(Image.open(tmp_path / "sheet.png"))
+    left = [LEGEND + column * (CELL + MARGIN) for column in range(3)]
+    lights = [pixels[-CELL // 2 - MARGIN : -MARGIN, start : start + CELL] for start in left]
+    assert [bool((light == 255).all()) for light in lights] == [True, False, True]
+
+
 def test_scale_of_the_run_is_applied(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
     metrics = json.loads((perfect_run / "metrics.json").read_text())
     metrics["albedo_scales"]["mean_rgb"] = None  # undefined: shown as it is

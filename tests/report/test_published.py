@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.collect import find_run_folders
+from ia_bench.report.collect import collect, find_run_folders
 from ia_bench.report.published import read_published
 from ia_bench.report.write import write_report
 from ia_bench.runs.table import Claim
@@ -76,3 +76,19 @@ def test_the_shape_that_a_capture_made_has_columns(write_run: Write, tmp_path: P
     columns = pd.read_csv(tmp_path / "out" / "runs.csv").set_index("row")["geometry_missed_share"]
     assert columns["hull"] == 0.01
     assert pd.isna(columns["given"])
+
+
+def test_reasons_with_signs_of_their_own_and_names_with_underscores_come_back(write_run: Write, tmp_path: Path) -> None:
+    names = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
+    why = "dusk: identical (image 1); noon: no scored pixel (every image)"
+    shape = {"missed_share": 0.25, "chamfer": 0.5}
+    run = write_run("none", "hat", psnr=None, reasons={f"{name}.psnr": why for name in names}, geometry=shape)
+    write_report([run], tmp_path / "out")
+    before = collect([run]).runs[0]
+    (after,) = read_published(tmp_path / "out" / "runs.csv")
+    assert before.reasons["albedo.psnr"] == why
+    assert {key: after.reason(key) for key, value in after.metrics.items() if value is None} == {
+        key: before.reason(key) for key, value in before.metrics.items() if value is None
+    }
+    assert after.variants == before.variants
+    assert after.variants["geometry.missed_share"] == 0.25

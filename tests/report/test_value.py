@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from ia_bench.report.collect import Run
 from ia_bench.report.value.bootstrap import Interval, interval, replicates
 from ia_bench.report.value.gains import gains
+from ia_bench.report.value.heat_map import DRAWN
 from ia_bench.report.value.photographs import worth
 from ia_bench.report.value.write import write_value
 from ia_bench.runs.table import Row, Table
@@ -71,6 +73,22 @@ def test_a_row_needs_the_photographs_that_the_references_curve_says() -> None:
     assert ("LDR", 8, "aligned_albedo.psnr") not in found, "one number of photographs makes no curve"
 
 
+def test_a_row_that_runs_with_some_captures_is_read_off_the_whole_curve() -> None:
+    some = replace(TABLE, captures=TABLE.captures[:3], rows=[*TABLE.rows[:2], Row("kernel", [], captures=["2 views"])])
+    without = [one for one in runs(GAINED) if one.row not in ("kernel, 8 views", "kernel")]
+    found = [one for one in worth(without, some) if one.metric.key == "aligned_albedo.psnr"]
+    assert [(one.row, one.photographs) for one in found] == [("kernel", 2)]
+    assert found[0].needed == pytest.approx(4.0)
+
+
+def test_bounds_are_no_priors_even_where_their_rows_have_only_names() -> None:
+    named = replace(TABLE, rows=[Row("ceiling", []), Row("constant", []), Row("none", []), Row("kernel", [])])
+    found = gains([*runs(GAINED), *(run("constant", f"s{scene}", 0, 5.0) for scene in range(2))], named)
+    assert {gain.row for gain in found} == {"kernel"}
+    assert next(gain for gain in found if gain.metric.key == "aligned_albedo.psnr").headroom is not None
+    assert {one.row for one in worth(runs(GAINED), named)} == {"kernel"}
+
+
 def test_a_row_below_the_fewest_needs_none() -> None:
     below = {**GAINED, "2 views": [[-1.0, -1.0], [-1.0, -1.0]]}
     found = next(one for one in worth(runs(below), TABLE) if one.photographs == 2)
@@ -115,6 +133,12 @@ def test_files_say_what_was_found(tmp_path: Path) -> None:
     means = np.array([-0.25, 0.45])
     t_975, t_80 = 12.7062047, 1.3763819  # of Student's distribution with one degree of freedom, from a table
     assert float(base["detectable"]) == pytest.approx((t_975 + t_80) * means.std(ddof=1) / math.sqrt(2), rel=1e-6)
+
+
+def test_without_a_metric_in_decibels_there_is_no_figure(tmp_path: Path) -> None:
+    rough = [replace(one, metrics={**one.metrics, **dict.fromkeys(DRAWN)}) for one in runs(GAINED)]
+    written = {path.name for path in write_value(rough, TABLE, tmp_path)}
+    assert written == {"value.md", "value.csv", "photographs.csv"}
 
 
 def test_a_table_whose_rows_share_no_run_writes_nothing(tmp_path: Path) -> None:

@@ -164,6 +164,20 @@ def test_the_precision_that_auto_means_is_part_of_the_hash(prior: str, monkeypat
     assert hashes[0] != hashes[1]
 
 
+def test_hash_follows_files_named_without_a_folder_or_in_a_list(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = []
+    for content in (b"one", b"other"):
+        (tmp_path / "model.pt").write_bytes(content)
+        options = {"checkpoint": "model.pt", "list": ["./model.pt", 3], "word": "model", "empty": "", "long": "x" * 5000}
+        found.append(identities._without_paths("options", options))
+    one, other = found
+    assert one["checkpoint"] == one["list"][0] != other["checkpoint"]
+    assert other["checkpoint"] == other["list"][0]
+    assert all(each["checkpoint"].startswith("content ") for each in found)
+    assert [{**one, "checkpoint": 0, "list": 0}, one["list"][1]] == [{**options, "checkpoint": 0, "list": 0}, 3]
+
+
 def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     before = {name: hash_with(f"prior={name}") for name in ("none", "diffusion", "corrected")}
     (tmp_path / "weights").write_bytes(b"others")

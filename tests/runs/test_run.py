@@ -31,3 +31,20 @@ def test_a_scene_that_lacks_what_a_method_needs_is_refused(tiny: Scene) -> None:
     with pytest.raises(InputError, match="expected a scene with mesh and uv, found none in tiny"):
         handed(empty, both)
     assert handed(tiny, both).name == handed(bare, frozenset({"mesh"})).name == handed(empty, frozenset()).name == "tiny"
+
+
+@pytest.mark.parametrize(
+    ("info", "told"),
+    [
+        (MethodInfo(uses_prior=False), True),
+        (MethodInfo(uses_prior=False, fits_exposures=True), False),
+        (MethodInfo(uses_prior=False, sees_truth=True), False),
+    ],
+)
+def test_a_method_that_takes_exposures_for_the_same_is_told_of(tiny: Scene, info: MethodInfo, told: bool) -> None:
+    notes: list[str] = []
+    config = compose(["scene=tiny", "prior=none", "method=two_stage"])
+    problem_of(config, replace(tiny, exposures_differ=True), info, note=notes.append, books=Books())
+    assert [note.startswith("every photograph has an exposure of its own; method=two_stage") for note in notes] == [True] * told
+    problem_of(config, tiny, info, note=notes.append, books=Books())
+    assert len(notes) == told

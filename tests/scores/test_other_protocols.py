@@ -157,3 +157,22 @@ def test_settings_that_mean_nothing_are_refused() -> None:
         parsed(Protocol, {"comparison": {"erosion": 5}}, "protocol")
     with pytest.raises(InputError, match="erosion: expected 0 or an odd number, found 4"):
         ComparisonSettings(area="image", erosion=4)
+
+
+def test_a_window_without_a_middle_is_refused() -> None:
+    with pytest.raises(InputError, match=r"protocol.ssim.side: expected an odd number, found 8"):
+        parsed(Protocol, {"ssim": {"side": 8}}, "protocol")
+
+
+@pytest.mark.parametrize("name", ["tensoir", "synthetic4relight", "stanford-orb"])
+def test_a_pixel_that_is_not_finite_outside_of_the_mask_costs_its_picture_and_says_so(name: str) -> None:
+    thin = np.zeros((SIDE, SIDE))
+    thin[FROM:TO, FROM:TO] = 1
+    thin[0, 0] = 0.3  # below the threshold of the mask
+    true = two_parts(0.2, 0.6, coverage=thin)
+    images = true.images[0].copy()
+    images[0, 0] = np.nan
+    broken = Images((images,), true.coverage)
+    found = scored(name, Predictions(view_synthesis=broken), Predictions(view_synthesis=true)).as_dict()
+    assert found["metrics"]["view_synthesis"]["psnr"] is None
+    assert "not finite in 1 pixels" in found["reasons"]["view_synthesis.psnr"]

@@ -10,7 +10,7 @@ from ia_bench.material.textures import Material, fetch
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
 from ia_bench.render.stage import Stage
-from ia_bench_baselines.common.shaded import ShadedReconstruction
+from ia_bench_baselines.common.shaded import ShadedReconstruction, part_of
 from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment
 from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
@@ -48,7 +48,7 @@ class _Shader:
     def __call__(self, points: SurfacePoints, albedo_scale: Tensor | None) -> Tensor:
         shaded = []
         for part in torch.arange(len(points.uv), device=points.uv.device).split(SHADED_AT_ONCE):
-            some = SurfacePoints(*(values[part] for values in vars(points).values()))
+            some = part_of(points, part)
             albedo, roughness = fetch(self._material.albedo, some.uv), fetch(self._material.roughness, some.uv)
             scaled = albedo if albedo_scale is None else albedo * albedo_scale
             indirect = None if self._indirect is None else self._indirect.at(some.uv)

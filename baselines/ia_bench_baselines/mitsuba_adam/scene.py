@@ -187,11 +187,16 @@ class MitsubaScene:
         return shape
 
     def _sensor(self, camera: Camera) -> dict[str, Any]:
-        """Mitsuba's cameras look along +z with +x to the left."""
+        """Mitsuba's cameras look along +z with +x to the left, and their pixels are square. Raises InputError for others."""
         mi = self.mi
+        across, down = camera.focal
+        if not math.isclose(across, down, rel_tol=1e-3):
+            raise InputError(f"method=mitsuba_adam: expected square pixels, found focal lengths of {across:g} and {down:g} pixels")
         return {
             "type": "perspective",
-            "fov": math.degrees(2 * math.atan(camera.width / 2 / camera.focal[0])),
+            "fov": math.degrees(2 * math.atan(camera.width / 2 / across)),
+            "principal_point_offset_x": 0.5 - camera.centre[0] / camera.width,
+            "principal_point_offset_y": 0.5 - camera.centre[1] / camera.height,
             "to_world": mi.ScalarTransform4f(camera.to_world @ np.diag([-1.0, 1.0, -1.0, 1.0])),
             "film": {
                 "type": "hdrfilm",

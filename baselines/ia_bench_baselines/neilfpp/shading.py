@@ -15,18 +15,14 @@ from torch import Tensor
 
 from ia_bench.material.brdf import F0, normalize
 from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench_baselines.common.spherical_gaussians.environment import fibonacci_axes
 
 GRAZING = 1e-8  # added to the square of a half vector's length, which is 0 where light comes from behind
 
 
 def sphere_directions(count: int, generator: torch.Generator) -> Tensor:
     """``count`` directions of a golden spiral over the sphere, turned at random, (count, 3)."""
-    place = torch.arange(count, dtype=torch.float64)
-    height = 1 - (2 * place + 1) / count
-    azimuth = place * (math.pi * (3 - math.sqrt(5)))
-    radius = torch.sqrt(1 - height * height)
-    spiral = torch.stack([radius * torch.cos(azimuth), radius * torch.sin(azimuth), height], 1).float().to(generator.device)
-    return spiral @ random_rotation(generator).T
+    return fibonacci_axes(count).to(generator.device) @ random_rotation(generator).T
 
 
 def random_rotation(generator: torch.Generator) -> Tensor:

@@ -48,9 +48,11 @@ class Dialogue:
     @property
     def supervising(self) -> frozenset[str]:
         """The components of the prior that have a weight; one without guides nothing, and costs no renders."""
+        mine = self._problem.supervision
+        of_albedo = mine.kernel_weight if mine.kind == "similarity" else mine.target_weight
         weights = {
-            "albedo": self._settings.weights.albedo,
-            "specular": self._settings.weights.specular * self._problem.supervision.specular_weight,
+            "albedo": self._settings.weights.albedo * of_albedo,
+            "specular": self._settings.weights.specular * mine.specular_weight,
         }
         return frozenset(name for name in self._prior.info.provides if weights[name])
 
@@ -63,7 +65,7 @@ class Dialogue:
     @property
     def start(self) -> Targets | None:
         """The targets that say where the albedo starts; None if there are none. A prior switched off must not leak in here."""
-        return self.supervision.targets if self.supervision.sets_albedo and self._settings.weights.albedo else None
+        return self.supervision.targets if self.supervision.sets_albedo and "albedo" in self.supervising else None
 
     def draw(self, parameters: Parameters | None, generator: torch.Generator) -> None:
         """Sample the prior, toward the current renders of ``parameters`` if they are given; what is distilled is not sampled."""

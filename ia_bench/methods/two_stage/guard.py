@@ -24,7 +24,7 @@ class StepGuard:
     """
 
     def __init__(self, problem: Problem, parameters: Mapping[str, Tensor]) -> None:
-        """``parameters``: "albedo", "roughness" (T, T, C) and "log_light" (H, W, 3), which the optimiser changes in place."""
+        """``parameters``: what the optimiser changes in place, textures (T, T, C) by name and "log_light" (H, W, 3)."""
         self._problem, self._parameters = problem, parameters
         self._kept = {name: parameter.detach().clone() for name, parameter in parameters.items()}
         self.skipped = self.in_a_row = 0

@@ -78,7 +78,7 @@ def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mo
     """The paper's SSI (Ranftl et al. 2022): bring the prediction's mean and mean absolute deviation to the target's, per view.
 
     (P, 3) predictions and targets of pixels in views (P,); one scale and one shift per view, common to the channels, so
-    that a colour cast is not aligned away. ``mode``: "scale_shift", "scale" (least absolute ratio of means, no shift) or
+    that a colour cast is not aligned away. ``mode``: "scale_shift", "scale" (ratio of means, no shift) or
     "none". A view without pixels, or whose prediction is constant (or zero, for "scale"), gets scale 1 and, for
     "scale_shift", the shift that matches the means. The result carries no gradient.
     """

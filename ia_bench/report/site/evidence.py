@@ -5,10 +5,11 @@ from __future__ import annotations
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.report.collect import Run
@@ -16,12 +17,16 @@ from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.identity import identity
 from ia_bench.runs.metrics import METRICS
+from ia_bench.scores.protocol import ComparisonSettings, Protocol, SsimSettings, shipped
 
 Settings = dict[str, Any]
 """Dotted name -> value, a JSON type."""
 
-SETTABLE = ("render.", "method.options.", "prior.options.", "prior.supervision.", "reader.options.", "device", "threads")
-"""What begins the names that a command line may set, of those that decide a run."""
+SETTABLE = (
+    *("render.", "method.options.", "prior.options.", "prior.supervision.", "reader.options.", "capture."),
+    *("device", "threads"),
+)
+"""What begins the names that a command line may set, of those that decide a run; the protocol's are :data:`PROTOCOL`."""
 WITHOUT_PATHS = ("content ",)
 """What begins a value that stands for a file's content: no command line can give it."""
 DIGITS = 12  # of a file's checksum
@@ -37,14 +42,12 @@ class Evidence:
         environment: Machine, versions and commit, flat.
         files: Name -> the first digits of the SHA-256 of what the run wrote.
         renderer: Who drew the pictures that were scored.
-        scales: The factors that aligned the albedo, None where there are none.
     """
 
     settings: Settings = field(default_factory=dict)
     environment: Settings = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
     renderer: str = ""
-    scales: list[float] | None = None
 
 
 def evidence_of(run: Run) -> Evidence:
@@ -55,13 +58,11 @@ def evidence_of(run: Run) -> Evidence:
     environment = metrics.get("environment", {})
     machine = {key: environment[key] for key in MACHINE if environment.get(key) is not None}
     versions = {f"packages.{name}": version for name, version in environment.get("packages", {}).items() if version}
-    scales = metrics.get("albedo_scales", {}).get(metrics.get("protocol_description", {}).get("alignment", ""))
     return Evidence(
         settings=flat(config.get("config", {})),
         environment=machine | versions,
         files={name: digest[:DIGITS] for name, digest in metrics.get("files", {}).items()},
         renderer=str(metrics.get("renderer", "")),
-        scales=scales,
     )
 
 
@@ -72,6 +73,19 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> Settings:
         name = f"{prefix}{key}"
         found |= flat(value, f"{name}.") if isinstance(value, Mapping) and value else {name: value}
     return found
+
+
+LEFT_OUT = {
+    **flat(asdict(CaptureSettings()), "capture."),
+    **flat(asdict(ComparisonSettings()), "protocol.comparison."),
+    "protocol.ssim.side": None,
+    "protocol.ssim.border": SsimSettings.border,
+}
+"""What a run's identity does not name where it is as usual."""
+PROTOCOL = flat(asdict(Protocol()), "protocol.").keys()
+"""Those names of a protocol that a command line may set; the others describe it."""
+NOT_SET = ("capture.name", "capture.consistency_version")
+"""What begins like a setting and is none that decides a run."""
 
 
 def common(tables: Iterable[Settings]) -> Settings:
@@ -109,17 +123,22 @@ class Commands:
             chosen = [f"{kind}={settings[f'{kind}.name']}" for kind in ("method", "prior") if f"{kind}.name" in settings]
         try:
             usual = self._settings(tuple(chosen)) if settings else {}
+            protocol = settings.get("protocol.name")
+            if protocol != usual.get("protocol.name") and shipped(str(protocol)).name == protocol:
+                chosen.append(f"protocol={protocol}")
+                usual = self._settings(tuple(chosen))
         except InputError:
             return None
         if not chosen:
             return None
-        own = [f"{name}={_text(value)}" for name, value in settings.items() if _settable(name, value) and usual.get(name) != value]
+        mine = LEFT_OUT | settings if settings else {}
+        own = [f"{name}={_text(value)}" for name, value in mine.items() if _settable(name, value) and usual.get(name) != value]
         before = " ".join(["python -m ia_bench", *map(_word, chosen)])
         return before, "".join(f" {_word(word)}" for word in (f"row={_quoted(run.row)}", *own))
 
     def _settings(self, overrides: tuple[str, ...]) -> Settings:
         if overrides not in self._composed:
-            self._composed[overrides] = flat(identity(compose(overrides, here=False)))
+            self._composed[overrides] = LEFT_OUT | flat(identity(compose(overrides, here=False)))
         return self._composed[overrides]
 
 
@@ -129,7 +148,8 @@ def _word(text: str) -> str:
 
 
 def _settable(name: str, value: object) -> bool:
-    return name.startswith(SETTABLE) and not (isinstance(value, str) and value.startswith(WITHOUT_PATHS))
+    may = name in PROTOCOL or (name.startswith(SETTABLE) and name not in NOT_SET)
+    return may and not (isinstance(value, str) and value.startswith(WITHOUT_PATHS))
 
 
 def _text(value: object) -> str:

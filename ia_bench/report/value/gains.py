@@ -13,7 +13,7 @@ from ia_bench.capture.settings import CaptureSettings
 from ia_bench.report.collect import BOUNDS, Run
 from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, paired
 from ia_bench.report.value.bootstrap import Interval, interval, replicates
-from ia_bench.runs.table import Table, capture_of, crossed_name
+from ia_bench.runs.table import Row, Table, capture_of, crossed_name
 from ia_bench.scores.columns import METRICS, Metric
 
 POWER = 0.8
@@ -86,13 +86,12 @@ def gains(runs: Sequence[Run], table: Table) -> list[Gain]:
     """
     if table.reference is None:
         raise ValueError("expected a table with a reference, found none")
-    bounds = [row.name for row in table.rows if any(f"method={method}" in row.overrides for method in BOUNDS)]
-    ceiling = next((row.name for row in table.rows if "method=ceiling" in row.overrides), None)
+    ceiling = next((row.name for row in table.rows if _is(row, "ceiling")), None)
     found = []
     for settings in table.captures or [{}]:
         capture = capture_of(settings)
         reference = crossed_name(table.reference, capture.label)
-        for row in (row.name for row in table.rows if row.name not in (table.reference, *bounds)):
+        for row in (row.name for row in compared(table)):
             for metric in METRICS:
                 pairs = _better(runs, crossed_name(row, capture.label), reference, metric)
                 if pairs.pairs:
@@ -100,6 +99,16 @@ def gains(runs: Sequence[Run], table: Table) -> list[Gain]:
                     share = None if ceiling is None else _share(pairs, _better(runs, ceiling, reference, metric))
                     found.append(Gain(row, capture, metric, pairs, level, share))
     return found
+
+
+def compared(table: Table) -> list[Row]:
+    """The rows that are compared with the reference: all but itself, ground truth and one grey."""
+    return [row for row in table.rows if row.name != table.reference and not any(_is(row, bound) for bound in BOUNDS)]
+
+
+def _is(row: Row, method: str) -> bool:
+    """Whether a row is that of a method that optimises nothing; a row that was made of runs has a name alone."""
+    return row.name == method or f"method={method}" in row.overrides
 
 
 def _better(runs: Sequence[Run], row: str, reference: str, metric: Metric) -> Paired:

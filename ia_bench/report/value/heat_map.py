@@ -26,22 +26,23 @@ DRAWN = SHOWN[:2]  # in dB both, so that they share a scale
 def draw(found: Sequence[Gain], photographs: int) -> Figure:
     """Colour is the mean gain in dB, the same scale in all panels; cells that are not decided are hatched.
 
-    ``photographs``: how many a scene has when none is left out.
+    Args:
+        found: At least one gain, in the metrics DRAWN.
+        photographs: How many a scene has when none is left out.
     """
     from matplotlib.figure import Figure
 
-    mine = [gain for gain in found if gain.metric.key in DRAWN]
-    rows = list(dict.fromkeys(gain.row for gain in mine))
-    others = list(dict.fromkeys(replace(gain.capture, views="all").label for gain in mine))
-    counts = sorted({_count(gain, photographs) for gain in mine})
-    largest = max((abs(gain.over_scenes.mean) for gain in mine), default=0.0) or 1.0
+    rows = list(dict.fromkeys(gain.row for gain in found))
+    others = list(dict.fromkeys(replace(gain.capture, views="all").label for gain in found))
+    counts = sorted({_count(gain, photographs) for gain in found})
+    largest = max(abs(gain.over_scenes.mean) for gain in found) or 1.0
     figure = Figure(figsize=(1.6 + 3.2 * len(rows), 1.2 + 0.55 * len(counts) * len(DRAWN) + 1.2), layout="constrained")
     panels = figure.subplots(len(DRAWN), len(rows), squeeze=False)
     for line, key in zip(panels, DRAWN, strict=True):
         for panel, row in zip(line, rows, strict=True):
             cells = {
                 (counts.index(_count(gain, photographs)), others.index(replace(gain.capture, views="all").label)): gain
-                for gain in mine
+                for gain in found
                 if (gain.row, gain.metric.key) == (row, key)
             }
             image = _draw_panel(panel, cells, (len(counts), len(others)), largest)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ia_bench.report.collect import Run
 from ia_bench.report.value.bootstrap import Interval, interval, replicates
+from ia_bench.report.value.gains import compared
 from ia_bench.runs.table import Table, capture_of, crossed_name
 from ia_bench.scores.columns import METRICS, Metric
 
@@ -43,7 +44,8 @@ class Worth:
 def worth(runs: Sequence[Run], table: Table) -> list[Worth]:
     """For every row of ``table`` but its reference and every number of photographs; captures that differ in more stand apart.
 
-    Of each family of captures those scenes and seeds count that the reference and the row have for all its numbers of photographs.
+    Captures that differ in nothing but that number are a family. Of each those scenes and seeds count that have the reference with
+    all numbers of the family, and the row with all that the table runs it with.
     """
     cells = {(run.row, run.scene, run.seed): run for run in runs if run.problem is None}
     families: dict[str, dict[int, str]] = {}
@@ -53,13 +55,15 @@ def worth(runs: Sequence[Run], table: Table) -> list[Worth]:
         families.setdefault(replace(capture, views="all").label, {})[int(count)] = capture.label
     found = []
     for others, labels in families.items():
-        counts = sorted(labels)
-        for row in (row.name for row in table.rows if row.name != table.reference and row.captures is None):
+        curve = sorted(labels)
+        for row in compared(table):
+            asked = [count for count in curve if row.captures is None or labels[count] in row.captures]
+            names = [crossed_name(str(table.reference), labels[count]) for count in curve]
+            names += [crossed_name(row.name, labels[count]) for count in asked]
             for metric in WORTH_METRICS:
-                names = [crossed_name(name, labels[n]) for name in (str(table.reference), row) for n in counts]
                 scenes = _together(cells, names, metric)
-                if len(counts) > 1 and scenes:
-                    found += _of_family(row, others, metric, counts, scenes)
+                if len(curve) > 1 and asked and scenes:
+                    found += _of_family(row.name, others, metric, curve, asked, scenes)
     return found
 
 
@@ -74,13 +78,16 @@ def _together(cells: Mapping[Key, Run], names: Sequence[str], metric: Metric) ->
     return [np.array(seeds) for seeds in found.values()]
 
 
-def _of_family(row: str, others: str, metric: Metric, counts: Sequence[int], scenes: Sequence[np.ndarray]) -> list[Worth]:
+def _of_family(
+    row: str, others: str, metric: Metric, curve: Sequence[int], asked: Sequence[int], scenes: Sequence[np.ndarray]
+) -> list[Worth]:
+    """``scenes``: arrays (seeds, reference with each number of ``curve``, then the row with each of ``asked``)."""
     means = np.mean([seeds.mean(axis=0) for seeds in scenes], axis=0)[None]
     drawn = replicates(scenes) if len(scenes) > 1 else None
     found = []
-    for place, count in enumerate(counts, start=len(counts)):
-        needed = float(_needed(means, place, counts)[0])
-        bounds = None if drawn is None else interval(_needed(drawn, place, counts))
+    for place, count in enumerate(asked, start=len(curve)):
+        needed = float(_needed(means, place, curve)[0])
+        bounds = None if drawn is None else interval(_needed(drawn, place, curve))
         found.append(Worth(row, others, metric, count, needed, bounds, len(scenes)))
     return found
 

@@ -1,4 +1,4 @@
-"""Write what a prior is worth: value.md, value.csv, photographs.csv and the heat map value.{png,svg}."""
+"""Write what a prior is worth: value.md, value.csv, photographs.csv and, of what is in dB, the heat map value.{png,svg}."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ia_bench.report.table import Cell, carried_text
 from ia_bench.report.table import Table as Printed
 from ia_bench.report.texts import pipe_table
 from ia_bench.report.value.gains import Gain, gains
-from ia_bench.report.value.heat_map import SHOWN, draw
+from ia_bench.report.value.heat_map import DRAWN, SHOWN, draw
 from ia_bench.report.value.photographs import Worth, worth
 from ia_bench.runs.table import Table
 from ia_bench.scores.columns import METRIC_OF
@@ -43,7 +43,8 @@ def write_value(runs: Sequence[Run], table: Table, out: Path) -> list[Path]:
     for name, content in texts.items():
         with whole_file(out / name) as partial:
             partial.write_text(content, encoding="utf-8")
-    return [*(out / name for name in texts), *save(draw(found, table.photographs), out / "value")]
+    drawn = [gain for gain in found if gain.metric.key in DRAWN]
+    return [*(out / name for name in texts), *(save(draw(drawn, table.photographs), out / "value") if drawn else [])]
 
 
 def text(found: Sequence[Gain], photographs: Sequence[Worth], reference: str) -> str:
@@ -57,6 +58,8 @@ def text(found: Sequence[Gain], photographs: Sequence[Worth], reference: str) ->
     ]
     for key in SHOWN:
         mine = [gain for gain in found if gain.metric.key == key]
+        if not mine:
+            continue
         rows = list(dict.fromkeys(gain.row for gain in mine))
         captures = list(dict.fromkeys(gain.capture for gain in mine))
         cells = {(gain.row, gain.capture): gain for gain in mine}

@@ -18,7 +18,7 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
-from ia_bench.runs.pictures.panels import GREY, exposure, extent, light_exposure, light_map, on_grey, unmultiplied
+from ia_bench.runs.pictures.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey, unmultiplied
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Scene, View
@@ -162,18 +162,11 @@ class Easel:
     ) -> None:
         """Add one view to a sheet; roughness has no encoding and is ``shown`` as it is."""
         picture = on_grey(values if shown is None else shown, coverage)
-        pictures.sheets.setdefault(name, []).append(self._cut(picture, view, GREY))
-        pictures.values.setdefault(name, []).append(self._cut(values, view))
+        pictures.sheets.setdefault(name, []).append(cut_out(picture, view.mask, self._side))
+        pictures.values.setdefault(name, []).append(cut_out(values, view.mask, self._side, beyond=0))
 
     def _masks(self, views: Sequence[View]) -> list[np.ndarray]:
-        return [self._cut(view.mask[..., None] > 0.5, view)[..., 0] for view in views]
-
-    def _cut(self, picture: np.ndarray, view: View, beyond: float = 0.0) -> np.ndarray:
-        """The square around the object of one view."""
-        side = self._side
-        padded = np.pad(picture, ((side, side), (side, side), (0, 0)), constant_values=beyond)
-        starts = [(found.min() + found.max() + 1 - side) // 2 + side if len(found) else side for found in np.nonzero(view.mask > 0)]
-        return padded[starts[0] : starts[0] + side, starts[1] : starts[1] + side]
+        return [cut_out(view.mask[..., None] > 0.5, view.mask, self._side, beyond=0)[..., 0] for view in views]
 
 
 def _every(images: Images, stride: int) -> Images:

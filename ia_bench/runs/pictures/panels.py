@@ -44,9 +44,9 @@ def extent(mask: np.ndarray) -> int:
     return int(max(lengths, default=1))
 
 
-def cut_out(picture: np.ndarray, mask: np.ndarray, side: int) -> np.ndarray:
-    """The square (side, side, 3) of ``picture`` (H, W, 3) around what ``mask`` (H, W) covers; GREY beyond its edges."""
-    padded = np.pad(picture, ((side, side), (side, side), (0, 0)), constant_values=GREY)
+def cut_out(picture: np.ndarray, mask: np.ndarray, side: int, beyond: float = GREY) -> np.ndarray:
+    """The square (side, side, C) of ``picture`` (H, W, C) around what ``mask`` (H, W) covers; ``beyond`` is past its edges."""
+    padded = np.pad(picture, ((side, side), (side, side), (0, 0)), constant_values=beyond)
     starts = [(found.min() + found.max() + 1 - side) // 2 + side if len(found) else side for found in np.nonzero(mask > 0)]
     return padded[starts[0] : starts[0] + side, starts[1] : starts[1] + side]
 

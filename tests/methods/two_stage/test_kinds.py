@@ -146,9 +146,11 @@ def test_distillation_of_a_prior_that_cannot(problem: Problem, scene: Scene, rec
 
 
 @pytest.mark.parametrize("kind", ["target", "similarity", "sds"])
-def test_albedo_can_be_switched_off(problem: Problem, scene: Scene, kind: str) -> None:
-    changed = supervised(problem, kind=kind)
-    settings = replace(SETTINGS, guided=False, weights=LossWeights(albedo=0.0))
+@pytest.mark.parametrize("by", ["the method's weight", "the prior's weight"])
+def test_albedo_can_be_switched_off(problem: Problem, scene: Scene, kind: str, by: str) -> None:
+    mine = {"target_weight": 0.0, "kernel_weight": 0.0} if by == "the prior's weight" else {}
+    changed = supervised(problem, kind=kind, **mine)
+    settings = replace(SETTINGS, guided=False, weights=LossWeights() if mine else LossWeights(albedo=0.0))
     exact = noisy(scene)
     spoiled = ToldPrior(Noisy(), tuple(replace(view, albedo=view.albedo[::-1].copy()) for view in scene.train))
     assert same(fit(changed, exact, settings, Record()), fit(changed, spoiled, settings, Record()))

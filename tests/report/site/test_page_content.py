@@ -83,7 +83,15 @@ def test_common_settings_are_told_once() -> None:
     assert common([{"x": 1, "y": 1}, {"x": 1, "y": 2}, {"x": 1, "y": 3}, {"x": 2}]) == {"x": 1}
 
 
-@pytest.mark.parametrize("overrides", [("prior=none",), ("prior=oracle", "fit.stage1_steps=7", "render.samples=16")])
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ("prior=none",),
+        ("prior=oracle", "fit.stage1_steps=7", "render.samples=16"),
+        ("prior=none", "capture.views=4", "protocol.samples_per_pixel=64", "protocol.ssim.side=9"),
+        ("prior=none", "capture=phone", "capture.jpeg=none", "protocol=stanford-orb", "protocol.map_points=2"),
+    ],
+)
 @pytest.mark.parametrize("known", [True, False])
 def test_the_command_gives_the_configuration_again(overrides: tuple[str, ...], known: bool, write_run: Write) -> None:
     """With the row's overrides known, and from the run folder alone."""
