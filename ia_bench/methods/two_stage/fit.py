@@ -104,14 +104,14 @@ class Fit:
     def _optimise(self) -> float:
         parameters, supervision, entries = self.parameters, self.dialogue.supervision, self.problem.gbuffer.pixel
         pixels = torch.randint(len(entries), (self.settings.pixels,), generator=self.generator, device=entries.device)
+        parameters.clear()
         supervision.update(parameters.tensors["albedo"], self.step)
         frozen = parameters.frozen(self.step, self.steps)
         done = self.step / max(self.steps - 1, 1)
         loss, causes = self.objective(pixels, parameters, supervision, frozen, self.generator, done)
         self.guard.check_loss(loss.detach(), pixels, causes)
-        parameters.optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        self.guard.check_gradients(pixels)
+        self.guard.check_gradients(parameters.gradients, pixels)
         parameters.descend(self.step, self.steps)
         self.guard.check_parameters()
         return float(loss.detach())

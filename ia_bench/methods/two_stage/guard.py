@@ -51,12 +51,12 @@ class StepGuard:
                 raise FloatingPointError(f"{name} is NaN or Inf in {_of(bad)} pixels ({self._views(pixels[bad])})")
         raise FloatingPointError("the loss is NaN or Inf although every rendered pixel is finite")
 
-    def check_gradients(self, pixels: Tensor) -> None:
-        """The gradients after a backward pass over G-buffer entries (B,); Adam squares them, which must be finite too."""
-        for name, parameter in self._parameters.items():
-            if parameter.grad is None or bool(torch.isfinite(parameter.grad.square().sum())):
+    def check_gradients(self, gradients: Mapping[str, Tensor], pixels: Tensor) -> None:
+        """The gradients of parameters after a backward pass over G-buffer entries (B,); Adam squares them, which must be finite."""
+        for name, gradient in gradients.items():
+            if bool(torch.isfinite(gradient.square().sum())):
                 continue
-            bad = ~torch.isfinite(parameter.grad.square()).all(-1)
+            bad = ~torch.isfinite(gradient.square()).all(-1)
             place = "their squares add up to Inf"
             if bool(bad.any()):
                 touched = pixels[:0] if name == "log_light" else self._pixels_that_fetch(bad, pixels)

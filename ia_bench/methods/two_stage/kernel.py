@@ -27,7 +27,8 @@ class SimilarityKernel:
 
     d is the Euclidean sRGB distance of the prediction at i and j, s ``kernel_scale``, a the fit's albedo. Partners are
     drawn anew in every step, at distances uniform between one pixel and the radius: the near ones carry detail, the far
-    ones reach across shading; a partner's albedo is that of one of its points, drawn at random too. A pair counts only if
+    ones reach across shading; a partner's albedo is that of one of its points, drawn at random too. Its gradient is for single
+    texels (``Parameters.alone``): a constant that is added to many at once makes any albedo less varied. A pair counts only if
     the object fills both pixels, in the G-buffer and in the photograph's mask (an edge mixes its albedo with something
     else), and the prior was asked about the view.
     """
@@ -55,8 +56,12 @@ class SimilarityKernel:
         self._entry = torch.full((views * size,), -1, dtype=torch.int32, device=device)
         self._entry[gbuffer.pixel] = torch.arange(len(gbuffer.pixel), dtype=torch.int32, device=device)
 
-    def loss(self, albedo: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
-        """The loss of G-buffer entries (B,) whose rendered albedo (B, 3) is given; partners are looked up in ``texture``."""
+    def loss(self, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
+        """The loss of the albedo ``texture`` (T, T, 3) at G-buffer entries (B,)."""
+        gbuffer = self._problem.gbuffer
+        hit, face = gbuffer.face[pixels] >= 0, gbuffer.face[pixels].clamp_min(0).long()
+        own = fetch(texture, self._problem.renderer.surface.uv(face, gbuffer.barycentric[pixels]))
+        albedo = (own * hit[..., None]).mean(1)
         partner, uv, there = self._partners(pixels, generator)
         here = pixels.repeat_interleave(PAIRS)
         weight = self._weight[here] * self._weight[partner] * there

@@ -62,7 +62,7 @@ class Objective:
             loss = weights.image * crossed_loss(first, second, target, settings.residual_cut, known)
         # ---- lambda_2, lambda_3: the prior
         if "albedo" in supervision.targets.values:
-            supervised = supervision.albedo_loss(rendered.albedo, pixels, material.albedo, generator)
+            supervised = supervision.albedo_loss(rendered.albedo, pixels, parameters.alone("albedo"), generator)
             loss = loss + weights.albedo * supervised
         if "specular" in supervision.targets.values:
             loss = loss + weights.specular * supervision.specular_loss(rendered.specular, pixels)

@@ -53,6 +53,7 @@ class Parameters:
         self._coarse_rates = {name: getattr(settings.coarse_rates, name.removeprefix("log_")) for name in self.tensors}
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
         self.optimizer = torch.optim.Adam(groups, betas=BETAS, fused=True)
+        self._alone: dict[str, Tensor] = {}
         self.coarse = CoarseSteps(self.tensors, BETAS)
         self.exchange = ColourExchange(self.tensors["albedo"], self.tensors["log_light"], self.observed)
         self.exposures: Exposures | None = None
@@ -64,6 +65,28 @@ class Parameters:
         """The textures as a material, through which gradients flow unless ``detached``."""
         textures = (self.tensors.get(name) for name in ("albedo", "roughness", "metallic"))
         return Material(*(t.detach() if detached and t is not None else t for t in textures))  # type: ignore[arg-type]
+
+    def alone(self, name: str) -> Tensor:
+        """The texture ``name`` for a loss that moves single texels alone: steps at coarser scales and the exchange do not see it.
+
+        Of a step the last call counts.
+        """
+        self._alone[name] = self.tensors[name].detach().requires_grad_(True)
+        return self._alone[name]
+
+    @property
+    def gradients(self) -> dict[str, Tensor]:
+        """After a backward pass: by tensor, what single texels of it follow."""
+        found = {name: tensor.grad for name, tensor in self.tensors.items() if tensor.grad is not None}
+        for name, texture in self._alone.items():
+            if texture.grad is not None:
+                found[name] = found[name] + texture.grad if name in found else texture.grad
+        return found
+
+    def clear(self) -> None:
+        """Forget all gradients."""
+        self._alone.clear()
+        self.optimizer.zero_grad(set_to_none=True)
 
     def light(self, *, uniform: float | None = None) -> SampledLight:
         """The light, without gradient unless ``uniform``, the share of its samples spread over the sphere, is given."""
@@ -94,9 +117,13 @@ class Parameters:
             self.exchange(settings.rates.exchange * fall)
         if self.exposures is not None:
             self.exposures.descend(fall)
-        for name in frozen:  # which the backward pass has computed all the same
-            self.tensors[name].grad = None
+        shared = {name: None if name in frozen else tensor.grad for name, tensor in self.tensors.items()}
+        gradients = self.gradients
+        for name, tensor in self.tensors.items():  # the backward pass has computed those of what is frozen all the same
+            tensor.grad = None if name in frozen else gradients.get(name)
         self.optimizer.step()
+        for name, tensor in self.tensors.items():
+            tensor.grad = shared[name]
         self.coarse({name: rate * fall for name, rate in self._coarse_rates.items() if name not in frozen})
         with torch.no_grad():  # projected onto the valid range, so that no clamp in the model can kill a gradient
             for name, least in LEAST.items():

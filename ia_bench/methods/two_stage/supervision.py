@@ -80,9 +80,9 @@ class Supervision:
         self._alignment = Alignment(**{name: value.to(device) for name, value in state.items()}) if state else None
 
     def albedo_loss(self, prediction: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
-        """Loss of (B, 3) predictions, rendered from the albedo ``texture``, at G-buffer entries (B,)."""
+        """Loss of the albedo at G-buffer entries (B,): of (B, 3) predictions, or as a kernel of the ``texture`` that shows them."""
         if self._kernel is not None:
-            return self._settings.kernel_weight * self._kernel.loss(prediction, pixels, texture, generator)
+            return self._settings.kernel_weight * self._kernel.loss(pixels, texture, generator)
         return self._settings.target_weight * self._target_loss(prediction, pixels)
 
     def _target_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:

@@ -9,9 +9,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.coarse_steps import CoarseSteps
+from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.settings import FitSettings
 
 BETAS = 0.9, 0.99
+STEP, STEPS = 6, 30
 
 
 def doubled(image: np.ndarray) -> np.ndarray:
@@ -117,3 +121,21 @@ def distance_left(coarse: float, steps: int = 60) -> float:
 
 def test_they_find_a_smooth_image_that_single_texels_do_not() -> None:
     assert distance_left(0.02) < 0.5 * distance_left(0.0)
+
+
+def test_a_loss_of_single_texels_moves_nothing_at_coarser_scales(problem: Problem) -> None:
+    """The first step of Adam is its rate: alone that of texels, else those of all scales together."""
+    settings, moved = FitSettings(), {}
+    for alone in (True, False):
+        parameters = Parameters(problem, settings)
+        before = parameters.tensors["albedo"].detach().clone()
+        texture = parameters.alone("albedo") if alone else parameters.tensors["albedo"]
+        (texture.sum() + parameters.tensors["log_light"].sum() * 0).backward()
+        assert float(parameters.gradients["albedo"].mean()) == 1
+        parameters.descend(STEP, STEPS)  # albedo moves, roughness and the exchange do not yet
+        moved[alone] = before - parameters.tensors["albedo"].detach()
+        parameters.clear()
+        assert parameters.gradients == {}
+    fall = settings.rates.final ** (STEP / (STEPS - 1))
+    torch.testing.assert_close(moved[True], torch.full_like(moved[True], settings.rates.albedo * fall), rtol=1e-3, atol=1e-6)
+    assert float(moved[False].mean()) > 2 * float(moved[True].mean())
