@@ -105,7 +105,8 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         config.render,
         config.prior.supervision,
         torch.device(config.device),
-        make_prior=lambda problem: tell_truth(prior, scene, problem),
+        # only for a prior that wants it: a closure over the scene is a way to the truth
+        make_prior=(lambda problem: tell_truth(prior, scene, problem)) if "truth" in prior.info.wants else (lambda _: prior),
         truth=scene if info.sees_truth else None,
         note=note,
         books=books,
