@@ -13,7 +13,7 @@ from typing import Any
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import shown, user_path
+from ia_bench.common.files import is_file, shown, user_path
 from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -22,8 +22,8 @@ from ia_bench.runs.config import RunConfig, options_class, resolve_scene_folder,
 IDENTITY_VERSION = 6
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 
-CONSISTENCY_VERSION = 2
-"""Like that, of what captures with ``capture.consistency`` alone go through."""
+CONSISTENCY_VERSION, CONSISTENCY_KEY = 2, "consistency_version"
+"""Like that, of what captures with ``capture.consistency`` alone go through; it stands among the settings of a capture."""
 
 PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
 
@@ -49,7 +49,7 @@ def identity(config: RunConfig) -> dict[str, Any]:
         else:
             content["capture"]["sdf"] = _of_sdf(sdf)
         if config.capture.consistency:
-            content["capture"]["consistency_version"] = CONSISTENCY_VERSION
+            content["capture"][CONSISTENCY_KEY] = CONSISTENCY_VERSION
     checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
     for known, settings in checked.items():
         for field in fields(known):
@@ -145,13 +145,6 @@ def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (an option, wha
         return [_without_paths(key, part) for part in value]
     if isinstance(value, str) and value:
         path = Path(value).expanduser()
-        if _is_file(path) or ((key == "weights" or os.sep in value) and path.exists()):  # a word may be a folder's name by chance
+        if is_file(path) or ((key == "weights" or os.sep in value) and path.exists()):  # a word may be a folder's name by chance
             return f"content {content_of(path.resolve())}"
     return value
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # a text that no file system takes for a name
-        return False

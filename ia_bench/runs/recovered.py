@@ -20,7 +20,7 @@ from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import ReaderConfig, SceneConfig, resolve_scene_folder
 from ia_bench.runs.folder import CONFIG
-from ia_bench.runs.identity import content_of
+from ia_bench.runs.identity import CONSISTENCY_KEY, content_of
 from ia_bench.runs.metrics import METRICS
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
@@ -81,7 +81,8 @@ class Recovered:
     @property
     def capture(self) -> CaptureSettings:
         """How its scene was photographed. Raises InputError for what is no setting of a capture."""
-        return parsed(CaptureSettings, self.config.get("config", dict).get("capture", {}), "capture")
+        kept = self.config.get("config", dict).get("capture", {})
+        return parsed(CaptureSettings, {key: value for key, value in kept.items() if key != CONSISTENCY_KEY}, "capture")
 
     def check_scene(self, folder: Path) -> None:
         """Raise InputError unless the scene in ``folder`` is the run's, to the byte: maps fit no other mesh."""

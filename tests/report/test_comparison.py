@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from ia_bench.capture.settings import shipped
 from ia_bench.cli.comparison import main
 from ia_bench.common.errors import InputError
 from ia_bench.report.comparison import CELL, LEGEND, LINE, LINES, MARGIN, write_comparison
+from ia_bench.runs.composition import compose
+from ia_bench.runs.identity import identity
+from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.exr import read_exr, write_exr
 
 
@@ -63,6 +68,15 @@ def test_each_run_is_drawn_on_the_mesh_that_it_had(perfect_run: Path, scene_fold
     for both in sheets[2:]:
         np.testing.assert_array_equal(both["a"], sharp)
         np.testing.assert_array_equal(both["b"], smooth)
+
+
+def test_a_run_whose_capture_was_put_right_is_read_back(perfect_run: Path) -> None:
+    config = json.loads((perfect_run / "config.json").read_text())
+    kept = identity(compose(["scene=tiny", "prior=none", "capture=phone"]))["capture"]
+    config["config"]["capture"] = kept
+    (perfect_run / "config.json").write_text(json.dumps(config))
+    assert "consistency_version" in kept
+    assert replace(Recovered(perfect_run).capture, name="phone") == shipped("phone")
 
 
 def test_a_run_without_a_light_has_no_picture_of_it(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from ia_bench.common.files import read_json
 from ia_bench.report.collect import Run
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import CONFIG
-from ia_bench.runs.identity import identity
+from ia_bench.runs.identity import CONSISTENCY_KEY, identity
 from ia_bench.runs.metrics import METRICS
 from ia_bench.scores.protocol import ComparisonSettings, Protocol, SsimSettings, shipped
 
@@ -84,7 +84,7 @@ LEFT_OUT = {
 """What a run's identity does not name where it is as usual."""
 PROTOCOL = flat(asdict(Protocol()), "protocol.").keys()
 """Those names of a protocol that a command line may set; the others describe it."""
-NOT_SET = ("capture.name", "capture.consistency_version")
+NOT_SET = ("capture.name", f"capture.{CONSISTENCY_KEY}")
 """What begins like a setting and is none that decides a run."""
 
 
