@@ -93,7 +93,7 @@ def write_scene(out: Path, name: str, recipe: Recipe, render: dict[str, Any]) ->
         "light_convention": CONVENTION,
         "splits": recipe.views,
         "lights": {light: f"lights/{light}.exr" for light in recipe.lights},
-        "truth_textures": {"albedo": "truth/albedo.png", "roughness": "truth/roughness.png"},
+        "truth_textures": {"albedo": "truth/albedo.webp", "roughness": "truth/roughness.png"},
         "render": render | {"storage": {kind: asdict(storage) for kind, storage in STORAGE.items()}},
     }
     write_json(out / "scene.json", scene)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -11,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import file_below, read_json
+from ia_bench.common.files import file_below, read_json, shown
 from ia_bench.geometry.mesh import load_mesh
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
 from ia_bench.readers.fields import camera, number, text
@@ -23,6 +24,8 @@ from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 SCHEMA = 1
 DESCRIPTION = "scene.json"
 MESH = "mesh.ply"
+SHARED_LIGHTS = "lights"
+"""Name of the folder, beside that of the scenes, with lights that several scenes see and that are stored once."""
 Views = dict[str, tuple[View, ...]]
 
 
@@ -118,11 +121,11 @@ class NativeReader:
         )
 
     def _truth(self, description: Mapping[str, Any]) -> Truth:
-        def listed(key: str) -> dict[str, Path]:
+        def listed(key: str, find: Callable[[Path, Any, str], Path]) -> dict[str, Path]:
             where = f"{self._folder / DESCRIPTION}: {key}"
-            return {name: file_below(self._folder, path, f"{where}.{name}") for name, path in description.get(key, {}).items()}
+            return {name: find(self._folder, value, f"{where}.{name}") for name, value in description.get(key, {}).items()}
 
-        textures = {name: (path, open_picture(path)) for name, path in listed("truth_textures").items()}
+        textures = {name: (path, open_picture(path)) for name, path in listed("truth_textures", file_below).items()}
         albedo = roughness = None
         if "albedo" in textures:
             path, picture = textures["albedo"]
@@ -131,7 +134,27 @@ class NativeReader:
             albedo = srgb_to_linear(np.broadcast_to(values, (*values.shape[:2], 3)))
         if "roughness" in textures:
             roughness = greyscale(*textures["roughness"])
-        return Truth({name: read_exr(path, 3) for name, path in listed("lights").items()}, albedo, roughness)
+        return Truth({name: read_exr(path, 3) for name, path in listed("lights", _light).items()}, albedo, roughness)
+
+
+def _light(folder: Path, value: object, where: str) -> Path:
+    """The file of a light: a path below ``folder``, or {"shared": name, "sha256": its hash}, a file of SHARED_LIGHTS.
+
+    The hash is what makes a shared light a part of the scene's folder, by whose content a run is known.
+    """
+    if not isinstance(value, dict):
+        return file_below(folder, value, where)
+    if set(value) != {"shared", "sha256"}:
+        raise InputError(f"{where}: expected a path, or an object with shared and sha256, found {shown(repr(value))}")
+    home = folder.resolve().parent.parent / SHARED_LIGHTS
+    path = file_below(home, value["shared"], f"{where}.shared: in {home}")
+    try:
+        found = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise InputError(f"{path}: expected a file that can be read, found: {error.strerror}") from None
+    if found != value["sha256"]:
+        raise InputError(f"{path}: expected the light whose SHA-256 {where}.sha256 tells, {value['sha256']!r}, found {found!r}")
+    return path
 
 
 def _check(path: Path, description: Mapping[str, Any]) -> None:

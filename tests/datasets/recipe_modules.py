@@ -19,9 +19,10 @@ def load(name: str) -> ModuleType:
         sys.path.remove(str(RECIPES))
 
 
-latlong, lights, light_parts, cameras, exr, mesh, passes, photographs, recipe, scene_folder, staging = (
+latlong, lights, light_parts, cameras, exr, mesh, passes, photographs, recipe, scene_folder, share_lights, staging = (
     load(name)
     for name in (
-        "latlong", "lights", "light_parts", "cameras", "exr", "mesh", "passes", "photographs", "recipe", "scene_folder", "staging"
+        "latlong", "lights", "light_parts", "cameras", "exr", "mesh", "passes", "photographs", "recipe", "scene_folder",
+        "share_lights", "staging",
     )  # fmt: skip
 )

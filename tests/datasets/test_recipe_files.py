@@ -1,5 +1,6 @@
 """What the recipes write: rounded numbers, image files, scene folders, and the mesh."""
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from recipe_modules import NOVEL_LIGHTS, ROOT, exr, mesh, recipe, scene_folder, staging
+from recipe_modules import NOVEL_LIGHTS, ROOT, exr, mesh, recipe, scene_folder, share_lights, staging
 
 
 # -- rounding ----------------------------------------------------------------------------------------------------------
@@ -93,6 +94,42 @@ def test_larger_images_get_larger_textures() -> None:
     assert hat.at_size(128) == hat
     assert (hat.at_size(512).size, hat.at_size(512).texture_size) == (512, 2048)
     assert hat.at_size(64).texture_size == hat.texture_size
+
+
+# -- lights that scenes share ------------------------------------------------------------------------------------------
+def scenes_with_lights(root: Path, **lights: dict[str, bytes]) -> list[Path]:
+    """Folders with a scene.json and the given bytes as lights."""
+    for scene, held in lights.items():
+        (root / "scenes" / scene / "lights").mkdir(parents=True)
+        for name, content in held.items():
+            (root / "scenes" / scene / "lights" / f"{name}.exr").write_bytes(content)
+        scene_folder.write_json(root / "scenes" / scene / "scene.json", {"lights": {name: f"lights/{name}.exr" for name in held}})
+    return [root / "scenes" / scene for scene in lights]
+
+
+def test_lights_that_all_scenes_hold_alike_are_stored_once(tmp_path: Path) -> None:
+    scenes = scenes_with_lights(
+        tmp_path, a={"train": b"1", "night": b"3", "dusk": b"4"}, b={"train": b"2", "night": b"3"}, c={"train": b"2", "night": b"3"}
+    )
+    assert share_lights.share(scenes) == [tmp_path / "lights" / "night.exr"]
+    told = {"shared": "night.exr", "sha256": "4e07408562bedb8b60ce05c1decfe3ad16b72230967de01f640b7e4729b49fce"}  # sha256sum of "3"
+    found = [json.loads((scene / "scene.json").read_text())["lights"] for scene in scenes]
+    assert [lights["night"] for lights in found] == [told] * 3
+    assert found[0]["train"] == "lights/train.exr"
+    files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.exr"))
+    assert files == ["lights/night.exr", "scenes/a/lights/dusk.exr", *(f"scenes/{scene}/lights/train.exr" for scene in "abc")]
+    assert share_lights.share(scenes) == []  # nothing is left to share
+
+
+def test_another_shared_light_of_the_same_name_is_not_replaced(tmp_path: Path) -> None:
+    scenes = scenes_with_lights(tmp_path, a={"night": b"3"}, b={"night": b"3"})
+    (tmp_path / "lights").mkdir()
+    (tmp_path / "lights" / "night.exr").write_bytes(b"4")
+    with pytest.raises(ValueError, match=r"night\.exr: expected the light of .*a, found another one"):
+        share_lights.share(scenes)
+    assert all((scene / "lights" / "night.exr").read_bytes() == b"3" for scene in scenes)
+    with pytest.raises(ValueError, match="expected scenes beside each other"):
+        share_lights.share([*scenes, tmp_path])
 
 
 # -- staging -----------------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """What is lost where lights are given to a method of spherical Gaussians: a row for every lat-long map in EXR.
 
-python -m ia_bench_baselines.common.spherical_gaussians datasets/scenes/*/lights/*.exr
+python -m ia_bench_baselines.common.spherical_gaussians datasets/scenes/*/lights/*.exr datasets/lights/*.exr
 """
 
 from __future__ import annotations
