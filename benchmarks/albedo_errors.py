@@ -2,10 +2,10 @@
 
     python benchmarks/albedo_errors.py results/value_eight
 
-Squared errors of aligned albedo in sRGB, over all pixels of the test views that the object fills. Prints for every row, mean over
-scenes and seeds: its PSNR over these pixels; for surface that 0, 1, 2 to 3, 4 and more of the run's photographs show, the share
-of the pixels, that of the squared error, and the PSNR there; and the share of the squared error that is finer than 1 pixel (what
-a Gaussian blur of that deviation takes away), coarser than 4, and between.
+Squared errors of aligned albedo in sRGB, over all pixels of the test views that the object fills. Prints for every row, from
+the mean squares of its runs: the PSNR; for surface that 0, 1, 2 to 3, 4 and more of the run's photographs show, the share of the
+pixels, that of the squared error, and the PSNR there; and the share of the squared error that is finer than 1 pixel (what a
+Gaussian blur of that deviation takes away), coarser than 4, and between.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def photographs(run: Run, test: TestViews) -> np.ndarray:
     return counts.numpy()
 
 
-def errors_by_scale(error: np.ndarray, inside: np.ndarray) -> np.ndarray:
+def squares_by_scale(error: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Shares (3,) of the squared ``error`` (V, H, W, 3), zero outside of ``inside``, that are fine, between, and coarse."""
 
     def smooth(blur: float) -> np.ndarray:
@@ -64,24 +64,24 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, help="folder of a table")
-    found: dict[str, list[np.ndarray]] = defaultdict(list)
+    seen, scales = defaultdict(list), defaultdict(list)
     for run, test, albedo in recovered_albedos(collect(find_run_folders(parser.parse_args().results)).runs):
         inside = test.mask > INSIDE
         error = np.where(inside[..., None], linear_to_srgb(albedo.clip(0, 1)) - linear_to_srgb(test.albedo.clip(0, 1)), 0)
         squares, counts = (error**2).mean(-1), photographs(run, test)
-        chosen = [inside & (counts >= low) & (counts <= high) for low, high in SEEN]
-        columns = [(where.sum() / inside.sum(), squares[where].sum() / squares.sum(), squares[where].mean()) for where in chosen]
-        found[run.row].append(np.array([squares[inside].mean(), *np.ravel(columns), *errors_by_scale(error, inside)]))
+        chosen = [inside, *(inside & (counts >= low) & (counts <= high) for low, high in SEEN)]
+        seen[run.row].append(np.array([(where.sum(), squares[where].sum()) for where in chosen]) / inside.sum())
+        scales[run.row].append(squares_by_scale(error, inside))
     titles = [f"{low}" if low == high else f"{low} to {high}" if high < SEEN[-1][1] else f"{low}+" for low, high in SEEN]
     print(f"| row | dB | {' | '.join(titles)} | finer than {FINE:g} px | {FINE:g} to {COARSE:g} | coarser |")
     print("| :--- " + "| ---: " * (len(SEEN) + 4) + "|")
-    for row, values in found.items():
-        with np.errstate(invalid="ignore"):  # no pixel of a kind in any scene
-            total, *rest = np.nanmean(values, 0)
-        cells = [
-            f"{pixels:.0%} / {share:.0%} / {-10 * np.log10(square):.1f}" for pixels, share, square in np.reshape(rest[:-3], (-1, 3))
-        ]
-        print(f"| {row} | {-10 * np.log10(total):.1f} | {' | '.join(cells)} | {' | '.join(f'{part:.0%}' for part in rest[-3:])} |")
+    for row in seen:
+        (_, total), *parts = np.mean(seen[row], 0)
+        cells = [f"{-10 * np.log10(total):.1f}"]
+        for pixels, square in parts:
+            cells.append(f"{pixels:.0%} / {square / total:.0%} / {10 * np.log10(pixels / square):.1f}" if square else "")
+        cells += [f"{share:.0%}" for share in np.mean(scales[row], 0)]
+        print(f"| {row} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":
