@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # its scripts import each other as scripts do; last, for names of tests
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # scripts import each other; names of tests first
 from albedo_errors import squares_by_scale
 
 ROWS, COLUMNS = np.mgrid[:64, :64]
