@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
 from collections.abc import Callable
 from dataclasses import fields
@@ -13,9 +11,9 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
+from broken_folder import edit_json, refused
 from PIL import Image
 
-from ia_bench.common.errors import InputError
 from ia_bench.readers.contract import check_scene
 from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.exr import read_exr, write_exr
@@ -23,14 +21,7 @@ from ia_bench.scenes.scene import Scene, View
 
 TRUTH_FIELDS = ("albedo", "roughness", "specular", "normal", "depth")
 TRAIN = "transforms_train.json"
-SHIPPED = Path(__file__).parents[2] / "datasets" / "scenes"
 IMAGE = "images/train/0003.exr"  # frame 3
-
-
-def edit_json(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
 
 
 def edit_frame(folder: Path, change: Callable[[dict[str, Any]], None], split: str = "train") -> None:
@@ -48,16 +39,6 @@ def write_unchecked(path: Path, image: np.ndarray) -> None:
     channels = {name: image[..., i].astype(np.float16) for i, name in enumerate("RGBA"[: image.shape[-1]])}
     with OpenEXR.File({"type": OpenEXR.scanlineimage}, channels) as file:
         file.write(str(path))
-
-
-def refused(folder: Path, *parts: str, truth: bool = False) -> None:
-    """The scene is refused in one line that holds all of ``parts`` (regular expressions)."""
-    with pytest.raises(InputError) as caught:
-        check_scene(NativeReader(folder).read(truth=truth), truth=truth)
-    message = str(caught.value)
-    assert "\n" not in message
-    for part in parts:
-        assert re.search(part, message), f"{part!r} is not in {message!r}"
 
 
 def test_the_shipped_scene_is_read_whole(tiny: Scene) -> None:
@@ -256,60 +237,6 @@ def test_refuses_truth_with_nan(tiny_copy: Path) -> None:
     image[0, 0, 0] = np.nan
     write_unchecked(tiny_copy / "lights" / "night.exr", image)
     refused(tiny_copy, r"night\.exr", "NaN", truth=True)
-
-
-# ---------------------------------------------------------------- lights that scenes share
-@pytest.fixture
-def sharing(tiny_copy: Path) -> Path:
-    """A copy of ``tiny`` below a folder of scenes, whose light ``night`` lies in the folder of shared ones."""
-    (tiny_copy.parent / "scenes").mkdir()
-    folder = tiny_copy.rename(tiny_copy.parent / "scenes" / "tiny")
-    shared = folder.parents[1] / "lights" / "any.exr"
-    shared.parent.mkdir()
-    (folder / "lights" / "night.exr").rename(shared)
-    told = {"shared": "any.exr", "sha256": hashlib.sha256(shared.read_bytes()).hexdigest()}
-    edit_json(folder / "scene.json", lambda content: content["lights"].update(night=told))
-    return folder
-
-
-def test_a_shared_light_is_read_from_beside_the_scenes(tiny: Scene, sharing: Path) -> None:
-    scene = NativeReader(sharing).read(truth=True)
-    np.testing.assert_array_equal(scene.truth.lights["night"], tiny.truth.lights["night"])
-
-
-def test_a_shared_light_is_found_through_a_link_to_the_scene(tiny: Scene, sharing: Path, tmp_path: Path) -> None:
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / "link").symlink_to(sharing)
-    scene = NativeReader(tmp_path / "elsewhere" / "link").read(truth=True)
-    np.testing.assert_array_equal(scene.truth.lights["night"], tiny.truth.lights["night"])
-
-
-def test_refuses_a_shared_light_that_is_not_the_one_of_the_scene(sharing: Path) -> None:
-    path = sharing.parents[1] / "lights" / "any.exr"
-    write_exr(path, 2 * read_exr(path, 3))
-    refused(sharing, r"any\.exr: expected the light whose SHA-256 .*scene\.json: lights\.night\.sha256 tells", truth=True)
-    path.unlink()
-    refused(sharing, r"scene\.json: lights\.night\.shared: in .*lights: any\.exr: no such file", truth=True)
-
-
-@pytest.mark.parametrize("told", [{}, {"shared": "any.exr"}, {"shared": "any.exr", "sha256": "", "more": 1}, ["any.exr"]])
-def test_refuses_a_light_that_is_neither_a_path_nor_shared(sharing: Path, told: object) -> None:
-    edit_json(sharing / "scene.json", lambda content: content["lights"].update(night=told))
-    refused(sharing, r"scene\.json: lights\.night: expected", truth=True)
-
-
-@pytest.mark.parametrize("name", ["../scenes/tiny/lights/sunset.exr", "/dev/null", 3])
-def test_a_shared_light_lies_in_the_folder_of_lights(sharing: Path, name: object) -> None:
-    edit_json(sharing / "scene.json", lambda content: content["lights"]["night"].update(shared=name))
-    refused(sharing, r"scene\.json: lights\.night\.shared", "expected", truth=True)
-
-
-@pytest.mark.parametrize("name", ["hat", "ship", "console", "figurine"])
-def test_the_shipped_scenes_have_their_lights(name: str) -> None:
-    lights = NativeReader(SHIPPED / name).read(truth=True).truth.lights
-    assert {light: radiance.shape for light, radiance in lights.items()} == dict.fromkeys(
-        ("train", "studio", "sunset", "night"), (256, 512, 3)
-    )
 
 
 @pytest.mark.parametrize("name", ["albedo", "roughness"])
