@@ -20,13 +20,13 @@ from ia_bench.checks.members import check_members
 from ia_bench.checks.stack import Stack, painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.methods.asking.border import checked
-from ia_bench.priors.contract import Distiller, Observations, Prior, Samples
+from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Prior, Refiner, Samples
 
 ALBEDO_TOLERANCE = 1e-3  # beyond [0, 1]: half floats and antialiasing
 CEILING_TOLERANCE = 1e-3  # above a ceiling, relative to it
 NEIGHBOUR_TOLERANCE = 1e-3  # mean difference between batch sizes: kernels sum in another order
 ODD = (37, 31)  # neither square nor even
-GEOMETRY = frozenset({"normals", "visibility"})
+GEOMETRY = frozenset({"normals", "visibility", "sightings"})
 
 Images = dict[str, Tensor]
 
@@ -97,6 +97,12 @@ class _Subject:
         shown, prior = self.shown(stack), self.prior
         assert isinstance(prior, Distiller)
         return self._watched(shown, "renders", renders, lambda: prior.distill(shown, renders, seed=seed))
+
+    def refine(self, stack: Stack, renders: Images) -> Samples:
+        """The albedo of ``renders`` as the prior under test corrects it, which sees the geometry that it wants."""
+        shown, prior = stack.shown(self.info.wants), self.prior
+        assert isinstance(prior, Refiner)
+        return self._watched(shown, "renders", renders, lambda: prior.refine(shown, renders))
 
     def _watched(self, shown: Observations, what: str, renders: Images | None, call: Callable[[], Samples]) -> Samples:
         """What ``call`` returns; remembers which of its inputs it wrote to, and what it cost."""
@@ -245,6 +251,32 @@ def _distilled(subject: _Subject) -> Iterator[Finding]:
         yield _same("distilled again", estimates, subject.distill(stack, renders, 0))
 
 
+def _refined(subject: _Subject) -> Iterator[Finding]:
+    if not hasattr(subject.prior, "refine"):
+        return
+    stack = subject.stack
+    corrected = subject.refine(stack, _fitted(stack))
+    what, expected = "a corrected fit", "a finite albedo, zero where the mask is"
+    try:
+        checked(type(subject.prior).__qualname__, "refine", corrected, frozenset({"albedo"}), tuple(stack.images.shape))
+    except InputError as error:
+        yield Finding("fail", what, expected, str(error))
+        return
+    outside = float(corrected.values["albedo"][stack.masks == 0].abs().max())
+    yield judge(outside <= 1e-6, what, expected, f"at most {outside:.3g} outside")
+    yield _same("corrected again", corrected, subject.refine(stack, _fitted(stack)))
+    alone = subject.refine(stack.one(1), {name: render[1:2].clone() for name, render in _fitted(stack).items()})
+    difference = float((alone.values["albedo"] - corrected.values["albedo"][1:2]).abs().mean())
+    expected = f"what it is beside others, up to {NEIGHBOUR_TOLERANCE:g} in the mean"
+    yield judge(difference <= NEIGHBOUR_TOLERANCE, "one corrected on its own", expected, f"a mean difference of {difference:.3g}")
+    subject.refine(stack.with_empty_view(), _fitted(stack.with_empty_view()))
+
+
+def _fitted(stack: Stack) -> Images:
+    """What a fit might render of a stack: the truth, darker and flatter."""
+    return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in COMPONENTS}
+
+
 def _with_geometry(subject: _Subject) -> Iterator[Finding]:
     if subject.info.wants.isdisjoint(GEOMETRY):
         return
@@ -296,6 +328,7 @@ RULES: tuple[tuple[str, Callable[[_Subject], Iterator[Finding]]], ...] = (
     ("an image on its own", _independent),
     ("guidance", _guided),
     ("distillation", _distilled),
+    ("refinement", _refined),
     ("wrong input", _refuses),
     ("inputs", _untouched),
     ("cost: network_calls", _counted),

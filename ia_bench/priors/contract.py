@@ -12,7 +12,7 @@ from ia_bench.common.errors import InputError
 
 COMPONENTS = ("albedo", "specular")
 ENCODINGS = ("linear", "srgb")
-WANTED = ("normals", "visibility", "truth")
+WANTED = ("normals", "visibility", "sightings", "truth")
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class PriorInfo:
         encoding: Component -> "linear" or "srgb", the space in which its errors are even. Methods compare there; samples
             are linear whatever it says.
         sees_truth: Whether it knows the ground truth; such a prior is marked in every table.
-        wants: What its observations should hold besides images, some of "normals", "visibility" and "truth". It must do
-            without normals and visibility as well, which pictures without a scene do not have.
+        wants: What its observations should hold besides images, some of "normals", "visibility", "sightings" and "truth". A
+            sample must do without the first three as well, which pictures without a scene do not have.
     """
 
     provides: frozenset[str]
@@ -69,6 +69,8 @@ class Observations:
             pixel and so premultiplied by its coverage; None where the prior does not want them or nobody knows them.
         visibility: (V, H, W, 1) in [0, 1]: cosine-weighted share of the hemisphere around the normal that the object leaves
             open, premultiplied likewise, or None likewise.
+        sightings: (V, H, W, 1), how many of the scene's training photographs show the place that a pixel shows, 0 where it shows
+            none; not premultiplied. None likewise.
         truth: Component -> (V, H, W, 3), ground truth, only for a prior that wants it.
     """
 
@@ -77,6 +79,7 @@ class Observations:
     views: tuple[int, ...] | None = None
     normals: Tensor | None = None
     visibility: Tensor | None = None
+    sightings: Tensor | None = None
     truth: Mapping[str, Tensor] | None = None
 
     def copy(self) -> Observations:
@@ -89,10 +92,10 @@ class Observations:
         return replace(self._each(lambda tensor: tensor[rows]), views=views)
 
     def _each(self, change: Callable[[Tensor], Tensor]) -> Observations:
-        normals, visibility = (None if tensor is None else change(tensor) for tensor in (self.normals, self.visibility))
+        geometry = (self.normals, self.visibility, self.sightings)
+        normals, visibility, sightings = (None if tensor is None else change(tensor) for tensor in geometry)
         truth = None if self.truth is None else {name: change(tensor) for name, tensor in self.truth.items()}
-        images, masks = change(self.images), change(self.masks)
-        return replace(self, images=images, masks=masks, normals=normals, visibility=visibility, truth=truth)
+        return Observations(change(self.images), change(self.masks), self.views, normals, visibility, sightings, truth)
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,20 @@ class Distiller(Protocol):
         ``renders`` maps every component that is provided to its current render (V, H, W, 3), linear, premultiplied. The
         estimates come back for the same components, like samples. The level is drawn from ``seed``, one for each image; the
         same seed and input give the same estimates.
+        """
+        ...
+
+
+@runtime_checkable
+class Refiner(Protocol):
+    """A prior that can correct what a fit has recovered: it knows what fits get wrong, not only what materials look like."""
+
+    def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
+        """The albedo that a fit renders in training photographs, corrected.
+
+        ``renders`` maps "albedo" and "specular" to the fit's renders (V, H, W, 3), linear, premultiplied. The answer holds an
+        "albedo", on whose level and cast nothing depends. ``observations`` hold whatever the info ``wants`` but truth; always the
+        same for the same input, and an image's answer does not depend on the images beside it.
         """
         ...
 

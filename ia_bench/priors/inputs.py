@@ -51,7 +51,11 @@ def check_views(name: str, observations: Observations, renders: Mapping[str, Ten
             raise InputError(f"prior={name}: guidance: expected some of {', '.join(known)}, found {component}")
     guidance = {f"guidance {component}": (render, (*seen, 3)) for component, render in renders.items()}
     expected = {"images": (images, (*seen, 3)), "masks": (masks, seen), **guidance}
-    geometry = {"normals": (observations.normals, (*seen, 3)), "visibility": (observations.visibility, (*seen, 1))}
+    geometry = {
+        "normals": (observations.normals, (*seen, 3)),
+        "visibility": (observations.visibility, (*seen, 1)),
+        "sightings": (observations.sightings, (*seen, 1)),
+    }
     for what, (values, shape) in {**expected, **geometry}.items():
         if values is None:
             continue

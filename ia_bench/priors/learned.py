@@ -96,6 +96,7 @@ class LearnedPrior(ABC):
         components = [name for config in self._configs for name in config.components]
         if len(set(components)) < len(components):
             raise InputError(f"{self._folder}: expected networks without a component in common, found {', '.join(components)}")
+        self._geometry = geometry
         wants = frozenset({"normals", "visibility"} if geometry else ())
         self.info = PriorInfo(frozenset(components), self.stochastic, self.stochastic, sizes[0], wants=wants)
         self._native = sizes[0]
@@ -111,7 +112,7 @@ class LearnedPrior(ABC):
         """What decides the samples: this code's version, the options, the content of the weights."""
         content = [fingerprint(part) for part in self._parts]
         where = [self._device.type, "bf16" if self.bf16 else "float32", self.batch]  # which decide the last bits
-        options = {"geometry": bool(self.info.wants), **self._options()}
+        options = {"geometry": self._geometry, **self._options()}
         return json.dumps([type(self).__qualname__, VERSION, options, where, content], sort_keys=True)
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
@@ -205,7 +206,7 @@ class LearnedPrior(ABC):
     def _seen_geometry(self, observed: Observations, part: list[tuple[int, Frame]], like: Tensor) -> Tensor:
         """Normals and visibility as channels beside ``like``; zero, as in training without geometry, where nobody knows them."""
         normals, visibility = observed.normals, observed.visibility
-        if not self.info.wants or normals is None or visibility is None:
+        if not self._geometry or normals is None or visibility is None:
             return like.new_zeros(len(part), 4, *like.shape[-2:])
         cut = torch.stack([frame.cut(torch.cat([normals[view], visibility[view]], -1)) for view, frame in part])
         return encoding.encode_geometry(cut[..., :3], cut[..., 3:])

@@ -14,10 +14,11 @@ CROPPED = 0.2
 """Share of the images whose object is larger than the frame."""
 
 
-def draw_camera(rng: Generator, vertices: np.ndarray, size: int) -> Camera:
+def draw_camera(rng: Generator, vertices: np.ndarray, size: int, *, cropped: float = CROPPED) -> Camera:
     """Draw a square camera that sees the ``vertices`` (V, 3) of an object inside the unit ball, but not from straight below.
 
-    The frame is cut from a wider photograph, so the principal point need not be in its middle.
+    In a share ``cropped`` of the draws the object is larger than the frame. The frame is cut from a wider photograph, so the
+    principal point need not be in its middle.
     """
     elevation = math.radians(float(np.clip(rng.normal(22, 24), -30, 85)))
     azimuth, roll = rng.uniform(0, 2 * math.pi), math.radians(rng.normal(0, 4))
@@ -33,7 +34,7 @@ def draw_camera(rng: Generator, vertices: np.ndarray, size: int) -> Camera:
     plane = local[:, :2] / -local[:, 2:]
     low, high = plane.min(0), plane.max(0)
     extent = float((high - low).max())
-    fill = rng.uniform(1.1, 1.9) if rng.random() < CROPPED else rng.uniform(0.7, 1.0)
+    fill = rng.uniform(1.1, 1.9) if rng.random() < cropped else rng.uniform(0.7, 1.0)
     focal = fill * size / extent
     slack = abs(1 - fill) * size / 2
     middle = (low + high) / 2 * focal

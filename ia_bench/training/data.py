@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import fcntl
-import multiprocessing
 import os
 import shutil
-import threading
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
+from ia_bench.training.pool import share_out
 from ia_bench.training.shards import SHARD_IMAGES, SHARDS, load_shard, read_info, shard_path
 
 if TYPE_CHECKING:
@@ -101,41 +99,23 @@ def _finished(path: Path, request: Request, first: int, count: int) -> bool:
 def _render(request: Request, progress: Progress, shards: list[tuple[Path, int, int]], advance: Callable[[int], None]) -> None:
     """Share the shards among worker processes."""
     compiled = choose_shading(request.shading, progress.note) == "compiled"
-    spawn = multiprocessing.get_context("spawn")  # a forked copy of torch's thread pools may hang
-    pool = ProcessPoolExecutor(min(request.workers, len(shards)), spawn, _begin_worker, (compiled,))
-    try:
-        jobs = {pool.submit(_work, path, request.seed, first, count, request.size): count for path, first, count in shards}
-        for job in as_completed(jobs):
-            job.result()
-            advance(jobs[job])
-    finally:
-        pool.shutdown(cancel_futures=True)
+    jobs = [(path, request.seed, first, count, request.size, compiled) for path, first, count in shards]
+    for finished in share_out(_work, jobs, workers=request.workers):
+        advance(shards[finished][2])
 
 
-_direct: DirectLight
-
-
-def _begin_worker(compiled: bool) -> None:
-    """One thread, one compiled estimator for all shards of this process, and an end when the parent ends."""
-    global _direct
-    limit_threads(1)
-    from ia_bench.training.shading import DirectLight
-
-    _direct = DirectLight(compiled=compiled)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
-
-
-def _work(path: Path, seed: int, first: int, count: int, size: int) -> None:
+def _work(path: Path, seed: int, first: int, count: int, size: int, compiled: bool) -> None:
     from ia_bench.training.generate import make_shard
 
-    make_shard(path, seed, first, count, size, _direct)
+    make_shard(path, seed, first, count, size, _direct_light(compiled))
+
+
+@cache
+def _direct_light(compiled: bool) -> DirectLight:
+    """One estimator for all shards of a process."""
+    from ia_bench.training.shading import DirectLight
+
+    return DirectLight(compiled=compiled)
 
 
 def _write_sheet(shard: Path, path: Path) -> None:

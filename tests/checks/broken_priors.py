@@ -228,6 +228,11 @@ class Offering(Sound):
         return Samples({name: 0.5 * level * render + 0.5 * seen for name, render in renders.items()})
 
 
+    def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
+        assert observations.visibility is not None
+        return Samples({"albedo": 0.5 * renders["albedo"] * (1 + observations.visibility)})
+
+
 def offering(**members: object) -> type[Offering]:
     return type("Changed", (Offering,), members)
 
@@ -245,6 +250,11 @@ class Remembering(Offering):
 def distill_as(change: Callable[[Mapping[str, Tensor]], dict]) -> Callable[..., Samples]:
     """A distillation whose estimates pass through ``change``."""
     return lambda self, shown, renders, *, seed: Samples(change(Offering.distill(self, shown, renders, seed=seed).values))
+
+
+def refine_as(change: Callable[[Tensor], Tensor]) -> Callable[..., Samples]:
+    """A correction that passes through ``change``."""
+    return lambda self, shown, renders: Samples({"albedo": change(Offering.refine(self, shown, renders).values["albedo"])})
 
 
 def overwrite_renders(self: Offering, observations: Observations, renders: dict, *, seed: int) -> Samples:
@@ -310,6 +320,11 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
         offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"
     ),
     "writes to renders": (offering(distill=overwrite_renders), "inputs"),
+    "refine takes no renders": (offering(refine=lambda self, observations: {}), "refine"),
+    "refines to NaN": (offering(refine=refine_as(lambda a: a / a)), "a corrected fit"),
+    "refines what is outside": (offering(refine=refine_as(lambda a: a + 0.1)), "a corrected fit"),
+    "refines at random": (offering(refine=refine_as(lambda a: a * torch.rand(1))), "corrected again"),
+    "refines by the batch": (offering(refine=refine_as(lambda a: a / (0.1 + a.mean()))), "one corrected on its own"),
     "NaN with geometry": (offering(open_share=lambda self, visibility: visibility / visibility), "a sample with geometry"),
     "remembers other geometry": (Remembering, "the same geometry again"),
     "an empty fingerprint": (offering(fingerprint=""), "fingerprint"),

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import at_work
-from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Samples
+from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Refiner, Samples
 
 LARGEST = 1e6
 """Linear values above this, and negative ones, are counted: no scene has them, but nothing breaks because of them."""
@@ -41,6 +41,13 @@ def ask_to_distill(prior: Distiller, observations: Observations, renders: Mappin
     with at_work("prior", name_of(prior)):
         samples = prior.distill(observations.copy(), _copied(renders), seed=seed)
     return checked(name_of(prior), "distill", samples, frozenset(renders), observations.images.shape)
+
+
+def ask_to_refine(prior: Refiner, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
+    """The albedo of ``renders`` as the prior corrects it, checked like samples."""
+    with at_work("prior", name_of(prior)):
+        samples = prior.refine(observations.copy(), _copied(renders))
+    return checked(name_of(prior), "refine", samples, frozenset({"albedo"}), observations.images.shape)
 
 
 def name_of(prior: object) -> str:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.brdf import normalize, tangent_frame
-from ia_bench.methods.asking.views import restrict
+from ia_bench.methods.asking.views import restrict, sees
 from ia_bench.methods.contract import Problem
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
 from ia_bench.render.lattice import lattice
@@ -42,6 +42,24 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
         visibility[pixel] = _ambient(problem, hit, points, generator).mean(1, keepdim=True)
     shape = gbuffer.shape
     return normals.reshape(*shape, 3).cpu(), visibility.reshape(*shape, 1).cpu()
+
+
+@torch.no_grad()
+def count_sightings(problem: Problem, views: tuple[int, ...]) -> Tensor:
+    """How many training photographs show well (:func:`sees`) what the pixels of some of them show: (V, H, W, 1), on the CPU.
+
+    Of a pixel its first point counts; 0 where that misses.
+    """
+    gbuffer, _ = restrict(problem.gbuffer, views)
+    counts = torch.zeros(len(views) * gbuffer.shape[1] * gbuffer.shape[2], 1, device=gbuffer.face.device)
+    cameras = [view.camera for view in problem.scene.train]
+    hit = gbuffer.face[:, 0] >= 0
+    pixel, face, barycentric = gbuffer.pixel[hit], gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0]
+    seen_from = gbuffer.origin[pixel // (gbuffer.shape[1] * gbuffer.shape[2])]
+    points = problem.renderer.surface(face, barycentric, seen_from)
+    seen = sees(cameras, points.position, points.geometric, problem.stage.rays, problem.stage.surface.offset)
+    counts[pixel] = seen.float().sum(1, keepdim=True)
+    return counts.reshape(*gbuffer.shape, 1).cpu()
 
 
 def _points(problem: Problem, gbuffer: GBuffer, rows: Tensor) -> tuple[Tensor, SurfacePoints, Tensor]:

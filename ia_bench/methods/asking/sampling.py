@@ -12,11 +12,11 @@ from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
-from ia_bench.methods.asking.border import LARGEST, absurd_values, ask, ask_to_distill, check_prior_info, name_of
-from ia_bench.methods.asking.geometry import view_geometry
+from ia_bench.methods.asking.border import LARGEST, absurd_values, ask, ask_to_distill, ask_to_refine, check_prior_info, name_of
+from ia_bench.methods.asking.geometry import count_sightings, view_geometry
 from ia_bench.methods.asking.views import evenly_spread
 from ia_bench.methods.contract import Problem
-from ia_bench.priors.contract import Distiller, Fingerprinted, Observations, Prior, Samples
+from ia_bench.priors.contract import Distiller, Fingerprinted, Observations, Prior, Refiner, Samples
 
 GEOMETRY = ("normals", "visibility")
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
@@ -42,6 +42,11 @@ class PriorSampler:
             raise InputError(
                 f"prior.supervision.kind=sds: expected a prior with a method distill(observations, renders, *, seed), "
                 f"found {name_of(prior)}, which has none"
+            )
+        if settings.refinement and not isinstance(prior, Refiner):
+            raise InputError(
+                f"prior.supervision.refinement={settings.refinement:g}: expected a prior with a method refine(observations, "
+                f"renders), found {name_of(prior)}, which has none"
             )
         self.views = evenly_spread(problem.scene, problem.plan.prior_views if settings.views == "auto" else settings.views)
         self.counters = {"prior_cached": 0, "prior_absurd_values": 0, "network_calls": 0}
@@ -71,6 +76,11 @@ class PriorSampler:
         assert isinstance(self._prior, Distiller)
         return self._accounted(ask_to_distill(self._prior, self._observations(views), renders, seed=seed))
 
+    def refine(self, renders: Images) -> Samples:
+        """What the prior makes of the fit's ``renders`` of the views asked. Raises InputError like :meth:`draw`."""
+        assert isinstance(self._prior, Refiner)
+        return self._accounted(ask_to_refine(self._prior, self._observations(self.views), renders))
+
     def _accounted(self, samples: Samples) -> Samples:
         for name, count in samples.cost.items():
             self.counters[name] = self.counters.get(name, 0) + count
@@ -87,7 +97,8 @@ class PriorSampler:
             images, masks = (torch.from_numpy(np.stack([getattr(view, key) for view in chosen])) for key in ("image", "mask"))
             seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
             normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
-            self._shown = Observations(images, masks, views, normals, visibility)
+            sightings = count_sightings(self._problem, views) if "sightings" in wants else None
+            self._shown = Observations(images, masks, views, normals, visibility, sightings)
         return self._shown
 
     def _key(self, shown: Observations) -> str:

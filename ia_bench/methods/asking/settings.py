@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from ia_bench.common.ranges import NO_NUMBER, Number, NumberOrAuto, Positive, Weight
+from ia_bench.common.ranges import NO_NUMBER, Number, NumberOrAuto, Positive, Share, Weight
 
 
 @dataclass(frozen=True)
@@ -20,6 +20,8 @@ class SupervisionSettings:
             material applies), and distilled in the last.
         target_weight: Of the albedo as a target, or distilled; times the method's weight of the albedo.
         kernel_weight: Of the kernel, likewise.
+        refinement: How much of what a prior corrects in the finished fit is taken over, as a share of the logarithm of the albedo's
+            change; 0 asks for none. Only for a prior that can (``ia_bench.priors.contract.Refiner``).
         specular_weight: Of this prior's specular shading, times the method's weight of it.
         kernel_scale: Standard deviation of the kernel, a Euclidean distance of sRGB colours.
         radius: How far apart the pixels of a pair may be, as a fraction of the longer side of the image.
@@ -33,6 +35,7 @@ class SupervisionSettings:
     kind: Literal["target", "similarity", "sds"] = "target"
     target_weight: Weight = 1.0
     kernel_weight: Weight = 0.01
+    refinement: Share = 0.0
     specular_weight: Weight = 1.0
     kernel_scale: Positive = 0.1
     radius: Positive = 0.5

@@ -16,6 +16,7 @@ from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.refinement import refined_texture
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
 from ia_bench.methods.two_stage.targets import Targets, make_targets
@@ -88,6 +89,19 @@ class Dialogue:
             renders = self._renders(parameters, views, self._prior.info.provides, generator)
             estimates = self._sampler.distill(renders, views, int(random.integers(2**63)))
             self.supervise(make_targets(self._problem, estimates, views))
+
+    def refine(self, parameters: Parameters, generator: torch.Generator) -> None:
+        """Let the prior correct the albedo that was recovered, if the settings want it."""
+        share = self._problem.supervision.refinement
+        if not share:
+            return
+        with self._asking():
+            views = self._sampler.views
+            renders = self._renders(parameters, views, frozenset({"albedo", "specular"}), generator)
+            corrected = self._sampler.refine(renders).values["albedo"]
+            albedo = parameters.tensors["albedo"]
+            with torch.no_grad():
+                albedo.copy_(refined_texture(self._problem, albedo, renders["albedo"], corrected, views, share))
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""

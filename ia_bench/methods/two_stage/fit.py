@@ -69,6 +69,7 @@ class Fit:
                 self.seconds[stage] += time.perf_counter() - started
                 task.advance(1, loss=loss)
                 self._pause(stage)
+        self.dialogue.refine(self.parameters, self.generator)
         if self.guard.skipped:
             self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
         counters = {

@@ -1,0 +1,1 @@
+"""Fits of procedural scenes, from which the refiner learns what fits get wrong."""

@@ -1,0 +1,74 @@
+"""The refiner's weights on disk: one safetensors file, with the network's shape and where it comes from as JSON beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+
+from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import is_file, read_json
+from ia_bench.common.settings import parsed
+from ia_bench.priors.refiner.network import RefinerConfig, RefinerNetwork
+
+FORMAT = 1
+DESCRIPTION, WEIGHTS = "refiner.json", "refiner.safetensors"
+
+
+def save_refiner(folder: Path, network: RefinerNetwork, provenance: dict[str, Any]) -> None:
+    """Write ``network`` to ``folder`` in half precision. ``provenance``: data, steps, seconds, figures (JSON values)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    described = {"format": FORMAT, "network": dataclasses.asdict(network.config), "provenance": provenance}
+    with whole_file(folder / WEIGHTS) as partial:
+        save_file({name: value.half().contiguous() for name, value in network.state_dict().items()}, partial)
+    with whole_file(folder / DESCRIPTION) as partial:
+        partial.write_text(json.dumps(described, indent=2) + "\n")
+
+
+def load_refiner(folder: Path) -> RefinerNetwork:
+    """The network in ``folder``, in float32 and evaluation mode.
+
+    Raises InputError, naming file and key, for what is missing, damaged or does not fit its description.
+    """
+    path = folder / DESCRIPTION
+    if not is_file(path):
+        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.cli.train_refiner")
+    described = read_json(path)
+    if described.get("format") != FORMAT:
+        raise InputError(f"{path}: format: expected {FORMAT}, found {described.get('format')}")
+    try:
+        network = RefinerNetwork(parsed(RefinerConfig, described.get("network") or {}, "network"))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    path = folder / WEIGHTS
+    try:
+        weights = load_file(path)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{path}: expected safetensors, found a file that cannot be read ({error})") from None
+    expected = network.state_dict()
+    for name in sorted({*expected} | {*weights}):
+        wanted, found = (tuple(part[name].shape) if name in part else "none" for part in (expected, weights))
+        if wanted != found:
+            raise InputError(f"{path}: {name}: expected shape {wanted}, found {found}")
+        if not bool(torch.isfinite(weights[name]).all()):
+            raise InputError(f"{path}: {name}: expected finite values, found NaN or Inf")
+    network.load_state_dict({name: value.float() for name, value in weights.items()})
+    return network.eval().requires_grad_(False)
+
+
+def digest(folder: Path) -> str:
+    """SHA-256 over the files that determine what the network says."""
+    found = hashlib.sha256()
+    for name in (DESCRIPTION, WEIGHTS):
+        if (folder / name).is_file():
+            found.update((folder / name).read_bytes())
+    return found.hexdigest()

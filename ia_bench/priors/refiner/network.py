@@ -1,0 +1,149 @@
+"""What the refiner sees of a fit, and the network that corrects its albedo: a small U-Net at full resolution.
+
+Levels are divided out before the network sees anything: of the photograph by its mean, of the albedo by its own. So it can say
+nothing about how bright the whole object is painted, which photographs of an unknown light do not tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from ia_bench.common.errors import InputError
+from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
+
+FEATURES = 18
+"""Channels of :func:`see`: photograph, albedo, specular shading, log shading (3 each), normal (3), visibility, sightings, mask."""
+PHOTOGRAPH, ALBEDO = 0.3, 0.35
+"""Means to which the photograph and the albedo are brought."""
+LARGEST = 8.0
+"""Of the photograph at that mean, and of half as much the albedo: beyond it lie highlights and errors."""
+LEAST = 0.02
+"""Added to both sides of a quotient, so that black has one; and the coverage below which a pixel shows nothing."""
+
+
+@dataclass(frozen=True)
+class RefinerConfig:
+    """The network's shape.
+
+    Attributes:
+        channels: Of its levels, from full resolution down; multiples of 8.
+
+    Raises:
+        InputError: The values make no network.
+    """
+
+    channels: tuple[int, ...] = (32, 48, 64, 96)
+
+    def __post_init__(self) -> None:
+        if len(self.channels) < 2 or any(width < 8 or width % 8 for width in self.channels):
+            raise InputError(f"network.channels: expected two or more multiples of 8, found {list(self.channels)}")
+
+    @property
+    def stride(self) -> int:
+        """Of which the sides of an image are multiples."""
+        return 2 ** (len(self.channels) - 1)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A fit as the network sees it.
+
+    Attributes:
+        features: (N, FEATURES, H, W), 0 where nothing is.
+        albedo: (N, 3, H, W), the fit's, as on a display, at the mean ALBEDO.
+        factor: (N, 1, 1, 1), by which it was brought there.
+        mask: (N, H, W, 1), coverage.
+    """
+
+    features: Tensor
+    albedo: Tensor
+    factor: Tensor
+    mask: Tensor
+
+    def corrected(self, change: Tensor) -> Tensor:
+        """The albedo with a ``change`` (N, 3, H, W) of its display values: (N, H, W, 3) linear, premultiplied."""
+        return srgb_to_linear((self.albedo + change).clamp_min(0)).movedim(1, -1) / self.factor * self.mask
+
+
+def see(
+    images: Tensor, masks: Tensor, albedo: Tensor, specular: Tensor, normals: Tensor, visibility: Tensor, sightings: Tensor
+) -> Seen:
+    """Photographs (N, H, W, 3) of ``masks`` (N, H, W) and what a fit renders there, all premultiplied and linear.
+
+    ``albedo`` and ``specular`` (N, H, W, 3) are the fit's; ``normals`` (N, H, W, 3), ``visibility`` and ``sightings``
+    (N, H, W, 1) as in :class:`ia_bench.priors.contract.Observations`.
+    """
+    mask = masks[..., None]
+    straight = 1 / mask.clamp_min(LEAST)
+    inside = (mask > 0.5).float()
+    exposure, factor = PHOTOGRAPH / _mean(images * straight, inside), ALBEDO / _mean(albedo * straight, inside)
+    photograph = (images * straight * exposure).clamp(0, LARGEST)
+    shine = (specular * straight * exposure).clamp(0, LARGEST)
+    paint = (albedo * straight * factor).clamp(0, LARGEST / 2)
+    shading = torch.log2(((photograph - shine).clamp_min(0) + LEAST) / (paint + LEAST)).clamp(-6, 6) * 0.3
+    shown = linear_to_srgb(paint)
+    counts = torch.log2(1 + sightings.clamp_min(0)) / 6
+    parts = [linear_to_srgb(photograph), shown, linear_to_srgb(shine), shading, normals, visibility, counts, mask]
+    features = torch.cat(parts, -1) * (mask > LEAST)
+    return Seen(features.movedim(-1, 1).contiguous(), shown.movedim(-1, 1).contiguous(), factor, mask)
+
+
+def _mean(values: Tensor, inside: Tensor) -> Tensor:
+    """(N, 1, 1, 1): the mean of (N, H, W, 3) over pixels and channels, at least 1e-4."""
+    total = (values * inside).sum((1, 2, 3)) / (3 * inside.sum((1, 2, 3))).clamp_min(1)
+    return total.clamp_min(1e-4)[:, None, None, None]
+
+
+class RefinerNetwork(nn.Module):
+    """A U-Net (Ronneberger et al. 2015) of residual blocks. Untrained it changes nothing."""
+
+    def __init__(self, config: RefinerConfig) -> None:
+        super().__init__()
+        self.config = config
+        widths = config.channels
+        pairs = list(zip(widths, widths[1:], strict=False))
+        self.conv_in = nn.Conv2d(FEATURES, widths[0], 3, padding=1)
+        self.descending = nn.ModuleList([_Block(width) for width in widths[:-1]])
+        self.coarser = nn.ModuleList([nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in pairs])
+        self.lowest = nn.Sequential(_Block(widths[-1]), _Block(widths[-1]))
+        self.finer = nn.ModuleList([nn.Conv2d(coarse, fine, 1) for fine, coarse in pairs])
+        self.ascending = nn.ModuleList([_Block(width) for width in widths[:-1]])
+        self.conv_out = nn.Conv2d(widths[0], 3, 1)
+        nn.init.zeros_(self.conv_out.weight)
+        nn.init.zeros_(self.conv_out.bias)  # type: ignore[arg-type]
+
+    def forward(self, features: Tensor) -> Tensor:
+        """The change (N, 3, H, W) of the albedo's display values, from features (N, FEATURES, H, W).
+
+        Sides are multiples of the config's stride.
+        """
+        hidden, passed = self.conv_in(features), []
+        for block, coarser in zip(self.descending, self.coarser, strict=True):
+            hidden = block(hidden)
+            passed.append(hidden)
+            hidden = coarser(hidden)
+        hidden = self.lowest(hidden)
+        for level in reversed(range(len(passed))):
+            up = F.interpolate(self.finer[level](hidden), scale_factor=2, mode="nearest")
+            hidden = self.ascending[level](up + passed[level])
+        change: Tensor = self.conv_out(hidden)
+        return change
+
+
+class _Block(nn.Module):
+    """Two convolutions beside the identity."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.norm = nn.GroupNorm(8, width)
+        self.first = nn.Conv2d(width, width, 3, padding=1)
+        self.second = nn.Conv2d(width, width, 3, padding=1)
+
+    def forward(self, values: Tensor) -> Tensor:
+        """(N, C, H, W) of the same."""
+        changed: Tensor = values + self.second(F.silu(self.first(F.silu(self.norm(values)))))
+        return changed

@@ -1,0 +1,116 @@
+"""What a prior corrects in the views of a finished fit reaches its texture, and nothing else of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import pytest
+import torch
+from small_fit import SETTINGS, Found, Record, altered, fit
+from torch import Tensor
+
+from ia_bench.common.errors import InputError
+from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.refinement import LEAST, refined_texture
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
+from ia_bench.priors.none import NoPrior
+from ia_bench.render.renderer import texture_images
+from ia_bench.scenes.scene import Scene
+
+QUICK = replace(SETTINGS, stage1_steps=8, stage2_steps=4)
+
+
+class Told:
+    """Says nothing while a fit runs; corrects its albedo to the truth, at a level of its own."""
+
+    info = PriorInfo(frozenset(), wants=frozenset({"sightings"}))
+
+    def __init__(self, truth: Tensor, level: float = 1.0) -> None:
+        self.truth, self.level = truth, level
+        self.asked: list[tuple[Observations, Mapping[str, Tensor]]] = []
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
+        return Samples({})
+
+    def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
+        self.asked.append((observations, renders))
+        assert observations.views is not None
+        views = list(observations.views)
+        return Samples({"albedo": self.level * self.truth[views]}, {}, {"network_calls": len(views)})
+
+
+def true_views(problem: Problem, scene: Scene) -> tuple[Tensor, Tensor]:
+    assert scene.truth is not None
+    assert scene.truth.albedo is not None
+    texture = torch.from_numpy(scene.truth.albedo).float()
+    return texture_images(problem.renderer.surface, problem.gbuffer, texture), texture
+
+
+def refined(problem: Problem, prior: object, share: float, **more: object) -> Found:
+    supervision = SupervisionSettings(refinement=share, **more)  # type: ignore[arg-type]
+    return fit(altered(problem, supervision=supervision), prior, QUICK, Record())  # type: ignore[arg-type]
+
+
+def aligned_error(problem: Problem, found: Tensor, truth: Tensor) -> float:
+    """Root mean square over wholly covered pixels, one scale for all."""
+    images = texture_images(problem.renderer.surface, problem.gbuffer, found)
+    inside = problem.gbuffer.coverage() == 1
+    a, b = images[inside], truth[inside]
+    return float((a * ((a * b).sum() / (a * a).sum()) - b).square().mean().sqrt())
+
+
+def test_a_prior_that_knows_corrects_the_fit(problem: Problem, scene: Scene) -> None:
+    truth, _ = true_views(problem, scene)
+    plain, prior = fit(problem, NoPrior(), QUICK, Record()), Told(truth)
+    whole, half = refined(problem, prior, 1.0), refined(problem, Told(truth), 0.5)
+    errors = [aligned_error(problem, found.material.albedo, truth) for found in (plain, half, whole)]
+    assert errors[2] < 0.5 * errors[0]  # no less, for a texel is smaller than a pixel
+    assert errors[2] < errors[1] < errors[0]
+    assert torch.equal(whole.light, plain.light)
+    assert torch.equal(whole.material.roughness, plain.material.roughness)
+    assert whole.counters["network_calls"] == 16
+    (observed, renders), = prior.asked
+    assert observed.sightings is not None
+    assert float(observed.sightings.max()) <= 16
+    assert set(renders) == {"albedo", "specular"}
+    shown = texture_images(problem.renderer.surface, problem.gbuffer, plain.material.albedo)
+    torch.testing.assert_close(renders["albedo"], shown, atol=2e-2, rtol=0)
+
+
+def test_the_level_is_not_asked_for(problem: Problem, scene: Scene) -> None:
+    truth, _ = true_views(problem, scene)
+    dark, bright = (refined(problem, Told(truth, level), 1.0).material.albedo for level in (0.6, 0.9))
+    inside = problem.gbuffer.coverage() == 1
+    seen = [texture_images(problem.renderer.surface, problem.gbuffer, albedo)[inside] for albedo in (dark, bright)]
+    torch.testing.assert_close(seen[0].mean(), seen[1].mean(), rtol=0.03, atol=0)  # but for the floor of the quotient
+
+
+def test_no_correction_is_no_change(problem: Problem, scene: Scene) -> None:
+    texture = true_views(problem, scene)[1]
+    views = tuple(range(len(problem.scene.train)))
+    render = texture_images(problem.renderer.surface, problem.gbuffer, texture)
+    same = refined_texture(problem, texture, render, render.clone(), views, 1.0)
+    torch.testing.assert_close(same, texture, rtol=0, atol=1e-5)
+    scaled = refined_texture(problem, texture, render + LEAST, 2 * render + 2 * LEAST - LEAST, views, 1.0)
+    assert float((scaled - texture).abs().max()) < 0.2
+
+
+def test_some_views_change_what_they_see_and_the_rest_follows(problem: Problem, scene: Scene) -> None:
+    """A correction of one half of the object in two views: texels that show it change most, and values stay valid."""
+    texture = 0.5 * torch.ones_like(true_views(problem, scene)[1])
+    views = (0, 5)
+    render = texture_images(problem.renderer.surface, problem.gbuffer, texture)[list(views)]
+    side = torch.ones_like(render)
+    side[:, :, : render.shape[2] // 2] = 1.3
+    changed = refined_texture(problem, texture, render, render * side, views, 1.0)
+    assert float(changed.min()) >= 0
+    assert float(changed.max()) <= 1
+    ratio = changed / texture
+    assert float(ratio.max()) / float(ratio.min()) > 1.25
+
+
+def test_a_prior_that_cannot_is_refused(problem: Problem) -> None:
+    with pytest.raises(InputError, match=r"prior\.supervision\.refinement=0\.5: expected a prior with a method refine"):
+        refined(problem, NoPrior(), 0.5)

@@ -1,0 +1,148 @@
+"""The refiner: what its network is given, what it leaves alone, and its weights on disk."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from priors.tiny_network import tiny_weights
+from torch import Tensor
+
+from ia_bench.checks.conformance import check_prior
+from ia_bench.checks.stack import painted_ball
+from ia_bench.common.errors import InputError
+from ia_bench.priors.contract import COMPONENTS, Observations
+from ia_bench.priors.refiner.checkpoint import DESCRIPTION, WEIGHTS, load_refiner, save_refiner
+from ia_bench.priors.refiner.network import RefinerConfig, RefinerNetwork, Seen, see
+from ia_bench.priors.refiner.prior import WANTS, RefinerPrior
+
+STACK = painted_ball(37, 31, 3)
+
+
+def trained(seed: int = 0) -> RefinerNetwork:
+    """A network whose last layer, too, says something."""
+    torch.manual_seed(seed)
+    network = RefinerNetwork(RefinerConfig((8, 16)))
+    torch.nn.init.normal_(network.conv_out.weight, std=0.05)
+    return network.eval()
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    root = tmp_path_factory.mktemp("refiner")
+    save_refiner(root / "refiner", trained(), {})
+    return {"weights": str(tiny_weights(root / "regressor", "regressor")), "refiner": str(root / "refiner")}
+
+
+def shown() -> Observations:
+    return STACK.shown(WANTS)
+
+
+def renders() -> dict[str, Tensor]:
+    return {name: 0.7 * STACK.truth(name) + 0.1 * STACK.masks[..., None] for name in COMPONENTS}
+
+
+def seen(images: Tensor, albedo: Tensor, specular: Tensor) -> Seen:
+    observed = shown()
+    geometry = [tensor for tensor in (observed.normals, observed.visibility, observed.sightings) if tensor is not None]
+    return see(images, observed.masks, albedo, specular, *geometry)
+
+
+def test_it_keeps_the_contract(folders: dict[str, str]) -> None:
+    findings = check_prior(lambda: RefinerPrior(**folders, precision="float32"), painted_ball(24, 20, 3))
+    assert not [finding for finding in findings if finding.status == "fail"]
+
+
+def test_levels_are_no_part_of_what_it_sees() -> None:
+    """A photograph twice as bright with its highlights, or an albedo of half the level, looks the same."""
+    image, parts = STACK.images, renders()
+    plain = seen(image, parts["albedo"], parts["specular"])
+    other = seen(2 * image, 0.5 * parts["albedo"], 2 * parts["specular"])
+    torch.testing.assert_close(other.features, plain.features, rtol=1e-4, atol=1e-5)
+    change = 0.05 * torch.ones_like(plain.albedo)
+    torch.testing.assert_close(other.corrected(change), 0.5 * plain.corrected(change), rtol=1e-4, atol=1e-6)
+
+
+def test_no_change_gives_back_the_albedo() -> None:
+    albedo = renders()["albedo"]
+    found = seen(STACK.images, albedo, renders()["specular"])
+    whole = STACK.masks == 1
+    torch.testing.assert_close(found.corrected(torch.zeros_like(found.albedo))[whole], albedo[whole], rtol=1e-4, atol=1e-5)
+
+
+def test_an_untrained_network_changes_nothing() -> None:
+    network = RefinerNetwork(RefinerConfig((8, 16)))
+    assert not network(torch.rand(2, 18, 8, 8)).any()
+
+
+def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> None:
+    prior = RefinerPrior(**folders, precision="float32")
+    parts = renders()
+    parts["albedo"][1] = 0
+    empty = replace(shown(), masks=shown().masks * torch.tensor([1.0, 1, 0])[:, None, None])
+    found = prior.refine(empty, parts)
+    assert found.cost == {"network_calls": 1}
+    assert torch.equal(found.values["albedo"][1:], parts["albedo"][1:])
+    assert not torch.equal(found.values["albedo"][0], parts["albedo"][0])
+
+
+def test_what_lies_around_the_object_does_not_matter(folders: dict[str, str]) -> None:
+    """A frame of background around the images, a multiple of the network's stride wide, changes nothing inside."""
+    prior = RefinerPrior(**folders, precision="float32")
+    observed, parts = shown(), renders()
+    plain = prior.refine(observed, parts).values["albedo"]
+
+    def framed(values: Tensor) -> Tensor:
+        space = (0, 0) * (values.ndim - 3)
+        return torch.nn.functional.pad(values, (*space, 4, 4, 4, 4))
+
+    wider = observed._each(framed)
+    found = prior.refine(wider, {name: framed(render) for name, render in parts.items()}).values["albedo"]
+    torch.testing.assert_close(found[:, 4:-4, 4:-4], plain, rtol=1e-5, atol=1e-6)
+
+
+def test_what_is_missing_is_named(folders: dict[str, str]) -> None:
+    prior = RefinerPrior(**folders)
+    with pytest.raises(InputError, match=r"expected a fit's specular and sightings beside the images, found none"):
+        prior.refine(replace(shown(), sightings=None), {"albedo": renders()["albedo"]})
+
+
+def test_weights_come_back(tmp_path: Path) -> None:
+    network = trained(1)
+    save_refiner(tmp_path / "weights", network, {"steps": 3})
+    again = load_refiner(tmp_path / "weights")
+    for name, value in network.state_dict().items():
+        torch.testing.assert_close(again.state_dict()[name], value, rtol=1e-3, atol=1e-6)
+    assert json.loads((tmp_path / "weights" / DESCRIPTION).read_text())["provenance"] == {"steps": 3}
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda folder: (folder / DESCRIPTION).unlink(), r"refiner\.json: no such file; expected a folder of weights"),
+        (lambda folder: (folder / WEIGHTS).unlink(), r"refiner\.safetensors: no such file"),
+        (lambda folder: (folder / WEIGHTS).write_bytes(b"0123"), r"expected safetensors, found a file that cannot be read"),
+        (
+            lambda folder: (folder / DESCRIPTION).write_text(json.dumps({"format": 1, "network": {"channels": [8, 24]}})),
+            r"refiner\.safetensors: \S+: expected shape \(\d.*, found",
+        ),
+        (
+            lambda folder: (folder / DESCRIPTION).write_text(json.dumps({"format": 1, "network": {"channels": [9]}})),
+            "multiples of 8",
+        ),
+    ],
+)
+def test_damaged_weights_are_named(tmp_path: Path, damage: object, message: str) -> None:
+    save_refiner(tmp_path, trained(), {})
+    damage(tmp_path)  # type: ignore[operator]
+    with pytest.raises(InputError, match=message):
+        load_refiner(tmp_path)
+
+
+def test_another_network_is_another_fingerprint(folders: dict[str, str], tmp_path: Path) -> None:
+    save_refiner(tmp_path / "other", trained(1), {})
+    other = {**folders, "refiner": str(tmp_path / "other")}
+    assert RefinerPrior(**folders).fingerprint != RefinerPrior(**other).fingerprint
