@@ -86,7 +86,10 @@ class Views:
     """All views of a folder of fits, in memory as half floats."""
 
     def __init__(self, folder: Path, limit: int | None = None) -> None:
-        """Load the fits, the first ``limit`` of them. Raises InputError for a folder without any, or with views of different sizes."""
+        """Load the fits, the first ``limit`` of them.
+
+        Raises InputError for a folder without any, or with views of different sizes.
+        """
         tensors: dict[str, list[Tensor]] = {name: [] for name in CHANNELS}
         photographs, scales, self.seeds = [], [], set[int]()
         for path in fit_paths(folder)[:limit]:
