@@ -233,9 +233,9 @@ def test_missing_weights_name_the_file(tmp_path):
 
 def test_the_packaged_weights_are_small_and_have_a_card():
     folders = sorted(WEIGHTS.iterdir())
-    assert [folder.name for folder in folders] == ["diffusion", "regressor"]
+    assert [folder.name for folder in folders] == ["diffusion", "refiner", "regressor"]
     assert all((folder / "CARD.md").is_file() for folder in folders)
-    assert sum(file.stat().st_size for file in WEIGHTS.rglob("*") if file.is_file()) < 20_000_000
+    assert sum(file.stat().st_size for file in WEIGHTS.rglob("*") if file.is_file()) < 22_000_000
 
 
 @pytest.mark.parametrize("prior", [DiffusionPrior, RegressorPrior])
