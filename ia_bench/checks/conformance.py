@@ -6,7 +6,7 @@ wants truth is shown it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -18,17 +18,15 @@ from torch import Tensor
 from ia_bench.checks.finding import Finding, judge, raised
 from ia_bench.checks.members import check_members
 from ia_bench.checks.stack import Stack, painted_ball
+from ia_bench.checks.subject import GEOMETRY, Images, Subject
 from ia_bench.common.errors import InputError
 from ia_bench.methods.asking.border import checked
-from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Prior, Refiner, Samples
+from ia_bench.priors.contract import COMPONENTS, Samples
 
 ALBEDO_TOLERANCE = 1e-3  # beyond [0, 1]: half floats and antialiasing
 CEILING_TOLERANCE = 1e-3  # above a ceiling, relative to it
 NEIGHBOUR_TOLERANCE = 1e-3  # mean difference between batch sizes: kernels sum in another order
 ODD = (37, 31)  # neither square nor even
-GEOMETRY = frozenset({"normals", "visibility", "sightings"})
-
-Images = dict[str, Tensor]
 
 
 def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
@@ -48,7 +46,7 @@ def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
         if any(finding.status == "fail" for finding in members):
             yield Finding("skip", "everything else", "", "it needs the members above")
             return
-        subject = _Subject(make, prior, stack)
+        subject = Subject(make, prior, stack)
         for title, rule in RULES:
             try:
                 findings = list(rule(subject))
@@ -63,80 +61,14 @@ def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
                 return
 
 
-class _Subject:
-    """The prior under test, and how to ask it: copies of the inputs, other global random states, what it cost."""
-
-    def __init__(self, make: Callable[[], Prior], prior: Prior, stack: Stack) -> None:
-        self.make, self.prior, self.stack = make, prior, stack
-        self.info, self.components = prior.info, sorted(prior.info.provides)
-        self.modified: set[str] = set()
-        self.geometry = False  # whether a prior that wants geometry is shown it
-        self.costs: list[Mapping[str, int]] = []
-        self._asked = 0
-        self._base: Samples | None = None
-
-    def ask(
-        self, stack: Stack, *, seed: int = 0, guidance: Images | None = None, prior: Prior | None = None
-    ) -> Samples:
-        """One sample of the prior under test, or of another instance of it."""
-        return self.ask_about(self.shown(stack), seed=seed, guidance=guidance, prior=prior)
-
-    def ask_about(
-        self, shown: Observations, *, seed: int = 0, guidance: Images | None = None, prior: Prior | None = None
-    ) -> Samples:
-        """The same of observations that need be of no stack."""
-        asked = self.prior if prior is None else prior
-        return self._watched(shown, "guidance", guidance, lambda: asked.sample(shown, seed=seed, guidance=guidance))
-
-    def shown(self, stack: Stack) -> Observations:
-        """What a run would show the prior of these views."""
-        return stack.shown(self.info.wants if self.geometry else self.info.wants - GEOMETRY)
-
-    def distill(self, stack: Stack, renders: Images, seed: int) -> Samples:
-        """Estimates of ``renders`` by the prior under test."""
-        shown, prior = self.shown(stack), self.prior
-        assert isinstance(prior, Distiller)
-        return self._watched(shown, "renders", renders, lambda: prior.distill(shown, renders, seed=seed))
-
-    def refine(self, stack: Stack, renders: Images) -> Samples:
-        """The albedo of ``renders`` as the prior under test corrects it, which sees the geometry that it wants."""
-        shown, prior = stack.shown(self.info.wants), self.prior
-        assert isinstance(prior, Refiner)
-        return self._watched(shown, "renders", renders, lambda: prior.refine(shown, renders))
-
-    def _watched(self, shown: Observations, what: str, renders: Images | None, call: Callable[[], Samples]) -> Samples:
-        """What ``call`` returns; remembers which of its inputs it wrote to, and what it cost."""
-        inputs = {name: value for name, value in vars(shown).items() if isinstance(value, Tensor)}
-        inputs |= {f"true {name}": value for name, value in (shown.truth or {}).items()}
-        inputs |= {f"{what} {name}": value for name, value in (renders or {}).items()}
-        kept = {name: value.clone() for name, value in inputs.items()}
-        self._asked += 1  # another state of the global generators each time: a sample must not depend on them
-        torch.manual_seed(self._asked)
-        np.random.seed(self._asked)
-        samples = call()
-        self.modified |= {n for n, v in inputs.items() if not torch.equal(v.nan_to_num(), kept[n].nan_to_num())}
-        if isinstance(samples, Samples) and isinstance(samples.values, Mapping):
-            self.costs.append(samples.cost)
-            copies = {name: value.clone() if isinstance(value, Tensor) else value for name, value in samples.values.items()}
-            samples = replace(samples, values=copies)  # because the prior may write to what it has handed out
-        return samples
-
-    @property
-    def base(self) -> Samples:
-        """The unguided sample of the stack for seed 0."""
-        if self._base is None:
-            self._base = self.ask(self.stack)
-        return self._base
-
-
 # ---- one sample ------------------------------------------------------------------------------------------------------
 
 
-def _plain_sample(subject: _Subject) -> Iterator[Finding]:
+def _plain_sample(subject: Subject) -> Iterator[Finding]:
     yield from _sound(subject, subject.base, subject.stack)
 
 
-def _sound(subject: _Subject, samples: Samples, stack: Stack) -> Iterator[Finding]:
+def _sound(subject: Subject, samples: Samples, stack: Stack) -> Iterator[Finding]:
     """Whether ``samples`` may pass the border that they meet in a run, and hold what images can hold."""
     expected = f"{', '.join(subject.components) or 'nothing'}: finite float32 tensors on the CPU, without gradient"
     try:
@@ -161,13 +93,13 @@ def _sound(subject: _Subject, samples: Samples, stack: Stack) -> Iterator[Findin
             yield judge(share <= 1 + CEILING_TOLERANCE, f"{name}: ceiling", "no value above it", f"at most {share:.4g} of it")
 
 
-def _judge_sound(subject: _Subject, what: str, expected: str, samples: Samples, stack: Stack) -> Finding:
+def _judge_sound(subject: Subject, what: str, expected: str, samples: Samples, stack: Stack) -> Finding:
     """One finding of everything that :func:`_sound` asks."""
     wrong = [finding for finding in _sound(subject, samples, stack) if finding.status == "fail"]
     return judge(not wrong, what, expected, "; ".join(f"{finding.what}: {finding.found}" for finding in wrong) or "sound")
 
 
-def _other_images(subject: _Subject) -> Iterator[Finding]:
+def _other_images(subject: Subject) -> Iterator[Finding]:
     ball = painted_ball(*ODD, len(subject.stack.views))
     for what, stack in (
         (f"{ODD[0]} x {ODD[1]} images", ball),
@@ -181,7 +113,7 @@ def _other_images(subject: _Subject) -> Iterator[Finding]:
 # ---- repeatability ---------------------------------------------------------------------------------------------------
 
 
-def _repeatable(subject: _Subject) -> Iterator[Finding]:
+def _repeatable(subject: Subject) -> Iterator[Finding]:
     base, other = subject.base, subject.ask(subject.stack, seed=1)
     largest = {name: _largest(base.values[name], other.values[name]) for name in subject.components}
     text = ", ".join(f"{name} differs by at most {value:.3g}" for name, value in largest.items())
@@ -193,7 +125,7 @@ def _repeatable(subject: _Subject) -> Iterator[Finding]:
         yield _same(what, base, again)
 
 
-def _independent(subject: _Subject) -> Iterator[Finding]:
+def _independent(subject: Subject) -> Iterator[Finding]:
     what = "an image on its own"
     if subject.info.sees_truth:
         yield Finding("skip", what, "", "a prior that sees truth is asked about a scene, and may draw for all of its views")
@@ -211,13 +143,12 @@ def _independent(subject: _Subject) -> Iterator[Finding]:
 # ---- guidance --------------------------------------------------------------------------------------------------------
 
 
-def _guided(subject: _Subject) -> Iterator[Finding]:
+def _guided(subject: Subject) -> Iterator[Finding]:
     if not subject.info.guidable:
         yield Finding("skip", "guidance", "", "the prior is not guidable, so it is never given any")
         return
     stack, base = subject.stack, subject.base
-    # A plausible render that is not the sample: the truth, darker and flatter.
-    render = {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in subject.components}
+    render = _fitted(stack, subject.components)
     guided = subject.ask(stack, guidance={name: value.clone() for name, value in render.items()})
     for name in subject.components:
         before, after = (float((samples.values[name] - render[name]).abs().mean()) for samples in (base, guided))
@@ -239,11 +170,11 @@ def _guided(subject: _Subject) -> Iterator[Finding]:
 # ---- what a prior may offer besides ----------------------------------------------------------------------------------
 
 
-def _distilled(subject: _Subject) -> Iterator[Finding]:
+def _distilled(subject: Subject) -> Iterator[Finding]:
     if not hasattr(subject.prior, "distill"):
         return
     stack = subject.stack
-    renders = {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in subject.components}
+    renders = _fitted(stack, subject.components)
     estimates = subject.distill(stack, {name: render.clone() for name, render in renders.items()}, 0)
     finding = _judge_sound(subject, "distilled estimates", "sound like samples", estimates, stack)
     yield finding
@@ -251,7 +182,7 @@ def _distilled(subject: _Subject) -> Iterator[Finding]:
         yield _same("distilled again", estimates, subject.distill(stack, renders, 0))
 
 
-def _refined(subject: _Subject) -> Iterator[Finding]:
+def _refined(subject: Subject) -> Iterator[Finding]:
     if not hasattr(subject.prior, "refine"):
         return
     stack = subject.stack
@@ -272,12 +203,12 @@ def _refined(subject: _Subject) -> Iterator[Finding]:
     subject.refine(stack.with_empty_view(), _fitted(stack.with_empty_view()))
 
 
-def _fitted(stack: Stack) -> Images:
-    """What a fit might render of a stack: the truth, darker and flatter."""
-    return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in COMPONENTS}
+def _fitted(stack: Stack, components: Sequence[str] = COMPONENTS) -> Images:
+    """What a fit might render of a stack, which is no sample: the truth, darker and flatter."""
+    return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in components}
 
 
-def _with_geometry(subject: _Subject) -> Iterator[Finding]:
+def _with_geometry(subject: Subject) -> Iterator[Finding]:
     if subject.info.wants.isdisjoint(GEOMETRY):
         return
     stack = subject.stack
@@ -292,7 +223,7 @@ def _with_geometry(subject: _Subject) -> Iterator[Finding]:
 # ---- wrong input -----------------------------------------------------------------------------------------------------
 
 
-def _refuses(subject: _Subject) -> Iterator[Finding]:
+def _refuses(subject: Subject) -> Iterator[Finding]:
     shown = subject.shown(subject.stack)
     spoiled = shown.images.clone()
     spoiled[0, spoiled.shape[1] // 2, spoiled.shape[2] // 2] = torch.nan
@@ -310,18 +241,18 @@ def _refuses(subject: _Subject) -> Iterator[Finding]:
             yield Finding("fail", what, "a ValueError or TypeError that says what is wrong", "a sample")
 
 
-def _untouched(subject: _Subject) -> Iterator[Finding]:
+def _untouched(subject: Subject) -> Iterator[Finding]:
     found = ", ".join(sorted(subject.modified)) or "nothing"
     yield judge(not subject.modified, "inputs", "nothing modified", f"{found} modified")
 
 
-def _counted(subject: _Subject) -> Iterator[Finding]:
+def _counted(subject: Subject) -> Iterator[Finding]:
     if any(isinstance(value, torch.nn.Module) for value in (subject.prior, *vars(subject.prior).values())):
         calls = sum(cost.get("network_calls", 0) for cost in subject.costs)
         yield judge(calls > 0, "cost: network_calls", "some, because the prior holds a network", f"{calls} in all samples")
 
 
-RULES: tuple[tuple[str, Callable[[_Subject], Iterator[Finding]]], ...] = (
+RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
     ("a sample", _plain_sample),
     ("other images", _other_images),
     ("seeds", _repeatable),

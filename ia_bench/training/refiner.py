@@ -63,10 +63,10 @@ class RefinerSettings:
     validation: Path
     out: Path
     fits: Number | None = None
-    steps: Number = 5000
+    steps: Number = 3000
     batch: Number = 16
-    rate: NotNegative = 1e-3
-    muon_rate: NotNegative = 0.02
+    rate: NotNegative = 5e-4
+    muon_rate: NotNegative = 0.005
     warmup: Count = 100
     weight_decay: NotNegative = 0.01
     clip_gradient: NotNegative = 1.0
@@ -205,6 +205,10 @@ def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, fl
     step, seconds = 0, 0.0
     state = _load_state(settings)
     if state is not None:
+        if state["fits"] != images.fits:
+            raise InputError(
+                f"{images.folder}: expected the {state['fits']} fits that {settings.out} began with, found {images.fits}"
+            )
         step, seconds = state["step"], state["seconds"]
         network.load_state_dict(state["network"])
         average.load_state_dict(state["average"])
@@ -234,7 +238,8 @@ def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, fl
             progress.note(f"step {step}, {seconds:.0f} s: " + ", ".join(f"{name} {value:.2f}" for name, value in figures.items()))
             with (settings.out / "validation.jsonl").open("a") as file:
                 file.write(json.dumps({"step": step, "seconds": round(seconds, 1), **figures}) + "\n")
-            kept = {"identity": settings.identity(), "step": step, "seconds": seconds, "network": network.state_dict()}
+            kept = {"identity": settings.identity(), "fits": images.fits, "step": step, "seconds": seconds}
+            kept["network"] = network.state_dict()
             with whole_file(settings.out / "state.pt") as partial:
                 torch.save({**kept, "average": average.state_dict(), "optimizer": optimizer.state_dict()}, partial)
             about = {"steps": step, "seconds": round(seconds), "fits": images.fits, "views": len(images), "figures": figures}

@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, read_json
 from ia_bench.common.settings import parsed
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
+from ia_bench.priors.weight_files import fill
 
 FORMAT = 1
 UNET = "unet/diffusion_pytorch_model.safetensors"
@@ -70,7 +70,7 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
     """
     network = MaterialNetwork(read_config(folder))
     for name, module in _modules(network).items():
-        _fill(module, folder / name)
+        fill(module, folder / name, _own(module))
     network.eval().requires_grad_(False)
     provenance: dict[str, Any] = read_description(folder)["provenance"]
     return network, provenance
@@ -132,24 +132,3 @@ def _modules(network: MaterialNetwork) -> dict[str, torch.nn.Module]:
 
 def _own(module: torch.nn.Module) -> dict[str, torch.Tensor]:
     return {name: value for name, value in module.state_dict().items() if not name.startswith(FROZEN)}
-
-
-def _fill(module: torch.nn.Module, path: Path) -> None:
-    try:
-        weights = load_file(path)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: expected safetensors, found a file that cannot be read ({error})") from None
-    expected = _own(module)
-    for name, value in expected.items():
-        if name not in weights:
-            raise InputError(f"{path}: {name}: expected a tensor {tuple(value.shape)}, found none")
-        if weights[name].shape != value.shape:
-            raise InputError(f"{path}: {name}: expected shape {tuple(value.shape)}, found {tuple(weights[name].shape)}")
-        if not bool(torch.isfinite(weights[name]).all()):
-            raise InputError(f"{path}: {name}: expected finite values, found NaN or Inf")
-    left = sorted(set(weights) - set(expected))
-    if left:
-        raise InputError(f"{path}: {left[0]}: a tensor that the config has no place for")
-    module.load_state_dict({name: value.float() for name, value in weights.items()}, strict=False)

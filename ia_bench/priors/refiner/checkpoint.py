@@ -8,15 +8,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, read_json
 from ia_bench.common.settings import parsed
 from ia_bench.priors.refiner.network import RefinerConfig, RefinerNetwork
+from ia_bench.priors.weight_files import fill
 
 FORMAT = 1
 DESCRIPTION, WEIGHTS = "refiner.json", "refiner.safetensors"
@@ -47,21 +46,7 @@ def load_refiner(folder: Path) -> RefinerNetwork:
         network = RefinerNetwork(parsed(RefinerConfig, described.get("network") or {}, "network"))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    path = folder / WEIGHTS
-    try:
-        weights = load_file(path)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: expected safetensors, found a file that cannot be read ({error})") from None
-    expected = network.state_dict()
-    for name in sorted({*expected} | {*weights}):
-        wanted, found = (tuple(part[name].shape) if name in part else "none" for part in (expected, weights))
-        if wanted != found:
-            raise InputError(f"{path}: {name}: expected shape {wanted}, found {found}")
-        if not bool(torch.isfinite(weights[name]).all()):
-            raise InputError(f"{path}: {name}: expected finite values, found NaN or Inf")
-    network.load_state_dict({name: value.float() for name, value in weights.items()})
+    fill(network, folder / WEIGHTS, network.state_dict())
     return network.eval().requires_grad_(False)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -47,7 +47,7 @@ class RefinerPrior(RegressorPrior):
         device: Device = "auto",
     ) -> None:
         super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
-        self.info = type(self.info)(**{**vars(self.info), "wants": WANTS})
+        self.info = replace(self.info, wants=WANTS)
         self._corrections = Path(refiner).expanduser() if refiner else Path(str(files("ia_bench.priors") / "weights" / "refiner"))
         self._network: RefinerNetwork = load_refiner(self._corrections).to(self._device)
 
@@ -55,9 +55,6 @@ class RefinerPrior(RegressorPrior):
     def fingerprint(self) -> str:
         """See :class:`ia_bench.priors.contract.Fingerprinted`."""
         return json.dumps([super().fingerprint, VERSION, digest(self._corrections)])
-
-    def _options(self) -> dict[str, Any]:
-        return {}
 
     @torch.no_grad()
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
