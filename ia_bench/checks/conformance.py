@@ -20,7 +20,7 @@ from ia_bench.checks.members import check_members
 from ia_bench.checks.stack import Stack, painted_ball
 from ia_bench.checks.subject import GEOMETRY, Images, Subject
 from ia_bench.common.errors import InputError
-from ia_bench.methods.asking.border import checked
+from ia_bench.methods.asking.border import checked, checked_refinement
 from ia_bench.priors.contract import COMPONENTS, Samples
 
 ALBEDO_TOLERANCE = 1e-3  # beyond [0, 1]: half floats and antialiasing
@@ -186,26 +186,33 @@ def _refined(subject: Subject) -> Iterator[Finding]:
     if not hasattr(subject.prior, "refine"):
         return
     stack = subject.stack
-    corrected = subject.refine(stack, _fitted(stack))
-    what, expected = "a corrected fit", "a finite albedo, zero where the mask is"
+    corrected = subject.refine(stack, _finished(stack))
+    what, expected = "a corrected fit", "a finite albedo, and roughness if any, zero where the mask is"
     try:
-        checked(type(subject.prior).__qualname__, "refine", corrected, frozenset({"albedo"}), tuple(stack.images.shape))
+        checked_refinement(type(subject.prior).__qualname__, corrected, tuple(stack.images.shape))
     except InputError as error:
         yield Finding("fail", what, expected, str(error))
         return
-    outside = float(corrected.values["albedo"][stack.masks == 0].abs().max())
+    outside = max(float(maps[stack.masks == 0].abs().max()) for maps in corrected.values.values())
     yield judge(outside <= 1e-6, what, expected, f"at most {outside:.3g} outside")
-    yield _same("corrected again", corrected, subject.refine(stack, _fitted(stack)))
-    alone = subject.refine(stack.one(1), {name: render[1:2].clone() for name, render in _fitted(stack).items()})
-    difference = float((alone.values["albedo"] - corrected.values["albedo"][1:2]).abs().mean())
+    yield _same("corrected again", corrected, subject.refine(stack, _finished(stack)))
+    alone = subject.refine(stack.one(1), {name: render[1:2].clone() for name, render in _finished(stack).items()})
+    difference = max(float((alone.values[name] - maps[1:2]).abs().mean()) for name, maps in corrected.values.items())
     expected = f"what it is beside others, up to {NEIGHBOUR_TOLERANCE:g} in the mean"
     yield judge(difference <= NEIGHBOUR_TOLERANCE, "one corrected on its own", expected, f"a mean difference of {difference:.3g}")
-    subject.refine(stack.with_empty_view(), _fitted(stack.with_empty_view()))
+    subject.refine(stack.with_empty_view(), _finished(stack.with_empty_view()))
 
 
 def _fitted(stack: Stack, components: Sequence[str] = COMPONENTS) -> Images:
     """What a fit might render of a stack, which is no sample: the truth, darker and flatter."""
     return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in components}
+
+
+def _finished(stack: Stack) -> Images:
+    """What a finished fit might show in a stack, of which nothing else is known: half rough, a little off, matt."""
+    masks = stack.masks[..., None]
+    more = {"radiance": 0.9 * stack.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2)}
+    return _fitted(stack) | more
 
 
 def _with_geometry(subject: Subject) -> Iterator[Finding]:

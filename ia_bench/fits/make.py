@@ -14,6 +14,7 @@ from ia_bench.methods.asking.geometry import count_sightings, view_geometry
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
+from ia_bench.methods.two_stage.refinement import Fusion, evidence
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.renderer import texture_images
@@ -57,18 +58,24 @@ def _fitted(rng: np.random.Generator, seed: int, index: int, size: int) -> tuple
     assert isinstance(recovered, TexturedReconstruction)
     assert isinstance(recovered.environment, LatLongEnvironment)
     material, light = recovered.material, SampledLight.of(recovered.environment.texels)
-    rendered = problem.renderer.render_images(part, material, light, SAMPLES, torch.Generator().manual_seed(index))
+    generator = torch.Generator().manual_seed(index)
+    rendered = problem.renderer.render_images(problem.gbuffer, material, light, SAMPLES, generator)
+    together = evidence(Fusion(problem, tuple(range(len(views)))), views, rendered, len(material.albedo))
     normals, visibility = view_geometry(problem, shown)
     taken = [views[number] for number in shown]
     images = np.concatenate([np.stack([view.image for view in taken]), np.stack([view.mask for view in taken])[..., None]], -1)
     tensors = {
         "image": torch.from_numpy(images),
         "albedo": texture_images(problem.renderer.surface, part, material.albedo),
-        "specular": rendered["specular"],
+        "roughness": texture_images(problem.renderer.surface, part, material.roughness),
+        "radiance": rendered["radiance"][list(shown)],
+        "specular": rendered["specular"][list(shown)],
+        "evidence": texture_images(problem.renderer.surface, part, together),
         "normal": normals,
         "visibility": visibility,
         "sightings": count_sightings(problem, shown),
-        "truth": torch.from_numpy(drawn.albedo[list(shown)]),
+        "true_albedo": torch.from_numpy(drawn.albedo[list(shown)]),
+        "true_roughness": torch.from_numpy(drawn.roughness[list(shown)]),
     }
     halves = {name: values.detach().half() for name, values in tensors.items()}
     if not all(bool(torch.isfinite(values).all()) for values in halves.values()):

@@ -28,11 +28,15 @@ from ia_bench.scenes.scene import Mesh, Scene, View
 from ia_bench.training.cameras import draw_camera
 from ia_bench.training.lights import Light, draw_light
 from ia_bench.training.objects import SolidObject, make_object
+from ia_bench.training.palettes import palette
 from ia_bench.training.render import MEAN_RADIANCE
-from ia_bench.training.textures import TexturedMaterial, draw_materials
+from ia_bench.training.textures import TexturedMaterial, draw_material, draw_materials
 
 MOST_FACES = 5000
 """Of an object; larger ones are drawn again, for their baking takes longer than the fit."""
+LEAST_SLOTS, OVERLAYS = 3, 2
+"""Materials of an object at least, and of a material those at most that are laid over it. Training images have less of both: from
+pixel to pixel their colours change by .03 in the median, and those of things that people model by .06 to .08."""
 CROPPED = 0.1
 """Share of the photographs in which the object is larger than the frame."""
 PHOTOGRAPHS = (2, 3, 4, 4, 6, 8, 8, 8, 12, 16, 24, 40)
@@ -57,11 +61,13 @@ class ProceduralScene:
     Attributes:
         scene: Photographs, masks, cameras and mesh, without truth.
         albedo: (V, S, S, 3), what the photographs show of the true albedo, premultiplied.
+        roughness: (V, S, S, 1), of the true perceptual roughness likewise.
         clipped: Whether the photographs were clipped and have 8 bits.
     """
 
     scene: Scene
     albedo: np.ndarray
+    roughness: np.ndarray
     clipped: bool
 
 
@@ -70,9 +76,9 @@ def draw_scene(rng: Generator, size: int) -> ProceduralScene:
     """A scene of photographs of ``size`` pixels a side."""
     photographs = int(rng.choice(PHOTOGRAPHS))
     solid = make_object(rng)
-    while len(solid.faces) > MOST_FACES:
+    while len(solid.faces) > MOST_FACES or solid.slots < LEAST_SLOTS:
         solid = make_object(rng)
-    light, materials = light_map(draw_light(rng), LIGHT_ROWS), draw_materials(rng, solid.slots)
+    light, materials = light_map(draw_light(rng), LIGHT_ROWS), [_rich(rng, each) for each in draw_materials(rng, solid.slots)]
     cameras = [draw_camera(rng, solid.vertices, size, cropped=CROPPED) for _ in range(photographs)]
     mesh, faces = _mesh(solid)
     stage = Stage(mesh, torch.device("cpu"))
@@ -81,7 +87,7 @@ def draw_scene(rng: Generator, size: int) -> ProceduralScene:
     renderer = stage.renderer(bounces=REFERENCE_BOUNCES)
     generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
     radiance = renderer.render_images(gbuffer, material, SampledLight.of(light), SAMPLES, generator)["radiance"].numpy()
-    albedo = texture_images(stage.surface, gbuffer, material.albedo).numpy()
+    albedo, roughness = (texture_images(stage.surface, gbuffer, each).numpy() for each in (material.albedo, material.roughness))
     masks = gbuffer.coverage().numpy()
     radiance *= np.exp(rng.normal(np.log(MEAN_RADIANCE), 0.25)) * masks.sum() / max(radiance.mean(-1).sum(), 1e-12)
     if rng.random() < NOISY:
@@ -95,7 +101,13 @@ def draw_scene(rng: Generator, size: int) -> ProceduralScene:
     clipped = bool(rng.random() < CLIPPED)
     if clipped:
         scene = captured(scene, CaptureSettings(radiometry="ldr"), lambda _: None)
-    return ProceduralScene(scene, albedo, clipped)
+    return ProceduralScene(scene, albedo, roughness, clipped)
+
+
+def _rich(rng: Generator, material: TexturedMaterial) -> TexturedMaterial:
+    for _ in range(int(rng.integers(OVERLAYS + 1))):
+        material = material.overlaid(draw_material(rng, palette(rng, 5)), rng)
+    return material
 
 
 def light_map(light: Light, rows: int) -> Tensor:

@@ -103,7 +103,8 @@ class Samples:
     """What a prior answers.
 
     Attributes:
-        values: Component -> (V, H, W, 3) float32 on the CPU: linear, premultiplied by the masks.
+        values: Component -> (V, H, W, 3) float32 on the CPU: linear, premultiplied by the masks. A corrected roughness has one
+            channel.
         ceilings: Component -> (V,), the largest linear value that a sample of each image can have, as display-encoded images
             end at white; what comes near it may be more. Components without such an end are left out.
         cost: Name -> how many, of this call alone: "network_calls" (one per image and evaluation), and whatever else a
@@ -152,11 +153,16 @@ class Refiner(Protocol):
     """A prior that can correct what a fit has recovered: it knows what fits get wrong, not only what materials look like."""
 
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
-        """The albedo that a fit renders in training photographs, corrected.
+        """The material that a fit shows in training photographs, corrected.
 
-        ``renders`` maps "albedo" and "specular" to the fit's renders (V, H, W, 3), linear, premultiplied. The answer holds an
-        "albedo", on whose level and cast nothing depends. ``observations`` hold whatever the info ``wants`` but truth; always the
-        same for the same input, and an image's answer does not depend on the images beside it.
+        ``renders`` maps "albedo", "radiance" (the photograph as the fit renders it) and "specular" (the specular shading in it) to
+        (V, H, W, 3), linear, "roughness" to (V, H, W, 1), perceptual, and "evidence" to (V, H, W, 2): what all photographs together
+        say about a place, how much the fit's radiance is off and how much of it is specular, as
+        :func:`ia_bench.methods.two_stage.refinement.evidence` has it. All are premultiplied. ``observations`` hold whatever the
+        info ``wants`` but truth.
+
+        The answer holds an "albedo" (V, H, W, 3), on whose level and cast nothing depends, and a "roughness" (V, H, W, 1) if the
+        prior has one. It is always the same for the same input, and an image's does not depend on the images beside it.
         """
         ...
 

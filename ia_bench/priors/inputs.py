@@ -37,10 +37,13 @@ def use_bf16(precision: Precision, device: torch.device) -> bool:
     return supported and torch.backends.cpu.get_cpu_capability() == "AVX512"
 
 
-def check_views(name: str, observations: Observations, renders: Mapping[str, Tensor], provided: Iterable[str]) -> None:
+def check_views(
+    name: str, observations: Observations, renders: Mapping[str, Tensor], provided: Iterable[str], channels: Mapping[str, int] = {}
+) -> None:
     """Raise InputError unless the prior ``name`` can work with the observations and ``renders``.
 
-    ``renders``: what is to guide the sample, by component, each of the images' shape and ``provided`` by the prior.
+    ``renders``: what is to guide the sample, or is to be corrected, by component, each ``provided`` by the prior and of the images'
+    shape, with as many ``channels`` as are said, else 3.
     """
     images, masks, seen = observations.images, observations.masks, tuple(observations.images.shape[:3])
     if images.ndim != 4 or images.shape[-1] != 3:
@@ -49,7 +52,7 @@ def check_views(name: str, observations: Observations, renders: Mapping[str, Ten
     for component in renders:
         if component not in known:
             raise InputError(f"prior={name}: guidance: expected some of {', '.join(known)}, found {component}")
-    guidance = {f"guidance {component}": (render, (*seen, 3)) for component, render in renders.items()}
+    guidance = {f"guidance {component}": (render, (*seen, channels.get(component, 3))) for component, render in renders.items()}
     expected = {"images": (images, (*seen, 3)), "masks": (masks, seen), **guidance}
     geometry = {
         "normals": (observations.normals, (*seen, 3)),

@@ -2,13 +2,17 @@
 
 ``fit_0_00012.safetensors`` is fit 12 of seed 0. Tensors (V, S, S, C) float16, linear Rec.709, premultiplied by coverage:
 
-    image       (V, S, S, 4)  the photograph as the fit saw it; coverage in the last channel
-    albedo      (V, S, S, 3)  the albedo that was recovered
-    specular    (V, S, S, 3)  the specular shading that was recovered
-    normal      (V, S, S, 3)  shading normal in camera space
-    visibility  (V, S, S, 1)  cosine-weighted visibility of the sky
-    sightings   (V, S, S, 1)  how many photographs show the place
-    truth       (V, S, S, 3)  the true albedo
+    image           (V, S, S, 4)  the photograph as the fit saw it; coverage in the last channel
+    albedo          (V, S, S, 3)  the albedo that was recovered
+    roughness       (V, S, S, 1)  the perceptual roughness that was recovered
+    radiance        (V, S, S, 3)  the photograph as the fit renders it
+    specular        (V, S, S, 3)  the specular shading in it
+    evidence        (V, S, S, 2)  what all photographs together say about a place (``methods.two_stage.refinement.evidence``)
+    normal          (V, S, S, 3)  shading normal in camera space
+    visibility      (V, S, S, 1)  cosine-weighted visibility of the sky
+    sightings       (V, S, S, 1)  how many photographs show the place
+    true_albedo     (V, S, S, 3)
+    true_roughness  (V, S, S, 1)
 """
 
 from __future__ import annotations
@@ -25,10 +29,13 @@ from torch import Tensor
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 
-FITS_VERSION = 1
+FITS_VERSION = 2
 """Raised whenever the same (seed, index) would make another scene or fit, beyond rounding."""
 
-CHANNELS = {"image": 4, "albedo": 3, "specular": 3, "normal": 3, "visibility": 1, "sightings": 1, "truth": 3}
+CHANNELS = {
+    "image": 4, "albedo": 3, "roughness": 1, "radiance": 3, "specular": 3, "evidence": 2, "normal": 3,
+    "visibility": 1, "sightings": 1, "true_albedo": 3, "true_roughness": 1,
+}  # fmt: skip
 """Tensors of a file and their last axis."""
 
 _NAME = re.compile(r"fit_(\d+)_(\d+)\.safetensors")

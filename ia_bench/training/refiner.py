@@ -22,7 +22,7 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number, Share
 from ia_bench.priors.inputs import use_bf16
 from ia_bench.priors.refiner.checkpoint import save_refiner
-from ia_bench.priors.refiner.network import RefinerConfig, RefinerNetwork, Seen, see
+from ia_bench.priors.refiner.network import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.scenes.tensor_color import linear_to_srgb
 from ia_bench.training.fit_files import CHANNELS, fit_paths, load_fit
 from ia_bench.training.loop import batch_index, rate_factor
@@ -32,6 +32,8 @@ FEW = 8
 """Photographs up to which a fit counts as one of few, in the figures of validation."""
 COVERED = 0.9
 """Coverage from which a pixel counts."""
+COLOURS = ("albedo", "radiance", "specular", "true_albedo")
+"""Tensors of a fit that have the three colours of its photographs."""
 ZOOM = 1.4
 """Largest factor by which a view is enlarged or reduced."""
 
@@ -49,6 +51,7 @@ class RefinerSettings:
         batch: Views a step.
         rate: Full rate of AdamW. Rates rise over ``warmup`` steps and fall along a cosine to a fiftieth.
         muon_rate: Full rate of Muon on the hidden weights.
+        roughness_weight: Of the squared error of the roughness in the loss, beside that of the albedo.
         warmup: Steps in which the rates rise.
         weight_decay: Of both optimisers.
         clip_gradient: Largest norm of the gradient.
@@ -67,6 +70,7 @@ class RefinerSettings:
     batch: Number = 16
     rate: NotNegative = 5e-4
     muon_rate: NotNegative = 0.005
+    roughness_weight: NotNegative = 0.1
     warmup: Count = 100
     weight_decay: NotNegative = 0.01
     clip_gradient: NotNegative = 1.0
@@ -119,15 +123,16 @@ class Views:
             order = torch.rand(len(index), 3, generator=generator).argsort(1)
             mask, radiance = views["image"][..., 3:], views["image"][..., :3]
             views["image"] = torch.cat([_reordered(radiance, order), mask], -1)
-            views |= {name: _reordered(views[name], order) for name in ("albedo", "specular", "truth")}
+            views |= {name: _reordered(views[name], order) for name in COLOURS}
             scale = scale.gather(1, order)
             turned = (torch.rand(len(index), generator=generator) < 0.5)[:, None, None, None]
             views["normal"] = torch.where(turned, views["normal"] * torch.tensor([-1.0, 1.0, 1.0]), views["normal"])
             views = {name: torch.where(turned, values.flip(2), values) for name, values in views.items()}
             views = _zoomed(views, generator)
         image, mask = views["image"][..., :3], views["image"][..., 3]
-        seen = see(image, mask, *(views[name] for name in ("albedo", "specular", "normal", "visibility", "sightings")))
-        return Batch(seen, views["truth"], scale, (mask > COVERED).float()[..., None])
+        renders = {name: views[name] for name in RENDERS}
+        seen = see(image, mask, renders, *(views[name] for name in ("normal", "visibility", "sightings")))
+        return Batch(seen, views["true_albedo"], views["true_roughness"], scale, (mask > COVERED).float()[..., None])
 
 
 @dataclass(frozen=True)
@@ -136,21 +141,26 @@ class Batch:
 
     Attributes:
         seen: What the network is given.
-        truth: (N, H, W, 3), the true albedo.
+        albedo: (N, H, W, 3), the true one.
+        roughness: (N, H, W, 1), the true one.
         scale: (N, 3), by which the fit's albedo, all of its views together, is as bright as the truth.
         inside: (N, H, W, 1), pixels that count.
     """
 
     seen: Seen
-    truth: Tensor
+    albedo: Tensor
+    roughness: Tensor
     scale: Tensor
     inside: Tensor
 
-    def errors(self, change: Tensor) -> Tensor:
-        """(N,) mean square of what a ``change`` (N, 3, H, W) leaves of the error of the albedo, as on a display."""
-        found = self.seen.corrected(change) * self.scale[:, None, None]
-        difference = (linear_to_srgb(found.clamp(1e-6, 2)) - linear_to_srgb(self.truth.clamp(0, 1))) * self.inside
-        return difference.square().sum((1, 2, 3)) / (3 * self.inside.sum((1, 2, 3))).clamp_min(1)
+    def errors(self, change: Tensor) -> tuple[Tensor, Tensor]:
+        """Mean squares (N,) of the errors that a ``change`` (N, 4, H, W) leaves in the albedo, as on a display, and roughness."""
+        albedo, roughness = self.seen.corrected(change)
+        shown = linear_to_srgb((albedo * self.scale[:, None, None]).clamp(1e-6, 2))
+        differences = (shown - linear_to_srgb(self.albedo.clamp(0, 1)), roughness - self.roughness)
+        pixels = self.inside.sum((1, 2, 3)).clamp_min(1)
+        squares = [(each * self.inside).square().mean(-1).sum((1, 2)) / pixels for each in differences]
+        return squares[0], squares[1]
 
 
 def _scale(fit: dict[str, Tensor]) -> Tensor | None:
@@ -158,7 +168,7 @@ def _scale(fit: dict[str, Tensor]) -> Tensor | None:
     inside = fit["image"][..., 3] > COVERED
     if int(inside.sum()) < 200 or not all(bool(torch.isfinite(values).all()) for values in fit.values()):
         return None
-    albedo, truth = fit["albedo"][inside].float().mean(0), fit["truth"][inside].float().mean(0)
+    albedo, truth = fit["albedo"][inside].float().mean(0), fit["true_albedo"][inside].float().mean(0)
     return truth / albedo.clamp_min(1e-4)
 
 
@@ -184,8 +194,8 @@ def _zoomed(views: dict[str, Tensor], generator: torch.Generator) -> dict[str, T
 def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, float]:
     """Train (or go on training) and return the last figures; the weights are in ``settings.out``/weights.
 
-    Figures are PSNR of the albedo in dB, means over views, one scale a channel and fit: of the fits and of what the network makes
-    of them, of those with at most FEW photographs and of the others.
+    Figures are PSNR of the albedo in dB, means over views, one scale a channel and fit, and the root of the mean squared error of
+    the roughness: of the fits and of what the network makes of them, of those with at most FEW photographs and of the others.
     """
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
@@ -220,7 +230,8 @@ def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, fl
         batch = images.batch(batch_index(len(images), settings.batch, settings.seed, step), generator)
         with torch.autocast("cpu", torch.bfloat16, enabled=bf16):
             change = network(batch.seen.features.to(memory_format=torch.channels_last))
-        loss = batch.errors(change.float()).mean()
+        albedo, roughness = batch.errors(change.float())
+        loss = albedo.mean() + settings.roughness_weight * roughness.mean()
         loss.backward()
         norm = torch.nn.utils.clip_grad_norm_(network.parameters(), settings.clip_gradient)
         if not bool(torch.isfinite(norm)):
@@ -235,7 +246,7 @@ def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, fl
         task.advance(1, loss=float(loss.detach()))
         if step % settings.validate_steps == 0 or step == settings.steps:
             figures = score(average, held_out)
-            progress.note(f"step {step}, {seconds:.0f} s: " + ", ".join(f"{name} {value:.2f}" for name, value in figures.items()))
+            progress.note(f"step {step}, {seconds:.0f} s: " + ", ".join(f"{name} {value:.4g}" for name, value in figures.items()))
             with (settings.out / "validation.jsonl").open("a") as file:
                 file.write(json.dumps({"step": step, "seconds": round(seconds, 1), **figures}) + "\n")
             kept = {"identity": settings.identity(), "fits": images.fits, "step": step, "seconds": seconds}
@@ -250,17 +261,20 @@ def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, fl
 @torch.no_grad()
 def score(network: RefinerNetwork, views: Views) -> dict[str, float]:
     """See :func:`train_refiner`."""
-    before, after = [], []
+    errors: dict[str, list[Tensor]] = {"fit": [], "refined": []}
     for index in torch.arange(len(views)).split(32):
         batch = views.batch(index)
-        before.append(batch.errors(torch.zeros_like(batch.seen.albedo)))
-        after.append(batch.errors(network(batch.seen.features)))
+        change = network(batch.seen.features)
+        errors["fit"].append(torch.stack(batch.errors(torch.zeros_like(change)), 1))
+        errors["refined"].append(torch.stack(batch.errors(change), 1))
     few = views.photographs <= FEW
     figures = {}
     for name, chosen in (("few", few), ("many", ~few)):
-        for what, errors in (("fit", before), ("refined", after)):
+        for what, squares in errors.items():
             if bool(chosen.any()):
-                figures[f"{name}_{what}"] = round(float(-10 * torch.log10(torch.cat(errors)[chosen].clamp_min(1e-10)).mean()), 3)
+                albedo, roughness = torch.cat(squares)[chosen].unbind(1)
+                figures[f"{name}_{what}"] = round(float(-10 * torch.log10(albedo.clamp_min(1e-10)).mean()), 3)
+                figures[f"{name}_{what}_roughness"] = round(float(roughness.mean().sqrt()), 4)
     return figures
 
 

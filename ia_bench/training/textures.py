@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -295,6 +295,12 @@ class TexturedMaterial:
             mix = self.roughness_pattern(p, axis)[:, None]
             roughness = roughness + mix * (self.roughness_other - roughness)
         return albedo.clamp(MIN_ALBEDO, MAX_ALBEDO), roughness.clamp(0.05, 1)
+
+
+    def overlaid(self, other: TexturedMaterial, rng: Generator) -> TexturedMaterial:
+        """This material with the layers of ``other`` on top, each through its mask, or one that is drawn here: a print on cloth."""
+        masked = [replace(layer, mask=layer.mask or draw_pattern(rng)) for layer in other.layers]
+        return replace(self, layers=(*self.layers, *masked))
 
 
 def _ramp(layer: _Layer, p: Tensor, axis: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import COMPONENTS, Observations
 from ia_bench.priors.refiner.checkpoint import DESCRIPTION, WEIGHTS, load_refiner, save_refiner
-from ia_bench.priors.refiner.network import RefinerConfig, RefinerNetwork, Seen, see
+from ia_bench.priors.refiner.network import FEATURES, RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.priors.refiner.prior import WANTS, RefinerPrior
 
 STACK = painted_ball(37, 31, 3)
@@ -42,13 +42,16 @@ def shown() -> Observations:
 
 
 def renders() -> dict[str, Tensor]:
-    return {name: 0.7 * STACK.truth(name) + 0.1 * STACK.masks[..., None] for name in COMPONENTS}
+    masks = STACK.masks[..., None]
+    parts = {name: 0.7 * STACK.truth(name) + 0.1 * masks for name in COMPONENTS}
+    evidence = torch.tensor([0.1, 0.3]) * masks
+    return {**parts, "radiance": 0.8 * STACK.images + 0.05 * masks, "roughness": 0.4 * masks, "evidence": evidence}
 
 
-def seen(images: Tensor, albedo: Tensor, specular: Tensor) -> Seen:
+def seen(images: Tensor, parts: dict[str, Tensor]) -> Seen:
     observed = shown()
     geometry = [tensor for tensor in (observed.normals, observed.visibility, observed.sightings) if tensor is not None]
-    return see(images, observed.masks, albedo, specular, *geometry)
+    return see(images, observed.masks, parts, *geometry)
 
 
 def test_it_keeps_the_contract(folders: dict[str, str]) -> None:
@@ -59,23 +62,29 @@ def test_it_keeps_the_contract(folders: dict[str, str]) -> None:
 def test_levels_are_no_part_of_what_it_sees() -> None:
     """A photograph twice as bright with its highlights, or an albedo of half the level, looks the same."""
     image, parts = STACK.images, renders()
-    plain = seen(image, parts["albedo"], parts["specular"])
-    other = seen(2 * image, 0.5 * parts["albedo"], 2 * parts["specular"])
+    plain = seen(image, parts)
+    levels = {"albedo": 0.5, "specular": 2, "radiance": 2}
+    other = seen(2 * image, {name: levels.get(name, 1) * values for name, values in parts.items()})
     torch.testing.assert_close(other.features, plain.features, rtol=1e-4, atol=1e-5)
-    change = 0.05 * torch.ones_like(plain.albedo)
-    torch.testing.assert_close(other.corrected(change), 0.5 * plain.corrected(change), rtol=1e-4, atol=1e-6)
+    change = 0.05 * torch.ones(3, 4, *STACK.masks.shape[1:])
+    (albedo, roughness), (dark, same) = plain.corrected(change), other.corrected(change)
+    torch.testing.assert_close(dark, 0.5 * albedo, rtol=1e-4, atol=1e-6)
+    torch.testing.assert_close(same, roughness)
+    inside = STACK.masks == 1
+    torch.testing.assert_close(roughness[inside], torch.full_like(roughness[inside], 0.45))
 
 
-def test_no_change_gives_back_the_albedo() -> None:
-    albedo = renders()["albedo"]
-    found = seen(STACK.images, albedo, renders()["specular"])
+def test_no_change_gives_back_the_material() -> None:
+    parts = renders()
+    found = seen(STACK.images, parts).corrected(torch.zeros(3, 4, *STACK.masks.shape[1:]))
     whole = STACK.masks == 1
-    torch.testing.assert_close(found.corrected(torch.zeros_like(found.albedo))[whole], albedo[whole], rtol=1e-4, atol=1e-5)
+    for name, maps in zip(("albedo", "roughness"), found, strict=True):
+        torch.testing.assert_close(maps[whole], parts[name][whole], rtol=1e-4, atol=1e-5)
 
 
 def test_an_untrained_network_changes_nothing() -> None:
     network = RefinerNetwork(RefinerConfig((8, 16)))
-    assert not network(torch.rand(2, 18, 8, 8)).any()
+    assert not network(torch.rand(2, FEATURES, 8, 8)).any()
 
 
 def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> None:
@@ -85,29 +94,32 @@ def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> Non
     empty = replace(shown(), masks=shown().masks * torch.tensor([1.0, 1, 0])[:, None, None])
     found = prior.refine(empty, parts)
     assert found.cost == {"network_calls": 1}
-    assert torch.equal(found.values["albedo"][1:], parts["albedo"][1:])
-    assert not torch.equal(found.values["albedo"][0], parts["albedo"][0])
+    for name, maps in found.values.items():
+        assert torch.equal(maps[1:], parts[name][1:])
+        assert not torch.equal(maps[0], parts[name][0])
 
 
 def test_what_lies_around_the_object_does_not_matter(folders: dict[str, str]) -> None:
     """A frame of background around the images, a multiple of the network's stride wide, changes nothing inside."""
     prior = RefinerPrior(**folders, precision="float32")
     observed, parts = shown(), renders()
-    plain = prior.refine(observed, parts).values["albedo"]
+    plain = prior.refine(observed, parts).values
 
     def framed(values: Tensor) -> Tensor:
         space = (0, 0) * (values.ndim - 3)
         return torch.nn.functional.pad(values, (*space, 4, 4, 4, 4))
 
     wider = observed._each(framed)
-    found = prior.refine(wider, {name: framed(render) for name, render in parts.items()}).values["albedo"]
-    torch.testing.assert_close(found[:, 4:-4, 4:-4], plain, rtol=1e-5, atol=1e-6)
+    found = prior.refine(wider, {name: framed(render) for name, render in parts.items()}).values
+    for name, maps in plain.items():
+        torch.testing.assert_close(found[name][:, 4:-4, 4:-4], maps, rtol=1e-5, atol=1e-6)
 
 
 def test_what_is_missing_is_named(folders: dict[str, str]) -> None:
     prior = RefinerPrior(**folders)
-    with pytest.raises(InputError, match=r"expected a fit's specular and sightings beside the images, found none"):
-        prior.refine(replace(shown(), sightings=None), {"albedo": renders()["albedo"]})
+    known = {name: values for name, values in renders().items() if name not in ("roughness", "specular")}
+    with pytest.raises(InputError, match=r"expected a fit's roughness and specular and sightings beside the images, found none"):
+        prior.refine(replace(shown(), sightings=None), known)
 
 
 def test_weights_come_back(tmp_path: Path) -> None:

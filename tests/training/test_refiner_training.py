@@ -23,15 +23,16 @@ SMALL = ["network.channels=[8,16]", "batch=8", "warmup=5", "threads=1"]
 
 
 def made_up(seed: int, index: int) -> dict[str, Tensor]:
-    """Views whose albedo is right but for a shading by the normal, which the network sees."""
+    """Views whose albedo and roughness are right but for what the normal does to them, which the network sees."""
     generator = torch.Generator().manual_seed(1000 * seed + index)
     truth = torch.rand(4, SIZE // 4, SIZE // 4, 3, generator=generator).repeat_interleave(4, 1).repeat_interleave(4, 2) * 0.5 + 0.2
     normal = torch.nn.functional.normalize(torch.randn(4, SIZE, SIZE, 3, generator=generator), dim=-1)
     wrong = truth * torch.exp(0.4 * normal[..., :1])
-    one = torch.ones(4, SIZE, SIZE, 1)
+    one, dim = torch.ones(4, SIZE, SIZE, 1), 0.01 * torch.ones(4, SIZE, SIZE, 3)
     return {
-        "image": torch.cat([truth * 0.5, one], -1), "albedo": wrong, "specular": 0.01 * one.expand(-1, -1, -1, 3),
-        "normal": normal, "visibility": one, "sightings": 3 * one, "truth": truth,
+        "image": torch.cat([truth * 0.5, one], -1), "albedo": wrong, "roughness": 0.5 + 0.2 * normal[..., 1:2],
+        "radiance": truth * 0.5, "specular": dim, "evidence": dim[..., :2], "normal": normal, "visibility": one,
+        "sightings": 3 * one, "true_albedo": truth, "true_roughness": 0.5 * one,
     }  # fmt: skip
 
 
@@ -57,6 +58,7 @@ def test_what_is_wrong_is_learned(folders: Path, tmp_path: Path) -> None:
     assert figures["step"] == 150
     for kind in ("few", "many"):
         assert figures[f"{kind}_refined"] > figures[f"{kind}_fit"] + 4
+        assert figures[f"{kind}_refined_roughness"] < 0.8 * figures[f"{kind}_fit_roughness"]
     load_refiner(tmp_path / "run" / "weights")
 
 
@@ -90,8 +92,8 @@ def test_views_are_recoloured_and_turned_together(folders: Path, monkeypatch: py
     index = torch.arange(8)
     plain = views.batch(index)
     turned = views.batch(index, torch.Generator().manual_seed(3))
-    assert not torch.equal(plain.truth, turned.truth)
-    nothing = torch.zeros_like(plain.seen.albedo)
+    assert not torch.equal(plain.albedo, turned.albedo)
+    nothing = torch.zeros(8, 4, SIZE, SIZE)
     torch.testing.assert_close(turned.errors(nothing), plain.errors(nothing), rtol=1e-4, atol=1e-7)
 
 
@@ -113,7 +115,7 @@ def test_fits_come_back_and_damage_is_named(folders: Path, tmp_path: Path) -> No
     with pytest.raises(InputError, match="a file that cannot be read"):
         load_fit(damaged)
     write_fit(damaged, tensors, FitInfo(0, 1, 8, 0, version=99))
-    with pytest.raises(InputError, match="expected fits of version 1, found 99"):
+    with pytest.raises(InputError, match="expected fits of version 2, found 99"):
         load_fit(damaged)
     with pytest.raises(InputError, match=r"expected fit_\*\.safetensors .*, found none"):
         fit_paths(tmp_path / "nowhere")
@@ -131,10 +133,12 @@ def test_fits_of_procedural_scenes_are_made_and_kept(tmp_path: Path, capsys: pyt
     assert first.stat().st_mtime_ns == changed
     again, same = load_fit(second)
     assert same == info
-    torch.testing.assert_close(again["truth"], tensors["truth"])
+    for name in ("true_albedo", "true_roughness"):
+        torch.testing.assert_close(again[name], tensors[name])
     torch.testing.assert_close(again["albedo"].float(), tensors["albedo"].float(), rtol=0, atol=0.05)
     inside = tensors["image"][..., 3] > 0.9
-    assert float(tensors["truth"][inside].float().min()) >= 0.019
+    assert float(tensors["true_albedo"][inside].float().min()) >= 0.019
+    assert float(tensors["true_roughness"][inside].float().min()) >= 0.04
     assert int(tensors["sightings"].max()) <= info.photographs
 
 

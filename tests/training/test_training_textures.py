@@ -55,6 +55,24 @@ def test_materials_stay_in_their_declared_ranges():
             assert 0.05 - 1e-6 <= float(roughness.min()) <= float(roughness.max()) <= 1
 
 
+def test_an_overlaid_material_shows_both():
+    """Where no mask lets the upper one through it is the lower one, it differs somewhere, and it stays what it is."""
+    changed = 0.0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        lower, upper = draw_materials(rng, 2)
+        both = lower.overlaid(upper, rng)
+        assert all(layer.mask is not None for layer in both.layers[len(lower.layers) :])
+        albedo, roughness = both(POINTS, AXIS)
+        torch.testing.assert_close(roughness, lower(POINTS, AXIS)[1])
+        masks = torch.stack([layer.mask(POINTS * both.scale, AXIS) for layer in both.layers[len(lower.layers) :]])
+        below = (masks == 0).all(0)
+        torch.testing.assert_close(albedo[below], lower(POINTS, AXIS)[0][below])
+        torch.testing.assert_close(albedo, both(POINTS, AXIS)[0])
+        changed += float((albedo - lower(POINTS, AXIS)[0]).abs().amax(1).gt(0.02).float().mean()) / 12
+    assert 0.1 < changed < 0.95
+
+
 def test_most_colours_are_mild_and_some_are_saturated():
     drawn = np.concatenate([palette(np.random.default_rng(s), 6) for s in range(300)])
     saturation = 1 - drawn.min(1) / drawn.max(1)

@@ -44,10 +44,17 @@ def ask_to_distill(prior: Distiller, observations: Observations, renders: Mappin
 
 
 def ask_to_refine(prior: Refiner, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
-    """The albedo of ``renders`` as the prior corrects it, checked like samples."""
+    """The material of ``renders`` as the prior corrects it, checked like samples."""
     with at_work("prior", name_of(prior)):
         samples = prior.refine(observations.copy(), _copied(renders))
-    return checked(name_of(prior), "refine", samples, frozenset({"albedo"}), observations.images.shape)
+    return checked_refinement(name_of(prior), samples, observations.images.shape)
+
+
+def checked_refinement(name: str, samples: Any, shape: tuple[int, ...]) -> Samples:  # noqa: ANN401
+    """Like :func:`checked`: an albedo, and a roughness where ``samples`` have one."""
+    values = getattr(samples, "values", None)
+    rough = {"roughness"} if isinstance(values, Mapping) and "roughness" in values else set()
+    return checked(name, "refine", samples, frozenset({"albedo"} | rough), shape)
 
 
 def name_of(prior: object) -> str:
@@ -67,7 +74,8 @@ def checked(name: str, method: str, samples: Any, provides: frozenset[str], shap
     if sorted(map(str, samples.values)) != wanted:
         found = ", ".join(map(str, samples.values)) or "nothing"
         raise InputError(f"{who}: values: expected {', '.join(wanted) or 'nothing'}, found {found}")
-    values = {component: _tensor(f"{who}: {component}", samples.values[component], tuple(shape)) for component in wanted}
+    shapes = {component: (*shape[:-1], 1 if component == "roughness" else 3) for component in wanted}
+    values = {component: _tensor(f"{who}: {component}", samples.values[component], shapes[component]) for component in wanted}
     ceilings = {}
     for component, ceiling in samples.ceilings.items():
         if component not in provides:

@@ -43,11 +43,13 @@ class PriorSampler:
                 f"prior.supervision.kind=sds: expected a prior with a method distill(observations, renders, *, seed), "
                 f"found {name_of(prior)}, which has none"
             )
-        if settings.refinement and not isinstance(prior, Refiner):
-            raise InputError(
-                f"prior.supervision.refinement={settings.refinement:g}: expected a prior with a method refine(observations, "
-                f"renders), found {name_of(prior)}, which has none"
-            )
+        for name in ("refinement", "roughness_refinement"):
+            share = getattr(settings, name)
+            if share and not isinstance(prior, Refiner):
+                raise InputError(
+                    f"prior.supervision.{name}={share:g}: expected a prior with a method refine(observations, "
+                    f"renders), found {name_of(prior)}, which has none"
+                )
         self.views = evenly_spread(problem.scene, problem.plan.prior_views if settings.views == "auto" else settings.views)
         self.counters = {"prior_cached": 0, "prior_absurd_values": 0, "network_calls": 0}
         self.kept_seconds = 0.0

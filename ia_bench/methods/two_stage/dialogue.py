@@ -16,7 +16,7 @@ from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.two_stage.refinement import refined_texture
+from ia_bench.methods.two_stage.refinement import Fusion, evidence, refined_albedo, refined_roughness
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
 from ia_bench.methods.two_stage.targets import Targets, make_targets
@@ -91,17 +91,21 @@ class Dialogue:
             self.supervise(make_targets(self._problem, estimates, views))
 
     def refine(self, parameters: Parameters, generator: torch.Generator) -> None:
-        """Let the prior correct the albedo that was recovered, if the settings want it."""
-        share = self._problem.supervision.refinement
-        if not share:
+        """Let the prior correct the material that was recovered, if the settings want it."""
+        settings = self._problem.supervision
+        if not settings.refinement and not settings.roughness_refinement:
             return
-        with self._asking():
-            views = self._sampler.views
-            renders = self._renders(parameters, views, frozenset({"albedo", "specular"}), generator)
-            corrected = self._sampler.refine(renders).values["albedo"]
-            albedo = parameters.tensors["albedo"]
-            with torch.no_grad():
-                albedo.copy_(refined_texture(self._problem, albedo, renders["albedo"], corrected, views, share))
+        with self._asking(), torch.no_grad():
+            views, material = self._sampler.views, parameters.material(detached=True)
+            fusion = Fusion(self._problem, views)
+            renders = self._fitted(parameters, fusion, views, generator)
+            corrected = self._sampler.refine(renders).values
+            albedo = refined_albedo(fusion, material.albedo, renders["albedo"], corrected["albedo"], settings.refinement)
+            parameters.tensors["albedo"].copy_(albedo)
+            if "roughness" in corrected:
+                maps = renders["roughness"], corrected["roughness"]
+                roughness = refined_roughness(fusion, material.roughness, *maps, settings.roughness_refinement)
+                parameters.tensors["roughness"].copy_(roughness)
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""
@@ -147,3 +151,12 @@ class Dialogue:
         else:
             images = renderer.render_images(part, material, light, GUIDE_SAMPLES, generator)
         return {name: images[name].cpu() for name in sorted(components)}
+
+    def _fitted(self, parameters: Parameters, fusion: Fusion, views: tuple[int, ...], generator: torch.Generator) -> Images:
+        """What a prior is told of a finished fit, in some views (:meth:`ia_bench.priors.contract.Refiner.refine`)."""
+        material, (part, _) = parameters.material(detached=True), restrict(self._problem.gbuffer, views)
+        images: dict[str, Tensor] = self._renders(parameters, views, frozenset({"albedo", "radiance", "specular"}), generator)
+        together = evidence(fusion, [self._problem.scene.train[view] for view in views], images, len(material.albedo))
+        for name, texture in (("roughness", material.roughness), ("evidence", together)):
+            images[name] = texture_images(self._problem.renderer.surface, part, texture).cpu()
+        return images

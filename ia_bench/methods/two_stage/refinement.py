@@ -1,42 +1,102 @@
-"""From a prior's correction of what a fit shows in its photographs to the texture of the albedo."""
+"""What photographs show, brought to the places of the surface that they show: a prior's corrections, and what tells it of them."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor
 
+from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import fill_unobserved, splat
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
+from ia_bench.scenes.scene import View
 
 LEAST = 0.01
 """Added to both sides of a quotient of albedos, so that black ones have one."""
+DARK = 0.02
+"""Of the mean of the photographs, added to both sides of a quotient of radiances."""
 
 
-def refined_texture(
-    problem: Problem, texture: Tensor, render: Tensor, corrected: Tensor, views: tuple[int, ...], share: float
-) -> Tensor:
-    """The albedo ``texture`` (T, T, 3) as ``views`` were corrected from ``render`` to ``corrected``, both (V, H, W, 3).
+class Fusion:
+    """Averages images of some training ``views`` over the pixels that show a texel.
 
-    A texel changes by the factor exp(share * mean of log((corrected + e) / (render + e))) of albedos plus e = LEAST, over the
-    pixels that show it and are wholly covered, each weighed by the cosine at which it sees the surface; each channel's mean
-    factor is taken out, since no correction is asked about level and cast. Texels that no such pixel shows follow their neighbours.
+    Each pixel is weighed by the cosine at which it sees the surface; those that the object covers in part are left out.
     """
-    part, _ = restrict(problem.gbuffer, views)
-    covered = torch.nonzero((part.face >= 0).all(1))[:, 0]
-    if not len(covered):
+
+    def __init__(self, problem: Problem, views: tuple[int, ...]) -> None:
+        part, _ = restrict(problem.gbuffer, views)
+        covered = torch.nonzero((part.face >= 0).all(1))[:, 0]
+        self._pixel, face, barycentric = part.pixel[covered], part.face[covered].long(), part.barycentric[covered]
+        surface, self._points = problem.renderer.surface, face.shape[1]
+        origin = part.origin[self._pixel // (part.shape[1] * part.shape[2])]
+        middle = surface(face[:, 0], barycentric[:, 0], origin)
+        toward = origin - middle.position
+        self._cosine = (middle.normal * toward).sum(-1, keepdim=True).clamp_min(0) / toward.norm(dim=-1, keepdim=True)
+        self._uv = surface.uv(face, barycentric).reshape(-1, 2)
+
+    def __bool__(self) -> bool:
+        """Whether there is any such pixel."""
+        return bool(len(self._pixel))
+
+    def pixels(self, images: Tensor) -> Tensor:
+        """The pixels (P, C) of images (V, H, W, C) that count."""
+        return images.to(self._cosine.device).reshape(-1, images.shape[-1])[self._pixel]
+
+    def mean(self, values: Tensor) -> Tensor:
+        """(C,), over the pixels that ``values`` (P, C) belong to."""
+        return (self._cosine * values).sum(0) / self._cosine.sum().clamp_min(1e-12)
+
+    def texture(self, values: Tensor, size: int) -> Tensor:
+        """``values`` (P, C) of the pixels as a texture (size, size, C); texels that none of them shows follow their neighbours."""
+        channels = values.shape[1]
+        weighed = torch.cat([self._cosine * values, self._cosine], 1)[:, None].expand(-1, self._points, -1)
+        summed, total = splat(self._uv, weighed.reshape(-1, channels + 1), size)
+        known = (total > 0) & (summed[..., channels] > 0)
+        return fill_unobserved(summed[..., :channels] / summed[..., channels:].clamp_min(1e-12), known)
+
+
+def refined_albedo(fusion: Fusion, texture: Tensor, render: Tensor, corrected: Tensor, share: float) -> Tensor:
+    """The albedo ``texture`` (T, T, 3) as its photographs were corrected from ``render`` to ``corrected``, both (V, H, W, 3).
+
+    A texel changes by the factor exp(share * mean of log((corrected + e) / (render + e))) of albedos plus e = LEAST; each channel's
+    mean factor is taken out, since no correction is asked about level and cast.
+    """
+    if not fusion:
         return texture
-    pixel, face, barycentric = part.pixel[covered], part.face[covered].long(), part.barycentric[covered]
-    logs = [torch.log(images.to(texture.device).reshape(-1, 3)[pixel].clamp_min(0) + LEAST) for images in (corrected, render)]
+    logs = [torch.log(fusion.pixels(images).clamp_min(0) + LEAST) for images in (corrected, render)]
     change = logs[0] - logs[1]
-    surface, points = problem.renderer.surface, face.shape[1]
-    origin = part.origin[pixel // (part.shape[1] * part.shape[2])]
-    middle = surface(face[:, 0], barycentric[:, 0], origin)
-    toward = origin - middle.position
-    cosine = (middle.normal * toward).sum(-1, keepdim=True).clamp_min(0) / toward.norm(dim=-1, keepdim=True)
-    change = change - (cosine * change).sum(0) / cosine.sum().clamp_min(1e-12)
-    weighed = torch.cat([cosine * change, cosine], 1)[:, None].expand(-1, points, -1).reshape(-1, 4)
-    summed, total = splat(surface.uv(face, barycentric).reshape(-1, 2), weighed, len(texture))
-    known = (total > 0) & (summed[..., 3] > 0)
-    mean = fill_unobserved(summed[..., :3] / summed[..., 3:].clamp_min(1e-12), known)
+    mean = fusion.texture(change - fusion.mean(change), len(texture))
     return ((texture + LEAST) * torch.exp(share * mean) - LEAST).clamp(0, 1)
+
+
+def refined_roughness(fusion: Fusion, texture: Tensor, render: Tensor, corrected: Tensor, share: float) -> Tensor:
+    """The roughness ``texture`` (T, T, 1) likewise, ``render`` and ``corrected`` (V, H, W, 1): plus share * mean change."""
+    if not fusion:
+        return texture
+    change = fusion.texture(fusion.pixels(corrected) - fusion.pixels(render), len(texture))
+    return (texture + share * change).clamp(MIN_ROUGHNESS, 1)
+
+
+def evidence(fusion: Fusion, views: Sequence[View], renders: Mapping[str, Tensor], size: int) -> Tensor:
+    """What photographs together say about each place: a texture (size, size, 2).
+
+    ``views`` are those of the ``fusion``, ``renders`` a fit's "radiance" and "specular" (V, H, W, 3) in them. The first channel is
+    its misfit, the root of the mean square of log((photograph + d) / (radiance + d)), of grey values, with d = DARK of the
+    photographs' mean; pixels of which only a bound is known (:class:`ia_bench.scenes.scene.View`) have none. The second is how
+    much of a highlight the place has been seen in: the root of the mean square of specular / (radiance + d). Means are those of
+    :class:`Fusion`.
+    """
+    photographs = torch.stack([torch.from_numpy(view.image) for view in views])
+    known = torch.stack([torch.ones_like(image[..., 0]) for image in photographs])
+    for whether, view in zip(known, views, strict=True):
+        if view.valid is not None:
+            whether *= torch.from_numpy(view.valid)
+    shown, radiance, specular = (
+        fusion.pixels(images).mean(-1, keepdim=True) for images in (photographs, renders["radiance"], renders["specular"])
+    )
+    dark = DARK * shown.mean().clamp_min(1e-12)
+    misfit = torch.log((shown.clamp_min(0) + dark) / (radiance.clamp_min(0) + dark)) * fusion.pixels(known[..., None])
+    shine = specular / (radiance + dark)
+    return fusion.texture(torch.cat([misfit, shine], 1).square(), size).clamp_min(0).sqrt()

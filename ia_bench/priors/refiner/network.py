@@ -1,4 +1,4 @@
-"""What the refiner sees of a fit, and the network that corrects its albedo: a small U-Net at full resolution.
+"""What the refiner sees of a fit, and the network that corrects its material: a small U-Net at full resolution.
 
 Levels are divided out before the network sees anything: of the photograph by its mean, of the albedo by its own. So it can say
 nothing about how bright the whole object is painted, which photographs of an unknown light do not tell.
@@ -6,6 +6,7 @@ nothing about how bright the whole object is painted, which photographs of an un
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -15,8 +16,11 @@ from torch.nn import functional as F
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
 
-FEATURES = 18
-"""Channels of :func:`see`: photograph, albedo, specular shading, log shading (3 each), normal (3), visibility, sightings, mask."""
+FEATURES = 24
+"""Channels of :func:`see`: photograph, albedo, specular shading, log shading, misfit, normal (3 each), evidence (2), roughness,
+visibility, sightings, mask."""
+RENDERS = {"albedo": 3, "roughness": 1, "radiance": 3, "specular": 3, "evidence": 2}
+"""What :func:`see` is given of a fit, and how many channels each has."""
 PHOTOGRAPH, ALBEDO = 0.3, 0.35
 """Means to which the photograph and the albedo are brought."""
 LARGEST = 8.0
@@ -56,40 +60,51 @@ class Seen:
         features: (N, FEATURES, H, W), 0 where nothing is.
         albedo: (N, 3, H, W), the fit's, as on a display, at the mean ALBEDO.
         factor: (N, 1, 1, 1), by which it was brought there.
+        roughness: (N, 1, H, W), the fit's.
         mask: (N, H, W, 1), coverage.
     """
 
     features: Tensor
     albedo: Tensor
     factor: Tensor
+    roughness: Tensor
     mask: Tensor
 
-    def corrected(self, change: Tensor) -> Tensor:
-        """The albedo with a ``change`` (N, 3, H, W) of its display values: (N, H, W, 3) linear, premultiplied."""
-        return srgb_to_linear((self.albedo + change).clamp_min(0)).movedim(1, -1) / self.factor * self.mask
+    def corrected(self, change: Tensor) -> tuple[Tensor, Tensor]:
+        """Albedo (N, H, W, 3), linear, and roughness (N, H, W, 1), premultiplied.
+
+        ``change`` (N, 4, H, W) is that of the albedo's display values and of the roughness.
+        """
+        albedo = srgb_to_linear((self.albedo + change[:, :3]).clamp_min(0)).movedim(1, -1) / self.factor
+        roughness = (self.roughness + change[:, 3:]).clamp(0, 1).movedim(1, -1)
+        return albedo * self.mask, roughness * self.mask
 
 
 def see(
-    images: Tensor, masks: Tensor, albedo: Tensor, specular: Tensor, normals: Tensor, visibility: Tensor, sightings: Tensor
+    images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], normals: Tensor, visibility: Tensor, sightings: Tensor
 ) -> Seen:
     """Photographs (N, H, W, 3) of ``masks`` (N, H, W) and what a fit renders there, all premultiplied and linear.
 
-    ``albedo`` and ``specular`` (N, H, W, 3) are the fit's; ``normals`` (N, H, W, 3), ``visibility`` and ``sightings``
-    (N, H, W, 1) as in :class:`ia_bench.priors.contract.Observations`.
+    ``renders`` are the RENDERS of a fit as in :meth:`ia_bench.priors.contract.Refiner.refine`; ``normals`` (N, H, W, 3),
+    ``visibility`` and ``sightings`` (N, H, W, 1) as in :class:`ia_bench.priors.contract.Observations`.
     """
+    albedo = renders["albedo"]
     mask = masks[..., None]
     straight = 1 / mask.clamp_min(LEAST)
     inside = (mask > 0.5).float()
     exposure, factor = PHOTOGRAPH / _mean(images * straight, inside), ALBEDO / _mean(albedo * straight, inside)
     photograph = (images * straight * exposure).clamp(0, LARGEST)
-    shine = (specular * straight * exposure).clamp(0, LARGEST)
+    rendered = (renders["radiance"] * straight * exposure).clamp(0, LARGEST)
+    shine = (renders["specular"] * straight * exposure).clamp(0, LARGEST)
     paint = (albedo * straight * factor).clamp(0, LARGEST / 2)
     shading = torch.log2(((photograph - shine).clamp_min(0) + LEAST) / (paint + LEAST)).clamp(-6, 6) * 0.3
-    shown = linear_to_srgb(paint)
-    counts = torch.log2(1 + sightings.clamp_min(0)) / 6
-    parts = [linear_to_srgb(photograph), shown, linear_to_srgb(shine), shading, normals, visibility, counts, mask]
-    features = torch.cat(parts, -1) * (mask > LEAST)
-    return Seen(features.movedim(-1, 1).contiguous(), shown.movedim(-1, 1).contiguous(), factor, mask)
+    misfit = torch.log2((photograph + LEAST) / (rendered + LEAST))
+    shown, roughness = linear_to_srgb(paint), renders["roughness"] * straight
+    evidence, counts = renders["evidence"] * straight, torch.log2(1 + sightings.clamp_min(0)) / 6
+    colours = [linear_to_srgb(photograph), shown, linear_to_srgb(shine), shading, misfit]
+    features = torch.cat([*colours, normals, evidence, roughness, visibility, counts, mask], -1) * (mask > LEAST)
+    first = [each.movedim(-1, 1).contiguous() for each in (features, shown, roughness)]
+    return Seen(first[0], first[1], factor, first[2], mask)
 
 
 def _mean(values: Tensor, inside: Tensor) -> Tensor:
@@ -112,12 +127,12 @@ class RefinerNetwork(nn.Module):
         self.lowest = nn.Sequential(_Block(widths[-1]), _Block(widths[-1]))
         self.finer = nn.ModuleList([nn.Conv2d(coarse, fine, 1) for fine, coarse in pairs])
         self.ascending = nn.ModuleList([_Block(width) for width in widths[:-1]])
-        self.conv_out = nn.Conv2d(widths[0], 3, 1)
+        self.conv_out = nn.Conv2d(widths[0], 4, 1)
         nn.init.zeros_(self.conv_out.weight)
         nn.init.zeros_(self.conv_out.bias)  # type: ignore[arg-type]
 
     def forward(self, features: Tensor) -> Tensor:
-        """The change (N, 3, H, W) of the albedo's display values, from features (N, FEATURES, H, W).
+        """The change (N, 4, H, W) of the albedo's display values and of the roughness, from features (N, FEATURES, H, W).
 
         Sides are multiples of the config's stride.
         """

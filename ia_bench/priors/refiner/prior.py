@@ -17,10 +17,10 @@ from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.inputs import Device, Precision, check_views
 from ia_bench.priors.refiner.checkpoint import digest, load_refiner
-from ia_bench.priors.refiner.network import LEAST, RefinerNetwork, see
+from ia_bench.priors.refiner.network import LEAST, RENDERS, RefinerNetwork, see
 from ia_bench.priors.regressor import RegressorPrior
 
-VERSION = 1
+VERSION = 2
 """Part of the fingerprint; raised when a change of the code changes what is corrected."""
 WANTS = frozenset({"normals", "visibility", "sightings"})
 
@@ -28,10 +28,10 @@ WANTS = frozenset({"normals", "visibility", "sightings"})
 class RefinerPrior(RegressorPrior):
     """The regressor, and beside it a network that was trained on fits of procedural scenes.
 
-    It sees a photograph, what the fit shows there (albedo, specular shading), normals, ambient visibility, and how many
-    photographs show the place; it returns the albedo as such fits have it when they are right. ``refiner``: its weights, a
-    folder that ia_bench.cli.train_refiner wrote, or None for the packaged ones. Other options as in
-    :class:`ia_bench.priors.learned.LearnedPrior`; ``weights`` are the regressor's.
+    It sees a photograph, what the fit shows there (material, radiance, specular shading, and how well it explains all photographs
+    of the place), normals, ambient visibility, and how many photographs show the place; it returns albedo and roughness as such
+    fits have them when they are right. ``refiner``: its weights, a folder that ia_bench.cli.train_refiner wrote, or None for the
+    packaged ones. Other options as in :class:`ia_bench.priors.learned.LearnedPrior`; ``weights`` are the regressor's.
 
     Raises InputError for weights that cannot be used.
     """
@@ -59,33 +59,40 @@ class RefinerPrior(RegressorPrior):
     @torch.no_grad()
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
         """See :class:`ia_bench.priors.contract.Refiner`. A view without foreground, or an albedo that is black, stays as it is."""
-        check_views("refiner", observations, renders, ("albedo", "specular"))
-        lacking = [name for name in ("albedo", "specular") if name not in renders]
+        check_views("refiner", observations, renders, RENDERS, RENDERS)
+        lacking = [name for name in RENDERS if name not in renders]
         lacking += [name for name in sorted(WANTS) if getattr(observations, name) is None]
         if lacking:
             raise InputError(f"prior=refiner: expected a fit's {' and '.join(lacking)} beside the images, found none")
-        corrected = renders["albedo"].clone()
+        corrected = {name: renders[name].clone() for name in ("albedo", "roughness")}
         calls = 0
-        for view in range(len(corrected)):
+        for view in range(len(observations.masks)):
             box = self._box(observations.masks[view], renders["albedo"][view])
             if box is None:
                 continue
-            corrected[view][box] = self._corrected(observations, renders, view, box)
+            for images, values in zip(corrected.values(), self._corrected(observations, renders, view, box), strict=True):
+                images[view][box] = values
             calls += 1
-        return Samples({"albedo": corrected}, {}, {"network_calls": calls})
+        return Samples(corrected, {}, {"network_calls": calls})
 
-    def _corrected(self, observed: Observations, renders: Mapping[str, Tensor], view: int, box: tuple[slice, slice]) -> Tensor:
-        """The albedo (h, w, 3) of one view inside ``box``."""
+    def _corrected(
+        self, observed: Observations, renders: Mapping[str, Tensor], view: int, box: tuple[slice, slice]
+    ) -> tuple[Tensor, Tensor]:
+        """Albedo (h, w, 3) and roughness (h, w, 1) of one view inside ``box``."""
         every = (observed.normals, observed.visibility, observed.sightings)
         geometry = [tensor for tensor in every if tensor is not None]  # all of them, as refine() has made sure
-        maps = (observed.images, observed.masks, renders["albedo"], renders["specular"], *geometry)
         height, width = (side.stop - side.start for side in box)
         stride = self._network.config.stride
-        cut = [_padded(each[view][box].to(self._device), -height % stride, -width % stride) for each in maps]
-        seen = see(*(each[None] for each in cut))
+
+        def cut(images: Tensor) -> Tensor:
+            return _padded(images[view][box].to(self._device), -height % stride, -width % stride)[None]
+
+        fitted = {name: cut(renders[name]) for name in RENDERS}
+        seen = see(cut(observed.images), cut(observed.masks), fitted, *map(cut, geometry))
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self.bf16):
             change = self._network(seen.features)
-        return seen.corrected(change.float())[0, :height, :width].cpu()
+        albedo, roughness = (maps[0, :height, :width].cpu() for maps in seen.corrected(change.float()))
+        return albedo, roughness
 
     @staticmethod
     def _box(mask: Tensor, albedo: Tensor) -> tuple[slice, slice] | None:

@@ -13,9 +13,10 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.refinement import LEAST, refined_texture
+from ia_bench.methods.two_stage.refinement import DARK, LEAST, Fusion, evidence, refined_albedo, refined_roughness
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.none import NoPrior
+from ia_bench.priors.refiner.network import RENDERS
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene
 
@@ -23,12 +24,12 @@ QUICK = replace(SETTINGS, stage1_steps=8, stage2_steps=4)
 
 
 class Told:
-    """Says nothing while a fit runs; corrects its albedo to the truth, at a level of its own."""
+    """Says nothing while a fit runs; corrects its albedo to the truth, at a level of its own, and its roughness to one value."""
 
     info = PriorInfo(frozenset(), wants=frozenset({"sightings"}))
 
-    def __init__(self, truth: Tensor, level: float = 1.0) -> None:
-        self.truth, self.level = truth, level
+    def __init__(self, truth: Tensor, level: float = 1.0, roughness: float | None = None) -> None:
+        self.truth, self.level, self.roughness = truth, level, roughness
         self.asked: list[tuple[Observations, Mapping[str, Tensor]]] = []
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
@@ -38,7 +39,8 @@ class Told:
         self.asked.append((observations, renders))
         assert observations.views is not None
         views = list(observations.views)
-        return Samples({"albedo": self.level * self.truth[views]}, {}, {"network_calls": len(views)})
+        rough = {} if self.roughness is None else {"roughness": self.roughness * observations.masks[..., None]}
+        return Samples({"albedo": self.level * self.truth[views], **rough}, {}, {"network_calls": len(views)})
 
 
 def true_views(problem: Problem, scene: Scene) -> tuple[Tensor, Tensor]:
@@ -74,7 +76,7 @@ def test_a_prior_that_knows_corrects_the_fit(problem: Problem, scene: Scene) -> 
     (observed, renders), = prior.asked
     assert observed.sightings is not None
     assert float(observed.sightings.max()) <= 16
-    assert set(renders) == {"albedo", "specular"}
+    assert {name: maps.shape[-1] for name, maps in renders.items()} == RENDERS
     shown = texture_images(problem.renderer.surface, problem.gbuffer, plain.material.albedo)
     torch.testing.assert_close(renders["albedo"], shown, atol=2e-2, rtol=0)
 
@@ -91,9 +93,10 @@ def test_no_correction_is_no_change(problem: Problem, scene: Scene) -> None:
     texture = true_views(problem, scene)[1]
     views = tuple(range(len(problem.scene.train)))
     render = texture_images(problem.renderer.surface, problem.gbuffer, texture)
-    same = refined_texture(problem, texture, render, render.clone(), views, 1.0)
+    fusion = Fusion(problem, views)
+    same = refined_albedo(fusion, texture, render, render.clone(), 1.0)
     torch.testing.assert_close(same, texture, rtol=0, atol=1e-5)
-    scaled = refined_texture(problem, texture, render + LEAST, 2 * render + 2 * LEAST - LEAST, views, 1.0)
+    scaled = refined_albedo(fusion, texture, render + LEAST, 2 * render + 2 * LEAST - LEAST, 1.0)
     assert float((scaled - texture).abs().max()) < 0.2
 
 
@@ -104,13 +107,52 @@ def test_some_views_change_what_they_see_and_the_rest_follows(problem: Problem, 
     render = texture_images(problem.renderer.surface, problem.gbuffer, texture)[list(views)]
     side = torch.ones_like(render)
     side[:, :, : render.shape[2] // 2] = 1.3
-    changed = refined_texture(problem, texture, render, render * side, views, 1.0)
+    changed = refined_albedo(Fusion(problem, views), texture, render, render * side, 1.0)
     assert float(changed.min()) >= 0
     assert float(changed.max()) <= 1
     ratio = changed / texture
     assert float(ratio.max()) / float(ratio.min()) > 1.25
 
 
+def test_roughness_follows_by_its_share(problem: Problem, scene: Scene) -> None:
+    truth, _ = true_views(problem, scene)
+    found = refined(problem, Told(truth, roughness=0.3), 0.0, roughness_refinement=1.0)
+    plain = fit(problem, NoPrior(), QUICK, Record())
+    torch.testing.assert_close(found.material.albedo, plain.material.albedo, rtol=0, atol=1e-6)
+    inside = problem.gbuffer.coverage() == 1
+    shown = texture_images(problem.renderer.surface, problem.gbuffer, found.material.roughness)[inside]
+    before = texture_images(problem.renderer.surface, problem.gbuffer, plain.material.roughness)[inside]
+    assert float((shown - 0.3).abs().mean()) < 0.3 * float((before - 0.3).abs().mean())
+
+
+def test_roughness_is_a_mean_and_stays_valid(problem: Problem, scene: Scene) -> None:
+    texture = 0.5 * torch.ones_like(true_views(problem, scene)[1][..., :1])
+    views = tuple(range(len(problem.scene.train)))
+    render = texture_images(problem.renderer.surface, problem.gbuffer, texture)
+    fusion = Fusion(problem, views)
+    torch.testing.assert_close(refined_roughness(fusion, texture, render, render + 0.2, 0.5), texture + 0.1)
+    assert float(refined_roughness(fusion, texture, render, render + 3, 1.0).max()) == 1
+    assert float(refined_roughness(fusion, texture, render, render - 3, 1.0).min()) == pytest.approx(0.03)
+
+
+def test_evidence_is_what_all_photographs_say(problem: Problem) -> None:
+    """A radiance half as bright as every photograph is off by log 2; a place is as shiny as it is in the mean over views."""
+    views = problem.scene.train
+    photographs = torch.stack([torch.from_numpy(view.image) for view in views])
+    fusion = Fusion(problem, tuple(range(len(views))))
+    mean = fusion.pixels(photographs).mean()
+    half = (photographs + DARK * mean) / 2 - DARK * mean
+    grey = half.mean(-1, keepdim=True)
+    specular = (0.2 * (grey + DARK * mean)).expand_as(half)
+    off, shine = evidence(fusion, views, {"radiance": half, "specular": specular}, 64).unbind(-1)
+    torch.testing.assert_close(shine, torch.full_like(shine, 0.2), rtol=0.05, atol=0)
+    torch.testing.assert_close(off, torch.full_like(off, 0.6931), rtol=0.05, atol=0)
+    bounds = [replace(view, valid=torch.zeros(view.mask.shape).bool().numpy()) for view in views]
+    assert not evidence(fusion, bounds, {"radiance": half, "specular": specular}, 64)[..., 0].any()
+
+
 def test_a_prior_that_cannot_is_refused(problem: Problem) -> None:
-    with pytest.raises(InputError, match=r"prior\.supervision\.refinement=0\.5: expected a prior with a method refine"):
-        refined(problem, NoPrior(), 0.5)
+    for name in ("refinement", "roughness_refinement"):
+        supervision = SupervisionSettings(**{name: 0.5})  # type: ignore[arg-type]
+        with pytest.raises(InputError, match=rf"prior\.supervision\.{name}=0\.5: expected a prior with a method refine"):
+            fit(altered(problem, supervision=supervision), NoPrior(), QUICK, Record())
