@@ -156,8 +156,8 @@ class Refiner(Protocol):
         """The material that a fit shows in training photographs, corrected.
 
         ``renders`` maps "albedo", "radiance" (the photograph as the fit renders it) and "specular" (the specular shading in it) to
-        (V, H, W, 3), linear, "roughness" to (V, H, W, 1), perceptual, and "evidence" to (V, H, W, 2): what these photographs together
-        say about a place, how much the fit's radiance is off and how much of it is specular, as
+        (V, H, W, 3), linear, "roughness" to (V, H, W, 1), perceptual, and "evidence" to (V, H, W, 2): what these photographs
+        together say about a place, how much the fit's radiance is off and how much of it is specular, as
         :func:`ia_bench.methods.two_stage.refinement.evidence` has it. All are premultiplied. ``observations`` hold whatever the
         info ``wants`` but truth.
 
