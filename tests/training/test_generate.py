@@ -18,7 +18,7 @@ from ia_bench.training.shards import CHANNELS
 SIZE = 24
 DIRECT = DirectLight(compiled=False)
 GENERATOR = (
-    "cameras", "draws", "generate", "lights", "noise", "objects", "palettes", "primitives", "render", "shading", "smooth",
+    "cameras", "draws", "generate", "lights", "noise", "objects", "palettes", "patterns", "primitives", "render", "shading", "smooth",
     "surfaces", "textures",
 )  # fmt: skip
 ALLOWED = {
