@@ -18,8 +18,8 @@ from ia_bench.training.shards import CHANNELS
 SIZE = 24
 DIRECT = DirectLight(compiled=False)
 GENERATOR = (
-    "cameras", "draws", "generate", "lights", "noise", "objects", "palettes", "patterns", "primitives", "render", "shading", "smooth",
-    "surfaces", "textures",
+    "cameras", "draws", "generate", "lights", "noise", "objects", "palettes", "patterns", "primitives", "render", "shading",
+    "smooth", "surfaces", "textures",
 )  # fmt: skip
 ALLOWED = {
     "__future__", "collections.abc", "dataclasses", "functools", "typing", "math", "pathlib", "numpy", "numpy.random", "torch",
