@@ -36,6 +36,8 @@ COLOURS = ("albedo", "radiance", "specular", "true_albedo")
 """Tensors of a fit that have the three colours of its photographs."""
 ZOOM = 1.4
 """Largest factor by which a view is enlarged or reduced."""
+TINT, CAST = 0.3, 0.1
+"""Standard deviations of the log factors of a channel by which light, and the fit's albedo, are multiplied."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ class Views:
         return len(self.photographs)
 
     def batch(self, index: Tensor, generator: torch.Generator | None = None) -> Batch:
-        """Views (N,); with a ``generator`` mirrored, of another size and with another order of the colours at random."""
+        """Views (N,); with a ``generator`` mirrored, of another size and with other colours at random."""
         views = {name: tensor[index].float() for name, tensor in self._tensors.items()}
         scale = self._scales[index]
         if generator is not None:
@@ -128,7 +130,7 @@ class Views:
             turned = (torch.rand(len(index), generator=generator) < 0.5)[:, None, None, None]
             views["normal"] = torch.where(turned, views["normal"] * torch.tensor([-1.0, 1.0, 1.0]), views["normal"])
             views = {name: torch.where(turned, values.flip(2), values) for name, values in views.items()}
-            views = _zoomed(views, generator)
+            views, scale = _recoloured(_zoomed(views, generator), scale, generator)
         image, mask = views["image"][..., :3], views["image"][..., 3]
         renders = {name: views[name] for name in RENDERS}
         seen = see(image, mask, renders, *(views[name] for name in ("normal", "visibility", "sightings")))
@@ -189,6 +191,19 @@ def _zoomed(views: dict[str, Tensor], generator: torch.Generator) -> dict[str, T
         name: F.grid_sample(values.movedim(-1, 1), grid, mode=modes[name], align_corners=False).movedim(1, -1)
         for name, values in views.items()
     }
+
+
+def _recoloured(views: dict[str, Tensor], scale: Tensor, generator: torch.Generator) -> tuple[dict[str, Tensor], Tensor]:
+    """Views under a light of another colour, and fits that split light and albedo at another colour, with their ``scale`` (N, 3).
+
+    Radiance is linear in the light, and images of matt objects are the same for (albedo * c, light / c), so both are views of
+    fits that could have been.
+    """
+    tint, cast = (torch.exp(deviation * torch.randn(scale.shape, generator=generator)) for deviation in (TINT, CAST))
+    coverage = torch.ones(len(scale), 1)
+    factors = {"image": torch.cat([tint, coverage], 1), "radiance": tint, "specular": tint, "albedo": cast}
+    recoloured = {name: views[name] * factor[:, None, None] for name, factor in factors.items()}
+    return views | recoloured, scale / cast
 
 
 def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, float]:
