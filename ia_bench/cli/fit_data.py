@@ -13,7 +13,7 @@ USAGE = """\
 python -m ia_bench.cli.fit_data out=FOLDER [fits=2000] [size=64] [seed=0] [workers=CORES]
 
 Draws procedural objects under procedural lights, photographs each from 2 to 40 sides (some noisy, some clipped to 8
-bits), fits them without a prior, and writes what was recovered in up to 6 of the photographs, with the true albedo beside
+bits), fits them without a prior, and writes what was recovered in up to 6 of the photographs, with what is true beside
 it, into FOLDER/fit_SEED_00000.safetensors, ... A fit takes some seven seconds of one core.
 Fit i of a seed is always the same. Finished ones are kept, so that the command can be stopped and repeated.
 

@@ -1,4 +1,4 @@
-"""``python -m ia_bench.cli.train_refiner``: trains the network that corrects the albedo of fits."""
+"""``python -m ia_bench.cli.train_refiner``: trains the network that corrects albedo and roughness of fits."""
 
 from __future__ import annotations
 
