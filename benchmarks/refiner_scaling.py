@@ -44,6 +44,9 @@ def main() -> None:
     arguments = parser.parse_args()
     if len(arguments.runs) < 3:
         parser.error(f"expected three or more runs, found {len(arguments.runs)}")
+    for run in arguments.runs:
+        if not (run / "weights" / "refiner.json").exists():
+            parser.error(f"{run}: expected a run of ia_bench.cli.train_refiner, found no weights/refiner.json in it")
     rows = sorted(best(run, arguments.fit_seconds) for run in arguments.runs)
     print("| fits | core-hours | " + " | ".join(name for name, *_ in GAINS) + " |\n| ---: | ---: |" + " ---: |" * len(GAINS))
     for fits, hours, gains in rows:

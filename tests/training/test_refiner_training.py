@@ -16,7 +16,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.priors.refiner.checkpoint import load_refiner
 from ia_bench.training.fit_files import CHANNELS, FitInfo, fit_path, fit_paths, load_fit, write_fit
-from ia_bench.training.refiner import RefinerSettings, Views, train_refiner
+from ia_bench.training.refiner import RefinerSettings, Views, _recoloured, train_refiner
 
 SIZE = 16
 SMALL = ["network.channels=[8,16]", "batch=8", "warmup=5", "threads=1"]
@@ -95,6 +95,21 @@ def test_views_are_recoloured_and_turned_together(folders: Path, monkeypatch: py
     assert not torch.equal(plain.albedo, turned.albedo)
     nothing = torch.zeros(8, 4, SIZE, SIZE)
     torch.testing.assert_close(turned.errors(nothing), plain.errors(nothing), rtol=1e-4, atol=1e-7)
+
+
+def test_another_light_tints_all_that_it_lights_and_another_cast_the_albedo_alone() -> None:
+    """Renders keep their ratios to the photograph, whose coverage stays; what scales the albedo to the truth undoes the cast."""
+    views = {name: torch.rand(5, SIZE, SIZE, channels) + 0.1 for name, channels in CHANNELS.items()}
+    scale = torch.rand(5, 3) + 0.5
+    seen, scaled = _recoloured(views, scale, torch.Generator().manual_seed(0))
+    tint = seen["image"][..., :3] / views["image"][..., :3]
+    assert float(tint.std()) > 0.1
+    for name in ("radiance", "specular"):
+        torch.testing.assert_close(seen[name], tint * views[name])
+    torch.testing.assert_close(seen["albedo"] * scaled[:, None, None], views["albedo"] * scale[:, None, None])
+    assert not torch.equal(seen["albedo"], views["albedo"])
+    assert torch.equal(seen["image"][..., 3], views["image"][..., 3])
+    assert all(torch.equal(seen[name], views[name]) for name in CHANNELS if name not in ("image", "radiance", "specular", "albedo"))
 
 
 def test_the_same_seeds_are_refused(folders: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
