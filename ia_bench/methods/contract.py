@@ -85,14 +85,8 @@ class Problem:
             return self.make_prior(self)
 
     def pixels_of(self, images: Tensor) -> Tensor:
-        """The G-buffer's pixels of stacked view images: (V, H, W, C) -> (P, C)."""
+        """The G-buffer's pixels of stacked view images, (V, H, W, C) -> (P, C); ``gbuffer.images`` is the inverse."""
         return images.reshape(-1, images.shape[-1])[self.gbuffer.pixel]
-
-    def images_of(self, pixels: Tensor) -> Tensor:
-        """The inverse of :meth:`pixels_of`; pixels that miss the mesh are zero: (P, C) -> (V, H, W, C)."""
-        images = torch.zeros(*self.gbuffer.shape, pixels.shape[-1], device=pixels.device)
-        images.reshape(-1, pixels.shape[-1])[self.gbuffer.pixel] = pixels
-        return images
 
 
 @dataclass(frozen=True)

@@ -125,16 +125,12 @@ class _Probe:
         """Of one measurement's own draws."""
         return torch.Generator(device=self.gbuffer.face.device).manual_seed(0)
 
-    def cameras(self) -> Tensor:
-        """Where each pixel is seen from, (P, 3)."""
-        return self.gbuffer.origin[self.gbuffer.pixel // (self.gbuffer.shape[1] * self.gbuffer.shape[2])]
-
     def points(self, count: int, generator: torch.Generator) -> SurfacePoints:
         """``count`` points that the cameras see, with replacement."""
         gbuffer = self.gbuffer
         chosen = torch.nonzero(gbuffer.face[:, 0] >= 0)[:, 0]
         chosen = chosen[torch.randint(len(chosen), (count,), generator=generator, device=chosen.device)]
-        return self.surface(gbuffer.face[chosen, 0].long(), gbuffer.barycentric[chosen, 0], self.cameras()[chosen])
+        return self.surface(gbuffer.face[chosen, 0].long(), gbuffer.barycentric[chosen, 0], gbuffer.seen_from(chosen))
 
 
 def _check_memory(samples: int, *, subsamples: int, texture: int, light_height: int) -> None:
@@ -148,9 +144,10 @@ def _check_memory(samples: int, *, subsamples: int, texture: int, light_height: 
 
 def _footprints(probe: _Probe) -> dict[str, Tensor]:
     """How far apart two neighbouring points of a pixel (half a pixel) are: in UV, and in angle of normal and mirror direction."""
-    gbuffer, camera = probe.gbuffer, probe.cameras()
+    gbuffer = probe.gbuffer
     both = (gbuffer.face[:, :2] >= 0).all(1)
-    a, b = (probe.surface(gbuffer.face[both, i].long(), gbuffer.barycentric[both, i], camera[both]) for i in (0, 1))
+    camera = gbuffer.seen_from(both)
+    a, b = (probe.surface(gbuffer.face[both, i].long(), gbuffer.barycentric[both, i], camera) for i in (0, 1))
     extent = (a.position - b.position).norm(dim=-1)
     continuous = extent < 4 * extent.median()  # a jump to another part of the object is no footprint
     uv = (a.uv - b.uv).norm(dim=-1)
@@ -248,7 +245,7 @@ def _subsamples(probe: _Probe) -> Decision:
 def _normal_spread(probe: _Probe) -> float:
     """Root mean square deviation of the normals of a pixel's points from their mean, misses counting as zero normals."""
     gbuffer, hit = probe.gbuffer, probe.gbuffer.face >= 0
-    camera = probe.cameras()[:, None].expand(*hit.shape, 3)
+    camera = gbuffer.seen_from()[:, None].expand(*hit.shape, 3)
     normal = torch.zeros(*hit.shape, 3, device=hit.device)
     normal[hit] = probe.surface(gbuffer.face[hit].long(), gbuffer.barycentric[hit], camera[hit]).normal
     return float((normal - normal.mean(1, keepdim=True)).square().sum(-1).mean().sqrt())

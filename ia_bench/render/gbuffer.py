@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,10 +38,11 @@ class SurfacePoints:
 
 @dataclass(frozen=True)
 class GBuffer:
-    """Hits of ``subsamples`` stratified points in every pixel that sees the mesh at all.
+    """Hits of ``subsamples`` stratified points in every pixel that sees the mesh at all: P entries, one a pixel.
 
     ``face`` (P, S) int32 with -1 where a point of the pixel misses; ``barycentric`` (P, S, 2); ``pixel`` (P,) int64 flat
     index into the stacked views (view, row, column); ``origin`` (V, 3) camera centres; ``shape`` (V, H, W).
+    Where a method takes ``entries``, they are any index into the P, and None stands for all of them.
     """
 
     face: Tensor
@@ -59,11 +61,30 @@ class GBuffer:
         """Memory that it takes, about."""
         return sum(part.numel() * part.element_size() for part in (self.face, self.barycentric, self.pixel))
 
+    def view(self, entries: Tensor | None = None) -> Tensor:
+        """Which of the V views the pixels of N entries belong to, (N,) int64."""
+        pixel = self.pixel if entries is None else self.pixel[entries]
+        return pixel // (self.shape[1] * self.shape[2])
+
+    def seen_from(self, entries: Tensor | None = None) -> Tensor:
+        """The camera centres from which the pixels of N entries are seen, (N, 3) in scene units."""
+        return self.origin[self.view(entries)]
+
+    def entry_of_pixel(self) -> Tensor:
+        """The entry of every pixel of the stacked views, (V H W,) int32, -1 where it misses the mesh: ``pixel`` inverted."""
+        entry = torch.full((math.prod(self.shape),), -1, dtype=torch.int32, device=self.pixel.device)
+        entry[self.pixel] = torch.arange(len(self.pixel), dtype=torch.int32, device=self.pixel.device)
+        return entry
+
+    def images(self, values: Tensor) -> Tensor:
+        """Values of all entries, (P, ...), as images (V, H, W, ...); pixels that miss the mesh are zero."""
+        flat = values.new_zeros(math.prod(self.shape), *values.shape[1:])
+        flat[self.pixel] = values
+        return flat.reshape(*self.shape, *values.shape[1:])
+
     def coverage(self) -> Tensor:
         """Fraction of each pixel's points that hit, as images (V, H, W)."""
-        image = torch.zeros(self.shape, device=self.face.device)
-        image.reshape(-1)[self.pixel] = (self.face >= 0).float().mean(1)
-        return image
+        return self.images((self.face >= 0).float().mean(1))
 
 
 def primary_rays(camera: Camera, side: int, pixels: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -138,8 +138,8 @@ class Renderer:
         with torch.no_grad():
             # ---- surface points, (N = P S, ...) ---------------------------------------------------------------
             face = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1).reshape(-1)
-            camera = gbuffer.origin[gbuffer.pixel[pixels] // (gbuffer.shape[1] * gbuffer.shape[2])]
-            surface = self.surface(face, gbuffer.barycentric[pixels].reshape(-1, 2), camera.repeat_interleave(points, 0))
+            camera = gbuffer.seen_from(pixels).repeat_interleave(points, 0)
+            surface = self.surface(face, gbuffer.barycentric[pixels].reshape(-1, 2), camera)
 
             # ---- directions by light and by BRDF, (N, 2 count), and what is in their way -------------------------
             drawn = draw_samples(
@@ -191,7 +191,7 @@ class Renderer:
         ``met``: filled by the first picture that it is given to, and used by the same one under other lights.
         """
         parts = ["diffuse", "specular", "albedo"] + ["mirrored"] * (self.interreflection is not None)
-        images = {name: torch.zeros(*gbuffer.shape, 3, device=gbuffer.face.device).reshape(-1, 3) for name in parts}
+        values = {name: torch.zeros(len(gbuffer.pixel), 3, device=gbuffer.face.device) for name in parts}
         every = torch.arange(len(gbuffer.pixel), device=gbuffer.face.device)
         passes = -(-samples // PASS_SAMPLES)
         indirect = self._bounce(material, light)
@@ -202,9 +202,9 @@ class Renderer:
                 each = round(samples / passes)
                 rendered = self._render(gbuffer, padded, material, light, indirect, each, shift, part, passes, met)
                 for name in parts:
-                    images[name][gbuffer.pixel[chunk]] += getattr(rendered, name)[: len(chunk)] / passes
-        images["radiance"] = sum((images[name] for name in parts if name != "albedo"), torch.zeros(()))
-        return {name: image.reshape(*gbuffer.shape, 3) for name, image in images.items()}
+                    values[name][chunk] += getattr(rendered, name)[: len(chunk)] / passes
+        values["radiance"] = sum((values[name] for name in parts if name != "albedo"), torch.zeros(()))
+        return {name: gbuffer.images(each) for name, each in values.items()}
 
 
 def lattice_shift(pixels: Tensor, generator: torch.Generator) -> Tensor:
@@ -214,9 +214,7 @@ def lattice_shift(pixels: Tensor, generator: torch.Generator) -> Tensor:
 
 def texture_images(surface: SurfaceInterpolator, gbuffer: GBuffer, texture: Tensor) -> Tensor:
     """Premultiplied box-filtered pictures (V, H, W, C) of a texture (T, T, C) mapped onto the surface."""
-    image = torch.zeros(*gbuffer.shape, texture.shape[-1], device=texture.device).reshape(-1, texture.shape[-1])
-    image[gbuffer.pixel] = surface.averaged(gbuffer.face, gbuffer.barycentric, texture)
-    return image.reshape(*gbuffer.shape, -1)
+    return gbuffer.images(surface.averaged(gbuffer.face, gbuffer.barycentric, texture))
 
 
 def samples_taken(samples: int, points: int) -> int:

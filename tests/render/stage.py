@@ -35,6 +35,5 @@ class Stage:
 
     def points(self, pixels: torch.Tensor) -> SurfacePoints:
         """The surface at G-buffer entries (P,) that have one point each."""
-        height, width = self.gbuffer.shape[1:]
         face, barycentric = self.gbuffer.face[pixels, 0].long(), self.gbuffer.barycentric[pixels, 0]
-        return self.surface(face, barycentric, self.gbuffer.origin[self.gbuffer.pixel[pixels] // (height * width)])
+        return self.surface(face, barycentric, self.gbuffer.seen_from(pixels))

@@ -205,6 +205,61 @@ def test_points_are_those_of_torch() -> None:
         torch.testing.assert_close(ours.double(), theirs, rtol=0, atol=2e-5 if name == "normal" else 2e-6)
 
 
+@pytest.fixture(params=[0, 1, 40])
+def scattered(request: pytest.FixtureRequest) -> tuple[GBuffer, list[tuple[int, int, int]]]:
+    """So many pixels of 3 views of 5 x 7 in any order, and the (view, row, column) of each."""
+    rng = torch.Generator().manual_seed(0)
+    everywhere = [(view, row, column) for view in range(3) for row in range(5) for column in range(7)]
+    pixel = torch.randperm(len(everywhere), generator=rng)[: request.param]
+    face, barycentric = torch.randint(-1, 9, (len(pixel), 4), generator=rng).int(), torch.rand(len(pixel), 4, 2, generator=rng)
+    gbuffer = GBuffer(face, barycentric, pixel, torch.rand(3, 3, generator=rng), (3, 5, 7))
+    return gbuffer, [everywhere[flat] for flat in pixel.tolist()]
+
+
+def test_views_and_cameras_of_entries_are_those_of_a_loop(scattered: tuple[GBuffer, list[tuple[int, int, int]]]) -> None:
+    gbuffer, places = scattered
+    some = torch.arange(len(places))[::3].flip(0).repeat(2)
+    every_other = torch.arange(len(places)) % 2 == 0
+    for entries, chosen in ((None, places), (some, [places[i] for i in some]), (every_other, places[::2])):
+        view, camera = gbuffer.view(entries), gbuffer.seen_from(entries)
+        assert (view.dtype, view.tolist()) == (torch.int64, [place[0] for place in chosen])
+        assert camera.shape == (len(chosen), 3)
+        assert all(torch.equal(found, gbuffer.origin[place[0]]) for found, place in zip(camera, chosen, strict=True))
+
+
+def test_every_pixel_finds_its_entry(scattered: tuple[GBuffer, list[tuple[int, int, int]]]) -> None:
+    gbuffer, places = scattered
+    entry = gbuffer.entry_of_pixel()
+    assert (entry.dtype, entry.shape) == (torch.int32, (3 * 5 * 7,))
+    for view, row, column in np.ndindex(3, 5, 7):
+        found = int(entry.reshape(3, 5, 7)[view, row, column])
+        assert found == (places.index((view, row, column)) if (view, row, column) in places else -1)
+
+
+@pytest.mark.parametrize("channels", [(), (1,), (3,), (2, 2)])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.int32, torch.bool])
+def test_values_become_the_images_of_a_loop(
+    scattered: tuple[GBuffer, list[tuple[int, int, int]]], channels: tuple[int, ...], dtype: torch.dtype
+) -> None:
+    """Of any shape and type; a pixel that misses the mesh is zero."""
+    gbuffer, places = scattered
+    values = (9 * torch.rand(len(places), *channels, generator=torch.Generator().manual_seed(1))).to(dtype)
+    expected = np.zeros((3, 5, 7, *values.shape[1:]), values.numpy().dtype)
+    for place, value in zip(places, values.numpy(), strict=True):
+        expected[place] = value
+    found = gbuffer.images(values)
+    assert found.dtype == dtype
+    np.testing.assert_array_equal(found.numpy(), expected)
+
+
+def test_coverage_is_the_share_of_hits_of_a_loop(scattered: tuple[GBuffer, list[tuple[int, int, int]]]) -> None:
+    gbuffer, places = scattered
+    expected = np.zeros((3, 5, 7), np.float32)
+    for place, face in zip(places, gbuffer.face.tolist(), strict=True):
+        expected[place] = sum(one >= 0 for one in face) / 4
+    np.testing.assert_array_equal(gbuffer.coverage().numpy(), expected)
+
+
 def test_views_of_two_sizes_are_refused() -> None:
     cameras = [camera_at((0, 0, 5), pixels=8), camera_at((0, 0, 5), pixels=9)]
     with pytest.raises(ValueError, match="view 1 is 9 x 9, the first is 8 x 8"):

@@ -41,7 +41,7 @@ class TrainingPixels:
         self.radiance = images[place[self.entries]]
         known = known_pixels(views)
         self._known = None if known is None else known.reshape(-1, 1).to(place.device)[place[self.entries]]
-        self.view = place[self.entries] // (self.gbuffer.shape[1] * self.gbuffer.shape[2])
+        self.view = self.gbuffer.view(self.entries)
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -58,5 +58,5 @@ class TrainingPixels:
         """The surface points of ``pixels`` (N,) in [0, P), ``side`` ^ 2 of each, one pixel after the other."""
         entries = self.entries[pixels]
         face = self.gbuffer.face[entries]
-        origin = self.gbuffer.origin[self.view[pixels]].repeat_interleave(face.shape[1], 0)
+        origin = self.gbuffer.seen_from(entries).repeat_interleave(face.shape[1], 0)
         return self._surface(face.reshape(-1), self.gbuffer.barycentric[entries].reshape(-1, 2), origin)

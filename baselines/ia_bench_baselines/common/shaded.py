@@ -79,16 +79,14 @@ class ShadedReconstruction:
             return None
         images, coverage = [], []
         for gbuffer in self._stage.gbuffers(cameras, self._points):
-            picture = torch.zeros(*gbuffer.shape, 3, device=self._stage.device)
-            flat, height, width = picture.reshape(-1, 3), *gbuffer.shape[1:]
+            mean = torch.zeros(len(gbuffer.pixel), 3, device=self._stage.device)
             hit = gbuffer.face >= 0
-            pixel, _ = torch.nonzero(hit, as_tuple=True)
-            face, barycentric = gbuffer.face[hit], gbuffer.barycentric[hit]
-            origin = gbuffer.origin[gbuffer.pixel[pixel] // (height * width)]
+            entry, _ = torch.nonzero(hit, as_tuple=True)
+            face, barycentric, origin = gbuffer.face[hit], gbuffer.barycentric[hit], gbuffer.seen_from(entry)
             for part in torch.arange(len(face), device=face.device).split(POINTS_AT_ONCE):
                 radiance = shade(self._stage.surface(face[part], barycentric[part], origin[part]), albedo_scale)
-                flat.index_add_(0, gbuffer.pixel[pixel[part]], radiance / gbuffer.subsamples)
-            images += list(picture.cpu().numpy())
+                mean.index_add_(0, entry[part], radiance / gbuffer.subsamples)
+            images += list(gbuffer.images(mean).cpu().numpy())
             coverage += list(gbuffer.coverage().cpu().numpy())
         return Images(tuple(images), tuple(coverage))
 

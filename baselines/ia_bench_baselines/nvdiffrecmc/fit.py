@@ -98,10 +98,10 @@ class Fit:
         return albedo * (1 - metallic)
 
     def _guides(self, pixels: Tensor, normal: Tensor, position: Tensor) -> Guides:
-        buffer = self._pixels.gbuffer
+        buffer, entries = self._pixels.gbuffer, self._pixels.entries[pixels]
         _, height, width = buffer.shape
-        place = buffer.pixel[self._pixels.entries[pixels]] % (height * width)
-        depth = (position - buffer.origin[self._pixels.view[pixels]]).norm(dim=-1, keepdim=True)
+        place = buffer.pixel[entries] % (height * width)
+        depth = (position - buffer.seen_from(entries)).norm(dim=-1, keepdim=True)
         return Guides(place // width, place % width, normal, depth, (height, width))
 
     def _recovered(self) -> DirectReconstruction:

@@ -30,18 +30,14 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
     device = gbuffer.face.device
     rotations = np.stack([problem.scene.train[view].camera.to_world[:3, :3] for view in views]).astype(np.float32)
     to_world = torch.from_numpy(rotations).to(device)
-    size = gbuffer.shape[1] * gbuffer.shape[2]
-    normals = torch.zeros(len(views) * size, 3, device=device)
-    visibility = torch.zeros(len(views) * size, 1, device=device)
+    normals, visibility = (torch.zeros(len(gbuffer.pixel), channels, device=device) for channels in (3, 1))
     generator = torch.Generator(device=device).manual_seed(0)
     for rows in torch.arange(len(gbuffer.pixel), device=device).split(CHUNK):
-        hit, points, view = _points(problem, gbuffer, rows)
-        pixel = gbuffer.pixel[rows]
+        hit, points = _points(problem, gbuffer, rows)
         world = (points.normal.reshape(*hit.shape, 3) * hit[..., None]).mean(1)
-        normals[pixel] = torch.einsum("pi,pij->pj", world, to_world[view])
-        visibility[pixel] = _ambient(problem, hit, points, generator).mean(1, keepdim=True)
-    shape = gbuffer.shape
-    return normals.reshape(*shape, 3).cpu(), visibility.reshape(*shape, 1).cpu()
+        normals[rows] = torch.einsum("pi,pij->pj", world, to_world[gbuffer.view(rows)])
+        visibility[rows] = _ambient(problem, hit, points, generator).mean(1, keepdim=True)
+    return gbuffer.images(normals).cpu(), gbuffer.images(visibility).cpu()
 
 
 @torch.no_grad()
@@ -51,24 +47,22 @@ def count_sightings(problem: Problem, views: tuple[int, ...]) -> Tensor:
     Of a pixel its first point counts; 0 where that misses.
     """
     gbuffer, _ = restrict(problem.gbuffer, views)
-    counts = torch.zeros(len(views) * gbuffer.shape[1] * gbuffer.shape[2], 1, device=gbuffer.face.device)
     cameras = [view.camera for view in problem.scene.train]
     hit = gbuffer.face[:, 0] >= 0
-    pixel, face, barycentric = gbuffer.pixel[hit], gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0]
-    seen_from = gbuffer.origin[pixel // (gbuffer.shape[1] * gbuffer.shape[2])]
-    points = problem.renderer.surface(face, barycentric, seen_from)
+    face, barycentric = gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0]
+    points = problem.renderer.surface(face, barycentric, gbuffer.seen_from(hit))
     seen = sees(cameras, points.position, points.geometric, problem.stage.rays, problem.stage.surface.offset)
-    counts[pixel] = seen.float().sum(1, keepdim=True)
-    return counts.reshape(*gbuffer.shape, 1).cpu()
+    counts = torch.zeros(len(hit), 1, device=hit.device)
+    counts[hit] = seen.float().sum(1, keepdim=True)
+    return gbuffer.images(counts).cpu()
 
 
-def _points(problem: Problem, gbuffer: GBuffer, rows: Tensor) -> tuple[Tensor, SurfacePoints, Tensor]:
-    """Which points of (R,) pixels hit (R, S), all R S points (those that miss are any), and the pixels' views (R,)."""
+def _points(problem: Problem, gbuffer: GBuffer, rows: Tensor) -> tuple[Tensor, SurfacePoints]:
+    """Which points of (R,) pixels hit (R, S), and all R S points (those that miss are any)."""
     face = gbuffer.face[rows]
-    view = gbuffer.pixel[rows] // (gbuffer.shape[1] * gbuffer.shape[2])
-    camera = gbuffer.origin[view][:, None].expand(-1, face.shape[1], -1).reshape(-1, 3)
+    camera = gbuffer.seen_from(rows).repeat_interleave(gbuffer.subsamples, 0)
     bary = gbuffer.barycentric[rows].reshape(-1, 2)
-    return face >= 0, problem.renderer.surface(face.clamp_min(0).reshape(-1).long(), bary, camera), view
+    return face >= 0, problem.renderer.surface(face.clamp_min(0).reshape(-1).long(), bary, camera)
 
 
 def _ambient(problem: Problem, hit: Tensor, points: SurfacePoints, generator: torch.Generator) -> Tensor:

@@ -80,7 +80,7 @@ def restrict(gbuffer: GBuffer, views: tuple[int, ...]) -> tuple[GBuffer, Tensor]
     size = height * width
     rank = torch.full((count,), -1, dtype=torch.int64, device=gbuffer.pixel.device)
     rank[list(views)] = torch.arange(len(views), device=rank.device)
-    place = rank[gbuffer.pixel // size]
+    place = rank[gbuffer.view()]
     rows = torch.nonzero(place >= 0)[:, 0]
     part = GBuffer(
         face=gbuffer.face[rows],

@@ -38,7 +38,6 @@ class SimilarityKernel:
         self._problem = problem
         gbuffer = problem.gbuffer
         views, self._height, self._width = gbuffer.shape
-        size = self._height * self._width
         device = gbuffer.pixel.device
         self._reach = max(1.0, settings.radius * max(self._height, self._width))
         self._scale = settings.kernel_scale
@@ -47,14 +46,13 @@ class SimilarityKernel:
         self._weight = self._weight * (gbuffer.face >= 0).all(1) * (mask[:, 0] > 0.999)
         prediction = targets.values["albedo"]
         if free_scale:
-            view = gbuffer.pixel // size
+            view = gbuffer.view()
             used = (self._weight > 0).float()
             count = torch.zeros(views, device=device).index_add_(0, view, used)
             mean = torch.zeros(views, device=device).index_add_(0, view, used * prediction.mean(-1)) / count.clamp_min(1)
             prediction = prediction * (LEVEL / mean.clamp_min(1e-6))[view][:, None]
         self._prediction = linear_to_srgb(prediction)
-        self._entry = torch.full((views * size,), -1, dtype=torch.int32, device=device)
-        self._entry[gbuffer.pixel] = torch.arange(len(gbuffer.pixel), dtype=torch.int32, device=device)
+        self._entry = gbuffer.entry_of_pixel()
 
     def loss(self, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
         """The loss of the albedo ``texture`` (T, T, 3) at G-buffer entries (B,)."""

@@ -31,13 +31,11 @@ def find_neighbours(problem: Problem, images: Tensor, scale: float) -> Neighbour
     degrees, or whose distance jumps, are no pair.
     """
     gbuffer, surface = problem.gbuffer, problem.renderer.surface
-    views, height, width = gbuffer.shape
+    _, height, width = gbuffer.shape
     first = (gbuffer.face >= 0).int().argmax(1)
     rows = torch.arange(len(first), device=first.device)
-    camera = gbuffer.origin[gbuffer.pixel // (height * width)]
-    points = surface(gbuffer.face[rows, first].long(), gbuffer.barycentric[rows, first], camera)
-    entry = torch.full((views * height * width,), -1, dtype=torch.int64, device=first.device)
-    entry[gbuffer.pixel] = rows
+    points = surface(gbuffer.face[rows, first].long(), gbuffer.barycentric[rows, first], gbuffer.seen_from())
+    entry = gbuffer.entry_of_pixel()
     column, row = gbuffer.pixel % width, gbuffer.pixel // width % height
     log_radiance = torch.log(images.mean(-1) + 1e-3 * images.mean().clamp_min(1e-12))
     spacing = None

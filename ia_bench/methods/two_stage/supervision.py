@@ -26,26 +26,13 @@ class Supervision:
     def __init__(self, problem: Problem, prior: Prior, ssi: str, targets: Targets) -> None:
         self.targets = targets
         self._problem, self._settings = problem, problem.supervision
-        self._distilled = self._settings.kind == "sds"
-        self._ssi = "none" if self._distilled else ssi
         self._encoding = prior.info.encoding
-        gbuffer = problem.gbuffer
-        self._view = gbuffer.pixel // (gbuffer.shape[1] * gbuffer.shape[2])
-        self._coverage = (gbuffer.face >= 0).float().mean(1, keepdim=True)
-        self._takes_targets = "albedo" in targets.values and self._settings.kind != "similarity"
+        self._distilled = self._settings.kind == "sds"
         self._alignment: Alignment | None = None
+        self._aligner = _Aligner(problem, targets, ssi) if self.sets_albedo else None
         self._kernel: SimilarityKernel | None = None
-        if "albedo" not in targets.values:
-            return
-        asked = targets.weights["albedo"][:, 0] > 0
-        covered = torch.nonzero(asked & (self._coverage[:, 0] == 1))[:, 0]  # a pixel on the edge mixes in a background
-        usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
-        self._subset = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
-        points = gbuffer.face[self._subset]
-        self._hit = (points >= 0)[..., None]
-        self._uv = problem.renderer.surface.uv(points.clamp_min(0).long(), gbuffer.barycentric[self._subset])
-        if self._settings.kind == "similarity":
-            self._kernel = SimilarityKernel(problem, targets, self._settings, free_scale=self._ssi != "none")
+        if "albedo" in targets.values and self._settings.kind == "similarity":
+            self._kernel = SimilarityKernel(problem, targets, self._settings, free_scale=ssi != "none")
 
     @property
     def sets_albedo(self) -> bool:
@@ -54,16 +41,8 @@ class Supervision:
 
     def update(self, albedo: Tensor, step: int) -> None:
         """Estimate the alignment again if targets need it and it is due at ``step``; a pure function of step and texture."""
-        if self._takes_targets and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
-            with torch.no_grad():
-                prediction = (fetch(albedo, self._uv) * self._hit).sum(1) / self._hit.shape[1]
-            self._alignment = align_views(
-                prediction,
-                self.targets.values["albedo"][self._subset],
-                self._view[self._subset],
-                self._problem.gbuffer.shape[0],
-                self._ssi,
-            )
+        if self._aligner is not None and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
+            self._alignment = self._aligner.align(albedo)
 
     def alignment(self) -> dict[str, Tensor]:
         """What a checkpoint must keep besides the targets: the alignment between two updates, nothing before the first."""
@@ -87,8 +66,12 @@ class Supervision:
 
     def _target_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
         """|SSI(k_hat, k_s) - k_s| in the prior's encoding; distilled: the square, whose gradient is that of SDS."""
+        if self._distilled:
+            return self._difference("albedo", prediction, pixels)
         assert self._alignment is not None, "update() comes first"
-        aligned = self._alignment(prediction, self._view[pixels], self._coverage[pixels])
+        gbuffer = self._problem.gbuffer
+        coverage = (gbuffer.face[pixels] >= 0).float().mean(1, keepdim=True)
+        aligned = self._alignment(prediction, gbuffer.view(pixels), coverage)
         return self._difference("albedo", aligned, pixels)
 
     def specular_loss(self, prediction: Tensor, pixels: Tensor) -> Tensor:
@@ -111,3 +94,26 @@ class Supervision:
         difference = encode(prediction, encoding) - encode(self.targets.values[name][pixels], encoding)
         error = 0.5 * difference**2 if self._distilled else difference.abs()
         return (self.targets.weights[name][pixels] * error).mean()
+
+
+class _Aligner:
+    """Estimates how the texture's albedo is aligned with its targets, from some of the pixels that the prior was asked about."""
+
+    def __init__(self, problem: Problem, targets: Targets, ssi: str) -> None:
+        """``ssi``: the mode of :func:`align_views`."""
+        gbuffer = problem.gbuffer
+        asked = targets.weights["albedo"][:, 0] > 0
+        covered = torch.nonzero(asked & (gbuffer.face >= 0).all(1))[:, 0]  # a pixel on the edge mixes in a background
+        usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
+        chosen = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
+        face = gbuffer.face[chosen]
+        self._hit = (face >= 0)[..., None]
+        self._uv = problem.renderer.surface.uv(face.clamp_min(0).long(), gbuffer.barycentric[chosen])
+        self._target, self._view = targets.values["albedo"][chosen], gbuffer.view(chosen)
+        self._views, self._ssi = gbuffer.shape[0], ssi
+
+    @torch.no_grad()
+    def align(self, albedo: Tensor) -> Alignment:
+        """The alignment of the texture ``albedo`` (T, T, 3)."""
+        prediction = (fetch(albedo, self._uv) * self._hit).sum(1) / self._hit.shape[1]
+        return align_views(prediction, self._target, self._view, self._views, self._ssi)

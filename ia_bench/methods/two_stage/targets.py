@@ -43,7 +43,7 @@ class Targets:
 def make_targets(problem: Problem, samples: Samples, views: tuple[int, ...]) -> Targets:
     """Targets from samples, or distilled estimates, of the ``views`` of the problem: equal weights there, none elsewhere."""
     part, rows = restrict(problem.gbuffer, views)
-    view = part.pixel // (part.shape[1] * part.shape[2])
+    view = part.view()
     values, at_least = {}, {}
     for name, sample in sorted(samples.values.items()):
         value = sample.to(rows.device).reshape(-1, 3)[part.pixel]

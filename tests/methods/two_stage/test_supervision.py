@@ -108,6 +108,7 @@ def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Probl
     targets = even({"albedo": 0.5 * pixels, "specular": 0.25 * pixels})
     supervision = supervise(problem, "scale", targets, kind="sds")
     supervision.update(texture, 0)
+    assert supervision.alignment() == {}
     expected = linear_to_srgb(pixels.double().numpy()) - linear_to_srgb(0.5 * pixels.double().numpy())
     assert albedo_loss(supervision, pixels, every, texture) == pytest.approx(0.5 * (expected**2).mean(), rel=1e-4)
     expected = linear_to_srgb(pixels.double().numpy()) - linear_to_srgb(0.25 * pixels.double().numpy())
