@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 from collections.abc import Sequence
 
-from ia_bench.common.arguments import read_arguments, settings_of
+from ia_bench.common.arguments import read_arguments, settings_text
 from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
 
@@ -25,8 +24,7 @@ def usage() -> str:
     """The help text, with every setting."""
     from ia_bench.training.refiner import RefinerSettings  # brings in torch
 
-    settings = ((key, "(required)" if value is dataclasses.MISSING else value) for key, value in settings_of(RefinerSettings))
-    return USAGE + "\n".join(f"  {key:<28}{value}" for key, value in settings)
+    return USAGE + settings_text(RefinerSettings)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -48,6 +48,12 @@ def settings_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:  # no
         yield from settings_of(made, f"{prefix}{item.name}.") if inside else [(prefix + item.name, made)]
 
 
+def settings_text(kind: type[object]) -> str:
+    """The keys of :func:`read_arguments` and their defaults, one a line, as a command's help ends with them."""
+    settings = ((key, "(required)" if value is dataclasses.MISSING else value) for key, value in settings_of(kind))
+    return "\n".join(f"  {key:<28}{value}" for key, value in settings)
+
+
 def at_least(least: int) -> Callable[[str], int]:
     """An argparse ``type``: a whole number that is not below ``least``."""
 

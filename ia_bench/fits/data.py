@@ -9,6 +9,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from ia_bench.common.errors import InputError
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
@@ -38,13 +39,16 @@ class FitRequest:
 def make_fits(request: FitRequest, progress: Progress) -> list[Path]:
     """Make what the folder lacks and return the paths of the fits asked for.
 
-    Raises InputError if the folder cannot be used or holds a file that is no such fit.
+    Raises InputError if the folder cannot be used, or holds a file under the name of one of them that is no fit, or one in
+    photographs of another size.
     """
     make_writable(request.out, "out")
     paths = [fit_path(request.out, request.seed, index) for index in range(request.fits)]
     for path in paths:
         if path.exists():
-            load_fit(path)
+            found = load_fit(path)[0]["image"].shape[1]
+            if found != request.size:
+                raise InputError(f"{path}: expected a fit in photographs of size={request.size} pixels a side, found {found}")
     jobs = [(path, request.seed, index, request.size) for index, path in enumerate(paths) if not path.exists()]
     task = progress.task(f"fits of seed {request.seed}", request.fits, done=request.fits - len(jobs))
     if jobs:

@@ -11,24 +11,20 @@ from ia_bench.fits.scene import draw_scene
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.methods.asking.geometry import count_sightings, view_geometry
-from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
-from ia_bench.methods.two_stage.refinement import Fusion, evidence
+from ia_bench.methods.two_stage.refinement import Fusion, fitted_views
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.render.reconstruction import TexturedReconstruction
-from ia_bench.render.renderer import texture_images
 from ia_bench.training.fit_files import FitInfo
 
 SHOWN = 6
-"""Of a scene's photographs, at most, that a file shows."""
+"""A file shows at most so many of a scene's photographs."""
 PIXELS = 640
-"""Of a fit, in every step: photographs of 64 x 64 pixels are then visited as often as some of 128 x 128 in a fit of preset=quick,
-whose steps these are."""
-SAMPLES = 32
-"""A pixel, for the specular shading."""
+"""A step of a fit takes so many pixels: photographs of 64 x 64 are then visited as often as some of 128 x 128 in a fit of
+preset=quick, whose steps these are."""
 TRIES = 4
-"""Scenes drawn before an index is given up."""
+"""So many scenes are drawn before an index is given up."""
 
 _FIT = 3  # purpose of the random streams; those of training images are 1 and 2
 
@@ -54,23 +50,17 @@ def _fitted(rng: np.random.Generator, seed: int, index: int, size: int) -> tuple
     result = TwoStage(FitSettings(pixels=PIXELS)).fit(problem, seed=int(rng.integers(2**31)), monitor=Monitor.silent())
     recovered = result.reconstruction
     shown = tuple(sorted(rng.choice(len(views), min(len(views), SHOWN), replace=False).tolist()))
-    part, _ = restrict(problem.gbuffer, shown)
     assert isinstance(recovered, TexturedReconstruction)
     assert isinstance(recovered.environment, LatLongEnvironment)
     material, light = recovered.material, SampledLight.of(recovered.environment.texels)
-    generator = torch.Generator().manual_seed(index)
-    rendered = problem.renderer.render_images(problem.gbuffer, material, light, SAMPLES, generator)
-    together = evidence(Fusion(problem, tuple(range(len(views)))), views, rendered, len(material.albedo))
+    generator, every = torch.Generator().manual_seed(index), tuple(range(len(views)))
+    fitted = fitted_views(problem, Fusion(problem, every), every, material, light, generator)
     normals, visibility = view_geometry(problem, shown)
     taken = [views[number] for number in shown]
     images = np.concatenate([np.stack([view.image for view in taken]), np.stack([view.mask for view in taken])[..., None]], -1)
     tensors = {
         "image": torch.from_numpy(images),
-        "albedo": texture_images(problem.renderer.surface, part, material.albedo),
-        "roughness": texture_images(problem.renderer.surface, part, material.roughness),
-        "radiance": rendered["radiance"][list(shown)],
-        "specular": rendered["specular"][list(shown)],
-        "evidence": texture_images(problem.renderer.surface, part, together),
+        **{name: images[list(shown)] for name, images in fitted.items()},
         "normal": normals,
         "visibility": visibility,
         "sightings": count_sightings(problem, shown),
@@ -80,4 +70,4 @@ def _fitted(rng: np.random.Generator, seed: int, index: int, size: int) -> tuple
     halves = {name: values.detach().half() for name, values in tensors.items()}
     if not all(bool(torch.isfinite(values).all()) for values in halves.values()):
         raise FloatingPointError("a value beyond the range of half floats")
-    return halves, FitInfo(seed, index, len(views), int(drawn.clipped))
+    return halves, FitInfo(seed, len(views))

@@ -33,25 +33,27 @@ from ia_bench.training.render import MEAN_RADIANCE
 from ia_bench.training.textures import TexturedMaterial, draw_material, draw_materials
 
 MOST_FACES = 5000
-"""Of an object; larger ones are drawn again, for their baking takes longer than the fit."""
+"""An object with more triangles is drawn again, for baking it takes longer than the fit."""
 LEAST_SLOTS, OVERLAYS = 3, 2
-"""Materials of an object at least, and of a material those at most that are laid over it. Training images have less of both: from
+"""An object has at least so many materials, and over each at most so many others are laid. Training images have less of both: from
 pixel to pixel their colours change by .03 in the median, and those of things that people model by .06 to .08."""
 CROPPED = 0.1
-"""Share of the photographs in which the object is larger than the frame."""
+"""In this share of the photographs the object is larger than the frame."""
 PHOTOGRAPHS = (2, 3, 4, 4, 6, 8, 8, 8, 12, 16, 24, 40)
+"""A scene has one of these numbers of photographs, each equally likely."""
 NOISY, NOISE = 0.7, (0.005, 0.05)
-"""Share of the scenes with sensor noise, and its range: standard deviation at the mean radiance, growing with the square root."""
+"""This share of the scenes has sensor noise. Its standard deviation at the mean radiance, as a share of that, lies in this range,
+and grows with the square root of the radiance."""
 CLIPPED = 0.35
-"""Share of the scenes whose photographs are clipped and have 8 bits."""
+"""In this share of the scenes photographs are clipped and have 8 bits."""
 SAME = 1e-4
-"""Vertices nearer than that, in radii of the object, with normals as near, are one."""
+"""Corners of triangles whose positions (in units of the object) and normals agree to so much become one vertex."""
 TEXTURE, LIGHT_ROWS = 512, 128
-"""Texels along a side of the true textures, and rows of the true light."""
+"""True textures have so many texels along a side, and the true light so many rows."""
 SIDE, SAMPLES = 3, 144
-"""Points along a side of a pixel of the photographs, and samples of its light."""
+"""A pixel of the photographs has so many points along a side, and so many samples of the light in all."""
 DISC = 4096
-"""Directions of a disc of light that are spread over the map."""
+"""A disc of light becomes so many directions, spread evenly over it."""
 
 
 @dataclass(frozen=True)
@@ -62,13 +64,11 @@ class ProceduralScene:
         scene: Photographs, masks, cameras and mesh, without truth.
         albedo: (V, S, S, 3), what the photographs show of the true albedo, premultiplied.
         roughness: (V, S, S, 1), of the true perceptual roughness likewise.
-        clipped: Whether the photographs were clipped and have 8 bits.
     """
 
     scene: Scene
     albedo: np.ndarray
     roughness: np.ndarray
-    clipped: bool
 
 
 @torch.no_grad()
@@ -98,10 +98,9 @@ def draw_scene(rng: Generator, size: int) -> ProceduralScene:
         for number, (camera, image, mask) in enumerate(zip(cameras, radiance, masks, strict=True))
     )
     scene = Scene("procedural", "a procedural scene", mesh, views)
-    clipped = bool(rng.random() < CLIPPED)
-    if clipped:
+    if rng.random() < CLIPPED:
         scene = captured(scene, CaptureSettings(radiometry="ldr"), lambda _: None)
-    return ProceduralScene(scene, albedo, roughness, clipped)
+    return ProceduralScene(scene, albedo, roughness)
 
 
 def _rich(rng: Generator, material: TexturedMaterial) -> TexturedMaterial:

@@ -38,12 +38,18 @@ def use_bf16(precision: Precision, device: torch.device) -> bool:
 
 
 def check_views(
-    name: str, observations: Observations, renders: Mapping[str, Tensor], provided: Iterable[str], channels: Mapping[str, int] = {}
+    name: str,
+    observations: Observations,
+    renders: Mapping[str, Tensor],
+    provided: Iterable[str],
+    channels: Mapping[str, int] = {},
+    *,
+    what: str = "guidance",
 ) -> None:
     """Raise InputError unless the prior ``name`` can work with the observations and ``renders``.
 
-    ``renders``: what is to guide the sample, or is to be corrected, by component, each ``provided`` by the prior and of the images'
-    shape, with as many ``channels`` as are said, else 3.
+    ``renders``: what is to guide the sample, to be distilled or corrected, by component, each ``provided`` by the prior and of the
+    images' shape, with as many ``channels`` as are said, else 3. ``what``: the word for it.
     """
     images, masks, seen = observations.images, observations.masks, tuple(observations.images.shape[:3])
     if images.ndim != 4 or images.shape[-1] != 3:
@@ -51,21 +57,21 @@ def check_views(
     known = sorted(provided)
     for component in renders:
         if component not in known:
-            raise InputError(f"prior={name}: guidance: expected some of {', '.join(known)}, found {component}")
-    guidance = {f"guidance {component}": (render, (*seen, channels.get(component, 3))) for component, render in renders.items()}
-    expected = {"images": (images, (*seen, 3)), "masks": (masks, seen), **guidance}
+            raise InputError(f"prior={name}: {what}: expected some of {', '.join(known)}, found {component}")
+    rendered = {f"{what} {component}": (render, (*seen, channels.get(component, 3))) for component, render in renders.items()}
+    expected = {"images": (images, (*seen, 3)), "masks": (masks, seen), **rendered}
     geometry = {
         "normals": (observations.normals, (*seen, 3)),
         "visibility": (observations.visibility, (*seen, 1)),
         "sightings": (observations.sightings, (*seen, 1)),
     }
-    for what, (values, shape) in {**expected, **geometry}.items():
+    for tensor, (values, shape) in {**expected, **geometry}.items():
         if values is None:
             continue
         if tuple(values.shape) != shape:
-            raise InputError(f"prior={name}: expected {what} of shape {shape}, found {tuple(values.shape)}")
+            raise InputError(f"prior={name}: expected {tensor} of shape {shape}, found {tuple(values.shape)}")
         if not bool(torch.isfinite(values).all()):
-            raise InputError(f"prior={name}: expected finite {what}, found NaN or Inf")
+            raise InputError(f"prior={name}: expected finite {tensor}, found NaN or Inf")
 
 
 def check_truth(name: str, observations: Observations, components: Iterable[str]) -> None:

@@ -26,6 +26,8 @@ CONSISTENCY_VERSION, CONSISTENCY_KEY = 2, "consistency_version"
 """Like that, of what captures with ``capture.consistency`` alone go through; it stands among the settings of a capture."""
 
 PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
+WEIGHTS = ("weights", "refiner")
+"""Options that hold weights: a file or folder, by whatever name, or None for the packaged ones."""
 
 
 def identity(config: RunConfig) -> dict[str, Any]:
@@ -58,8 +60,11 @@ def identity(config: RunConfig) -> dict[str, Any]:
     for kind in ("prior", "method", "reader"):
         content[kind]["options"] = _without_paths("options", content[kind]["options"])
     options = config.prior.options
-    weights = (options.get("of_options") or {}).get("weights") if "of_options" in options else options.get("weights", "none")
-    if weights is None:
+    if "of_options" in options:  # of the prior that is sampled behind this one
+        takes_packaged = (options["of_options"] or {}).get("weights") is None
+    else:
+        takes_packaged = any(name in options and options[name] is None for name in WEIGHTS)
+    if takes_packaged:
         content["prior"]["packaged_weights"] = content_of(PACKAGED_WEIGHTS)
     foreign = {
         "prior": registry.foreign_code("prior", config.prior.name, config.prior.target),
@@ -145,6 +150,6 @@ def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (an option, wha
         return [_without_paths(key, part) for part in value]
     if isinstance(value, str) and value:
         path = Path(value).expanduser()
-        if is_file(path) or ((key == "weights" or os.sep in value) and path.exists()):  # a word may be a folder's name by chance
+        if is_file(path) or ((key in WEIGHTS or os.sep in value) and path.exists()):  # a word may be a folder's name by chance
             return f"content {content_of(path.resolve())}"
     return value

@@ -7,12 +7,15 @@
     roughness       (V, S, S, 1)  the perceptual roughness that was recovered
     radiance        (V, S, S, 3)  the photograph as the fit renders it
     specular        (V, S, S, 3)  the specular shading in it
-    evidence        (V, S, S, 2)  what all photographs together say about a place (``methods.two_stage.refinement.evidence``)
+    evidence        (V, S, S, 2)  what the photographs together say about a place (``methods.two_stage.refinement.evidence``)
     normal          (V, S, S, 3)  shading normal in camera space
     visibility      (V, S, S, 1)  cosine-weighted visibility of the sky
     sightings       (V, S, S, 1)  how many photographs show the place
     true_albedo     (V, S, S, 3)
     true_roughness  (V, S, S, 1)
+
+The evidence is that of all photographs of the fit, of which the file shows some. In a run it is that of the photographs that the
+prior is asked about, which prior.supervision.views says.
 """
 
 from __future__ import annotations
@@ -47,16 +50,12 @@ class FitInfo:
 
     Attributes:
         seed: Which of the endless sets.
-        index: Its number in that set.
         photographs: How many it had; the file shows some of them.
-        clipped: 1 where they were clipped and had 8 bits, else 0.
         version: Of the program that made it.
     """
 
     seed: int
-    index: int
     photographs: int
-    clipped: int
     version: int = FITS_VERSION
 
 

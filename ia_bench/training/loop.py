@@ -6,21 +6,16 @@ noise as one that was never stopped.
 
 from __future__ import annotations
 
-import json
 import math
 import platform
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.checkpoints import load_network, read_description, save_network
@@ -28,14 +23,22 @@ from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.inputs import use_bf16
 from ia_bench.training.dataset import Batch, TrainingImages
 from ia_bench.training.optimiser import MuonAdamW, split_weights
+from ia_bench.training.resuming import (
+    batch_index,
+    check_gradient,
+    check_seeds,
+    forget_validations_after,
+    load_state,
+    rate_factor,
+    save_state,
+    stream,
+    write_validation,
+)
 from ia_bench.training.settings import TrainSettings
 from ia_bench.training.validation import score_single_view
 
-FINAL_RATE = 0.02  # of the full rate, at the last step
 PICTURES = 8  # images of a sample grid
-VALIDATION = "validation.jsonl"  # one line a validation
 STATE_FORMAT = 2  # raised when a change of the code changes what state.pt holds
-PERMUTATIONS = 1 << 20  # marks the random streams of permutations; those of batches are marked by their process
 
 
 def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
@@ -64,11 +67,7 @@ class _Training:
         for images in (self.images, self.held_out):
             if images.size != settings.network.size:
                 raise InputError(f"{images.folder}: expected images of network.size={settings.network.size}, found {images.size}")
-        shared = self.images.seeds & self.held_out.seeds
-        if shared:
-            raise InputError(
-                f"{self.held_out.folder}: expected images of other seeds than in {self.images.folder}, found seed {min(shared)}"
-            )
+        check_seeds("images", self.images, self.held_out)
         torch.manual_seed(settings.seed)
         self.network = MaterialNetwork(settings.network)
         if settings.init is not None:
@@ -84,7 +83,7 @@ class _Training:
         self.ema = EMAModel(self.network.parameters(), decay=settings.ema, use_ema_warmup=True, power=0.75)
         self.step, self.seconds = 0, 0.0
         self.figures: dict[str, Any] = {}
-        state = _load_state(settings)
+        state = load_state(settings.out, STATE_FORMAT, settings.identity())
         if state is not None:
             self.network.load_state_dict(state["network"])
             self.ema.load_state_dict(state["ema"])
@@ -110,7 +109,7 @@ class _Training:
         settings, main = self.settings, self.accelerator.is_main_process
         self.writer = SummaryWriter(settings.out / "tensorboard", purge_step=self.step) if main else None
         if main:
-            _forget_validations_after(self.step, settings.out / VALIDATION)
+            forget_validations_after(self.step, settings.out)
         task = self.progress.task("training", settings.steps, self.step)
         started = saved = time.monotonic()
         while self.step < settings.steps:
@@ -146,8 +145,7 @@ class _Training:
         loss = weighted_error(output.float() - batch.target, batch.masks, level=settings.level, background=settings.background)
         self.accelerator.backward(loss)
         norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient or math.inf)
-        if not bool(torch.isfinite(norm)):
-            raise FloatingPointError(f"step {self.step}: the gradient is NaN or Inf; the last checkpoint is kept")
+        check_gradient(norm, self.step)
         self.optimizer.step(rate_factor(self.step, settings.steps, settings.warmup))
         self.ema.step(self.network.parameters())
         return float(loss.detach())
@@ -157,7 +155,7 @@ class _Training:
         settings = self.settings
         index = batch_index(len(self.images), settings.batch, settings.seed, step)
         share = index[self.accelerator.process_index :: self.accelerator.num_processes]
-        generator = torch.Generator().manual_seed(_stream(settings.seed, step, self.accelerator.process_index))
+        generator = torch.Generator().manual_seed(stream(settings.seed, step, self.accelerator.process_index))
         batch = self.images.batch(share, settings.network, settings.augmentation, generator)
         count = len(share)
         draws = {
@@ -202,16 +200,13 @@ class _Training:
         rows = [image[:PICTURES].flatten(0, 1).clamp(0, 1) ** (1 / 2.2) for image in scored.pictures.values()]
         self.writer.add_image("validation", torch.cat(rows, 1), self.step, dataformats="HWC")
         self.progress.note(f"step {self.step}: " + ", ".join(f"{name} {value:.2f}" for name, value in self.figures.items()))
-        with (settings.out / VALIDATION).open("a") as file:
-            file.write(json.dumps({"step": self.step, "seconds": round(self.seconds, 1), **self.figures}) + "\n")
+        write_validation(settings.out, self.step, self.seconds, self.figures)
 
     def _save(self) -> None:
         if not self.accelerator.is_main_process:
             return
         settings = self.settings
         state = {
-            "format": STATE_FORMAT,
-            "identity": settings.identity(),
             "step": self.step,
             "seconds": self.seconds,
             "figures": self.figures,
@@ -220,8 +215,7 @@ class _Training:
             "optimizer": self.optimizer.state_dict(),
             "ema": self.ema.state_dict(),
         }
-        with whole_file(settings.out / "state.pt") as partial:
-            torch.save(state, partial)
+        save_state(settings.out, STATE_FORMAT, settings.identity(), state)
         self.ema.store(self.network.parameters())
         self.ema.copy_to(self.network.parameters())
         save_network(settings.out / "weights", self.network, self._provenance())
@@ -265,51 +259,3 @@ def weighted_error(difference: Tensor, masks: Tensor, *, level: float, backgroun
     outer = (difference.square() * (1 - inside)).sum()
     count = (pixels + background * (masks[0].numel() - pixels)).sum() * difference.shape[1]
     return (inner + background * outer) / count
-
-
-def rate_factor(step: int, steps: int, warmup: int) -> float:
-    """Share of the full learning rate at ``step``: a linear rise, then a cosine down to FINAL_RATE."""
-    rise = min(1.0, (step + 1) / max(warmup, 1))
-    fall = FINAL_RATE + (1 - FINAL_RATE) * 0.5 * (1 + math.cos(math.pi * step / max(steps, 1)))
-    return rise * fall
-
-
-def batch_index(images: int, batch: int, seed: int, step: int) -> Tensor:
-    """Images (batch,) of a step: successive parts of a permutation that is new in every pass over the data."""
-    position = torch.arange(step * batch, (step + 1) * batch)
-    parts = []
-    for epoch in position.div(images, rounding_mode="floor").unique().tolist():
-        order = torch.randperm(images, generator=torch.Generator().manual_seed(_stream(seed, epoch, PERMUTATIONS)))
-        parts.append(order[position[position // images == epoch] % images])
-    return torch.cat(parts)
-
-
-def _forget_validations_after(step: int, path: Path) -> None:
-    """Remove from ``path`` what a run that was stopped had validated beyond its last checkpoint; it is validated again."""
-    if not path.exists():
-        return
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    kept = [line for line in lines if line.endswith("\n") and json.loads(line)["step"] <= step]  # a kill may leave half a line
-    with whole_file(path) as partial:
-        partial.write_text("".join(kept), encoding="utf-8")
-
-
-def _stream(*path: int) -> int:
-    """Make one seed of several numbers."""
-    return int(np.random.SeedSequence(path).generate_state(1, np.uint64)[0] >> np.uint64(1))
-
-
-def _load_state(settings: TrainSettings) -> dict[str, Any] | None:
-    path: Path = settings.out / "state.pt"
-    make_writable(settings.out, "out")
-    if not path.is_file():
-        return None
-    try:
-        state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # whatever torch raises on a damaged file
-        raise InputError(f"{path}: expected the state of a training run, found a file that cannot be read ({error})") from error
-    if state.get("format") != STATE_FORMAT:
-        raise InputError(f"{path}: expected format {STATE_FORMAT}, found {state.get('format')}; choose another out=FOLDER")
-    if state["identity"] != settings.identity():
-        raise InputError(f"{path}: belongs to a run with other settings; choose another out=FOLDER or the old settings")
-    return state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import hashlib
 import json
@@ -9,14 +10,13 @@ import math
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import torch
 from pydantic import Field
 from torch import Tensor
 from torch.nn import functional as F
 
-from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number, Share
@@ -25,19 +25,34 @@ from ia_bench.priors.refiner.checkpoint import save_refiner
 from ia_bench.priors.refiner.network import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.scenes.tensor_color import linear_to_srgb
 from ia_bench.training.fit_files import CHANNELS, fit_paths, load_fit
-from ia_bench.training.loop import batch_index, rate_factor
 from ia_bench.training.optimiser import MuonAdamW, split_weights
+from ia_bench.training.resuming import (
+    batch_index,
+    check_gradient,
+    check_seeds,
+    forget_validations_after,
+    load_state,
+    rate_factor,
+    save_state,
+    write_validation,
+)
 
 FEW = 8
-"""Photographs up to which a fit counts as one of few, in the figures of validation."""
+"""A fit with at most so many photographs counts as one of few, in the figures of validation."""
 COVERED = 0.9
-"""Coverage from which a pixel counts."""
+"""Pixels of more coverage than this count, in the loss and in the figures."""
+LEAST_PIXELS = 200
+"""A fit counts if its views show at least so many such pixels."""
+BLACK = 1e-4
+"""The mean of a fit's albedo is taken to be this where it is less, so that a scale to the truth is finite."""
 COLOURS = ("albedo", "radiance", "specular", "true_albedo")
 """Tensors of a fit that have the three colours of its photographs."""
 ZOOM = 1.4
-"""Largest factor by which a view is enlarged or reduced."""
+"""Views are enlarged or reduced by at most this factor."""
 TINT, CAST = 0.3, 0.1
-"""Standard deviations of the log factors of a channel by which light, and the fit's albedo, are multiplied."""
+"""Light is multiplied by a factor a channel, and the fit's albedo by another: these are the standard deviations of their logs."""
+STATE_FORMAT = 1
+"""Raised when a change of the code changes what a state holds."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +71,7 @@ class RefinerSettings:
         roughness_weight: Of the squared error of the roughness in the loss, beside that of the albedo.
         warmup: Steps in which the rates rise.
         weight_decay: Of both optimisers.
-        clip_gradient: Largest norm of the gradient.
+        clip_gradient: Largest norm of the gradient; 0 for no limit.
         ema: Decay of the averaged weights, which are the ones that are kept.
         threads: Of the CPU; None for torch's own choice.
         seed: Of every draw.
@@ -94,10 +109,10 @@ class Views:
     def __init__(self, folder: Path, limit: int | None = None) -> None:
         """Load the fits, the first ``limit`` of them.
 
-        Raises InputError for a folder without any, or with views of different sizes.
+        Raises InputError for a folder without any, without one that shows something, or with views of different sizes.
         """
         tensors: dict[str, list[Tensor]] = {name: [] for name in CHANNELS}
-        photographs, scales, self.seeds = [], [], set[int]()
+        photographs, scales, seeds = [], [], set[int]()
         for path in fit_paths(folder)[:limit]:
             fit, info = load_fit(path)
             if tensors["image"] and fit["image"].shape[1:] != tensors["image"][0].shape[1:]:
@@ -109,8 +124,10 @@ class Views:
                 tensors[name].append(fit[name])
             photographs.append(torch.full((len(fit["image"]),), info.photographs))
             scales.append(scale.expand(len(fit["image"]), 3))
-            self.seeds.add(info.seed)
-        self.folder, self.fits = folder, len(scales)
+            seeds.add(info.seed)
+        if not scales:
+            raise InputError(f"{folder}: expected fits that show something and are finite, found none")
+        self.folder, self.fits, self.seeds = folder, len(scales), frozenset(seeds)
         self._tensors = {name: torch.cat(parts) for name, parts in tensors.items()}
         self.photographs, self._scales = torch.cat(photographs), torch.cat(scales)
 
@@ -166,12 +183,12 @@ class Batch:
 
 
 def _scale(fit: dict[str, Tensor]) -> Tensor | None:
-    """(3,) of a fit; None of one that shows next to nothing, or whose numbers are none."""
+    """By what (3,) the mean albedo of a ``fit`` is multiplied to be the true one; None if it shows nothing or is not finite."""
     inside = fit["image"][..., 3] > COVERED
-    if int(inside.sum()) < 200 or not all(bool(torch.isfinite(values).all()) for values in fit.values()):
+    if int(inside.sum()) < LEAST_PIXELS or not all(bool(torch.isfinite(values).all()) for values in fit.values()):
         return None
     albedo, truth = fit["albedo"][inside].float().mean(0), fit["true_albedo"][inside].float().mean(0)
-    return truth / albedo.clamp_min(1e-4)
+    return truth / albedo.clamp_min(BLACK)
 
 
 def _reordered(values: Tensor, order: Tensor) -> Tensor:
@@ -214,63 +231,97 @@ def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, fl
     """
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
-    images, held_out = Views(settings.data, settings.fits), Views(settings.validation)
-    shared = images.seeds & held_out.seeds
-    if shared:
-        raise InputError(f"{held_out.folder}: expected fits of other seeds than in {images.folder}, found seed {min(shared)}")
-    torch.manual_seed(settings.seed)
-    network, average = RefinerNetwork(settings.network), RefinerNetwork(settings.network)
-    average.load_state_dict(network.state_dict())
-    average.eval().requires_grad_(False)
-    hidden, others = split_weights(network, muon=settings.muon_rate > 0)
-    adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
-    optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
-    bf16 = use_bf16("auto", torch.device("cpu"))
-    figures: dict[str, float] = {}
-    step, seconds = 0, 0.0
-    state = _load_state(settings)
-    if state is not None:
-        if state["fits"] != images.fits:
-            raise InputError(
-                f"{images.folder}: expected the {state['fits']} fits that {settings.out} began with, found {images.fits}"
-            )
-        step, seconds = state["step"], state["seconds"]
-        network.load_state_dict(state["network"])
-        average.load_state_dict(state["average"])
-        optimizer.load_state_dict(state["optimizer"])
-    task = progress.task("training", settings.steps, step)
-    while step < settings.steps:
-        started = time.monotonic()
+    return _Training(settings, progress).finish()
+
+
+class _Training:
+    """The state of one training run."""
+
+    def __init__(self, settings: RefinerSettings, progress: Progress) -> None:
+        self.settings, self.progress = settings, progress
+        self.images, self.held_out = Views(settings.data, settings.fits), Views(settings.validation)
+        check_seeds("fits", self.images, self.held_out)
+        torch.manual_seed(settings.seed)
+        self.network = RefinerNetwork(settings.network)
+        self.average = copy.deepcopy(self.network).eval().requires_grad_(False)
+        hidden, others = split_weights(self.network, muon=settings.muon_rate > 0)
+        adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
+        self.optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
+        self.bf16 = use_bf16("auto", torch.device("cpu"))
+        self.step, self.seconds = 0, 0.0
+        self.figures: dict[str, float] = {}
+        state = load_state(settings.out, STATE_FORMAT, settings.identity())
+        if state is None:
+            return
+        if state["fits"] != self.images.fits:
+            began = f"expected the {state['fits']} fits that {settings.out} began with"
+            raise InputError(f"{self.images.folder}: {began}, found {self.images.fits}")
+        self.step, self.seconds, self.figures = state["step"], state["seconds"], state["figures"]
+        self.network.load_state_dict(state["network"])
+        self.average.load_state_dict(state["average"])
+        self.optimizer.load_state_dict(state["optimizer"])
+
+    def finish(self) -> dict[str, float]:
+        settings = self.settings
+        forget_validations_after(self.step, settings.out)
+        task = self.progress.task("training", settings.steps, self.step)
+        while self.step < settings.steps:
+            started = time.monotonic()
+            loss = self._optimise()
+            self.step += 1
+            self.seconds += time.monotonic() - started
+            task.advance(1, loss=loss)
+            if self.step % settings.validate_steps == 0 or self.step == settings.steps:
+                self._validate()
+                self._save()
+        return self.figures
+
+    def _optimise(self) -> float:
+        settings, step = self.settings, self.step
         generator = torch.Generator().manual_seed(settings.seed * 1_000_003 + step)
-        batch = images.batch(batch_index(len(images), settings.batch, settings.seed, step), generator)
-        with torch.autocast("cpu", torch.bfloat16, enabled=bf16):
-            change = network(batch.seen.features.to(memory_format=torch.channels_last))
+        batch = self.images.batch(batch_index(len(self.images), settings.batch, settings.seed, step), generator)
+        with torch.autocast("cpu", torch.bfloat16, enabled=self.bf16):
+            change = self.network(batch.seen.features.to(memory_format=torch.channels_last))
         albedo, roughness = batch.errors(change.float())
         loss = albedo.mean() + settings.roughness_weight * roughness.mean()
         loss.backward()
-        norm = torch.nn.utils.clip_grad_norm_(network.parameters(), settings.clip_gradient)
-        if not bool(torch.isfinite(norm)):
-            raise FloatingPointError(f"step {step}: the gradient is NaN or Inf; the last checkpoint is kept")
-        optimizer.step(rate_factor(step, settings.steps, settings.warmup))
+        norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), settings.clip_gradient or math.inf)
+        check_gradient(norm, step)
+        self.optimizer.step(rate_factor(step, settings.steps, settings.warmup))
         decay = min(settings.ema, (1 + step) / (10 + step))
         with torch.no_grad():
-            for mean, weight in zip(average.parameters(), network.parameters(), strict=True):
+            for mean, weight in zip(self.average.parameters(), self.network.parameters(), strict=True):
                 mean.lerp_(weight, 1 - decay)
-        step += 1
-        seconds += time.monotonic() - started
-        task.advance(1, loss=float(loss.detach()))
-        if step % settings.validate_steps == 0 or step == settings.steps:
-            figures = score(average, held_out)
-            progress.note(f"step {step}, {seconds:.0f} s: " + ", ".join(f"{name} {value:.4g}" for name, value in figures.items()))
-            with (settings.out / "validation.jsonl").open("a") as file:
-                file.write(json.dumps({"step": step, "seconds": round(seconds, 1), **figures}) + "\n")
-            kept = {"identity": settings.identity(), "fits": images.fits, "step": step, "seconds": seconds}
-            kept["network"] = network.state_dict()
-            with whole_file(settings.out / "state.pt") as partial:
-                torch.save({**kept, "average": average.state_dict(), "optimizer": optimizer.state_dict()}, partial)
-            about = {"steps": step, "seconds": round(seconds), "fits": images.fits, "views": len(images), "figures": figures}
-            save_refiner(settings.out / "weights", average, {**about, "batch": settings.batch, "seed": settings.seed})
-    return figures
+        return float(loss.detach())
+
+    def _validate(self) -> None:
+        self.figures = score(self.average, self.held_out)
+        shown = ", ".join(f"{name} {value:.4g}" for name, value in self.figures.items())
+        self.progress.note(f"step {self.step}, {self.seconds:.0f} s: {shown}")
+        write_validation(self.settings.out, self.step, self.seconds, self.figures)
+
+    def _save(self) -> None:
+        settings = self.settings
+        state = {
+            "step": self.step,
+            "seconds": self.seconds,
+            "figures": self.figures,
+            "fits": self.images.fits,
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
+        save_state(settings.out, STATE_FORMAT, settings.identity(), state)
+        provenance = {
+            "steps": self.step,
+            "seconds": round(self.seconds),
+            "fits": self.images.fits,
+            "views": len(self.images),
+            "figures": self.figures,
+            "batch": settings.batch,
+            "seed": settings.seed,
+        }
+        save_refiner(settings.out / "weights", self.average, provenance)
 
 
 @torch.no_grad()
@@ -291,14 +342,3 @@ def score(network: RefinerNetwork, views: Views) -> dict[str, float]:
                 figures[f"{name}_{what}"] = round(float(-10 * torch.log10(albedo.clamp_min(1e-10)).mean()), 3)
                 figures[f"{name}_{what}_roughness"] = round(float(roughness.mean().sqrt()), 4)
     return figures
-
-
-def _load_state(settings: RefinerSettings) -> dict[str, Any] | None:
-    settings.out.mkdir(parents=True, exist_ok=True)
-    path = settings.out / "state.pt"
-    if not path.exists():
-        return None
-    state: dict[str, Any] = torch.load(path, weights_only=True)
-    if state["identity"] != settings.identity():
-        raise InputError(f"{settings.out}: expected a run with these settings, found one with others. Give another out= folder")
-    return state

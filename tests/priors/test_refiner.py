@@ -122,6 +122,14 @@ def test_what_is_missing_is_named(folders: dict[str, str]) -> None:
         prior.refine(replace(shown(), sightings=None), known)
 
 
+def test_what_does_not_fit_is_no_guidance(folders: dict[str, str]) -> None:
+    prior = RefinerPrior(**folders)
+    with pytest.raises(InputError, match="prior=refiner: fitted: expected some of albedo, .*, found gloss"):
+        prior.refine(shown(), {**renders(), "gloss": renders()["albedo"]})
+    with pytest.raises(InputError, match=r"prior=refiner: expected fitted roughness of shape \(3, 37, 31, 1\), found"):
+        prior.refine(shown(), {**renders(), "roughness": renders()["albedo"]})
+
+
 def test_weights_come_back(tmp_path: Path) -> None:
     network = trained(1)
     save_refiner(tmp_path / "weights", network, {"steps": 3})
@@ -154,7 +162,15 @@ def test_damaged_weights_are_named(tmp_path: Path, damage: object, message: str)
         load_refiner(tmp_path)
 
 
-def test_another_network_is_another_fingerprint(folders: dict[str, str], tmp_path: Path) -> None:
-    save_refiner(tmp_path / "other", trained(1), {})
-    other = {**folders, "refiner": str(tmp_path / "other")}
-    assert RefinerPrior(**folders).fingerprint != RefinerPrior(**other).fingerprint
+def test_samples_are_kept_whatever_corrects_them(folders: dict[str, str], tmp_path: Path) -> None:
+    """Two refiners around one regressor share its samples; those around another one do not."""
+    save_refiner(tmp_path / "refiner", trained(1), {})
+    regressor = str(tiny_weights(tmp_path / "regressor", "regressor", seed=1))
+    first, second, third = (
+        RefinerPrior(**{**folders, **other})
+        for other in ({}, {"refiner": str(tmp_path / "refiner")}, {"weights": regressor})
+    )
+    assert first.fingerprint == second.fingerprint != third.fingerprint
+    samples = [prior.sample(shown(), seed=0).values["albedo"] for prior in (first, second, third)]
+    assert torch.equal(samples[0], samples[1])
+    assert not torch.equal(samples[0], samples[2])

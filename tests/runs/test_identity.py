@@ -155,6 +155,21 @@ def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path)
     assert hash_with("prior=corrected", nested[0]) != hash_with("prior=corrected", nested[1])
 
 
+def test_hash_follows_the_refiners_weights_beside_those_of_its_regressor(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Packaged ones where only the regressor's are given, and a folder of the current one that is named by one word."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(identities, "PACKAGED_WEIGHTS", tmp_path / "packaged")
+    hashes: dict[str, list[str]] = {"weights": [], "refiner": [], "both": []}
+    for content in (b"one", b"other"):
+        for name, held in (("packaged", content), ("named", content), ("constant", b"")):
+            (tmp_path / name).mkdir(exist_ok=True)
+            (tmp_path / name / "weights.safetensors").write_bytes(held)
+        given = {"weights": ("weights=constant",), "refiner": ("weights=constant", "refiner=named")}
+        for which, options in {**given, "both": ("weights=constant", "refiner=constant")}.items():
+            hashes[which].append(hash_with("prior=refiner", *(f"prior.options.{option}" for option in options)))
+    assert {which: one == other for which, (one, other) in hashes.items()} == {"weights": False, "refiner": False, "both": True}
+
+
 @pytest.mark.parametrize("prior", ["diffusion", "corrected"])
 def test_the_precision_that_auto_means_is_part_of_the_hash(prior: str, monkeypatch: pytest.MonkeyPatch) -> None:
     hashes = []

@@ -19,14 +19,7 @@ from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
-from ia_bench.training.loop import (
-    FINAL_RATE,
-    _forget_validations_after,
-    _load_state,
-    batch_index,
-    rate_factor,
-    weighted_error,
-)
+from ia_bench.training.loop import weighted_error
 from ia_bench.training.settings import TrainSettings
 from ia_bench.training.shards import ShardInfo, shard_path, write_shard
 
@@ -82,19 +75,6 @@ def train(arguments):
     return ended
 
 
-def test_every_image_is_seen_once_in_every_pass():
-    images, batch = 10, 4
-    seen = torch.cat([batch_index(images, batch, 3, step) for step in range(5)])
-    for epoch in range(2):
-        assert sorted(seen[epoch * images : (epoch + 1) * images].tolist()) == list(range(images))
-    assert not torch.equal(seen[:images], seen[images:])
-    assert torch.equal(batch_index(images, batch, 3, 4), seen[16:])
-
-
-def test_a_batch_larger_than_the_data_takes_several_passes():
-    assert torch.bincount(batch_index(3, 8, 0, 0), minlength=3).tolist() in ([3, 3, 2], [3, 2, 3], [2, 3, 3])
-
-
 def test_the_loss_weighs_an_images_mean_error_apart():
     """A constant error counts ``level``, one without a mean its whole square, wherever the other one is."""
     masks = torch.zeros(2, 8, 8)
@@ -110,13 +90,6 @@ def test_the_loss_weighs_an_images_mean_error_apart():
         assert float(found) == pytest.approx(expected, rel=1e-5)
 
 
-def test_the_rate_rises_and_falls():
-    factors = [rate_factor(step, 100, 10) for step in range(101)]
-    assert factors[0] == pytest.approx(0.1)
-    assert factors.index(max(factors)) in (9, 10)
-    assert factors[-1] == pytest.approx(FINAL_RATE)
-
-
 def weights_of(folder):
     return load_network(folder / "weights")[0].state_dict()
 
@@ -130,14 +103,6 @@ def test_a_resumed_run_ends_with_the_weights_of_an_uninterrupted_one(folders, tm
     whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     for name, value in whole.items():
         assert torch.equal(value, parts[name]), name
-
-
-def test_validations_beyond_the_last_checkpoint_are_forgotten(tmp_path):
-    path = tmp_path / "validation.jsonl"
-    _forget_validations_after(500, path)  # of a run that has none yet
-    path.write_text("".join(f'{{"step": {step}}}\n' for step in (250, 500, 750)) + '{"step": 10')
-    _forget_validations_after(500, path)
-    assert [json.loads(line)["step"] for line in path.read_text().splitlines()] == [250, 500]
 
 
 @pytest.mark.slow
@@ -271,12 +236,6 @@ def test_a_gradient_that_is_not_finite_is_one_line(folders, tmp_path):
     assert ended.returncode == 1
     assert "the gradient is NaN or Inf; the last checkpoint is kept\n" in ended.stderr
     assert "Traceback" not in ended.stderr
-
-
-def test_a_run_whose_folder_is_a_file_is_refused(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="out: .*file: expected a folder that can be written, found: File exists"):
-        _load_state(read_arguments(TrainSettings, ["data=a", "validation=b", f"out={tmp_path / 'file'}"]))
 
 
 def test_arguments_are_typed():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import save_file
 from torch import Tensor
 
 from ia_bench.cli.fit_data import main as make
@@ -43,7 +44,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (root / name).mkdir()
         for index in range(count):
             photographs = 8 if index % 2 else 12
-            write_fit(fit_path(root / name, seed, index), made_up(seed, index), FitInfo(seed, index, photographs, 0))
+            write_fit(fit_path(root / name, seed, index), made_up(seed, index), FitInfo(seed, photographs))
     return root
 
 
@@ -85,6 +86,44 @@ def interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
 
+def test_a_run_that_was_stopped_before_it_kept_its_state_validates_once(
+    folders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = read_arguments(RefinerSettings, command(folders, tmp_path, "steps=4", "validate_steps=2"))
+    with Progress() as progress:
+        with monkeypatch.context() as patch:
+            patch.setattr("ia_bench.training.refiner.save_state", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                train_refiner(settings, progress)
+        figures = train_refiner(settings, progress)
+        lines = [json.loads(line) for line in (tmp_path / "validation.jsonl").read_text().splitlines()]
+        assert [line["step"] for line in lines] == [2, 4]
+        assert figures.items() <= lines[-1].items()
+        assert train_refiner(settings, progress) == figures  # of a run that is finished
+
+
+def test_a_damaged_state_is_one_line(folders: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "state.pt").write_bytes(b"half of one")
+    assert main(command(folders, tmp_path, "steps=1")) == 2
+    assert "state.pt: expected the state of a training run, found a file that cannot be read" in capsys.readouterr().err
+
+
+def test_no_limit_of_the_gradient_is_one_that_is_never_reached(folders: Path, tmp_path: Path) -> None:
+    weights = {}
+    for limit in ("0", "1e9", "1e-3"):
+        assert main(command(folders, tmp_path / limit, "steps=3", "muon_rate=0", f"clip_gradient={limit}")) == 0
+        weights[limit] = torch.load(tmp_path / limit / "state.pt", weights_only=True)["network"]["conv_in.weight"]
+    assert torch.equal(weights["0"], weights["1e9"])
+    assert not torch.equal(weights["0"], weights["1e-3"])
+
+
+def test_fits_that_show_nothing_are_named_by_their_folder(folders: Path, tmp_path: Path) -> None:
+    black = made_up(0, 0)
+    write_fit(fit_path(tmp_path, 0, 0), {**black, "image": 0 * black["image"]}, FitInfo(0, 8))
+    with pytest.raises(InputError, match=f"{tmp_path}: expected fits that show something and are finite, found none"):
+        Views(tmp_path)
+
+
 def test_views_are_recoloured_and_turned_together(folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The error of an untouched albedo does not depend on the order of the colours, nor on the side."""
     monkeypatch.setattr("ia_bench.training.refiner.ZOOM", 1.0)
@@ -121,7 +160,7 @@ def test_the_same_seeds_are_refused(folders: Path, tmp_path: Path, capsys: pytes
 def test_fits_come_back_and_damage_is_named(folders: Path, tmp_path: Path) -> None:
     path = fit_paths(folders / "data")[1]
     tensors, info = load_fit(path)
-    assert info == FitInfo(0, 1, 8, 0)
+    assert info == FitInfo(0, 8)
     for name, channels in CHANNELS.items():
         assert tensors[name].shape == (4, SIZE, SIZE, channels)
         torch.testing.assert_close(tensors[name].float(), made_up(0, 1)[name], rtol=1e-3, atol=1e-3)
@@ -129,9 +168,12 @@ def test_fits_come_back_and_damage_is_named(folders: Path, tmp_path: Path) -> No
     damaged.write_bytes(path.read_bytes()[:500])
     with pytest.raises(InputError, match="a file that cannot be read"):
         load_fit(damaged)
-    write_fit(damaged, tensors, FitInfo(0, 1, 8, 0, version=99))
+    write_fit(damaged, tensors, FitInfo(0, 8, version=99))
     with pytest.raises(InputError, match="expected fits of version 2, found 99"):
         load_fit(damaged)
+    metadata = {"seed": "0", "index": "1", "photographs": "8", "clipped": "1", "version": "2"}  # as older programs wrote it
+    save_file(tensors, damaged, metadata=metadata)
+    assert load_fit(damaged)[1] == FitInfo(0, 8)
     with pytest.raises(InputError, match=r"expected fit_\*\.safetensors .*, found none"):
         fit_paths(tmp_path / "nowhere")
 
@@ -155,6 +197,8 @@ def test_fits_of_procedural_scenes_are_made_and_kept(tmp_path: Path, capsys: pyt
     assert float(tensors["true_albedo"][inside].float().min()) >= 0.019
     assert float(tensors["true_roughness"][inside].float().min()) >= 0.04
     assert int(tensors["sightings"].max()) <= info.photographs
+    assert make([line[0], "seed=3", "size=24", "fits=2"]) == 2
+    assert f"{first}: expected a fit in photographs of size=24 pixels a side, found 16" in capsys.readouterr().err
 
 
 def test_the_help_names_every_setting() -> None:

@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from ia_bench.common.arguments import read_arguments, settings_of
+from ia_bench.common.arguments import read_arguments, settings_text
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
@@ -178,17 +178,13 @@ def training_command(settings: type[SettingsOf], usage: str, train: Callable[[Se
     ``train`` returns the best validation figures.
     """
 
-    def described() -> str:
-        defaults = ((key, "(required)" if value is dataclasses.MISSING else value) for key, value in settings_of(settings))
-        return usage + "\n".join(f"  {key:<28}{value}" for key, value in defaults)
-
     def work(arguments: Sequence[str]) -> int:
         with Progress() as progress:
             chosen = read_arguments(settings, arguments)
             progress.note(f"best: {train(chosen, progress)}; {chosen.out / WEIGHTS}")
         return OK
 
-    return command(described, work, None)
+    return command(lambda: usage + settings_text(settings), work, None)
 
 
 def masked_mean(values: Tensor, masks: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.two_stage.refinement import Fusion, evidence, refined_albedo, refined_roughness
+from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo, refined_roughness
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
 from ia_bench.methods.two_stage.targets import Targets, make_targets
@@ -98,7 +98,8 @@ class Dialogue:
         with self._asking(), torch.no_grad():
             views, material = self._sampler.views, parameters.material(detached=True)
             fusion = Fusion(self._problem, views)
-            renders = self._fitted(parameters, fusion, views, generator)
+            fitted = fitted_views(self._problem, fusion, views, material, parameters.light(), generator)
+            renders = {name: images.cpu() for name, images in fitted.items()}
             corrected = self._sampler.refine(renders).values
             albedo = refined_albedo(fusion, material.albedo, renders["albedo"], corrected["albedo"], settings.refinement)
             parameters.tensors["albedo"].copy_(albedo)
@@ -151,12 +152,3 @@ class Dialogue:
         else:
             images = renderer.render_images(part, material, light, GUIDE_SAMPLES, generator)
         return {name: images[name].cpu() for name in sorted(components)}
-
-    def _fitted(self, parameters: Parameters, fusion: Fusion, views: tuple[int, ...], generator: torch.Generator) -> Images:
-        """What a prior is told of a finished fit, in some views (:meth:`ia_bench.priors.contract.Refiner.refine`)."""
-        material, (part, _) = parameters.material(detached=True), restrict(self._problem.gbuffer, views)
-        images: dict[str, Tensor] = self._renders(parameters, views, frozenset({"albedo", "radiance", "specular"}), generator)
-        together = evidence(fusion, [self._problem.scene.train[view] for view in views], images, len(material.albedo))
-        for name, texture in (("roughness", material.roughness), ("evidence", together)):
-            images[name] = texture_images(self._problem.renderer.surface, part, texture).cpu()
-        return images

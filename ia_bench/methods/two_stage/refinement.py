@@ -7,16 +7,21 @@ from collections.abc import Mapping, Sequence
 import torch
 from torch import Tensor
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
-from ia_bench.material.textures import fill_unobserved, splat
+from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.asking.views import restrict
+from ia_bench.methods.bounds import known_pixels
 from ia_bench.methods.contract import Problem
+from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import View
 
-LEAST = 0.01
-"""Added to both sides of a quotient of albedos, so that black ones have one."""
+OFFSET = 0.01
+"""It is added to both sides of a quotient of albedos, so that black ones have one."""
 DARK = 0.02
-"""Of the mean of the photographs, added to both sides of a quotient of radiances."""
+"""This share of the mean of the photographs is added to both sides of a quotient of radiances, for the same reason."""
+SAMPLES = 32
+"""A pixel takes so many samples of the light in the pictures of a fit that are to be corrected."""
 
 
 class Fusion:
@@ -60,15 +65,15 @@ class Fusion:
 def refined_albedo(fusion: Fusion, texture: Tensor, render: Tensor, corrected: Tensor, share: float) -> Tensor:
     """The albedo ``texture`` (T, T, 3) as its photographs were corrected from ``render`` to ``corrected``, both (V, H, W, 3).
 
-    A texel changes by the factor exp(share * mean of log((corrected + e) / (render + e))) of albedos plus e = LEAST; each channel's
-    mean factor is taken out, since no correction is asked about level and cast.
+    A texel changes by the factor exp(share * mean of log((corrected + e) / (render + e))) of albedos plus e = OFFSET. The mean
+    factor of each channel is taken out, since no correction is asked about level and cast.
     """
     if not fusion:
         return texture
-    logs = [torch.log(fusion.pixels(images).clamp_min(0) + LEAST) for images in (corrected, render)]
+    logs = [torch.log(fusion.pixels(images).clamp_min(0) + OFFSET) for images in (corrected, render)]
     change = logs[0] - logs[1]
     mean = fusion.texture(change - fusion.mean(change), len(texture))
-    return ((texture + LEAST) * torch.exp(share * mean) - LEAST).clamp(0, 1)
+    return ((texture + OFFSET) * torch.exp(share * mean) - OFFSET).clamp(0, 1)
 
 
 def refined_roughness(fusion: Fusion, texture: Tensor, render: Tensor, corrected: Tensor, share: float) -> Tensor:
@@ -77,6 +82,22 @@ def refined_roughness(fusion: Fusion, texture: Tensor, render: Tensor, corrected
         return texture
     change = fusion.texture(fusion.pixels(corrected) - fusion.pixels(render), len(texture))
     return (texture + share * change).clamp(MIN_ROUGHNESS, 1)
+
+
+def fitted_views(
+    problem: Problem, fusion: Fusion, views: tuple[int, ...], material: Material, light: SampledLight, generator: torch.Generator
+) -> dict[str, Tensor]:
+    """What a fit shows in some training ``views``, those of the ``fusion``, as a prior is to correct it.
+
+    The pictures are those of :meth:`ia_bench.priors.contract.Refiner.refine`; their :func:`evidence` is that of these photographs.
+    """
+    part, _ = restrict(problem.gbuffer, views)
+    rendered = problem.renderer.render_images(part, material, light, SAMPLES, generator)
+    together = evidence(fusion, [problem.scene.train[view] for view in views], rendered, len(material.albedo))
+    images = {name: rendered[name] for name in ("albedo", "radiance", "specular")}
+    for name, texture in (("roughness", material.roughness), ("evidence", together)):
+        images[name] = texture_images(problem.renderer.surface, part, texture)
+    return images
 
 
 def evidence(fusion: Fusion, views: Sequence[View], renders: Mapping[str, Tensor], size: int) -> Tensor:
@@ -89,14 +110,13 @@ def evidence(fusion: Fusion, views: Sequence[View], renders: Mapping[str, Tensor
     :class:`Fusion`.
     """
     photographs = torch.stack([torch.from_numpy(view.image) for view in views])
-    known = torch.stack([torch.ones_like(image[..., 0]) for image in photographs])
-    for whether, view in zip(known, views, strict=True):
-        if view.valid is not None:
-            whether *= torch.from_numpy(view.valid)
     shown, radiance, specular = (
         fusion.pixels(images).mean(-1, keepdim=True) for images in (photographs, renders["radiance"], renders["specular"])
     )
     dark = DARK * shown.mean().clamp_min(1e-12)
-    misfit = torch.log((shown.clamp_min(0) + dark) / (radiance.clamp_min(0) + dark)) * fusion.pixels(known[..., None])
+    misfit = torch.log((shown.clamp_min(0) + dark) / (radiance.clamp_min(0) + dark))
+    known = known_pixels(views)
+    if known is not None:
+        misfit = misfit * fusion.pixels(known)
     shine = specular / (radiance + dark)
     return fusion.texture(torch.cat([misfit, shine], 1).square(), size).clamp_min(0).sqrt()

@@ -88,7 +88,7 @@ class DiffusionPrior(LearnedPrior):
         Always at the native size, for one evaluation cannot agree between patches.
         """
         provides = self.info.provides
-        check_views(self.kind, observations, renders, provides)
+        check_views(self.kind, observations, renders, provides, what="distilled")
         if set(renders) != provides:
             raise InputError(f"prior: renders: expected {', '.join(sorted(provides))}, found {', '.join(sorted(renders))}")
         return self._through(observations, seed, renders, self._distill, reduced=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -48,12 +47,3 @@ def load_refiner(folder: Path) -> RefinerNetwork:
         raise InputError(f"{path}: {error}") from None
     fill(network, folder / WEIGHTS, network.state_dict())
     return network.eval().requires_grad_(False)
-
-
-def digest(folder: Path) -> str:
-    """SHA-256 over the files that determine what the network says."""
-    found = hashlib.sha256()
-    for name in (DESCRIPTION, WEIGHTS):
-        if (folder / name).is_file():
-            found.update((folder / name).read_bytes())
-    return found.hexdigest()

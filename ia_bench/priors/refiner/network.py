@@ -22,11 +22,19 @@ visibility, sightings, mask."""
 RENDERS = {"albedo": 3, "roughness": 1, "radiance": 3, "specular": 3, "evidence": 2}
 """What :func:`see` is given of a fit, and how many channels each has."""
 PHOTOGRAPH, ALBEDO = 0.3, 0.35
-"""Means to which the photograph and the albedo are brought."""
-LARGEST = 8.0
-"""Of the photograph at that mean, and of half as much the albedo: beyond it lie highlights and errors."""
-LEAST = 0.02
-"""Added to both sides of a quotient, so that black has one; and the coverage below which a pixel shows nothing."""
+"""The photograph and the albedo are multiplied such that these are their means over the object."""
+LARGEST_RADIANCE, LARGEST_ALBEDO = 8.0, 4.0
+"""Values multiplied in this way are clipped here: larger ones are highlights and errors."""
+OFFSET = 0.02
+"""It is added to both sides of a quotient of which the network sees the logarithm, so that black has one."""
+LEAST_COVERAGE = 0.02
+"""Premultiplied values are divided by the coverage of their pixel, or by this where it is less."""
+EMPTY = 0.02
+"""A pixel that the object covers no more than this shows nothing."""
+SHADING_STOPS, SHADING_SCALE = 6, 0.3
+"""The log2 of the shading is clipped to so many stops up and down, and multiplied so that it is about as large as the rest."""
+SIGHTINGS_SCALE = 6
+"""The log2 of 1 + sightings is divided by this: 63 photographs that show a place are a 1."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +42,7 @@ class RefinerConfig:
     """The network's shape.
 
     Attributes:
-        channels: Of its levels, from full resolution down; multiples of 8.
+        channels: How many channels each level has, from full resolution down; multiples of 8.
 
     Raises:
         InputError: The values make no network.
@@ -48,7 +56,7 @@ class RefinerConfig:
 
     @property
     def stride(self) -> int:
-        """Of which the sides of an image are multiples."""
+        """The sides of an image are multiples of this."""
         return 2 ** (len(self.channels) - 1)
 
 
@@ -90,19 +98,20 @@ def see(
     """
     albedo = renders["albedo"]
     mask = masks[..., None]
-    straight = 1 / mask.clamp_min(LEAST)
+    straight = 1 / mask.clamp_min(LEAST_COVERAGE)
     inside = (mask > 0.5).float()
     exposure, factor = PHOTOGRAPH / _mean(images * straight, inside), ALBEDO / _mean(albedo * straight, inside)
-    photograph = (images * straight * exposure).clamp(0, LARGEST)
-    rendered = (renders["radiance"] * straight * exposure).clamp(0, LARGEST)
-    shine = (renders["specular"] * straight * exposure).clamp(0, LARGEST)
-    paint = (albedo * straight * factor).clamp(0, LARGEST / 2)
-    shading = torch.log2(((photograph - shine).clamp_min(0) + LEAST) / (paint + LEAST)).clamp(-6, 6) * 0.3
-    misfit = torch.log2((photograph + LEAST) / (rendered + LEAST))
+    photograph = (images * straight * exposure).clamp(0, LARGEST_RADIANCE)
+    rendered = (renders["radiance"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
+    shine = (renders["specular"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
+    paint = (albedo * straight * factor).clamp(0, LARGEST_ALBEDO)
+    stops = torch.log2(((photograph - shine).clamp_min(0) + OFFSET) / (paint + OFFSET))
+    shading = stops.clamp(-SHADING_STOPS, SHADING_STOPS) * SHADING_SCALE
+    misfit = torch.log2((photograph + OFFSET) / (rendered + OFFSET))
     shown, roughness = linear_to_srgb(paint), renders["roughness"] * straight
-    evidence, counts = renders["evidence"] * straight, torch.log2(1 + sightings.clamp_min(0)) / 6
+    evidence, counts = renders["evidence"] * straight, torch.log2(1 + sightings.clamp_min(0)) / SIGHTINGS_SCALE
     colours = [linear_to_srgb(photograph), shown, linear_to_srgb(shine), shading, misfit]
-    features = torch.cat([*colours, normals, evidence, roughness, visibility, counts, mask], -1) * (mask > LEAST)
+    features = torch.cat([*colours, normals, evidence, roughness, visibility, counts, mask], -1) * (mask > EMPTY)
     first = [each.movedim(-1, 1).contiguous() for each in (features, shown, roughness)]
     return Seen(first[0], first[1], factor, first[2], mask)
 

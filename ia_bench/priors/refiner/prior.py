@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.resources import files
@@ -16,22 +15,24 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.inputs import Device, Precision, check_views
-from ia_bench.priors.refiner.checkpoint import digest, load_refiner
-from ia_bench.priors.refiner.network import LEAST, RENDERS, RefinerNetwork, see
+from ia_bench.priors.refiner.checkpoint import load_refiner
+from ia_bench.priors.refiner.network import EMPTY, RENDERS, RefinerNetwork, see
 from ia_bench.priors.regressor import RegressorPrior
 
-VERSION = 2
-"""Part of the fingerprint; raised when a change of the code changes what is corrected."""
 WANTS = frozenset({"normals", "visibility", "sightings"})
 
 
 class RefinerPrior(RegressorPrior):
     """The regressor, and beside it a network that was trained on fits of procedural scenes.
 
-    It sees a photograph, what the fit shows there (material, radiance, specular shading, and how well it explains all photographs
-    of the place), normals, ambient visibility, and how many photographs show the place; it returns albedo and roughness as such
-    fits have them when they are right. ``refiner``: its weights, a folder that ia_bench.cli.train_refiner wrote, or None for the
-    packaged ones. Other options as in :class:`ia_bench.priors.learned.LearnedPrior`; ``weights`` are the regressor's.
+    It sees a photograph, what the fit shows there (material, radiance, specular shading, and how well it explains several
+    photographs of the place), normals, ambient visibility, and how many photographs show the place; it returns albedo and
+    roughness as such fits have them when they are right. Those several are all photographs of the fit in training, and in a run
+    those that the prior is asked about (with prior.supervision.views=auto about a third of a hundred, say).
+
+    ``refiner``: its weights, a folder that ia_bench.cli.train_refiner wrote, or None for the packaged ones. Other options as in
+    :class:`ia_bench.priors.learned.LearnedPrior`; ``weights`` are the regressor's. The fingerprint is that of the samples, on
+    which the refiner's weights have no influence.
 
     Raises InputError for weights that cannot be used.
     """
@@ -48,18 +49,13 @@ class RefinerPrior(RegressorPrior):
     ) -> None:
         super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
         self.info = replace(self.info, wants=WANTS)
-        self._corrections = Path(refiner).expanduser() if refiner else Path(str(files("ia_bench.priors") / "weights" / "refiner"))
-        self._network: RefinerNetwork = load_refiner(self._corrections).to(self._device)
-
-    @property
-    def fingerprint(self) -> str:
-        """See :class:`ia_bench.priors.contract.Fingerprinted`."""
-        return json.dumps([super().fingerprint, VERSION, digest(self._corrections)])
+        folder = Path(refiner).expanduser() if refiner else Path(str(files("ia_bench.priors") / "weights" / "refiner"))
+        self._network: RefinerNetwork = load_refiner(folder).to(self._device)
 
     @torch.no_grad()
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
         """See :class:`ia_bench.priors.contract.Refiner`. A view without foreground, or an albedo that is black, stays as it is."""
-        check_views("refiner", observations, renders, RENDERS, RENDERS)
+        check_views("refiner", observations, renders, RENDERS, RENDERS, what="fitted")
         lacking = [name for name in RENDERS if name not in renders]
         lacking += [name for name in sorted(WANTS) if getattr(observations, name) is None]
         if lacking:
@@ -79,8 +75,6 @@ class RefinerPrior(RegressorPrior):
         self, observed: Observations, renders: Mapping[str, Tensor], view: int, box: tuple[slice, slice]
     ) -> tuple[Tensor, Tensor]:
         """Albedo (h, w, 3) and roughness (h, w, 1) of one view inside ``box``."""
-        every = (observed.normals, observed.visibility, observed.sightings)
-        geometry = [tensor for tensor in every if tensor is not None]  # all of them, as refine() has made sure
         height, width = (side.stop - side.start for side in box)
         stride = self._network.config.stride
 
@@ -88,7 +82,8 @@ class RefinerPrior(RegressorPrior):
             return _padded(images[view][box].to(self._device), -height % stride, -width % stride)[None]
 
         fitted = {name: cut(renders[name]) for name in RENDERS}
-        seen = see(cut(observed.images), cut(observed.masks), fitted, *map(cut, geometry))
+        geometry = {name: cut(getattr(observed, name)) for name in WANTS}  # refine() has made sure that there is all of it
+        seen = see(cut(observed.images), cut(observed.masks), fitted, **geometry)
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self.bf16):
             change = self._network(seen.features)
         albedo, roughness = (maps[0, :height, :width].cpu() for maps in seen.corrected(change.float()))
@@ -97,7 +92,7 @@ class RefinerPrior(RegressorPrior):
     @staticmethod
     def _box(mask: Tensor, albedo: Tensor) -> tuple[slice, slice] | None:
         """Rows and columns of the foreground; None where there is none, or nothing of it has an albedo."""
-        inside = mask > LEAST
+        inside = mask > EMPTY
         if not bool((albedo[inside] > 0).any()):
             return None
         rows, columns = (torch.nonzero(inside.any(axis))[:, 0] for axis in (1, 0))

@@ -11,9 +11,20 @@ from small_fit import SETTINGS, Found, Record, altered, fit
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.refinement import DARK, LEAST, Fusion, evidence, refined_albedo, refined_roughness
+from ia_bench.methods.two_stage.refinement import (
+    DARK,
+    OFFSET,
+    SAMPLES,
+    Fusion,
+    evidence,
+    fitted_views,
+    refined_albedo,
+    refined_roughness,
+)
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.refiner.network import RENDERS
@@ -96,7 +107,7 @@ def test_no_correction_is_no_change(problem: Problem, scene: Scene) -> None:
     fusion = Fusion(problem, views)
     same = refined_albedo(fusion, texture, render, render.clone(), 1.0)
     torch.testing.assert_close(same, texture, rtol=0, atol=1e-5)
-    scaled = refined_albedo(fusion, texture, render + LEAST, 2 * render + 2 * LEAST - LEAST, 1.0)
+    scaled = refined_albedo(fusion, texture, render + OFFSET, 2 * render + 2 * OFFSET - OFFSET, 1.0)
     assert float((scaled - texture).abs().max()) < 0.2
 
 
@@ -149,6 +160,26 @@ def test_evidence_is_what_all_photographs_say(problem: Problem) -> None:
     torch.testing.assert_close(off, torch.full_like(off, 0.6931), rtol=0.05, atol=0)
     bounds = [replace(view, valid=torch.zeros(view.mask.shape).bool().numpy()) for view in views]
     assert not evidence(fusion, bounds, {"radiance": half, "specular": specular}, 64)[..., 0].any()
+
+
+def test_a_fit_is_shown_in_the_views_that_are_asked_about(problem: Problem, scene: Scene) -> None:
+    """Material by the texture, radiance as the renderer has it, evidence of these photographs alone; RENDERS, all of them."""
+    texture = true_views(problem, scene)[1]
+    material, light = Material(texture, 0.2 + 0.5 * texture[..., :1]), SampledLight.of(torch.ones(16, 32, 3))
+    views, generator = (0, 3, 5), torch.Generator().manual_seed(0)
+    fusion = Fusion(problem, views)
+    found = fitted_views(problem, fusion, views, material, light, generator)
+    assert {name: maps.shape[-1] for name, maps in found.items()} == RENDERS
+    surface, whole = problem.renderer.surface, problem.gbuffer
+    for name, values in (("albedo", material.albedo), ("roughness", material.roughness)):
+        torch.testing.assert_close(found[name], texture_images(surface, whole, values)[list(views)])
+    many = problem.renderer.render_images(whole, material, light, 8 * SAMPLES, torch.Generator().manual_seed(1))
+    for name in ("radiance", "specular"):
+        torch.testing.assert_close(found[name].mean(), many[name][list(views)].mean(), rtol=0.02, atol=0)
+    asked = evidence(fusion, [problem.scene.train[view] for view in views], found, len(texture))
+    torch.testing.assert_close(found["evidence"], texture_images(surface, whole, asked)[list(views)])
+    every = evidence(Fusion(problem, tuple(range(len(many["radiance"])))), problem.scene.train, many, len(texture))
+    assert float((texture_images(surface, whole, every)[list(views)] - found["evidence"]).abs().mean()) > 0.01
 
 
 def test_a_prior_that_cannot_is_refused(problem: Problem) -> None:

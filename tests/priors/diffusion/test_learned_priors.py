@@ -118,6 +118,11 @@ def test_guiding_one_component_leaves_the_other_to_the_network(weights, ball):
     assert not torch.allclose(drawn["albedo"], free["albedo"], atol=0.01)
 
 
+def test_what_cannot_be_distilled_is_no_guidance(weights, ball):
+    with pytest.raises(InputError, match="prior=diffusion: distilled: expected some of albedo, specular, found gloss"):
+        DiffusionPrior(weights=weights).distill(ball, {"gloss": ball.images}, seed=0)
+
+
 def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights, ball, monkeypatch):
     """Mean and variance of the noise within 5 standard errors (false alarm 1e-6), levels over the whole of their range."""
     asked = []

@@ -1,0 +1,75 @@
+"""Steps depend on their number alone, a state that cannot be used is refused, and validations end where the state does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+
+from ia_bench.common.errors import InputError
+from ia_bench.training.resuming import (
+    FINAL_RATE,
+    STATE,
+    VALIDATIONS,
+    batch_index,
+    forget_validations_after,
+    load_state,
+    rate_factor,
+    save_state,
+    write_validation,
+)
+
+
+def test_every_image_is_seen_once_in_every_pass() -> None:
+    images, batch = 10, 4
+    seen = torch.cat([batch_index(images, batch, 3, step) for step in range(5)])
+    for epoch in range(2):
+        assert sorted(seen[epoch * images : (epoch + 1) * images].tolist()) == list(range(images))
+    assert not torch.equal(seen[:images], seen[images:])
+    assert torch.equal(batch_index(images, batch, 3, 4), seen[16:])
+
+
+def test_a_batch_larger_than_the_data_takes_several_passes() -> None:
+    assert torch.bincount(batch_index(3, 8, 0, 0), minlength=3).tolist() in ([3, 3, 2], [3, 2, 3], [2, 3, 3])
+
+
+def test_the_rate_rises_and_falls() -> None:
+    factors = [rate_factor(step, 100, 10) for step in range(101)]
+    assert factors[0] == pytest.approx(0.1)
+    assert factors.index(max(factors)) in (9, 10)
+    assert factors[-1] == pytest.approx(FINAL_RATE)
+
+
+def test_validations_beyond_the_last_checkpoint_are_forgotten(tmp_path: Path) -> None:
+    forget_validations_after(500, tmp_path)  # of a run that has none yet
+    for step in (250, 500, 750):
+        write_validation(tmp_path, step, 1.0, {"figure": 0.5})
+    path = tmp_path / VALIDATIONS
+    path.write_text(path.read_text() + '{"step": 10')
+    forget_validations_after(500, tmp_path)
+    expected = [{"step": step, "seconds": 1.0, "figure": 0.5} for step in (250, 500)]
+    assert [json.loads(line) for line in path.read_text().splitlines()] == expected
+
+
+def test_a_state_comes_back_to_the_run_that_left_it(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    assert load_state(folder, 3, "mine") is None
+    save_state(folder, 3, "mine", {"weight": torch.arange(3.0)})
+    state = load_state(folder, 3, "mine")
+    assert state is not None
+    assert state["weight"].tolist() == [0, 1, 2]
+    with pytest.raises(InputError, match=r"state\.pt: expected format 4, found 3; choose another out=FOLDER"):
+        load_state(folder, 4, "mine")
+    with pytest.raises(InputError, match=r"state\.pt: belongs to a run with other settings"):
+        load_state(folder, 3, "another's")
+    (folder / STATE).write_bytes((folder / STATE).read_bytes()[:100])
+    with pytest.raises(InputError, match=r"state\.pt: expected the state of a training run, found a file that cannot be read"):
+        load_state(folder, 3, "mine")
+
+
+def test_a_run_whose_folder_is_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="out: .*file: expected a folder that can be written, found: File exists"):
+        load_state(tmp_path / "file", 1, "mine")
