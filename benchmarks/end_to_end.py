@@ -22,7 +22,6 @@ from stage import run_as_a_run
 
 from benchmarks.work_precision.precision import first_time, without_compilation
 from ia_bench.common.machine import environment
-from ia_bench.common.paths import scenes_folder
 from ia_bench.methods.contract import Method, Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -32,6 +31,7 @@ from ia_bench.priors.oracle import OraclePrior
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.render.settings import RenderSettings
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.runs.truth import tell_truth
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
@@ -107,7 +107,7 @@ def main() -> None:
     arguments = parser.parse_args()
     run_as_a_run(arguments.threads)
     prior: Prior = OraclePrior(components=["albedo"]) if arguments.prior == "oracle" else NoPrior()
-    scene = NativeReader(scenes_folder() / arguments.scene).read(truth=True)
+    scene = NativeReader(resolve_scene_folder(SceneConfig(arguments.scene))).read(truth=True)
     render = RenderSettings(bounces=0, coat="added")
     problem = Problem(scene.blind(), render, make_prior=lambda problem: tell_truth(prior, scene, problem), note=lambda _: None)
     scorer = Scorer(scene, Protocol(), problem.device)

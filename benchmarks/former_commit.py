@@ -22,8 +22,8 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.work_precision.precision import first_time
-from ia_bench.common.paths import scenes_folder
 from ia_bench.report.figures import save
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 
 METRICS = {"aligned_albedo_psnr": "aligned albedo, dB", "relighting_psnr": "relighting, dB"}
 NOW, MITSUBA = "this code", "Mitsuba 3 + Adam"
@@ -114,7 +114,7 @@ def main() -> None:
             curves: dict[str, list[Curve]] = {side: [] for side in sides}
             for number in range(wanted.rounds):
                 for index, (side, (code, own)) in enumerate(sides.items()):
-                    scene = f"scene.path={scenes_folder() / wanted.scene}"
+                    scene = f"scene.path={resolve_scene_folder(SceneConfig(wanted.scene))}"
                     overrides = [*own, scene, f"seed={number}", *wanted.overrides]
                     curves[side].append(curve_of(code, Path(scratch) / f"{index}-{number}", overrides))
         finally:

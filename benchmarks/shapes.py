@@ -13,7 +13,9 @@ import csv
 import os
 import tempfile
 import time
+from contextlib import nullcontext
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +23,10 @@ import torch
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import MADE, CaptureSettings, SdfSettings
-from ia_bench.common.paths import scenes_folder
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.stage import Stage
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.geometry import score_geometry
 
@@ -35,7 +37,7 @@ SIDE = 2  # rays along a side of a pixel, of true normals
 
 
 def main() -> None:
-    """Print a line for each scene and kind, and write them all as CSV."""
+    """Print a line for each scene and kind, and write them as CSV."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="+")
     parser.add_argument("--kinds", nargs="+", default=MADE, choices=MADE)
@@ -46,23 +48,23 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    rows = []
-    for name in options.scenes:
-        for kind in options.kinds:
-            found = measured(name, kind, SdfSettings(options.cells, options.steps), true_normals=options.true_normals)
-            rows.append({"scene": name, "geometry": kind, **found})
-            print("  ".join(f"{value:.4g}" if isinstance(value, float) else str(value) for value in rows[-1].values()), flush=True)
-    if options.out:
-        with options.out.open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            for row in rows:
-                writer.writerow({key: f"{value:.5g}" if isinstance(value, float) else value for key, value in row.items()})
+    folders = {name: resolve_scene_folder(SceneConfig(name)) for name in options.scenes}  # before minutes are spent on the first
+    with options.out.open("w", newline="") if options.out else nullcontext() as file:
+        writer = csv.writer(file) if file else None
+        if writer:
+            writer.writerow(["scene", "geometry", *COLUMNS, "seconds", "threads"])
+        for name, kind in product(options.scenes, options.kinds):
+            found = measured(folders[name], kind, SdfSettings(options.cells, options.steps), true_normals=options.true_normals)
+            line = [name, kind, *(f"{value:.5g}" if isinstance(value, float) else value for value in found.values())]
+            print(*line, sep="  ", flush=True)
+            if writer:
+                writer.writerow(line)
+                file.flush()  # so that what was measured is kept, whatever comes next
 
 
-def measured(name: str, kind: str, sdf: SdfSettings, *, true_normals: bool = False) -> dict[str, float | int | None]:
-    """Scores and seconds of the mesh that is made of scene ``name``."""
-    scene = NativeReader(scenes_folder() / name).read(truth=True)
+def measured(folder: Path, kind: str, sdf: SdfSettings, *, true_normals: bool = False) -> dict[str, float | int | None]:
+    """Scores and seconds of the mesh that is made of the scene in ``folder``."""
+    scene = NativeReader(folder).read(truth=True)
     with tempfile.TemporaryDirectory() as empty:
         os.environ["IA_BENCH_CACHE"] = empty
         if true_normals:

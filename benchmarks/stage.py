@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.common.paths import scenes_folder
 from ia_bench.light.latlong import resize_light
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.stage import Stage as GeometryStage
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Camera, Scene
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Stage:
     def of(cls, name: str, *, light_rows: int, threads: int) -> Stage:
         """The shipped scene ``name`` under its training light averaged to ``light_rows``."""
         run_as_a_run(threads)
-        scene = NativeReader(scenes_folder() / name).read(truth=True)
+        scene = NativeReader(resolve_scene_folder(SceneConfig(name))).read(truth=True)
         roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
         light = torch.from_numpy(resize_light(scene.truth.lights["train"], light_rows))
         material = Material(torch.from_numpy(scene.truth.albedo).float(), roughness)

@@ -21,9 +21,9 @@ from typing import Any
 
 from benchmarks.work_precision.precision import without_compilation
 from ia_bench.common.errors import InputError
-from ia_bench.common.paths import scenes_folder
 from ia_bench.readers.native import NativeReader
 from ia_bench.runs.composition import compose
+from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import CURVE
 from ia_bench_baselines.mitsuba_adam.scene import import_mitsuba
@@ -99,7 +99,7 @@ def measure(*, threads: int, quick: bool) -> tuple[list[dict[str, Any]], dict[st
             import_mitsuba(threads)
         except InputError as error:
             return rows, _summary(rows) | {"left_out": f"Mitsuba 3: {error}"}
-        views = NativeReader(scenes_folder() / SCENE).read(truth=False).train
+        views = NativeReader(resolve_scene_folder(SceneConfig(SCENE))).read(truth=False).train
         split = round(sum(int((view.mask > 0).sum()) for view in views) / len(views)), MITSUBA_SAMPLES
         for prior in PRIORS:
             settings = [(MitsubaSetting.of(prior, split, budget), budget) for budget in budgets]

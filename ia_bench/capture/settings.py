@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from typing import Annotated, Literal
 
@@ -115,6 +115,11 @@ class CaptureSettings:
         changed.pop("name", None)
         named = [] if self.name == CaptureSettings.name else [self.name]
         return ", ".join(named + [_word(key, value) for key, value in changed.items()])
+
+    @property
+    def others(self) -> str:
+        """The label without the number of views: what else the capture leaves out."""
+        return replace(self, views="all").label
 
 
 @cache

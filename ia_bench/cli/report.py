@@ -40,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, required=True, help="folder to write into")
     parser.add_argument("--table", help="a table of conf/table: order of rows and scenes, reference, claims")
+    parser.add_argument("--only", action="store_true", help="of every runs.csv, take the rows of --table alone")
     parser.add_argument("--reference", help="the row that the others are compared with (default: the table's)")
     parser.add_argument("--against", type=Path, metavar="FOLDER", help="a former report: the page says what changed since")
     wanted = parser.parse_args(arguments)
@@ -51,19 +52,23 @@ def _report(wanted: argparse.Namespace) -> int:
     for folder in folders:
         if not folder.is_dir():
             raise InputError(f"{folder}: expected a folder with runs, found none")
+    if wanted.only and not wanted.table:
+        raise InputError("--only: expected --table NAME beside it, found none")
     table = load_table(wanted.table) if wanted.table else Table()
+    rows = [row.name for row in table.crossed]
+    published = [run for path in wanted.runs if path not in folders for run in read_published(path)]
     former = None if wanted.against is None else former_runs(wanted.against)
     make_writable(wanted.out, "--out")
     try:
         report = write_report(
             find_run_folders(*folders),
             wanted.out,
-            [row.name for row in table.crossed],
+            rows,
             scenes_order=table.scenes,
             reference=wanted.reference or table.compared,
             claims=table.claims,
             papers=table.papers,
-            published=[run for path in wanted.runs if path not in folders for run in read_published(path)],
+            published=[run for run in published if not wanted.only or run.row in rows],
         )
     except ValueError as error:
         raise InputError(str(error)) from error

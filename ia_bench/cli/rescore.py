@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.arguments import at_least
-from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, INTERRUPTED, OK, complain
+from ia_bench.common.errors import Fault, InputError
+from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
 from ia_bench.common.machine import limit_threads
+from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
+from ia_bench.runs.metrics import METRICS_FILE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,28 +26,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--scene", type=Path, help="folder of the runs' scene, if it is not a shipped one")
     parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
     wanted = parser.parse_args(arguments)
-    try:
-        limit_threads(wanted.threads)
-        from ia_bench.runs.composition import compose
-        from ia_bench.runs.rescore import Rescorer  # brings in the renderer
+    return status_of(lambda: _rescore(wanted))
 
-        folders = sorted({path.parent for root in wanted.runs for path in root.rglob("metrics.json")})
-        if not folders:
-            raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's metrics.json below, found none")
-        make_writable(wanted.out, "--out")
-        protocol = compose([f"protocol={wanted.protocol}"]).protocol
-        rescorer = Rescorer(protocol, wanted.out, wanted.scene)
-        failed = 0
-        for folder in folders:
-            try:
-                print(f"{folder}: {rescorer.rescore(folder)}", flush=True)
-            except InputError as error:  # of this run; the others go on
-                failed += 1
-                complain(str(error))
-    except InputError as error:
-        return complain(str(error))
-    except KeyboardInterrupt:
-        return INTERRUPTED
+
+def _rescore(wanted: argparse.Namespace) -> int:
+    limit_threads(wanted.threads)
+    from ia_bench.runs.composition import compose
+    from ia_bench.runs.rescore import Rescorer  # brings in the renderer
+
+    missing = [str(root) for root in wanted.runs if not root.is_dir()]
+    if missing:
+        raise InputError(f"{', '.join(missing)}: expected a folder with runs, found none")
+    folders = sorted({path.parent for root in wanted.runs for path in root.rglob(METRICS_FILE)})
+    if not folders:
+        raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's {METRICS_FILE} below, found none")
+    make_writable(wanted.out, "--out")
+    rescorer = Rescorer(compose([f"protocol={wanted.protocol}"]).protocol, wanted.out, wanted.scene)
+    failed = 0
+    for folder in folders:
+        try:
+            say(f"{folder}: {rescorer.rescore(folder)}", sys.stdout)
+        except (InputError, Fault) as error:  # of this run; the others go on
+            failed += 1
+            complain(str(error))
     return FAULT if failed else OK
 
 

@@ -14,10 +14,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from itertools import product
 
 from ia_bench.common.arguments import at_least
-from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, complain
+from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.output import say
 from ia_bench.report.single_view import COLUMNS, SAMPLES, load_examples, score
 from ia_bench.report.statistics import over_seeds
 from ia_bench.runs.decomposition import make_prior
@@ -37,19 +38,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=at_least(0), nargs="+", default=[0], help="seeds (default: 0)")
     parser.add_argument("--limit", type=at_least(1), help="at most this many images of each")
     wanted = parser.parse_args(arguments)
-    try:
-        priors = {name: make_prior(name, wanted.option) for name in wanted.prior}
-        geometry = any(not prior.info.wants.isdisjoint({"normals", "visibility"}) for prior in priors.values())
-        loaded = [load_examples(name, wanted.limit, geometry=geometry) for name in wanted.examples]
-        header = ["prior", "images", *COLUMNS.values()]
-        print(f"| {' | '.join(header)} |\n|{' :--- |' * 2}{' ---: |' * len(COLUMNS)}")
-        for name, prior in priors.items():
-            for examples in loaded:
-                runs = [score(prior, examples, samples=wanted.samples, seed=seed) for seed in wanted.seeds]
-                cells = [_cell([run[column] for run in runs if column in run]) for column in COLUMNS.values()]
-                print(f"| {' | '.join([name, f'{examples.name} ({len(examples.albedo)})', *cells])} |", flush=True)
-    except InputError as error:
-        return complain(str(error))
+    return status_of(lambda: _score(wanted))
+
+
+def _score(wanted: argparse.Namespace) -> int:
+    priors = {name: make_prior(name, wanted.option) for name in wanted.prior}
+    geometry = any(not prior.info.wants.isdisjoint({"normals", "visibility"}) for prior in priors.values())
+    loaded = [load_examples(name, wanted.limit, geometry=geometry) for name in wanted.examples]
+    header = ["prior", "images", *COLUMNS.values()]
+    say(f"| {' | '.join(header)} |\n|{' :--- |' * 2}{' ---: |' * len(COLUMNS)}", sys.stdout)
+    for (name, prior), examples in product(priors.items(), loaded):
+        runs = [score(prior, examples, samples=wanted.samples, seed=seed) for seed in wanted.seeds]
+        cells = [_cell([run[column] for run in runs if column in run]) for column in COLUMNS.values()]
+        say(f"| {' | '.join([name, f'{examples.name} ({len(examples.albedo)})', *cells])} |", sys.stdout)
     return OK
 
 

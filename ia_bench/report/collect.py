@@ -12,8 +12,7 @@ import pandas as pd
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
-from ia_bench.runs.metrics import METRICS as METRICS_FILE
-from ia_bench.runs.metrics import RecordError, check_metrics
+from ia_bench.runs.metrics import METRICS_FILE, RecordError, check_metrics
 from ia_bench.scores.columns import CURVE_METRICS, METRICS
 
 BOUNDS = {"ceiling": "ceiling", "constant": "floor"}

@@ -61,6 +61,7 @@ def _run(path: Path, number: int, line: Mapping[str, str]) -> Run:
     known = {*LABELS, *COSTS, *about, *(metric.column for metric in METRICS)}
     others = [key for key in line if key not in known and not key.startswith(TIMES)]
     metrics = {metric.key: value(metric.column) for metric in METRICS}
+    memory = value("peak_memory_bytes")
     return replace(
         cell,
         protocol=line["protocol"],
@@ -69,7 +70,7 @@ def _run(path: Path, number: int, line: Mapping[str, str]) -> Run:
         reasons=_reasons(line["reason"]),
         phases={phase: seconds for phase, seconds in phases.items() if seconds is not None},
         seconds=value("seconds"),
-        peak_memory_bytes=value("peak_memory_bytes"),
+        peak_memory_bytes=None if memory is None else int(memory),
     )
 
 

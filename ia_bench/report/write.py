@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.report import figures
 from ia_bench.report.collect import Cell, Run, collect
+from ia_bench.report.csv_text import csv_text
 from ia_bench.report.curves import TimeToError
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.statistics import Paired
@@ -73,7 +72,6 @@ def write_report(
     shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
     tables = {
         "table.csv": _summaries(findings),
-        "runs.csv": map(_run, findings.runs),
         "differences.csv": _differences(findings),
         "claims.csv": _claims(findings),
         "time_to_error.csv": map(_time, findings.times),
@@ -82,7 +80,8 @@ def write_report(
     texts = {
         "report.md": report_text(findings, shown),
         "table.tex": latex(findings),
-        **{name: _csv(records, findings.protocol) for name, records in tables.items()},
+        "runs.csv": csv_text(({"protocol": findings.protocol, **_run(run)} for run in findings.runs), digits=None),
+        **{name: csv_text({"protocol": findings.protocol, **record} for record in records) for name, records in tables.items()},
     }
     return Report((*(_write(out / name, text) for name, text in texts.items()), *pictures), findings)
 
@@ -95,11 +94,6 @@ def _draw(findings: Findings, folder: Path) -> list[Path]:
             folder.mkdir(exist_ok=True)
             pictures += figures.save(figure, folder / re.sub(r"[^\w.-]", "_", scene))
     return pictures
-
-
-def _csv(records: Iterable[Record], protocol: str) -> str:
-    """A line per record, after the protocol, at full precision; empty where a record has no value."""
-    return str(pd.DataFrame([{"protocol": protocol, **record} for record in records], dtype=object).to_csv(index=False))
 
 
 def _run(run: Run) -> Record:

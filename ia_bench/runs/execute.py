@@ -13,7 +13,7 @@ from ia_bench.runs.config import RunConfig, labels
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, identity, run_folder
 from ia_bench.runs.interruption import deferred
-from ia_bench.runs.metrics import METRICS
+from ia_bench.runs.metrics import METRICS_FILE
 
 
 def execute(config: RunConfig) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def execute(config: RunConfig) -> dict[str, Any]:
             except Fault as problem:
                 progress.note(str(problem))
             raise failure from failure.__cause__
-        progress.note(f"{folder.path / METRICS}: done")
+        progress.note(f"{folder.path / METRICS_FILE}: done")
         return metrics
 
 

@@ -24,7 +24,7 @@ from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
 from ia_bench.runs.interruption import end_if_asked
 from ia_bench.runs.lock import lock_folder
 from ia_bench.runs.metrics import (
-    METRICS,
+    METRICS_FILE,
     SCHEMA,
     RecordError,
     check_metrics,
@@ -204,12 +204,12 @@ class RunFolder:
         without an entry in ``reasons``.
         """
         if metrics.get("status") == "ok":
-            files = sorted(self._written - {CONFIG, METRICS})
+            files = sorted(self._written - {CONFIG, METRICS_FILE})
             metrics = {**metrics, "files": {name: digest_of(self.path / name) for name in files}}
         check_metrics(metrics)
         if metrics["config_hash"] != self.config_hash:
             raise RecordError(f"config_hash: expected {self.config_hash}, found {metrics['config_hash']}")
-        self.write_json(METRICS, metrics)
+        self.write_json(METRICS_FILE, metrics)
         if metrics["status"] == "ok":
             self.drop_checkpoint()
         return dict(metrics)
@@ -236,8 +236,8 @@ class RunFolder:
             if held["config_hash"] != self.config_hash:
                 keys = ", ".join(_differing(held["config"], config))
                 raise InputError(f"{self.path}: holds the results of another configuration; these differ: {keys}")
-        elif (self.path / METRICS).exists():
-            raise InputError(f"{self.path}: holds a {METRICS} but no {CONFIG}, so it is not a run's folder")
+        elif (self.path / METRICS_FILE).exists():
+            raise InputError(f"{self.path}: holds a {METRICS_FILE} but no {CONFIG}, so it is not a run's folder")
         else:
             self.write_json(CONFIG, {"config_hash": self.config_hash, "config": dict(config)})
         for leftover in self.path.glob(LEFTOVERS):  # of a process that was killed while writing

@@ -13,7 +13,7 @@ from typing import Any
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 
-METRICS = "metrics.json"
+METRICS_FILE = "metrics.json"
 SCHEMA = 2
 
 METRICS_KEYS: dict[str, type] = {
@@ -50,7 +50,7 @@ def read_metrics(folder: Path) -> dict[str, Any]:
 
     Raises FileNotFoundError where there is none, and InputError, naming file and key, for what is none.
     """
-    path = folder / METRICS
+    path = folder / METRICS_FILE
     if not os.path.lexists(path):
         raise FileNotFoundError(path)
     metrics = read_json(path)
@@ -113,7 +113,7 @@ def check_metrics(metrics: Mapping[str, Any]) -> None:
     for key in ("protocol_description", "rescored_from"):
         if not isinstance(metrics.get(key, {}), dict):
             raise RecordError(f"{key}: expected dict, found {metrics[key]!r}")
-    refuse_non_finite(metrics, METRICS)
+    refuse_non_finite(metrics, METRICS_FILE)
     for key in ("metrics", "variants"):
         _check_values(key, metrics.get(key, {}), "", reasons)
 

@@ -21,7 +21,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.runs.config import ReaderConfig, SceneConfig, resolve_scene_folder
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.identity import CONSISTENCY_KEY, content_of
-from ia_bench.runs.metrics import METRICS
+from ia_bench.runs.metrics import METRICS_FILE
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
@@ -62,10 +62,10 @@ class Recovered:
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError for a run without results, or whose files lack a key."""
-        self.folder, self.metrics, self.config = folder, Record(folder / METRICS), Record(folder / CONFIG)
+        self.folder, self.metrics, self.config = folder, Record(folder / METRICS_FILE), Record(folder / CONFIG)
         status = self.metrics.get("status", str)
         if status != "ok":
-            raise InputError(f"{folder / METRICS}: expected a finished run, found status {status!r}")
+            raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {status!r}")
         alignment = self.metrics.get("protocol_description.alignment", str)
         self.scale = torch.tensor(self.metrics.get("albedo_scales", dict).get(alignment) or [1.0] * 3)
         if "geometry" in self.config.get("config", dict):  # before there were readers, there was one

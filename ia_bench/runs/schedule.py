@@ -16,7 +16,7 @@ from ia_bench.runs.config import labels
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
-from ia_bench.runs.metrics import METRICS, finished_metrics
+from ia_bench.runs.metrics import METRICS_FILE, finished_metrics
 from ia_bench.runs.table import Cell
 
 ENDING_SECONDS = GRACE_SECONDS + 5
@@ -116,7 +116,7 @@ def _end(jobs: Sequence[Job], progress: Progress) -> None:
 
 def _time_of_record(cell: Cell) -> int | None:
     """When the cell's metrics were written, in ns; None if they never were."""
-    record = cell.folder / METRICS
+    record = cell.folder / METRICS_FILE
     return record.stat().st_mtime_ns if record.exists() else None
 
 

@@ -17,7 +17,7 @@ from ia_bench.runs.cells import Plan, Planned, read_cells
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.lock import is_held
-from ia_bench.runs.metrics import METRICS
+from ia_bench.runs.metrics import METRICS_FILE
 
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
 PROGRESS = re.compile(r"^(.+: \d+/\d+, .*)$", re.MULTILINE)  # as common.progress writes it where nobody draws bars
@@ -83,15 +83,15 @@ def look(results: Path) -> Overview:
     plan = read_cells(results)
     if plan is not None:
         return Overview(plan, tuple(_stands(cell, plan.started) for cell in plan.cells))
-    folders = sorted({path.parent for name in (CONFIG, METRICS) for path in results.rglob(name)})
+    folders = sorted({path.parent for name in (CONFIG, METRICS_FILE) for path in results.rglob(name)})
     if not folders:
         raise InputError(f"{results}: expected the results of a table, or a folder with runs, found none")
     return Overview(None, tuple(_stands(cell, 0.0) for cell in _found(folders)))
 
 
 def _stands(cell: Planned, started: float) -> Standing:
-    written = _time_of(cell.folder / METRICS)
-    record = _record(cell.folder / METRICS, written)
+    written = _time_of(cell.folder / METRICS_FILE)
+    record = _record(cell.folder / METRICS_FILE, written)
     if is_held(cell.folder):
         began = max(started, _time_of(cell.folder / CONFIG) / 1e9)
         return Standing(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
@@ -123,7 +123,7 @@ def _record(path: Path, written: int) -> _Record:
 
 def _found(folders: Sequence[Path]) -> Iterable[Planned]:
     """Run folders as cells; one that has no record yet is of the row that its folder is called after, as far as that is known."""
-    records = {folder: _read(folder / METRICS) for folder in folders}
+    records = {folder: _read(folder / METRICS_FILE) for folder in folders}
     rows = {slug(record["row"]): record["row"] for record in records.values() if isinstance(record.get("row"), str)}
     for folder, record in records.items():
         config = _read(folder / CONFIG).get("config", {})

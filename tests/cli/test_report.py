@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -43,9 +44,20 @@ def test_a_table_gives_order_reference_and_claims(tmp_path: Path) -> None:
     assert "| diffusion, kernel above none | Albedo PSNR ↑ | +2.00 (1/4) | undecided | – | +2.00 |" in text
 
 
+def test_only_takes_the_rows_of_the_table_from_a_runs_csv(tmp_path: Path) -> None:
+    write(tmp_path / "runs" / "a", "none", 20.0)
+    write(tmp_path / "runs" / "b", "somebody's", 22.0)
+    assert main([str(tmp_path / "runs"), "--out", str(tmp_path / "both")]) == 0
+    arguments = [str(tmp_path / "both" / "runs.csv"), "--out", str(tmp_path / "one"), "--table", "value", "--only"]
+    assert main(arguments) == 0
+    rows = {line["row"] for line in csv.DictReader((tmp_path / "one" / "runs.csv").open())}
+    assert rows == {"none"}
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ([".", "--out", "out", "--only"], "--only: expected --table NAME beside it, found none"),
         (["nowhere", "--out", "out"], "nowhere: expected a folder with runs, found none"),
         ([".", "--out", "out"], "expected at least one run's metrics.json, found none"),
         ([".", "--out", "out", "--table", "papper"], "unknown table 'papper'; did you mean 'paper'?"),

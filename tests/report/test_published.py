@@ -39,6 +39,11 @@ def test_tables_of_a_runs_csv_are_those_of_its_runs(first: Path, tmp_path: Path,
     pd.testing.assert_frame_equal(again, before, check_like=True, check_dtype=False, rtol=1e-12)
 
 
+def test_without_curves_nothing_is_said_about_time(first: Path, tmp_path: Path) -> None:
+    write_report([], tmp_path / "again", reference="none", published=read_published(first))
+    assert "Where more time makes it worse" not in (tmp_path / "again" / "report.md").read_text()
+
+
 def test_new_rows_stand_beside_published_ones(first: Path, write_run: Write, tmp_path: Path) -> None:
     mine = write_run("mine", "hat", psnr=30.0)
     report = write_report([mine], tmp_path / "both", reference="none", published=read_published(first))

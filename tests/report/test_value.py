@@ -81,6 +81,14 @@ def test_a_row_that_runs_with_some_captures_is_read_off_the_whole_curve() -> Non
     assert found[0].needed == pytest.approx(4.0)
 
 
+def test_every_number_of_photographs_takes_the_seeds_that_it_has() -> None:
+    first = [one for one in runs(GAINED) if (one.row, one.seed) != ("kernel, 2 views", 1)]
+    found = {one.photographs: one for one in worth(first, TABLE) if one.metric.key == "aligned_albedo.psnr"}
+    everything = {one.photographs: one for one in worth(runs(GAINED), TABLE) if one.metric.key == "aligned_albedo.psnr"}
+    assert found[8] == everything[8], "with 8 photographs no seed is missing"
+    assert found[2].needed == pytest.approx(4.0)
+
+
 def test_bounds_are_no_priors_even_where_their_rows_have_only_names() -> None:
     named = replace(TABLE, rows=[Row("ceiling", []), Row("constant", []), Row("none", []), Row("kernel", [])])
     found = gains([*runs(GAINED), *(run("constant", f"s{scene}", 0, 5.0) for scene in range(2))], named)
@@ -138,7 +146,7 @@ def test_files_say_what_was_found(tmp_path: Path) -> None:
 def test_without_a_metric_in_decibels_there_is_no_figure(tmp_path: Path) -> None:
     rough = [replace(one, metrics={**one.metrics, **dict.fromkeys(DRAWN)}) for one in runs(GAINED)]
     written = {path.name for path in write_value(rough, TABLE, tmp_path)}
-    assert written == {"value.md", "value.csv", "photographs.csv"}
+    assert written == {"value.md", "value.csv"}
 
 
 def test_a_table_whose_rows_share_no_run_writes_nothing(tmp_path: Path) -> None:

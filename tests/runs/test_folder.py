@@ -19,7 +19,7 @@ from run_folders import CONFIG, HASH, LABELS, good_metrics
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.machine import environment
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.metrics import METRICS, METRICS_KEYS, RecordError, check_metrics, finished_metrics, read_metrics
+from ia_bench.runs.metrics import METRICS_FILE, METRICS_KEYS, RecordError, check_metrics, finished_metrics, read_metrics
 
 
 def test_finished_only_after_metrics(folder: RunFolder) -> None:
@@ -37,7 +37,7 @@ def test_metrics_lacking_a_key_are_refused(folder: RunFolder, key: str) -> None:
     del metrics[key]
     with pytest.raises(RecordError, match=key):
         folder.write_metrics(metrics)
-    assert not (folder.path / METRICS).exists()
+    assert not (folder.path / METRICS_FILE).exists()
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_metrics_lacking_a_key_are_refused(folder: RunFolder, key: str) -> None:
 def test_metrics_that_are_wrong_are_refused_by_key(folder: RunFolder, change: dict, message: str) -> None:
     with pytest.raises(RecordError, match=message):
         folder.write_metrics(good_metrics() | change)
-    assert not (folder.path / METRICS).exists()
+    assert not (folder.path / METRICS_FILE).exists()
 
 
 def test_a_null_with_its_reason_is_fine() -> None:
@@ -75,7 +75,7 @@ def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
         raise FloatingPointError("albedo stopped being finite at step 7")
     except FloatingPointError as error:
         folder.write_failure(error, LABELS)
-    record = json.loads((folder.path / METRICS).read_text())
+    record = json.loads((folder.path / METRICS_FILE).read_text())
     assert (record["status"], record["row"]) == ("failed", "none")
     assert record["error"] == "FloatingPointError: albedo stopped being finite at step 7"
     assert "test_folder.py" in record["traceback"]
@@ -125,7 +125,7 @@ def test_folder_that_cannot_be_used_is_a_plain_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be used as a run's folder"):
         RunFolder.open(tmp_path / "file" / "run", CONFIG, HASH)
-    (tmp_path / METRICS).write_text("{}")
+    (tmp_path / METRICS_FILE).write_text("{}")
     with pytest.raises(InputError, match=r"holds a metrics\.json but no config\.json"):
         RunFolder.open(tmp_path, CONFIG, HASH)
 
@@ -179,7 +179,7 @@ def _use(path: Path) -> None:
 
 def test_folders_where_files_are_expected_are_plain_errors_or_in_nobodys_way(tmp_path: Path) -> None:
     for name in (".lock", "config.json", "metrics.json", "albedo.exr"):
-        if name == METRICS:
+        if name == METRICS_FILE:
             RunFolder.open(tmp_path / name, CONFIG, HASH).__exit__(None, None, None)
         (tmp_path / name / name).mkdir(parents=True)
         with pytest.raises((InputError, Fault), match=rf"{name}: .*(Is a directory|found a folder)"):
@@ -244,7 +244,7 @@ def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> No
         path.write_bytes(b"half")
     folder.__exit__(None, None, None)
     RunFolder.open(folder.path, CONFIG, HASH).__exit__(None, None, None)
-    (tmp_path / METRICS).write_text("{}")
+    (tmp_path / METRICS_FILE).write_text("{}")
     with pytest.raises(InputError, match="not a run's folder"):
         RunFolder.open(tmp_path, CONFIG, HASH)
     assert mine.exists()
@@ -278,7 +278,7 @@ def test_a_record_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str,
     ],
 )
 def test_metrics_of_others_are_named_by_file_and_key(tmp_path: Path, change: dict, message: str) -> None:
-    (tmp_path / METRICS).write_text(json.dumps(good_metrics() | change))
+    (tmp_path / METRICS_FILE).write_text(json.dumps(good_metrics() | change))
     with pytest.raises(InputError, match=rf"metrics\.json: .*{message}"):
         read_metrics(tmp_path)
 

@@ -16,7 +16,7 @@ from ia_bench.report.collect import Run
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.identity import CONSISTENCY_KEY, identity
-from ia_bench.runs.metrics import METRICS
+from ia_bench.runs.metrics import METRICS_FILE
 from ia_bench.scores.protocol import ComparisonSettings, Protocol, SsimSettings, shipped
 
 Settings = dict[str, Any]
@@ -52,7 +52,7 @@ class Evidence:
 
 def evidence_of(run: Run) -> Evidence:
     """Read the run's folder again; what it lacks is left empty, as of a run that only a runs.csv knows."""
-    config, metrics = _read(run.folder / CONFIG), _read(run.folder / METRICS)
+    config, metrics = _read(run.folder / CONFIG), _read(run.folder / METRICS_FILE)
     if metrics.get("row") != run.row and metrics.get("config_hash") != run.about.get("config_hash"):
         config, metrics = {}, {}  # the folder is that of a report, not of this run
     environment = metrics.get("environment", {})

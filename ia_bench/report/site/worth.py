@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from ia_bench.capture.settings import CaptureSettings
@@ -11,10 +11,10 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.report.collect import Run
 from ia_bench.report.table import carried_text
-from ia_bench.report.value.gains import Gain, gains
+from ia_bench.report.value.gains import Gain, gains, in_words
 from ia_bench.report.value.heat_map import SHOWN
 from ia_bench.runs.folder import CONFIG
-from ia_bench.runs.metrics import METRICS
+from ia_bench.runs.metrics import METRICS_FILE
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
 from ia_bench.scores.columns import Metric
 
@@ -112,18 +112,18 @@ def _capture(run: Run) -> dict[str, Any] | None:
 
 def _photographs_of(run: Run) -> int:
     try:
-        return int(read_json(run.folder / METRICS).get("capture", {}).get("views", 0))
+        return int(read_json(run.folder / METRICS_FILE).get("capture", {}).get("views", 0))
     except InputError:
         return 0
 
 
 def _map(row: str, mine: Sequence[Gain], table: Table, largest: float) -> Map:
-    others = list(dict.fromkeys(_others(gain.capture) for gain in mine))
+    others = list(dict.fromkeys(gain.capture.others for gain in mine))
     others.sort(key=lambda label: label != "")  # nothing left out stands first, the rest as it came
-    counts = sorted({_photographs(gain.capture, table) for gain in mine}, reverse=True)
-    cells = {(_photographs(gain.capture, table), _others(gain.capture)): _worth(gain, table, largest) for gain in mine}
+    counts = sorted({gain.photographs for gain in mine}, reverse=True)
+    cells = {(gain.photographs, gain.capture.others): _worth(gain, table, largest) for gain in mine}
     lines = tuple((_count(number), tuple(cells.get((number, other)) for other in others)) for number in counts)
-    return Map(row, mine[0].metric, tuple(other or "HDR, mesh given" for other in others), lines)
+    return Map(row, mine[0].metric, tuple(map(in_words, others)), lines)
 
 
 def _worth(gain: Gain, table: Table, largest: float) -> Worth:
@@ -131,12 +131,11 @@ def _worth(gain: Gain, table: Table, largest: float) -> Worth:
     label = gain.capture.label
     reference = crossed_name(str(table.reference), label)
     seeds = sum(map(len, gain.pairs.pairs.values()))
-    side = {1: "gains", -1: "costs", 0: "undecided"}[gain.side]
     found = f"{estimate.mean:+.{metric.digits}f}{' dB' if metric.label == 'PSNR' else ''}"
     made_of = f"{_count_of(len(gain.pairs.pairs), 'scene')}, {_count_of(seeds, 'pair')} of runs"
     tip = [
         f"{crossed_name(gain.row, label)}: {found} over {reference}, which has {metric.text(gain.reference)}",
-        f"{side}{'' if drawn else ', since there is one scene'}: {made_of}",
+        f"{gain.outcome}{'' if drawn else ', since there is one scene'}: {made_of}",
     ]
     if estimate.half_width is not None:
         tip.append(f"over other scenes ± {metric.text(estimate.half_width)}")
@@ -151,20 +150,12 @@ def _worth(gain: Gain, table: Table, largest: float) -> Worth:
         reference=reference,
         text=f"{estimate.mean:+.{metric.digits}f}",
         between="" if drawn is None else f"{drawn.low:+.{metric.digits}f} to {drawn.high:+.{metric.digits}f}",
-        side=side,
+        side=gain.outcome,
         worse=estimate.mean < 0,
         strength=round(100 * abs(estimate.mean) / largest) if largest else 0,
         tip="; ".join(tip) + ".",
         scenes=tuple(gain.pairs.pairs),
     )
-
-
-def _others(capture: CaptureSettings) -> str:
-    return replace(capture, views="all").label
-
-
-def _photographs(capture: CaptureSettings, table: Table) -> int:
-    return table.photographs if capture.views == "all" else int(capture.views)
 
 
 def _count(number: int) -> str:

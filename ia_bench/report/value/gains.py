@@ -27,6 +27,7 @@ class Gain:
     Attributes:
         row: The row, without its capture.
         capture: How the scenes were photographed.
+        photographs: How many of them there were.
         metric: In which it is compared.
         pairs: Its differences to the reference, turned so that more is better, by scene and seed.
         reference: Mean of the reference over the same scenes and seeds.
@@ -35,10 +36,16 @@ class Gain:
 
     row: str
     capture: CaptureSettings
+    photographs: int
     metric: Metric
     pairs: Paired
     reference: float
     headroom: float | None
+
+    @property
+    def outcome(self) -> str:
+        """What is decided, in a word."""
+        return {1: "gains", -1: "costs", 0: "undecided"}[self.side]
 
     @property
     def over_scenes(self) -> Estimate:
@@ -97,8 +104,18 @@ def gains(runs: Sequence[Run], table: Table) -> list[Gain]:
                 if pairs.pairs:
                     level = _mean_of(runs, reference, metric, pairs)
                     share = None if ceiling is None else _share(pairs, _better(runs, ceiling, reference, metric))
-                    found.append(Gain(row, capture, metric, pairs, level, share))
+                    found.append(Gain(row, capture, photographs_of(capture, table), metric, pairs, level, share))
     return found
+
+
+def photographs_of(capture: CaptureSettings, table: Table) -> int:
+    """How many photographs a capture of the table's scenes takes."""
+    return table.photographs if capture.views == "all" else int(capture.views)
+
+
+def in_words(others: str) -> str:
+    """What a capture leaves out beside photographs, as maps call it."""
+    return others or "HDR, mesh given"
 
 
 def compared(table: Table) -> list[Row]:

@@ -6,12 +6,12 @@ matplotlib is imported when the map is drawn.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ia_bench.report.value.gains import Gain
+from ia_bench.report.value.gains import Gain, in_words
 from ia_bench.scores.columns import METRIC_OF
 
 if TYPE_CHECKING:
@@ -23,40 +23,36 @@ SHOWN = ("aligned_albedo.psnr", "relighting.psnr", "roughness.mse")
 DRAWN = SHOWN[:2]  # in dB both, so that they share a scale
 
 
-def draw(found: Sequence[Gain], photographs: int) -> Figure:
-    """Colour is the mean gain in dB, the same scale in all panels; cells that are not decided are hatched.
+def draw(found: Sequence[Gain]) -> Figure:
+    """Colour is the mean gain in dB, the same scale in all panels; below it its interval. What is not decided is hatched.
 
     Args:
         found: At least one gain, in the metrics DRAWN.
-        photographs: How many a scene has when none is left out.
     """
     from matplotlib.figure import Figure
 
     rows = list(dict.fromkeys(gain.row for gain in found))
-    others = list(dict.fromkeys(replace(gain.capture, views="all").label for gain in found))
-    counts = sorted({_count(gain, photographs) for gain in found})
+    others = list(dict.fromkeys(gain.capture.others for gain in found))
+    counts = sorted({gain.photographs for gain in found})
     largest = max(abs(gain.over_scenes.mean) for gain in found) or 1.0
-    figure = Figure(figsize=(1.6 + 3.2 * len(rows), 1.2 + 0.55 * len(counts) * len(DRAWN) + 1.2), layout="constrained")
+    width, height = max(2.0, 0.95 * len(others)), 0.45 * len(counts)  # of a panel
+    figure = Figure(figsize=(1.6 + width * len(rows), 2.4 + height * len(DRAWN)), layout="constrained")
     panels = figure.subplots(len(DRAWN), len(rows), squeeze=False)
     for line, key in zip(panels, DRAWN, strict=True):
         for panel, row in zip(line, rows, strict=True):
             cells = {
-                (counts.index(_count(gain, photographs)), others.index(replace(gain.capture, views="all").label)): gain
+                (counts.index(gain.photographs), others.index(gain.capture.others)): gain
                 for gain in found
                 if (gain.row, gain.metric.key) == (row, key)
             }
             image = _draw_panel(panel, cells, (len(counts), len(others)), largest)
             panel.set_title(f"{row}\n{METRIC_OF[key].group}", fontsize=9)
-            panel.set_xticks(range(len(others)), [other or "HDR, mesh given" for other in others], fontsize=8)
+            panel.set_xticks(range(len(others)), [in_words(other) for other in others], fontsize=8)
             panel.set_yticks(range(len(counts)), [str(count) for count in counts], fontsize=8)
     for line in panels:
         line[0].set_ylabel("photographs", fontsize=9)
     figure.colorbar(image, ax=panels, label="dB gained over no prior; hatched: undecided", shrink=0.8)
     return figure
-
-
-def _count(gain: Gain, photographs: int) -> int:
-    return photographs if gain.capture.views == "all" else int(gain.capture.views)
 
 
 def _draw_panel(panel: Axes, cells: dict[tuple[int, int], Gain], size: tuple[int, int], largest: float) -> AxesImage:
@@ -67,11 +63,13 @@ def _draw_panel(panel: Axes, cells: dict[tuple[int, int], Gain], size: tuple[int
         values[place] = gain.over_scenes.mean
     image = panel.imshow(values, cmap="PuOr", vmin=-largest, vmax=largest, aspect="auto")
     for (y, x), gain in cells.items():
-        strong = abs(gain.over_scenes.mean) > 0.6 * largest
-        panel.text(
-            x, y, f"{gain.over_scenes.mean:+.2f}", ha="center", va="center", fontsize=8, color="white" if strong else "black"
-        )
         if not gain.side:
-            box = Rectangle((x - 0.5, y - 0.5), 1, 1, fill=False, hatch="///", edgecolor="0.6", linewidth=0)
+            box = Rectangle((x - 0.5, y - 0.5), 1, 1, fill=False, hatch="///", edgecolor="0.75", linewidth=0)
             panel.add_patch(box)
+        color = "white" if abs(gain.over_scenes.mean) > 0.6 * largest else "black"
+        words = partial(panel.text, ha="center", va="center", color=color, zorder=2)  # above the hatching
+        words(x, y - 0.16, f"{gain.over_scenes.mean:+.2f}", fontsize=9)
+        drawn = gain.bootstrap
+        if drawn is not None:
+            words(x, y + 0.24, f"{drawn.low:+.2f} to {drawn.high:+.2f}", fontsize=6.5)
     return image

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from ia_bench.report.collect import Run
 from ia_bench.report.value.bootstrap import Interval, interval, replicates
-from ia_bench.report.value.gains import compared
+from ia_bench.report.value.gains import compared, photographs_of
 from ia_bench.runs.table import Table, capture_of, crossed_name
 from ia_bench.scores.columns import METRICS, Metric
 
@@ -44,26 +45,24 @@ class Worth:
 def worth(runs: Sequence[Run], table: Table) -> list[Worth]:
     """For every row of ``table`` but its reference and every number of photographs; captures that differ in more stand apart.
 
-    Captures that differ in nothing but that number are a family. Of each those scenes and seeds count that have the reference with
-    all numbers of the family, and the row with all that the table runs it with.
+    Captures that differ in nothing but that number are a family. Those scenes and seeds count that have the reference with all
+    numbers of the family, and the row with the one in question.
     """
     cells = {(run.row, run.scene, run.seed): run for run in runs if run.problem is None}
     families: dict[str, dict[int, str]] = {}
     for settings in table.captures:
         capture = capture_of(settings)
-        count = table.photographs if capture.views == "all" else capture.views
-        families.setdefault(replace(capture, views="all").label, {})[int(count)] = capture.label
+        families.setdefault(capture.others, {})[photographs_of(capture, table)] = capture.label
     found = []
     for others, labels in families.items():
         curve = sorted(labels)
         for row in compared(table):
             asked = [count for count in curve if row.captures is None or labels[count] in row.captures]
             names = [crossed_name(str(table.reference), labels[count]) for count in curve]
-            names += [crossed_name(row.name, labels[count]) for count in asked]
-            for metric in WORTH_METRICS:
-                scenes = _together(cells, names, metric)
-                if len(curve) > 1 and asked and scenes:
-                    found += _of_family(row.name, others, metric, curve, asked, scenes)
+            for metric, count in product(WORTH_METRICS, asked):
+                scenes = _together(cells, [*names, crossed_name(row.name, labels[count])], metric)
+                if len(curve) > 1 and scenes:
+                    found.append(_worth(row.name, others, metric, count, curve, scenes))
     return found
 
 
@@ -78,28 +77,22 @@ def _together(cells: Mapping[Key, Run], names: Sequence[str], metric: Metric) ->
     return [np.array(seeds) for seeds in found.values()]
 
 
-def _of_family(
-    row: str, others: str, metric: Metric, curve: Sequence[int], asked: Sequence[int], scenes: Sequence[np.ndarray]
-) -> list[Worth]:
-    """``scenes``: arrays (seeds, reference with each number of ``curve``, then the row with each of ``asked``)."""
+def _worth(row: str, others: str, metric: Metric, photographs: int, curve: Sequence[int], scenes: Sequence[np.ndarray]) -> Worth:
+    """``scenes``: arrays (seeds, the reference with each number of ``curve`` and then the row with ``photographs``)."""
     means = np.mean([seeds.mean(axis=0) for seeds in scenes], axis=0)[None]
-    drawn = replicates(scenes) if len(scenes) > 1 else None
-    found = []
-    for place, count in enumerate(asked, start=len(curve)):
-        needed = float(_needed(means, place, curve)[0])
-        bounds = None if drawn is None else interval(_needed(drawn, place, curve))
-        found.append(Worth(row, others, metric, count, needed, bounds, len(scenes)))
-    return found
+    bounds = interval(_needed(replicates(scenes), curve)) if len(scenes) > 1 else None
+    return Worth(row, others, metric, photographs, float(_needed(means, curve)[0]), bounds, len(scenes))
 
 
-def _needed(values: np.ndarray, place: int, counts: Sequence[int]) -> np.ndarray:
-    """Photographs that the reference needs in each experiment of ``values`` (experiments, rows).
+def _needed(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
+    """Photographs that the reference needs in each experiment of ``values`` (experiments, ``counts`` and one).
 
-    The first ``len(counts)`` rows are the reference's. More photographs count as never worse: its curve is the running best.
+    The last column is the row's, those before it are the reference's. More photographs count as never worse: its curve is the
+    running best.
     """
-    curves = np.maximum.accumulate(values[:, : len(counts)], axis=1)
+    curves = np.maximum.accumulate(values[:, :-1], axis=1)
     found = np.empty(len(values))
-    for i, (curve, level) in enumerate(zip(curves, values[:, place], strict=True)):
+    for i, (curve, level) in enumerate(zip(curves, values[:, -1], strict=True)):
         if level > curve[-1]:
             found[i] = np.inf
         elif level < curve[0]:

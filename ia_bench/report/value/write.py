@@ -1,16 +1,18 @@
-"""Write what a prior is worth: value.md, value.csv, photographs.csv and, of what is in dB, the heat map value.{png,svg}."""
+"""Write what a prior is worth: value.md, value.csv and, of what is in dB, the heat map value.{png,svg}.
+
+photographs.csv is written where the reference was run with every number of photographs of a family.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.collect import Run
+from ia_bench.report.csv_text import csv_text
 from ia_bench.report.figures import save
 from ia_bench.report.table import Cell, carried_text
 from ia_bench.report.table import Table as Printed
@@ -37,14 +39,15 @@ def write_value(runs: Sequence[Run], table: Table, out: Path) -> list[Path]:
     out.mkdir(parents=True, exist_ok=True)
     texts = {
         "value.md": text(found, photographs, str(table.reference)),
-        "value.csv": _csv(map(_of_gain, found)),
-        "photographs.csv": _csv(map(_of_worth, photographs)),
+        "value.csv": csv_text(map(_of_gain, found)),
     }
+    if photographs:
+        texts["photographs.csv"] = csv_text(map(_of_worth, photographs))
     for name, content in texts.items():
         with whole_file(out / name) as partial:
             partial.write_text(content, encoding="utf-8")
     drawn = [gain for gain in found if gain.metric.key in DRAWN]
-    return [*(out / name for name in texts), *(save(draw(drawn, table.photographs), out / "value") if drawn else [])]
+    return [*(out / name for name in texts), *(save(draw(drawn), out / "value") if drawn else [])]
 
 
 def text(found: Sequence[Gain], photographs: Sequence[Worth], reference: str) -> str:
@@ -111,10 +114,6 @@ def _between(one: Worth) -> str:
     return "-" if one.bounds is None else f"{_count(one.bounds.low)} to {_count(one.bounds.high)}"
 
 
-def _csv(records: Iterable[dict[str, Any]]) -> str:
-    return str(pd.DataFrame(list(records), dtype=object).to_csv(index=False))
-
-
 def _of_gain(gain: Gain) -> dict[str, Any]:
     estimate, drawn = gain.over_scenes, gain.bootstrap
     return {
@@ -126,7 +125,7 @@ def _of_gain(gain: Gain) -> dict[str, Any]:
         "low": drawn and drawn.low,
         "high": drawn and drawn.high,
         "half_width_over_scenes": estimate.half_width,
-        "decided": {1: "gains", -1: "costs", 0: "undecided"}[gain.side],
+        "decided": gain.outcome,
         "detectable": gain.detectable,
         "headroom": gain.headroom,
         "scenes": len(gain.pairs.pairs),
