@@ -21,7 +21,7 @@ from ia_bench.scenes.scene import View
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 BROWNS = ("OPENCV", "RADIAL", "SIMPLE_RADIAL", "perspective")
 KEYS = ("k1", "k2", "k3", "k4", "p1", "p2")
-FOLDED = 1e-9  # a slope of the radius below it: two points in one place
+FOLDED = 1e-9  # a slope or an area below it: two points in one place
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,9 @@ def lens(where: str, frame: Mapping[str, Any]) -> Lens:
 
 
 def undistorted(where: str, view: View, glass: Lens) -> View:
-    """A view through ``glass`` as its pinhole camera would have seen it, bilinear, with a mask of 0 beyond the photograph.
+    """A view through ``glass`` as its pinhole camera would have seen it, bilinear.
+
+    Pixels beyond the photograph are unknown: black, mask 0, not ``valid``.
 
     Raises InputError for coefficients under which the photograph folds over, which no lens has, and for an object that is lost.
     """
@@ -78,18 +80,22 @@ def undistorted(where: str, view: View, glass: Lens) -> View:
     column, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     x, y = (column - centre[0]) / focal[0], (row - centre[1]) / focal[1]
     u, v = glass.distorted(x, y)
-    slope = np.gradient(u, axis=1) * focal[0]
-    if slope.min() < FOLDED or not np.isfinite(slope).all():
+    # The Jacobian of Brown's model is symmetric. Where it is positive definite all over a rectangle, no two points of it meet.
+    slope, slant = np.gradient(u, axis=1) * focal[0], np.gradient(u, axis=0) * focal[1]
+    area = slope * np.gradient(v, axis=0) * focal[1] - slant * np.gradient(v, axis=1) * focal[0]
+    if min(slope.min(), area.min()) < FOLDED or not np.isfinite(area).all():
         raise InputError(f"{where}: expected the distortion of a lens, found one under which the picture folds over: {glass}")
     place = [v * focal[1] + centre[1] - 0.5, u * focal[0] + centre[0] - 0.5]
+    seen = (place[0] >= -0.5) & (place[0] <= height - 0.5) & (place[1] >= -0.5) & (place[1] <= width - 0.5)
 
     def moved(values: np.ndarray) -> np.ndarray:
         layers = values.reshape(height, width, -1).astype(np.float32)
-        found = [map_coordinates(layers[..., c], place, order=1, mode="constant", cval=0.0) for c in range(layers.shape[-1])]
-        return np.stack(found, -1).reshape(values.shape)
+        found = [map_coordinates(layers[..., c], place, order=1, mode="nearest") for c in range(layers.shape[-1])]
+        return (np.stack(found, -1) * seen[..., None]).reshape(values.shape)
 
     image, mask = moved(view.image), moved(view.mask)
     if not (mask > 0.5).any():
         raise InputError(f"{where}: expected an object within the photograph, found none once the lens is undone")
     image[mask <= 0] = 0
-    return replace(view, image=image, mask=mask, valid=None if view.valid is None else moved(~view.valid) == 0)
+    valid = seen if view.valid is None else seen & (moved(~view.valid) == 0)
+    return replace(view, image=image, mask=mask, valid=None if view.valid is None and seen.all() else valid)

@@ -16,12 +16,12 @@ import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
-from ia_bench.readers.fields import rigid
+from ia_bench.readers.fields import rigid, text
 from ia_bench.readers.intake import Intake, Unwrapping
 from ia_bench.readers.pictures import Encoding, Photo, expect_size, true_map
 from ia_bench.readers.poses import from_world_to_camera
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import read_values
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
@@ -67,8 +67,9 @@ class NeilfReader:
         held_out = {place % len(keys) for place in self._validation} if keys else set()
 
         def views(places: Sequence[int]) -> list[View]:
-            posed = [keys[place] for place in places if _within(path, images, keys[place]).get("flg") == POSED]
-            return [self._view(path, key, files[key], images[key], box[:3, 3], size) for key in posed]
+            posed = [key for key in (keys[place] for place in places) if _entry(path, images, key).get("flg") == POSED]
+            named = {key: text(f"{path}: image_path.file_paths", files, key, "") for key in posed}
+            return [self._view(path, key, named[key], images[key], box[:3, 3], size) for key in posed]
 
         train = [intake.view(view) for view in views([place for place in range(len(keys)) if place not in held_out])]
         seen = views(intake.kept(sorted(held_out)))
@@ -81,17 +82,18 @@ class NeilfReader:
         scene = intake.scene(train=train, test=test, novel=novel, truth=known, mesh=mesh, place=place)
         return replace(scene, metallic=(intake.folder / "ground_truths" / "materials" / "metallic").is_dir())
 
-    def _view(self, path: Path, key: str, file: object, entry: Mapping[str, Any], middle: np.ndarray, size: float) -> View:
+    def _view(self, path: Path, key: str, file: str, entry: Mapping[str, Any], middle: np.ndarray, size: float) -> View:
         where = f"{path}: camera_track_map.images[{key!r}]"
-        intrinsic = _within(path, entry, "camera", "intrinsic")
-        pairs = [np.asarray(intrinsic.get(name), np.float64).ravel() for name in ("focal", "ppt") if name in intrinsic]
+        intrinsic = _within(where, entry, "camera", "intrinsic")
+        given = intrinsic if isinstance(intrinsic, dict) else {}
+        pairs = [_numbers(given.get(kind)).ravel() for kind in ("focal", "ppt")]
         if [pair.size for pair in pairs] != [2, 2] or not np.isfinite(pairs).all() or min(pairs[0]) <= 0:
             raise InputError(f"{where}: camera.intrinsic: expected two numbers each of focal and ppt, found {intrinsic!r:.100}")
-        extrinsic = _matrix(f"{where}: camera.extrinsic", _within(path, entry, "camera", "extrinsic"))
+        extrinsic = _matrix(f"{where}: camera.extrinsic", _within(where, entry, "camera", "extrinsic"))
         to_camera = rigid(where, "camera.extrinsic", extrinsic)
         to_world = from_world_to_camera(to_camera)
         to_world[:3, 3] = (to_world[:3, 3] - middle) / size
-        name = Path(str(file)).stem
+        name = Path(file).stem
         photo = self._photo(where, name)
         height, width = photo.mask.shape
         (fx, fy), (cx, cy) = (tuple(map(float, pair)) for pair in pairs)
@@ -103,6 +105,7 @@ class NeilfReader:
         positions = "position_maps" if (self._inputs / "position_maps").is_dir() else "depth_maps"
         surface = self._map(where, positions, name)
         image = read_exr(path, 3) if path.suffix == ".exr" else srgb_to_linear(read_values(path)[..., :3])
+        refuse_negative(path, image)
         if surface.suffix == ".exr":
             there = read_exr(surface, 3 if positions == "position_maps" else 1)
         else:
@@ -132,20 +135,33 @@ class NeilfReader:
         )
 
 
-def _within(path: Path, content: Any, *keys: str) -> Any:  # noqa: ANN401 (JSON)
+def _within(where: Path | str, content: Any, *keys: str) -> Any:  # noqa: ANN401 (JSON)
     """The value at the end of nested ``keys``. Raises InputError, naming the first that is not there."""
     for place, key in enumerate(keys):
         if not isinstance(content, dict) or key not in content:
-            raise InputError(f"{path}: expected {'.'.join(keys[: place + 1])}, found none")
+            raise InputError(f"{where}: expected {'.'.join(keys[: place + 1])}, found none")
         content = content[key]
     return content
 
 
-def _matrix(where: str, value: object) -> np.ndarray:
+def _entry(path: Path, images: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """What is said of the photograph ``key``. Raises InputError for none, and for anything but an object."""
+    entry = _within(path, images, key)
+    if not isinstance(entry, dict):
+        raise InputError(f"{path}: camera_track_map.images[{key!r}]: expected an object, found {type(entry).__name__}")
+    return entry
+
+
+def _numbers(value: object) -> np.ndarray:
+    """Numbers of JSON, of any shape, as float64; an empty array for anything else."""
     try:
-        values = np.asarray(value, np.float64)
+        return np.asarray(value, np.float64)
     except (TypeError, ValueError):
-        values = np.zeros(0)
+        return np.zeros(0)
+
+
+def _matrix(where: str, value: object) -> np.ndarray:
+    values = _numbers(value)
     if values.size != 16 or not np.isfinite(values).all():
         raise InputError(f"{where}: expected 16 finite numbers, found shape {values.shape}")
     return values.reshape(4, 4)

@@ -2,11 +2,13 @@
 
 One ``transforms.json`` (nerfstudio, Instant-NGP) names the frames of each split under ``train_filenames``, ``val_filenames`` and
 ``test_filenames``; without these every ``every``-th photograph is held out. ``transforms_train.json`` and ``transforms_test.json``
-(NeRF's Blender scenes) are splits of their own. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``.
+(NeRF's Blender scenes) are splits of their own. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``; that of
+images/left/NAME.png may also be ``masks/left/NAME.png``.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -50,6 +52,7 @@ class NerfstudioReader:
         """The scene; such folders hold no truth, so held-out photographs are all that is scored. Raises InputError."""
         intake, notes = self._intake, list[str]()
         self._sizes = dict[tuple[object, ...], tuple[tuple[int, int], Path]]()
+        self._masked = dict[Path, Path]()
         training, held_out = self._splits(notes)
         train = [self._view(*frame, notes) for frame in training]
         test = [self._view(*frame, notes) for frame in intake.kept(held_out)]
@@ -108,9 +111,21 @@ class NerfstudioReader:
             )
 
     def _mask(self, where: str, path: Path, frame: Mapping[str, Any]) -> Path | None:
-        """The file of a photograph's mask, None where its alpha has to be it."""
+        """The file of a photograph's mask, None where its alpha has to be it.
+
+        Raises InputError for a file that its name makes the mask of another photograph, too.
+        """
         folder = self._intake.folder
         if "mask_path" in frame:
             return file_below(folder, frame["mask_path"], f"{where}: mask_path")
+        photo, masks = Path(os.path.normpath(path.relative_to(folder))), folder / self._masks
+        places = (masks.joinpath(*photo.parent.parts[1:]), masks)
         names = (f"{path.stem}.png", f"{path.name}.png")  # COLMAP's own masks keep the suffix of the photograph
-        return next((found for name in names if (found := folder / self._masks / name).is_file()), None)
+        found = next((mask for place in places for name in names if (mask := place / name).is_file()), None)
+        if found is not None and (other := self._masked.setdefault(found, photo)) != photo:
+            both = f"{other.as_posix()} and {photo.as_posix()}"
+            raise InputError(
+                f"{found}: expected the mask of one photograph, found that {both} would share it; "
+                f"put masks into folders ({self._masks}/left for images/left), or name each by mask_path"
+            )
+        return found

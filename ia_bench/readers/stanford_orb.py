@@ -63,7 +63,7 @@ class StanfordOrbReader:
         train = [intake.view(self._view(self._capture, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
         held_out = [self._view(self._capture, *frame, notes) for frame in intake.kept(frames_of(own / "transforms_test.json"))]
         seen = [intake.view(view) for view in held_out]
-        test = [self._with_truth(view) for view in seen] if truth else list(seen)
+        test = [intake.view(self._with_truth(view)) for view in held_out] if truth else list(seen)
         lights: dict[str, np.ndarray] = {}
         for where, frame in intake.kept(self._novel_frames(own)):
             name = text(where, frame, "scene_name", "")
@@ -94,7 +94,7 @@ class StanfordOrbReader:
         return photo.view(name.name, camera(where, frame, width, height))
 
     def _with_truth(self, view: View) -> View:
-        """The view with what ground_truth has of it, at the view's size; normals are there in the frame of the camera."""
+        """The view, of the photograph's size, with what ground_truth has of it; normals are there in the frame of the camera."""
         albedo = next(
             (path for s in (".png", ".npy") if (path := self._file("pseudo_gt_albedo", f"{view.name}{s}")).is_file()), None
         )
@@ -114,14 +114,12 @@ class StanfordOrbReader:
 
     def _array(self, kind: str, view: View, channels: int) -> np.ndarray | None:
         path = self._file(kind, f"{view.name}.npy")
-        return _loaded(path, view.mask.shape, channels) if path.is_file() else None
+        return _loaded(path, view.mask.shape, channels, self._intake.shrink) if path.is_file() else None
 
     def _albedo(self, path: Path, view: View) -> np.ndarray:
         if path.suffix == ".npy":
-            return (_loaded(path, view.mask.shape, 3).clip(0, 1) * view.mask[..., None]).astype(np.float32)
-        height, width = (side * self._intake.shrink for side in view.mask.shape)
-        whole = fitted(path, true_map(path, np.ones((height, width), np.float32), "srgb"), view.mask.shape)
-        return (whole * view.mask[..., None]).astype(np.float32)
+            return (_loaded(path, view.mask.shape, 3, self._intake.shrink).clip(0, 1) * view.mask[..., None]).astype(np.float32)
+        return true_map(path, view.mask, "srgb")
 
     def _light(self, light: str, capture: str, view: View, notes: list[str]) -> dict[str, np.ndarray]:
         path = self._truths / capture / "env_map" / f"{view.name}.exr"
@@ -141,8 +139,11 @@ def from_camera_frame(radiance: np.ndarray, camera: Camera) -> np.ndarray:
     return resampled(radiance, look_up)
 
 
-def _loaded(path: Path, shape: tuple[int, ...], channels: int) -> np.ndarray:
-    """An array of a .npy file at the size ``shape``, (H, W, C). Raises InputError for anything else in it."""
+def _loaded(path: Path, shape: tuple[int, ...], channels: int, shrink: int) -> np.ndarray:
+    """An array of a .npy file at the photograph's size ``shape``, (H, W, C). Raises InputError for anything else in it.
+
+    An array up to ``shrink`` times smaller is repeated, to be multiplied by the photograph's coverage; a larger one is averaged.
+    """
     try:
         values = np.load(path, allow_pickle=False).astype(np.float64)
     except (OSError, ValueError, EOFError) as error:
@@ -150,4 +151,7 @@ def _loaded(path: Path, shape: tuple[int, ...], channels: int) -> np.ndarray:
     values = values[..., None] if values.ndim == 2 else values
     if values.ndim != 3 or values.shape[-1] != channels or not np.isfinite(values).all():
         raise InputError(f"{path}: expected finite values (H, W, {channels}), found {values.shape}")
+    block = shape[0] // max(len(values), 1)
+    if 1 < block <= shrink and shape == (block * values.shape[0], block * values.shape[1]):
+        values = values.repeat(block, 0).repeat(block, 1)
     return fitted(path, values, shape)

@@ -29,6 +29,9 @@ from spoiled import (
     srgb_as_linear_in,
     text,
 )
+from written import save_exr
+
+from ia_bench.scenes.exr import read_exr
 
 CAMERAS, SFM, TRAIN = "cameras.npz", "inputs/sfm_scene.json", "transforms_train.json"
 SPARSE, OWN = "sparse/0", "blender_HDR/tiny_scene001"
@@ -77,6 +80,19 @@ def posed(change: Callable[[np.ndarray], np.ndarray], *numbers: int) -> Spoil:
 
 def array(name: str, values: np.ndarray) -> Spoil:
     return lambda folder: np.save(folder / name, values)
+
+
+def radiance(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    return lambda folder: save_exr(folder / name, change(read_exr(folder / name, 3)))
+
+
+def entry(change: Callable[[dict], object]) -> Spoil:
+    """What sfm_scene.json says of its photograph 3, changed."""
+    return edit(SFM, lambda content: change(content["camera_track_map"]["images"]["3"]))
+
+
+def entry_is(value: object) -> Spoil:
+    return edit(SFM, lambda content: content["camera_track_map"]["images"].update({"3": value}))
 
 
 LISTED: Mistakes = {
@@ -173,8 +189,27 @@ MISTAKES: dict[str, Mistakes] = {
         "no positions": (gone("inputs/position_maps"), r"depth_maps/000.exr: no such file"),
         "empty positions": (gone("inputs/position_maps/003.exr"), "position_maps/003.exr: no such file"),
         "no focal length": (
-            edit(SFM, lambda c: c["camera_track_map"]["images"]["3"]["camera"]["intrinsic"].pop("focal")),
+            entry(lambda one: one["camera"]["intrinsic"].pop("focal")),
             "camera.intrinsic: expected two numbers each of focal and ppt",
+        ),
+        "entry in a list": (entry_is([2]), r"sfm_scene\.json: camera_track_map\.images\['3'\]: expected an object, found list"),
+        "entry null": (entry_is(None), r"sfm_scene\.json: camera_track_map\.images\['3'\]: expected an object, found NoneType"),
+        "camera null": (entry(lambda one: one.update(camera=None)), r"images\['3'\]: expected camera\.intrinsic, found none"),
+        "intrinsics in a list": (
+            entry(lambda one: one["camera"].update(intrinsic=[48.0, 48.0])),
+            r"images\['3'\]: camera\.intrinsic: expected two numbers each of focal and ppt, found \[48\.0, 48\.0\]",
+        ),
+        "focal length in words": (
+            entry(lambda one: one["camera"]["intrinsic"].update(focal="48 px")),
+            r"images\['3'\]: camera\.intrinsic: expected two numbers each of focal and ppt, found .*48 px",
+        ),
+        "file null": (
+            edit(SFM, lambda c: c["image_path"]["file_paths"].update({"3": None})),
+            r"sfm_scene\.json: image_path\.file_paths: 3: expected text, found None",
+        ),
+        "negative radiance": (
+            radiance("inputs/images/003.exr", lambda image: image - 0.5),
+            r"images/003\.exr: expected radiance, found the negative value -0\.5",
         ),
         "sRGB as linear": (srgb_as_linear_in("inputs/images"), "warning: the linear images hold 8-bit steps from 0 to 1 only"),
         "truth of another size": (picture("ground_truths/materials/kd/009.png", smaller), "kd/009.png: expected 32 x 32 pixels"),

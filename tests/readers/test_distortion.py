@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ia_bench.common.errors import InputError
+from ia_bench.geometry.silhouettes import carving_mask
 from ia_bench.readers.distortion import Lens, lens, undistorted
 from ia_bench.scenes.scene import Camera, View
 
@@ -41,10 +42,36 @@ def test_a_spot_comes_to_lie_where_a_pinhole_sees_it(x: float, y: float) -> None
     np.testing.assert_allclose(centroid, (CENTRE[0] + FOCAL[0] * x, CENTRE[1] + FOCAL[1] * y), atol=0.12)
 
 
-def test_what_no_photograph_shows_is_masked() -> None:
-    view = undistorted("it", spot(30, 20), Lens(k1=0.5))
-    assert view.mask[0, 0] == 0
-    assert view.mask[24, 31] == 1
+def test_what_no_photograph_shows_is_masked_and_unknown() -> None:
+    """x (1 + k1 r^2) by hand: where it leaves the picture's edges, nobody knows whether there is object."""
+    glass, (rows, columns) = Lens(k1=0.5), np.mgrid[:48, :64] + 0.5
+    x, y = (columns - CENTRE[0]) / FOCAL[0], (rows - CENTRE[1]) / FOCAL[1]
+    stretch = 1 + 0.5 * (x**2 + y**2)
+    column, row = x * stretch * FOCAL[0] + CENTRE[0], y * stretch * FOCAL[1] + CENTRE[1]
+    within = (column >= 0) & (column <= 64) & (row >= 0) & (row <= 48)
+    assert 0.6 < within.mean() < 0.9
+    view = undistorted("it", spot(30, 20), glass)
+    assert np.array_equal(view.mask, within)
+    assert np.array_equal(view.valid, within)
+    assert (view.image[~within] == 0).all()
+    assert (carving_mask(view) == 1).all()  # a photograph full of object carves nothing
+    known = np.ones((48, 64), bool)
+    known[20, 30] = False
+    mended = undistorted("it", replace(spot(30, 20), valid=known), glass).valid
+    assert not mended[~within].any()
+    assert 1 <= (within & ~mended).sum() <= 4
+
+
+def test_a_photograph_that_fills_the_pinhole_s_frame_stays_whole() -> None:
+    view = undistorted("it", spot(30, 20), Lens(k1=-0.1))
+    assert view.valid is None
+    assert (view.mask == 1).all()
+    straight = undistorted("it", spot(1, 1), Lens(k1=1e-9))  # which throws the outer pixels' centres out by next to nothing
+    np.testing.assert_allclose(straight.image, spot(1, 1).image, atol=1e-5)
+    assert straight.valid is None
+
+
+def test_a_saturated_pixel_stays_one() -> None:
     saturated = np.ones((48, 64), bool)
     saturated[20, 30] = False
     moved = undistorted("it", replace(spot(30, 20), valid=saturated), GLASS).valid
@@ -59,5 +86,21 @@ def test_models_by_name() -> None:
         lens("it", {"camera_model": "EQUIRECTANGULAR"})
     with pytest.raises(InputError, match="expected no distortion of a PINHOLE camera"):
         lens("it", {"camera_model": "PINHOLE", "k1": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "k1"),
+    [
+        (640, 360, -0.4),
+        (360, 640, -0.4),  # folds along its columns alone
+        (500, 500, -0.38),  # its slopes along rows and columns stay above 0, that along its diagonals does not
+        (64, 48, -40.0),
+        (64, 48, -1e6),  # all of the picture is turned by half, so its area is positive
+    ],
+)
+def test_a_lens_under_which_the_picture_folds_is_refused(width: int, height: int, k1: float) -> None:
+    camera = Camera(np.eye(4), (350.0, 350.0), (width / 2, height / 2), width, height)
+    view = View("it", camera, np.ones((height, width, 3), np.float32), np.ones((height, width), np.float32))
+    undistorted("it", view, Lens(k1=-0.05))
     with pytest.raises(InputError, match="found one under which the picture folds over"):
-        undistorted("it", spot(30, 20), Lens(k1=-9.0))
+        undistorted("it", view, Lens(k1=k1))

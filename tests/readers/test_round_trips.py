@@ -30,7 +30,7 @@ from written import (
 
 from ia_bench.common.registry import create, find
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.readers.contract import SPLITS, check_scene, unscored
+from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS, check_scene, unscored
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.scenes.scene import Scene, View
 
@@ -114,7 +114,20 @@ def test_smaller_images_and_fewer_held_out_views(layout: Layout, folder: Path, m
     assert names[0] < names[1]
     np.testing.assert_allclose(small.train[0].image.mean(), whole.train[0].image.mean(), rtol=1e-5)
     assert small.train[0].camera.focal[0] == whole.train[0].camera.focal[0] / 4
+    by_name = {view.name: view for view in whole.test}
+    for view in small.test:  # truth is premultiplied: a larger pixel has the mean of it
+        for name in TRUTH_OF_VIEWS:
+            found, true = getattr(view, name), getattr(by_name[view.name], name)
+            assert (found is None) == (true is None)
+            if found is not None:
+                np.testing.assert_allclose(found, blocks(true, 4), atol=1e-5)
     assert check_agreement(small, lambda line: None) >= GOOD
+
+
+def blocks(values: np.ndarray, side: int) -> np.ndarray:
+    """The mean of every ``side`` x ``side`` pixels."""
+    height, width = values.shape[0] // side, values.shape[1] // side
+    return values.reshape(height, side, width, side, *values.shape[2:]).mean((1, 3))
 
 
 @every_layout
