@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ia_bench.capture.radiometry import photographed
-from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings
+from ia_bench.capture.settings import CaptureSettings, FaultSettings, without_effect
 from ia_bench.scenes.padding import of_one_size
 from ia_bench.scenes.scene import Scene, View
 
@@ -19,28 +19,22 @@ DOUBTED = 3  # views that may be wrong about a point of the hull by which poses 
 def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> Scene:
     """The scene with fewer views, other images, cameras and masks, or another mesh; held-out views and truth stay what they were.
 
-    ``note`` is told what takes time. Raises InputError for what the scene cannot give.
+    ``note`` is told what takes time, and which settings change nothing. Raises InputError for what the scene cannot give.
     """
+    for line in without_effect(settings):
+        note(line)
     train = scene.train
     if settings.views != "all":
         from ia_bench.capture.views import spread  # imported only here, as what follows: they bring in scipy and trimesh
 
         train = spread(train, settings.views)
-    follows = settings.geometry == "sdf" and settings.sdf.normals != "none"
     normals = []
-    if follows:
+    if settings.geometry == "sdf" and settings.sdf.normals != "none":
         from ia_bench.capture.normals import given_normals
 
         normals = given_normals(settings.sdf.normals, train)
-    if settings.geometry == "sdf" and settings.sdf.steps == 0 and (follows or settings.sdf.align):
-        note("capture.sdf.normals and capture.sdf.align change nothing with capture.sdf.steps=0")
     train = of_one_size(train)
-    ldr = settings.radiometry == "ldr"
-    if settings.jpeg != "none" and not ldr:
-        note(f"capture.jpeg={settings.jpeg} changes nothing with capture.radiometry=hdr")
-    if settings.sdf != SdfSettings() and settings.geometry != "sdf":
-        note(f"capture.sdf changes nothing with capture.geometry={settings.geometry}")
-    if ldr or settings.background != "none" or settings.faults != FaultSettings():
+    if settings.radiometry == "ldr" or settings.background != "none" or settings.faults != FaultSettings():
         train = _taken(train, settings)
     if settings.consistency:
         from ia_bench.geometry.consistency import consistent

@@ -19,7 +19,7 @@ from ia_bench.geometry.smoothing import smoothed
 from ia_bench.geometry.surface import mesh_of
 from ia_bench.scenes.scene import Mesh, Scene
 
-VERSION = 1  # of how an "sdf" is made: meshes that another one made are not taken from the cache
+VERSION = 1  # of how a mesh is made: those that another one made are not taken from the cache
 PARTS = ("vertices", "faces", "normals", "uv")
 CAMERAS = "cameras"  # of the training views, where they have moved
 
@@ -89,7 +89,7 @@ def _distances(
 def _key(scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray]) -> str:
     """Of all that decides a mesh that is made: masks, what is known of them, cameras, sizes; of an "sdf" images and normals."""
     images = settings.geometry == "sdf"
-    sizes = f"{settings.geometry} {settings.cells} {settings.tolerated} {settings.triangles}"
+    sizes = f"{settings.geometry} {VERSION} {settings.cells} {settings.tolerated} {settings.triangles}"
     if images:
         made = replace(settings.sdf, normals="none")  # they count by what they are, not by where they lie
         sizes = f"sdf {VERSION} {made} {settings.tolerated} {settings.triangles} {scene.exposures_differ}"

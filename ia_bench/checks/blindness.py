@@ -12,15 +12,18 @@ from typing import Any
 import numpy as np
 import torch
 
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.readers.contract import TRUTH_OF_VIEWS
+from ia_bench.scenes.scene import Mesh, Scene, View
 
-TRUTHS = ("albedo", "roughness", "specular", "normal", "depth")
+TRUTHS = tuple(TRUTH_OF_VIEWS)
 LEAVES = (type, types.ModuleType, bool, int, float, complex, bytes, type(None))
 
 
 def leaks(handed: object, scene: Scene) -> list[str]:
     """Where in ``handed`` the truth of ``scene`` can be reached, each by the way that leads there."""
-    secret = {digest for array in _secrets(scene) if (digest := _digest(array)) is not None}
+    # What the mesh of the capture has kept of the true one is no secret.
+    given = set() if scene.mesh is None else set(map(_digest, _shape(scene.mesh)))
+    secret = {digest for array in _secrets(scene) if (digest := _digest(array)) is not None} - given
     return [way for way, value in _reachable(handed) if _tells(value, secret)]
 
 
@@ -37,7 +40,9 @@ def with_other_truth(scene: Scene) -> Scene:
     truth = scene.truth
     if truth is not None:
         albedo, roughness = (None if texture is None else 1 - texture for texture in (truth.albedo, truth.roughness))
-        truth = replace(truth, lights={name: 2 * light for name, light in truth.lights.items()}, albedo=albedo, roughness=roughness)
+        mesh = truth.mesh and replace(truth.mesh, vertices=0.5 * truth.mesh.vertices, normals=-truth.mesh.normals)
+        lights = {name: 2 * light for name, light in truth.lights.items()}
+        truth = replace(truth, lights=lights, albedo=albedo, roughness=roughness, mesh=mesh)
     train = tuple(map(changed, scene.train))
     return replace(scene, train=train, truth=truth, test=held_out(scene.test), novel=held_out(scene.novel))
 
@@ -62,6 +67,13 @@ def _secrets(scene: Scene) -> Iterator[np.ndarray]:
     if scene.truth is not None:
         yield from scene.truth.lights.values()
         yield from (array for array in (scene.truth.albedo, scene.truth.roughness) if array is not None)
+        if scene.truth.mesh is not None:
+            yield from _shape(scene.truth.mesh)
+
+
+def _shape(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """The arrays that tell the shape; a smoothed mesh has the texture coordinates of the true one."""
+    return mesh.vertices, mesh.normals
 
 
 def _digest(array: np.ndarray | torch.Tensor) -> tuple[object, ...] | None:

@@ -103,7 +103,7 @@ def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Proble
     findings = list(_result(result))
     yield from findings
     same = _digest(problem.scene) == before
-    yield judge(same, "the scene", "nothing modified", "nothing" if same else "images, cameras or mesh modified")
+    yield judge(same, "the scene", "nothing modified", "nothing" if same else "images, masks, cameras or mesh modified")
     if any(finding.status == "fail" for finding in findings):
         yield Finding("skip", "everything else", "", "it needs a sound result")
         return
@@ -289,8 +289,9 @@ def _scored(info: MethodInfo, found: Reconstruction, scene: Scene) -> Iterator[F
 
 
 def _digest(scene: Scene) -> list[bytes]:
-    arrays = [array for view in scene.train for array in (view.image, view.mask, view.camera.to_world)]
-    return [array.tobytes() for array in (*arrays, *(() if scene.mesh is None else vars(scene.mesh).values()))]
+    arrays = [array for view in scene.train for array in (view.image, view.mask, view.valid, view.camera.to_world)]
+    mesh = () if scene.mesh is None else vars(scene.mesh).values()
+    return [array.tobytes() for array in (*arrays, *mesh) if array is not None]
 
 
 def _packed(state: dict[str, Any]) -> bytes:

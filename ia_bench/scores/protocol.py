@@ -39,7 +39,7 @@ class SsimSettings:
     """Structural similarity (Wang et al. 2004) as scikit-image computes it, with a Gaussian window.
 
     ``sigma`` is the window's standard deviation in pixels; 11 x 11 pixels by default, ``side`` x ``side`` where that is given.
-    ``border``: "valid" leaves out pixels whose window reaches beyond the picture, where "reflect" mirrors the picture.
+    ``border``: "valid", of whole images alone, leaves out pixels whose window reaches beyond the picture; "reflect" mirrors it.
     """
 
     TRUNCATE: ClassVar[float] = 3.5  # where the window is cut off, in sigma
@@ -142,6 +142,11 @@ class Protocol:
     ssim: SsimSettings = field(default_factory=SsimSettings)
     lpips: LpipsSettings = field(default_factory=LpipsSettings)
     comparison: ComparisonSettings = field(default_factory=ComparisonSettings)
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a border of whole images where the object is compared."""
+        if self.ssim.border == "valid" and self.comparison.area == "object":
+            raise InputError("protocol.ssim.border=valid: expected comparison.area=image, found object")
 
     @property
     def label(self) -> str:

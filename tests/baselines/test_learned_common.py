@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +18,10 @@ from ia_bench.training.generate import render_images, render_relit
 from ia_bench.training.lights import draw_light
 from ia_bench.training.objects import make_object
 from ia_bench.training.render import draw_view
+from ia_bench.training.resuming import STATE, VALIDATIONS
 from ia_bench.training.shading import DirectLight
 from ia_bench_baselines.common.pictures import load_weights, read_about, save_weights
-from ia_bench_baselines.common.training import CURVE, WEIGHTS, RunSettings, initial_weights, masked_mean, run
+from ia_bench_baselines.common.training import WEIGHTS, RunSettings, initial_weights, masked_mean, run
 
 
 class Line:
@@ -50,9 +52,13 @@ def settings(folder: Path, **changes: object) -> RunSettings:
     return RunSettings(**{"data": folder, "out": folder, "steps": 60, "validate_steps": 7, **changes})  # type: ignore[arg-type]
 
 
+def validations(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / VALIDATIONS).read_text().splitlines()]
+
+
 def test_the_weights_that_are_kept_are_those_of_the_best_validation(tmp_path: Path):
     best = run(Line(0), settings(tmp_path), {"points": 8}, Progress())
-    lines = [json.loads(line) for line in (tmp_path / CURVE).read_text().splitlines()]
+    lines = validations(tmp_path)
     assert best["objective"] == min(line["objective"] for line in lines) < 0.1 * lines[0]["objective"]
     about = read_about(tmp_path / WEIGHTS)
     assert (about["points"], about["step"]) == (8, best["step"])
@@ -69,10 +75,50 @@ def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
         assert torch.equal(value, second.networks.state_dict()[name])
 
 
-def test_a_run_of_other_settings_is_refused(tmp_path: Path):
+class Killed(Line):
+    """One whose process ends at step 30."""
+
+    def step(self, number: int, generator: torch.Generator) -> dict[str, float]:
+        if number == 30:
+            raise KeyboardInterrupt
+        return super().step(number, generator)
+
+
+def test_a_killed_run_validates_every_step_once_and_ends_with_the_very_same_weights(tmp_path: Path):
+    """It is killed after 30 steps, when it has validated 28, and goes on from the 23 that an earlier end left."""
+    whole, half = tmp_path / "whole", tmp_path / "half"
+    best = run(Line(3), settings(whole), {}, Progress())
+    run(Line(3), settings(half, steps=23), {}, Progress())
+    with pytest.raises(KeyboardInterrupt):
+        run(Killed(3), settings(half), {}, Progress())
+    assert [line["step"] for line in validations(half)] == [7, 14, 21, 23, 28]
+    again = run(Line(3), settings(half), {}, Progress())
+    found, expected = ({line["step"]: line["objective"] for line in validations(folder)} for folder in (half, whole))
+    assert [line["step"] for line in validations(half)] == [7, 14, 21, 23, 28, 35, 42, 49, 56, 60]
+    assert {step: found[step] for step in expected} == expected
+    assert (again["step"], again["objective"]) == (best["step"], best["objective"])
+    straight, resumed = nn.Linear(1, 1), nn.Linear(1, 1)
+    load_weights(straight, whole / WEIGHTS)
+    load_weights(resumed, half / WEIGHTS)
+    assert torch.equal(straight.weight, resumed.weight)
+
+
+@pytest.mark.parametrize("changes", [{"seed": 1}, {"data": Path("other images")}], ids=["seed", "data"])
+def test_a_run_of_other_settings_is_refused(changes: dict[str, Any], tmp_path: Path):
     run(Line(0), settings(tmp_path, steps=3), {}, Progress())
     with pytest.raises(InputError, match="other settings"):
-        run(Line(1), settings(tmp_path, seed=1), {}, Progress())
+        run(Line(1), settings(tmp_path, **changes), {}, Progress())
+
+
+def test_a_state_that_is_no_state_is_refused(tmp_path: Path):
+    run(Line(0), settings(tmp_path, steps=3), {}, Progress())
+    whole = torch.load(tmp_path / STATE, weights_only=True)
+    torch.save({**whole, "format": 0}, tmp_path / STATE)
+    with pytest.raises(InputError, match=r"state\.pt: expected format 1, found 0"):
+        run(Line(0), settings(tmp_path), {}, Progress())
+    (tmp_path / STATE).write_bytes(b"no state")
+    with pytest.raises(InputError, match=r"state\.pt: expected the state of a training run"):
+        run(Line(0), settings(tmp_path), {}, Progress())
 
 
 def test_weights_come_back_from_half_precision_and_foreign_ones_are_refused(tmp_path: Path):

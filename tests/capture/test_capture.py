@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from ia_bench.capture import shapes
 from ia_bench.capture.capture import captured, record
 from ia_bench.capture.radiometry import eight_bits, photographed
-from ia_bench.capture.settings import CaptureSettings, SdfSettings, shipped
+from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings, shipped, without_effect
 from ia_bench.capture.views import farthest_first, spread
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.scene import Scene, View
@@ -141,7 +143,7 @@ def test_a_hull_needs_no_mesh_and_leaves_the_truth(tiny: Scene) -> None:
 
 def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     """The same with and without truth, from the cache the second time; another image is another mesh, of a hull the same."""
-    settings = CaptureSettings(geometry="sdf", sdf=SdfSettings(cells=32, steps=2), cells=32, triangles=1500)
+    settings = CaptureSettings(geometry="sdf", sdf=SdfSettings(cells=32, steps=2), triangles=1500)
     notes: list[str] = []
     after = captured(tiny, settings, notes.append)
     bare = captured(replace(tiny.blind(), mesh=None), settings, notes.append)
@@ -153,7 +155,7 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     other = replace(tiny, train=(replace(tiny.train[0], image=2 * tiny.train[0].image), *tiny.train[1:]))
     captured(other, settings, notes.append)
     assert len(notes) == 2
-    hull = replace(settings, geometry="hull")
+    hull = replace(settings, geometry="hull", cells=32)
     captured(tiny, hull, notes.append)
     captured(other, hull, notes.append)
     assert sum("from 16 training views" in note for note in notes) == 3
@@ -173,10 +175,55 @@ def test_cameras_move_with_their_photographs_where_they_may(tiny: Scene) -> None
     assert all(a.camera is b.camera for a, b in zip(stay.train, tiny.train, strict=True))
 
 
-def test_settings_of_an_sdf_elsewhere_are_told(tiny: Scene) -> None:
+def test_a_hull_of_another_version_of_the_code_is_made_again(tiny: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = CaptureSettings(geometry="hull", cells=24)
     notes: list[str] = []
-    captured(tiny, CaptureSettings(sdf=SdfSettings(cells=64)), notes.append)
-    assert notes == ["capture.sdf changes nothing with capture.geometry=given"]
+    for _ in range(2):
+        captured(tiny, settings, notes.append)
+    assert len(notes) == 1
+    monkeypatch.setattr(shapes, "VERSION", shapes.VERSION + 1)
+    captured(tiny, settings, notes.append)
+    assert len(notes) == 2
+
+
+# ---------------------------------------------------------------- settings that change nothing
+@pytest.mark.parametrize(
+    ("settings", "lines"),
+    [
+        ({"sdf": SdfSettings(cells=64)}, ["sdf changes nothing with capture.geometry=given"]),
+        ({"geometry": "sdf", "cells": 96}, ["cells changes nothing with capture.geometry=sdf"]),
+        ({"geometry": "hull", "smoothing": 0.02}, ["smoothing changes nothing with capture.geometry=hull"]),
+        ({"geometry": "smoothed", "triangles": 500}, ["triangles changes nothing with capture.geometry=smoothed"]),
+        ({"tolerated": 1}, ["tolerated changes nothing with capture.geometry=given and capture.consistency=0"]),
+        ({"tolerated": 4, "consistency": 1}, []),
+        ({"jpeg": 90}, ["jpeg changes nothing with capture.radiometry=hdr"]),
+        ({"percentile": 90.0}, ["percentile changes nothing with capture.radiometry=hdr and capture.background=none"]),
+        ({"percentile": 90.0, "background": 0.5}, []),
+        ({"faults": FaultSettings(blur=1.0)}, ["faults.blur changes nothing with capture.faults.blurred_views=0"]),
+        ({"faults": FaultSettings(blur=1.0, blurred_views=1)}, []),
+        (
+            {"geometry": "sdf", "sdf": SdfSettings(steps=0, align=True, normals="folder")},
+            [f"sdf.{name} changes nothing with capture.sdf.steps=0" for name in ("align", "normals")],
+        ),
+        ({"geometry": "hull", "cells": 96, "tolerated": 1, "triangles": 500}, []),
+        ({"geometry": "smoothed", "smoothing": 0.02}, []),
+    ],
+)
+def test_a_setting_that_changes_nothing_is_told_with_the_cause(settings: dict[str, Any], lines: list[str]) -> None:
+    assert without_effect(CaptureSettings(**settings)) == [f"capture.{line}" for line in lines]
+
+
+def test_a_capture_tells_what_changes_nothing_and_then_takes_it(tiny: Scene) -> None:
+    notes: list[str] = []
+    after = captured(tiny, CaptureSettings(cells=64, faults=FaultSettings(blur=1.0)), notes.append)
+    causes = {"faults.blur": "faults.blurred_views=0", "cells": "geometry=given"}
+    assert notes == [f"capture.{name} changes nothing with capture.{cause}" for name, cause in causes.items()]
+    assert after.mesh is tiny.mesh
+
+
+@pytest.mark.parametrize("name", ["as_read", "phone"])
+def test_nothing_of_a_shipped_capture_changes_nothing(name: str) -> None:
+    assert without_effect(shipped(name)) == []
 
 
 def test_labels_name_what_an_sdf_has_of_its_own() -> None:

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import torch
 
+from ia_bench.capture.capture import captured
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.checks import methods
 from ia_bench.checks.finding import Finding
 from ia_bench.checks.methods import check_method
@@ -135,6 +137,25 @@ def test_what_finds_the_truth_some_other_way_is_found(tiny: Scene) -> None:
     assert failed(findings(Peeping, tiny, hand_over)) == ["the same seed again, with another truth"]
 
 
+def test_what_reaches_the_true_mesh_of_a_smoothed_capture_is_found(tiny: Scene) -> None:
+    """Once because it is handed over, and once because the fit depends on it."""
+    smoothed = captured(tiny, CaptureSettings(geometry="smoothed"), lambda line: None)
+
+    class Measuring(Walk):
+        def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
+            size = np.ptp(problem.books.true_mesh.vertices)
+            return super().fit(problem, seed=int(1000 * size), monitor=monitor)
+
+        saves = False
+
+    def hand_over(scene: Scene) -> Problem:
+        problem = Problem(scene.blind(), RenderSettings(bounces=0))
+        problem.books.true_mesh = scene.truth.mesh
+        return problem
+
+    assert failed(findings(Measuring, smoothed, hand_over)) == ["what it is handed", "the same seed again, with another truth"]
+
+
 def test_a_truth_that_is_handed_over_is_found(tiny: Scene) -> None:
     assert failed(findings(Walk, tiny, lambda scene: Problem(scene, RenderSettings(bounces=0)))) == ["what it is handed"]
 
@@ -145,7 +166,14 @@ def test_what_writes_to_the_scene_is_found(tiny: Scene) -> None:
             problem.scene.train[0].image[0, 0] = 1
             return super().result(problem, grey)
 
+    class Believer(Walk):
+        def result(self, problem: Problem, grey: torch.Tensor) -> Result:
+            problem.scene.train[0].valid[:] = True
+            return super().result(problem, grey)
+
     assert failed(findings(Painter, tiny)) == ["the scene"]
+    eight_bits = captured(tiny, CaptureSettings(radiometry="ldr", percentile=90.0), lambda line: None)
+    assert failed(findings(Believer, eight_bits)) == ["the scene"]
 
 
 class Dark:

@@ -17,16 +17,16 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from ia_bench.common.arguments import read_arguments, settings_text
-from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
-from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number
 from ia_bench.common.seeds import derive_seed
+from ia_bench.training.resuming import forget_validations_after, load_state, save_state, write_validation
 from ia_bench_baselines.common.pictures import save_weights
 
-STATE, CURVE, WEIGHTS = "state.pt", "curve.jsonl", "weights.safetensors"
+WEIGHTS = "weights.safetensors"
+STATE_FORMAT = 1  # of what a state holds: one of another format is refused
 _INITIAL, _STEP = 1, 2  # purposes of random streams
 
 
@@ -36,7 +36,7 @@ class RunSettings:
 
     Attributes:
         data: Folder of training images.
-        out: The run's folder: state.pt (it resumes from there), curve.jsonl, and weights.safetensors, the best so far.
+        out: The run's folder: state.pt (it resumes from there), validation.jsonl, and weights.safetensors, the best so far.
         steps: Optimiser steps in all; a finished run may be told to go on with more.
         minutes: After so many the run stops and keeps its state; None for no limit.
         validate_steps: Steps between two validations.
@@ -58,7 +58,7 @@ class RunSettings:
 
     def identity(self) -> str:
         """Hash of what the weights depend on; a run resumes only where it is the same."""
-        free = ("data", "out", "steps", "minutes", "threads", "device", "checkpoint_minutes")
+        free = ("out", "steps", "minutes", "threads", "device", "checkpoint_minutes")
         values = {key: value for key, value in dataclasses.asdict(self).items() if key not in free}
         return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
@@ -100,10 +100,9 @@ def initial_weights(seed: int) -> torch.Generator:
 def run(trainee: Trainee, settings: RunSettings, about: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Train to ``settings.steps`` or until the minutes are over, from the checkpoint if there is one; returns the best figures.
 
-    ``about`` goes into the metadata of the weights. Raises InputError for the state of a run with other settings, and where a
-    loss is no number.
+    ``about`` goes into the metadata of the weights. Raises InputError for a state that cannot be read or belongs to other settings,
+    and where a loss is no number.
     """
-    make_writable(settings.out, "out")
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
     step, seconds, best = _resume(trainee, settings)
@@ -127,10 +126,8 @@ def run(trainee: Trainee, settings: RunSettings, about: Mapping[str, Any], progr
                 figures = trainee.validate()
             trainee.networks.train()
             means = {name: sum(values) / len(values) for name, values in losses.items()}
-            line = {"step": step, "seconds": round(spent, 1), **figures, "training": means}
             losses = {}
-            with (settings.out / CURVE).open("a") as curve:
-                curve.write(json.dumps(line) + "\n")
+            write_validation(settings.out, step, spent, {**figures, "training": means})
             if figures.get("objective", math.inf) < best.get("objective", math.inf):
                 best = {"step": step, "seconds": round(spent, 1), **figures}
                 save_weights(trainee.packaged(), settings.out / WEIGHTS, {**about, **best})
@@ -144,25 +141,21 @@ def run(trainee: Trainee, settings: RunSettings, about: Mapping[str, Any], progr
 
 def _save(trainee: Trainee, settings: RunSettings, step: int, seconds: float, best: dict[str, Any]) -> None:
     state = {
-        "identity": settings.identity(),
         "step": step,
         "seconds": seconds,
         "best": best,
         "networks": trainee.networks.state_dict(),
         "optimisers": {name: optimiser.state_dict() for name, optimiser in trainee.optimisers.items()},
     }
-    with whole_file(settings.out / STATE) as partial:
-        torch.save(state, partial)
+    save_state(settings.out, STATE_FORMAT, settings.identity(), state)
 
 
 def _resume(trainee: Trainee, settings: RunSettings) -> tuple[int, float, dict[str, Any]]:
-    """Steps, seconds and best figures so far."""
-    path = settings.out / STATE
-    if not path.is_file():
+    """Steps, seconds and best figures so far; what had been validated since is forgotten."""
+    state = load_state(settings.out, STATE_FORMAT, settings.identity())
+    forget_validations_after(0 if state is None else state["step"], settings.out)
+    if state is None:
         return 0, 0.0, {}
-    state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
-    if state["identity"] != settings.identity():
-        raise InputError(f"{path}: belongs to a run with other settings; choose another out=FOLDER or the old settings")
     trainee.networks.load_state_dict(state["networks"])
     for name, optimiser in trainee.optimisers.items():
         optimiser.load_state_dict(state["optimisers"][name])
