@@ -32,7 +32,8 @@ from ia_bench.runs.table import Request, Row, Table, load_table, make_cells
 
 HERE = Path(__file__).parent
 ABLATIONS = [f"diffusion, targets{part}" for part in ("", ", weight .01", " w/o specular", " w/o albedo", " w/o guided")]
-ROWS = ["ceiling", "constant", "none", "oracle", "diffusion, kernel", *ABLATIONS, "diffusion, distilled", "regressor, targets"]
+KERNELS = ["diffusion, kernel", "refiner"]
+ROWS = ["ceiling", "constant", "none", "oracle", *KERNELS, *ABLATIONS, "diffusion, distilled", "regressor, targets"]
 
 
 @pytest.fixture(autouse=True)
@@ -74,6 +75,7 @@ def test_the_ablations_are_configuration() -> None:
     cells = {cell.row.name: cell.config for cell in cells_of(table, scenes=("hat",))}
     assert cells["ceiling"].method.name == "ceiling"
     assert cells["none"].prior.name == "none"
+    assert cells["refiner"].prior.name == "refiner"
     assert cells["diffusion, targets w/o specular"].method.options["weights"]["specular"] == 0
     assert cells["diffusion, targets w/o albedo"].method.options["weights"]["albedo"] == 0
     assert not cells["diffusion, targets w/o guided"].method.options["guided"]
