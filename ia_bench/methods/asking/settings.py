@@ -23,6 +23,8 @@ class SupervisionSettings:
         refinement: How much of what a prior corrects in the finished fit is taken over, as a share of the logarithm of the albedo's
             change; 0 asks for none. Only for a prior that can (``ia_bench.priors.contract.Refiner``).
         roughness_refinement: Likewise, as a share of the change of the roughness.
+        parsimony: How far albedo and roughness of the finished fit move toward the means of places that resemble each other, with
+            any prior and none (``ia_bench.methods.two_stage.parsimony``); 0 leaves them where they are.
         specular_weight: Of this prior's specular shading, times the method's weight of it.
         kernel_scale: Standard deviation of the kernel, a Euclidean distance of sRGB colours.
         radius: How far apart the pixels of a pair may be, as a fraction of the longer side of the image.
@@ -38,6 +40,7 @@ class SupervisionSettings:
     kernel_weight: Weight = 0.01
     refinement: Share = 0.0
     roughness_refinement: Share = 0.0
+    parsimony: Share = 0.0
     specular_weight: Weight = 1.0
     kernel_scale: Positive = 0.1
     radius: Positive = 0.5

@@ -16,6 +16,7 @@ from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.parsimony import pooled
 from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo, refined_roughness
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
@@ -91,22 +92,40 @@ class Dialogue:
             self.supervise(make_targets(self._problem, estimates, views))
 
     def refine(self, parameters: Parameters, generator: torch.Generator) -> None:
-        """Let the prior correct the material that was recovered, if the settings want it."""
+        """Let the prior correct the material that was recovered, and let it be of few materials, if the settings want it."""
         settings = self._problem.supervision
-        if not settings.refinement and not settings.roughness_refinement:
+        correcting = settings.refinement or settings.roughness_refinement
+        if not correcting and not settings.parsimony:
             return
         with self._asking(), torch.no_grad():
-            views, material = self._sampler.views, parameters.material(detached=True)
-            fusion = Fusion(self._problem, views)
-            fitted = fitted_views(self._problem, fusion, views, material, parameters.light(), generator)
-            renders = {name: images.cpu() for name, images in fitted.items()}
-            corrected = self._sampler.refine(renders).values
-            albedo = refined_albedo(fusion, material.albedo, renders["albedo"], corrected["albedo"], settings.refinement)
-            parameters.tensors["albedo"].copy_(albedo)
-            if "roughness" in corrected:
-                maps = renders["roughness"], corrected["roughness"]
-                roughness = refined_roughness(fusion, material.roughness, *maps, settings.roughness_refinement)
-                parameters.tensors["roughness"].copy_(roughness)
+            fusion = Fusion(self._problem, self._sampler.views)
+            if correcting:
+                self._correct(fusion, parameters, generator)
+            if settings.parsimony and fusion:
+                self._pool(fusion, parameters, generator)
+
+    def _correct(self, fusion: Fusion, parameters: Parameters, generator: torch.Generator) -> None:
+        settings, material = self._problem.supervision, parameters.material(detached=True)
+        fitted = fitted_views(self._problem, fusion, self._sampler.views, material, parameters.light(), generator)
+        renders = {name: images.cpu() for name, images in fitted.items()}
+        corrected = self._sampler.refine(renders).values
+
+        def both(name: str) -> tuple[Tensor, Tensor]:
+            return fusion.pixels(renders[name]), fusion.pixels(corrected[name])
+
+        parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, *both("albedo"), settings.refinement))
+        if "roughness" in corrected:
+            refined = refined_roughness(fusion, material.roughness, *both("roughness"), settings.roughness_refinement)
+            parameters.tensors["roughness"].copy_(refined)
+
+    def _pool(self, fusion: Fusion, parameters: Parameters, generator: torch.Generator) -> None:
+        material, share = parameters.material(detached=True), self._problem.supervision.parsimony
+        surface, (part, _) = self._problem.renderer.surface, restrict(self._problem.gbuffer, self._sampler.views)
+        textures = material.albedo, material.roughness
+        shown = [fusion.pixels(texture_images(surface, part, texture)) for texture in textures]
+        means = pooled(*shown, fusion.position, generator)
+        parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, shown[0], means[0], share))
+        parameters.tensors["roughness"].copy_(refined_roughness(fusion, material.roughness, shown[1], means[1], share))
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""

@@ -28,6 +28,9 @@ class Fusion:
     """Averages images of some training ``views`` over the pixels that show a texel.
 
     Each pixel is weighed by the cosine at which it sees the surface; those that the object covers in part are left out.
+
+    Attributes:
+        position: (P, 3), where the surface is that the pixels show.
     """
 
     def __init__(self, problem: Problem, views: tuple[int, ...]) -> None:
@@ -38,6 +41,7 @@ class Fusion:
         origin = part.origin[self._pixel // (part.shape[1] * part.shape[2])]
         middle = surface(face[:, 0], barycentric[:, 0], origin)
         toward = origin - middle.position
+        self.position = middle.position
         self._cosine = (middle.normal * toward).sum(-1, keepdim=True).clamp_min(0) / toward.norm(dim=-1, keepdim=True)
         self._uv = surface.uv(face, barycentric).reshape(-1, 2)
 
@@ -62,26 +66,24 @@ class Fusion:
         return fill_unobserved(summed[..., :channels] / summed[..., channels:].clamp_min(1e-12), known)
 
 
-def refined_albedo(fusion: Fusion, texture: Tensor, render: Tensor, corrected: Tensor, share: float) -> Tensor:
-    """The albedo ``texture`` (T, T, 3) as its photographs were corrected from ``render`` to ``corrected``, both (V, H, W, 3).
+def refined_albedo(fusion: Fusion, texture: Tensor, shown: Tensor, corrected: Tensor, share: float) -> Tensor:
+    """The albedo ``texture`` (T, T, 3) as the pixels that show it were corrected from ``shown`` to ``corrected``, both (P, 3).
 
-    A texel changes by the factor exp(share * mean of log((corrected + e) / (render + e))) of albedos plus e = OFFSET. The mean
+    A texel changes by the factor exp(share * mean of log((corrected + e) / (shown + e))) of albedos plus e = OFFSET. The mean
     factor of each channel is taken out, since no correction is asked about level and cast.
     """
     if not fusion:
         return texture
-    logs = [torch.log(fusion.pixels(images).clamp_min(0) + OFFSET) for images in (corrected, render)]
-    change = logs[0] - logs[1]
+    change = torch.log(corrected.clamp_min(0) + OFFSET) - torch.log(shown.clamp_min(0) + OFFSET)
     mean = fusion.texture(change - fusion.mean(change), len(texture))
     return ((texture + OFFSET) * torch.exp(share * mean) - OFFSET).clamp(0, 1)
 
 
-def refined_roughness(fusion: Fusion, texture: Tensor, render: Tensor, corrected: Tensor, share: float) -> Tensor:
-    """The roughness ``texture`` (T, T, 1) likewise, ``render`` and ``corrected`` (V, H, W, 1): plus share * mean change."""
+def refined_roughness(fusion: Fusion, texture: Tensor, shown: Tensor, corrected: Tensor, share: float) -> Tensor:
+    """The roughness ``texture`` (T, T, 1) likewise, ``shown`` and ``corrected`` (P, 1): plus share * mean change."""
     if not fusion:
         return texture
-    change = fusion.texture(fusion.pixels(corrected) - fusion.pixels(render), len(texture))
-    return (texture + share * change).clamp(MIN_ROUGHNESS, 1)
+    return (texture + share * fusion.texture(corrected - shown, len(texture))).clamp(MIN_ROUGHNESS, 1)
 
 
 def fitted_views(
