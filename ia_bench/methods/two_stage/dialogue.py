@@ -121,11 +121,12 @@ class Dialogue:
     def _pool(self, fusion: Fusion, parameters: Parameters, generator: torch.Generator) -> None:
         material, share = parameters.material(detached=True), self._problem.supervision.parsimony
         surface, (part, _) = self._problem.renderer.surface, restrict(self._problem.gbuffer, self._sampler.views)
-        textures = material.albedo, material.roughness
-        shown = [fusion.pixels(texture_images(surface, part, texture)) for texture in textures]
-        means = pooled(*shown, fusion.position, generator)
-        parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, shown[0], means[0], share))
-        parameters.tensors["roughness"].copy_(refined_roughness(fusion, material.roughness, shown[1], means[1], share))
+        albedo, roughness = (
+            fusion.pixels(texture_images(surface, part, texture)) for texture in (material.albedo, material.roughness)
+        )
+        mean_albedo, mean_roughness = pooled(albedo, roughness, fusion.position, generator)
+        parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, albedo, mean_albedo, share))
+        parameters.tensors["roughness"].copy_(refined_roughness(fusion, material.roughness, roughness, mean_roughness, share))
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""
