@@ -31,9 +31,10 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     """Means of albedo and roughness over partners, each weighed by exp(-|f_i - f_j|^2 / 2).
 
     Features f are display values, roughness and place over their bandwidths. Albedos are averaged as log(albedo + OFFSET). Partners
-    are drawn among all places, with the ``generator``; a place is its own partner with the weight that it has among all.
+    are drawn among all places with the ``generator``; a place is its own one besides, with the share of places that are drawn as
+    its weight, so that what nothing resembles stays as it is.
 
-    (P, 3) linear, (P, 1) and (P, 3) in scene units of P places -> (P, 3) and (P, 1).
+    Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual, ``position`` (P, 3) in scene units, of P places: the first two again.
     """
     features, values = _features(albedo, roughness, position), torch.cat([torch.log(albedo.clamp_min(0) + OFFSET), roughness], 1)
     drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]

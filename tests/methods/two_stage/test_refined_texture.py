@@ -105,9 +105,10 @@ def test_no_correction_is_no_change(problem: Problem, scene: Scene) -> None:
     views = tuple(range(len(problem.scene.train)))
     render = texture_images(problem.renderer.surface, problem.gbuffer, texture)
     fusion = Fusion(problem, views)
-    same = refined_albedo(fusion, texture, render, render.clone(), 1.0)
+    shown = fusion.pixels(render)
+    same = refined_albedo(fusion, texture, shown, shown.clone(), 1.0)
     torch.testing.assert_close(same, texture, rtol=0, atol=1e-5)
-    scaled = refined_albedo(fusion, texture, render + OFFSET, 2 * render + 2 * OFFSET - OFFSET, 1.0)
+    scaled = refined_albedo(fusion, texture, shown + OFFSET, 2 * shown + 2 * OFFSET - OFFSET, 1.0)
     assert float((scaled - texture).abs().max()) < 0.2
 
 
@@ -118,7 +119,8 @@ def test_some_views_change_what_they_see_and_the_rest_follows(problem: Problem, 
     render = texture_images(problem.renderer.surface, problem.gbuffer, texture)[list(views)]
     side = torch.ones_like(render)
     side[:, :, : render.shape[2] // 2] = 1.3
-    changed = refined_albedo(Fusion(problem, views), texture, render, render * side, 1.0)
+    fusion = Fusion(problem, views)
+    changed = refined_albedo(fusion, texture, fusion.pixels(render), fusion.pixels(render * side), 1.0)
     assert float(changed.min()) >= 0
     assert float(changed.max()) <= 1
     ratio = changed / texture
@@ -141,9 +143,10 @@ def test_roughness_is_a_mean_and_stays_valid(problem: Problem, scene: Scene) -> 
     views = tuple(range(len(problem.scene.train)))
     render = texture_images(problem.renderer.surface, problem.gbuffer, texture)
     fusion = Fusion(problem, views)
-    torch.testing.assert_close(refined_roughness(fusion, texture, render, render + 0.2, 0.5), texture + 0.1)
-    assert float(refined_roughness(fusion, texture, render, render + 3, 1.0).max()) == 1
-    assert float(refined_roughness(fusion, texture, render, render - 3, 1.0).min()) == pytest.approx(0.03)
+    shown = fusion.pixels(render)
+    torch.testing.assert_close(refined_roughness(fusion, texture, shown, shown + 0.2, 0.5), texture + 0.1)
+    assert float(refined_roughness(fusion, texture, shown, shown + 3, 1.0).max()) == 1
+    assert float(refined_roughness(fusion, texture, shown, shown - 3, 1.0).min()) == pytest.approx(0.03)
 
 
 def test_evidence_is_what_all_photographs_say(problem: Problem) -> None:

@@ -1,0 +1,108 @@
+"""Places of a fit that resemble each other agree more after the step of parsimony, and nothing else changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.distance import cdist
+from small_fit import SETTINGS, Found, Record, altered, fit
+from torch import Tensor
+
+from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.parsimony import CHROMA, GREY, PARTNERS, REACH, ROUGHNESS, pooled
+from ia_bench.methods.two_stage.refinement import OFFSET
+from ia_bench.priors.none import NoPrior
+from ia_bench.render.renderer import texture_images
+from ia_bench.scenes.color import linear_to_srgb
+
+QUICK = replace(SETTINGS, stage1_steps=8, stage2_steps=4)
+
+
+def places(count: int, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    random = torch.Generator().manual_seed(seed)
+    return (
+        torch.rand(count, 3, generator=random),
+        0.03 + 0.97 * torch.rand(count, 1, generator=random),
+        torch.randn(count, 3, generator=random),
+    )
+
+
+def test_means_are_those_of_the_formula() -> None:
+    """Written with numpy in float64, where all places are partners of each other."""
+    colours, roughness, position = places(500)
+    albedo = 0.4 + 0.1 * colours
+    found = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
+    colour, rough, place = (part.numpy().astype(np.float64) for part in (albedo, roughness, position))
+    shown = linear_to_srgb(colour)
+    grey = shown @ np.full((3, 1), 3**-0.5)
+    square = cdist(grey, grey, "sqeuclidean") / GREY**2
+    square += (cdist(shown, shown, "sqeuclidean") - cdist(grey, grey, "sqeuclidean")) / CHROMA**2
+    square += cdist(rough, rough, "sqeuclidean") / ROUGHNESS**2
+    square += cdist(place, place, "sqeuclidean") / (REACH * np.linalg.norm(np.ptp(place, axis=0))) ** 2
+    weights = np.exp(-square / 2) + np.eye(len(colour))
+    weights /= weights.sum(1, keepdims=True)
+    assert np.median(weights.max(1)) < 0.9  # places do have partners
+    np.testing.assert_allclose(found[0], np.exp(weights @ np.log(colour + OFFSET)) - OFFSET, atol=1e-5)
+    np.testing.assert_allclose(found[1], weights @ rough, atol=1e-5)
+
+
+def test_noise_of_two_materials_goes_and_their_difference_stays() -> None:
+    random, count = torch.Generator().manual_seed(1), 3 * PARTNERS
+    second = (torch.arange(count) % 2 == 1)[:, None]
+    albedo = torch.where(second, torch.tensor([0.5, 0.2, 0.1]), torch.tensor([0.2, 0.3, 0.4]))
+    roughness = torch.where(second, 0.3, 0.7)
+    _, _, position = places(count)
+    noisy = (albedo * torch.exp(0.08 * torch.randn(count, 1, generator=random))).clamp(0, 1)
+    rough = roughness + 0.05 * torch.randn(count, 1, generator=random)
+    found = pooled(noisy, rough, position, torch.Generator().manual_seed(0))
+    for before, after, true in ((noisy, found[0], albedo), (rough, found[1], roughness)):
+        assert float((after - true).square().mean()) < 0.3 * float((before - true).square().mean())
+        assert float((after - true).mean(0).abs().max()) < 0.01
+
+
+def test_what_nothing_resembles_stays() -> None:
+    albedo, roughness, position = torch.full((5 * PARTNERS, 3), 0.2), torch.full((5 * PARTNERS, 1), 0.5), places(5 * PARTNERS)[2]
+    albedo[7], roughness[7] = torch.tensor([0.9, 0.1, 0.1]), 0.1
+    found = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
+    torch.testing.assert_close(found[0], albedo, atol=1e-4, rtol=0)
+    torch.testing.assert_close(found[1], roughness, atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+@pytest.mark.parametrize("count", [1, 9])
+def test_the_ends(value: float, count: int) -> None:
+    """Black or white, one place or many at one point."""
+    albedo, roughness = torch.full((count, 3), value), torch.ones(count, 1)
+    found = pooled(albedo, roughness, torch.zeros(count, 3), torch.Generator().manual_seed(0))
+    torch.testing.assert_close(found[0], albedo)
+    torch.testing.assert_close(found[1], roughness)
+
+
+def test_a_fit_moves_by_the_share_and_keeps_its_light(problem: Problem) -> None:
+    def found(share: float) -> Found:
+        return fit(altered(problem, supervision=SupervisionSettings(parsimony=share)), NoPrior(), QUICK, Record())
+
+    plain, half, whole = (found(share) for share in (0.0, 0.5, 1.0))
+    assert torch.equal(whole.light, plain.light)
+    inside, surface = problem.gbuffer.coverage() == 1, problem.renderer.surface
+    for name in ("albedo", "roughness"):
+        shown = [texture_images(surface, problem.gbuffer, getattr(one.material, name))[inside] for one in (plain, half, whole)]
+        moved = [float((one - shown[0]).square().mean().sqrt()) for one in shown[1:]]
+        assert moved[1] > 1e-3
+        assert moved[0] == pytest.approx(0.5 * moved[1], rel=0.1)
+        deviations = [float(one.std(0).mean()) for one in shown]
+        assert deviations[2] < deviations[0]
+
+
+def test_a_share_of_nothing_is_nothing(problem: Problem) -> None:
+    """Where no pixel is wholly covered there is nothing to be pooled."""
+    thin = altered(problem, supervision=SupervisionSettings(parsimony=1.0))
+    face = thin.gbuffer.face.clone()
+    face[:, 0] = -1
+    holes = altered(thin, gbuffer=replace(thin.gbuffer, face=face))
+    plain = altered(holes, supervision=SupervisionSettings())
+    assert torch.equal(*(fit(one, NoPrior(), QUICK, Record()).material.albedo for one in (holes, plain)))
