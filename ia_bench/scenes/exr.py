@@ -14,8 +14,8 @@ from ia_bench.common.files import is_file, shown
 RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
 
 
-def read_exr(path: Path, channels: int) -> np.ndarray:
-    """Read an image of exactly ``channels`` channels (1: Y, 3: RGB, 4: RGBA) as (H, W, channels) float32.
+def read_exr(path: Path, channels: int | None) -> np.ndarray:
+    """Read ``channels`` of an image (1: Y, 3: RGB, 4: RGBA; None: RGBA where it has alpha, else RGB) as (H, W, channels) float32.
 
     Raises InputError, naming the file, when it is missing, unreadable, of another channel layout, or holds NaN or Inf.
     """
@@ -28,7 +28,7 @@ def read_exr(path: Path, channels: int) -> np.ndarray:
             found = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
-    names = {1: "Y", 3: "RGB", 4: "RGBA"}[channels]
+    names = {1: "Y", 3: "RGB", 4: "RGBA"}[channels or (4 if "A" in found else 3)]
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{path}: expected channels {', '.join(names)}, found {', '.join(sorted(found))}")

@@ -22,11 +22,11 @@ def read_rgbe(path: Path) -> np.ndarray:
         raise InputError(f"{shown(path)}: no such image")
     content = path.read_bytes()
     height, width, place = _header(path, content)
-    rows = np.zeros((height, width, 4), np.uint8)
     try:
+        rows = np.zeros((height, width, 4), np.uint8)
         for row in rows:
             place = _row(content, place, row)
-    except (IndexError, ValueError):
+    except (IndexError, ValueError, MemoryError):
         raise InputError(f"{path}: expected {height} rows of {width} pixels, found damaged or missing data") from None
     scale = np.where(rows[..., 3] > 0, np.exp2(rows[..., 3].astype(np.float64) - 136), 0)
     return (rows[..., :3] * scale[..., None]).astype(np.float32)
