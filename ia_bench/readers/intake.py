@@ -90,8 +90,8 @@ class Intake:
             source=source,
             mesh=loaded if loaded is None or place is None else placed(loaded, place),
             train=tuple(train),
-            test=tuple(replace(view, valid=None) for view in test),  # scores clip both images: what is saturated is scored, too
-            novel=tuple(replace(view, valid=None) for view in novel),
+            test=tuple(map(_held_out, test)),
+            novel=tuple(map(_held_out, novel)),
             truth=truth,
             notes=(*repairs, *notes, *warnings_of(train)),
         )
@@ -100,6 +100,12 @@ class Intake:
         if self.mesh is not None:
             return user_path("reader.options.mesh", self.mesh)
         return own or next((path for name in MESHES if (path := self.folder / name).is_file()), None)
+
+
+def _held_out(view: View) -> View:
+    """The view with saturated pixels taken for known, since scores clip both images; what nobody has seen stays unknown."""
+    known = None if view.valid is None else view.valid | (view.mask > 0)
+    return replace(view, valid=None if known is None or known.all() else known)
 
 
 def placed(mesh: Mesh, place: np.ndarray) -> Mesh:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.silhouettes import carving_mask
 from ia_bench.readers.distortion import Lens, lens, undistorted
+from ia_bench.readers.intake import Intake
 from ia_bench.scenes.scene import Camera, View
 
 FOCAL, CENTRE = (50.0, 47.0), (31.3, 22.8)
@@ -69,6 +71,19 @@ def test_a_photograph_that_fills_the_pinhole_s_frame_stays_whole() -> None:
     straight = undistorted("it", spot(1, 1), Lens(k1=1e-9))  # which throws the outer pixels' centres out by next to nothing
     np.testing.assert_allclose(straight.image, spot(1, 1).image, atol=1e-5)
     assert straight.valid is None
+
+
+def test_a_held_out_pixel_that_nobody_has_seen_is_not_scored(tmp_path: Path) -> None:
+    """Others are, the saturated ones among them: scores clip both images."""
+    saturated = np.ones((48, 64), bool)
+    saturated[20, 30] = False
+    view = undistorted("it", replace(spot(30, 20), valid=saturated), Lens(k1=0.5))
+    intake = Intake.of("it", tmp_path, mesh=None, uv="mesh", shrink=1, held_out=None)
+    whole = replace(spot(30, 20), valid=saturated)
+    scene = intake.scene(train=[view], test=[view], novel=[whole], truth=None)
+    assert np.array_equal(scene.train[0].valid, view.valid)
+    assert np.array_equal(scene.test[0].valid, view.mask > 0)
+    assert scene.novel[0].valid is None
 
 
 def test_a_saturated_pixel_stays_one() -> None:
