@@ -51,7 +51,7 @@ class NerfstudioReader:
     def read(self, truth: bool) -> Scene:
         """The scene; such folders hold no truth, so held-out photographs are all that is scored. Raises InputError."""
         intake, notes = self._intake, list[str]()
-        self._sizes = dict[tuple[object, ...], tuple[tuple[int, int], Path]]()
+        self._sizes = dict[str, tuple[tuple[int, int], Path]]()
         self._masked = dict[Path, Path]()
         training, held_out = self._splits(notes)
         train = [self._view(*frame, notes) for frame in training]
@@ -68,7 +68,8 @@ class NerfstudioReader:
             held_out = frames_of(folder / TESTING) if (folder / TESTING).is_file() else []
             return frames_of(folder / TRAINING), held_out
         frames = frames_of(folder / WHOLE)
-        splits = {split: self._named(split) for split in ("train", "val", "test")}
+        content = read_json(folder / WHOLE)
+        splits = {split: _named(folder / WHOLE, content, f"{split}_filenames") for split in ("train", "val", "test")}
         if splits["train"] is None:
             kept = [frame for place, frame in enumerate(frames) if place % self._every]
             notes.append(f"{WHOLE} names no splits: every {self._every}th of {len(frames)} photographs is held out")
@@ -80,13 +81,6 @@ class NerfstudioReader:
                     raise InputError(f"{folder / WHOLE}: {split}_filenames: expected file paths of frames, found {name!r}")
         held_out = [by_name[name] for name in (splits["test"] or splits["val"] or ())]
         return [by_name[name] for name in splits["train"]], held_out
-
-    def _named(self, split: str) -> list[str] | None:
-        path, key = self._intake.folder / WHOLE, f"{split}_filenames"
-        names = read_json(path).get(key)
-        if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
-            raise InputError(f"{path}: {key}: expected a list of file paths, found {names!r:.100}")
-        return names
 
     def _view(self, where: str, frame: Mapping[str, Any], notes: list[str]) -> View:
         folder = self._intake.folder
@@ -102,7 +96,7 @@ class NerfstudioReader:
 
     def _expect_same_size(self, path: Path, frame: Mapping[str, Any], size: tuple[int, int]) -> None:
         """Raise InputError for photographs of different size with the same intrinsics: one of them was cut or scaled."""
-        known = tuple(frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy"))
+        known = str([frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy")])
         first, like = self._sizes.setdefault(known, (size, path))
         if size != first:
             found = f"{size[0]} x {size[1]}"
@@ -129,3 +123,10 @@ class NerfstudioReader:
                 f"put masks into folders ({self._masks}/left for images/left), or name each by mask_path"
             )
         return found
+
+
+def _named(path: Path, content: Mapping[str, Any], key: str) -> list[str] | None:
+    names = content.get(key)
+    if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise InputError(f"{path}: {key}: expected a list of file paths, found {names!r:.100}")
+    return names

@@ -18,7 +18,7 @@ from typing import Any, Literal
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.common.suggestions import unknown
-from ia_bench.readers.fields import camera, text
+from ia_bench.readers.fields import camera, number, text
 from ia_bench.readers.frames import frames_of
 from ia_bench.readers.intake import Intake, Unwrapping
 from ia_bench.readers.lights import lights_below
@@ -102,8 +102,8 @@ class OpenIlluminationReader:
         mask = file_below(folder, f"output/{'com_masks' if split == 'train' else 'obj_masks'}/{name}.png", f"{where}: mask")
         photo = photograph(path, mask, notes)
         height, width = photo.mask.shape
-        if "calib_imgw" in frame and width != frame["calib_imgw"] and frame["calib_imgw"] % width:
-            expect_size(path, (height, width), (height, int(frame["calib_imgw"])), f"calib_imgw of {where}")
+        if "calib_imgw" in frame and (calibrated := number(where, frame, "calib_imgw")) % width:
+            expect_size(path, (height, width), (height, int(calibrated)), f"calib_imgw of {where}")
         return photo.view(name, camera(where, frame, width, height))
 
 

@@ -119,6 +119,10 @@ OPEN: Mistakes = {
         edit("output/transforms_train.json", lambda c: c["frames"]["CA3"].update(calib_imgw=50)),
         "CA3.JPG: expected 50 x 32 pixels like calib_imgw",
     ),
+    "a width as text": (
+        edit("output/transforms_train.json", lambda c: c["frames"]["CA3"].update(calib_imgw="48")),
+        r"frames\['CA3'\]: calib_imgw: expected a finite number, found '48'",
+    ),
 }
 
 MISTAKES: dict[str, Mistakes] = {

@@ -95,6 +95,7 @@ MISTAKES: dict[str, Mistakes] = {
         "mask of another size": (picture("masks/train_0003.png", smaller), r"masks/train_0003.png: expected 32 x 32 pixels"),
         "another size": (picture("images/train_0003.png", smaller), r"expected 28 x 24 pixels|expected w = 32"),
         "wrong width": (edit(WHOLE, lambda c: c.update(w=64)), "expected w = 64, as .* says, found 32"),
+        "focal length in a list": (edit(WHOLE, lambda c: c.update(fl_x=[50.0])), r"fl_x: expected a finite number, found \[50.0\]"),
         "fisheye": (
             edit(WHOLE, lambda c: c.update(camera_model="OPENCV_FISHEYE")),
             "camera_model: expected one of.*found 'OPENCV_FISHEYE'",
