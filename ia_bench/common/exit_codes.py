@@ -45,7 +45,7 @@ def status_of(work: Callable[[], int]) -> int:
     except KeyboardInterrupt as stop:
         status = TERMINATED if isinstance(stop, Terminated) else INTERRUPTED
         return complain("interrupted; the same command resumes", status)
-    except (InputError, Fault, FloatingPointError) as error:  # the last: numbers of which the one who raised it has said where
+    except (InputError, Fault, FloatingPointError, OSError) as error:  # the last two say themselves which numbers, or which file
         return complain(str(error), MISTAKE if isinstance(error, InputError) else FAULT)
     except Exception:
         say(traceback.format_exc(), sys.stderr)
