@@ -25,6 +25,7 @@ from ia_bench.checks.finding import Finding, judge, raised
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import PREDICTED, MethodInfo
+from ia_bench.readers.contract import unscored
 from ia_bench.render.reconstruction import Assets, Quality, Reconstruction
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Scene
@@ -107,7 +108,7 @@ def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Proble
     if any(finding.status == "fail" for finding in findings):
         yield Finding("skip", "everything else", "", "it needs a sound result")
         return
-    cameras = [view.camera for view in scene.test[:VIEWS]]
+    cameras = [view.camera for view in (scene.test or scene.novel or scene.train)[:VIEWS]]
 
     def fit(scene: Scene, memory: Memory) -> Reconstruction:
         found: Reconstruction = make().fit(make_problem(scene), seed=SEED, monitor=memory.monitor()).reconstruction
@@ -278,8 +279,9 @@ def _pictures(found: Reconstruction, cameras: list[Camera]) -> Iterator[np.ndarr
 
 
 def _scored(info: MethodInfo, found: Reconstruction, scene: Scene) -> Iterator[Finding]:
-    metrics = Scorer(scene, Protocol(), torch.device("cpu")).full(found).metrics
-    for name in sorted(info.predicts):
+    metrics, lacking = Scorer(scene, Protocol(), torch.device("cpu")).full(found).metrics, unscored(scene)
+    yield from (Finding("skip", f"score of {name}", "", lacking[name]) for name in sorted(info.predicts & lacking.keys()))
+    for name in sorted(info.predicts - lacking.keys()):
         values = {f"{part} {metric}": value for part in COMPONENTS.get(name, (name,)) for metric, value in metrics[part].items()}
         text = ", ".join(f"{metric} {'undefined' if value is None else f'{value:.3g}'}" for metric, value in values.items())
         yield judge(None not in values.values(), f"score of {name}", "numbers", text)

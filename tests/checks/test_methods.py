@@ -96,6 +96,16 @@ def test_what_keeps_the_contract_passes(tiny: Scene) -> None:
     assert {f"score of {name}" for name in Walk.info.predicts} <= set(found)
 
 
+def test_a_scene_that_lacks_truth_and_test_views_is_no_fault_of_the_method(tiny: Scene) -> None:
+    found = findings(Walk, replace(tiny, test=(), truth=replace(tiny.truth, lights={}, albedo=None, roughness=None)))
+    assert failed(found) == []
+    assert {what: finding.found for what, finding in found.items() if finding.status == "skip"} == {
+        "score of albedo": "no test views",
+        "score of roughness": "no test views",
+        "score of relighting": f"no environment map of {', '.join(sorted({view.light for view in tiny.novel} - {'train'}))}",
+    }
+
+
 def test_what_never_saves_is_told_so(tiny: Scene) -> None:
     found = findings(type("Saveless", (Walk,), {"saves": False}), tiny)
     assert failed(found) == []
