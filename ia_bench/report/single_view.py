@@ -53,9 +53,10 @@ def load_examples(name: str, limit: int | None = None, *, geometry: bool = False
     assert path is not None
     scene = NativeReader(path).read(truth=True)
     views = scene.test[:limit]
-    for view in views:
-        if view.albedo is None or view.specular is None:
-            raise InputError(f"{path}: test view {view.name}: expected true albedo and specular shading, found none")
+    without = [view.name for view in views if view.albedo is None or view.specular is None]
+    if without or not views:
+        found = f"view {without[0]} without" if without else "no test view"
+        raise InputError(f"{path}: expected test views with true albedo and specular shading, found {found}")
     images, masks, albedo, specular = (
         torch.stack([torch.from_numpy(getattr(view, key)) for view in views]) for key in ("image", "mask", "albedo", "specular")
     )

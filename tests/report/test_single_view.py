@@ -1,3 +1,6 @@
+import json
+import shutil
+
 import numpy as np
 import pytest
 import torch
@@ -84,6 +87,15 @@ def test_geometry_reaches_a_prior_that_reads_it(tmp_path, tiny_folder, scene):
     with_geometry = score(reading, examples, samples=1, seed=0)
     without = score(blind, examples, samples=1, seed=0)
     assert with_geometry["one sample"] != without["one sample"]
+
+
+def test_a_scene_without_test_views_is_a_mistake(tmp_path, tiny_folder, capsys):
+    folder = shutil.copytree(tiny_folder, tmp_path / "scene")
+    (folder / "transforms_test.json").write_text('{"frames": []}')
+    description = json.loads((folder / "scene.json").read_text())
+    (folder / "scene.json").write_text(json.dumps({key: value for key, value in description.items() if key != "splits"}))
+    assert main([str(folder)]) == 2
+    assert "expected test views with true albedo and specular shading, found no test view" in capsys.readouterr().err
 
 
 def test_an_unknown_scene_is_a_mistake(capsys):
