@@ -37,7 +37,8 @@ def _rescore(wanted: argparse.Namespace) -> int:
     missing = [str(root) for root in wanted.runs if not root.is_dir()]
     if missing:
         raise InputError(f"{', '.join(missing)}: expected a folder with runs, found none")
-    folders = sorted({path.parent for root in wanted.runs for path in root.rglob(METRICS_FILE)})
+    found = sorted({path.parent for root in wanted.runs for path in root.rglob(METRICS_FILE)})
+    folders = [folder for folder in found if wanted.out.resolve() not in folder.resolve().parents] or found  # not its own again
     if not folders:
         raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's {METRICS_FILE} below, found none")
     make_writable(wanted.out, "--out")

@@ -91,6 +91,9 @@ def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path
     assert main([str(old_run), "--out", str(tmp_path / "new")]) == 1
     assert "the run was on another scene" in capsys.readouterr().err
     assert main([str(tmp_path / "nothing"), "--out", str(tmp_path / "new")]) == 2
+    shutil.copytree(run, tmp_path / "old" / "new" / "tiny" / "ceiling")
+    assert main([str(tmp_path / "old"), "--out", str(tmp_path / "old" / "new")]) == 1
+    assert capsys.readouterr().out == "", "what lies in the folder for new runs is not scored again"
     assert main([str(old_run), "--out", str(tmp_path / "new"), "--protocol", "papr"]) == 2
     assert not list((tmp_path / "new").rglob("metrics.json"))
 
