@@ -25,7 +25,7 @@ from ia_bench.runs.table import Table, load_table
 
 LIVE = "live"
 """The folder below a table's results that holds the page of a watch."""
-LEAST_SECONDS = 0.2
+LEAST_SECONDS, MOST_SECONDS = 0.2, 86_400
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -43,8 +43,8 @@ def watch(runs: Path, out: Path, every: float) -> int:
 
     Raises InputError where there are no runs, and where the folder cannot be written.
     """
-    if not every >= LEAST_SECONDS:
-        raise InputError(f"--every: expected at least {LEAST_SECONDS} seconds, found {every:g}")
+    if not LEAST_SECONDS <= every <= MOST_SECONDS:
+        raise InputError(f"--every: expected {LEAST_SECONDS} to {MOST_SECONDS} seconds, found {every:g}")
     if not runs.is_dir():
         raise InputError(f"{runs}: expected a folder with runs, found none")
     overview = look(runs)

@@ -114,7 +114,8 @@ def test_the_page_shows_the_cells_their_curves_and_what_has_finished_since(
     [
         (["nowhere"], "nowhere: expected a folder with runs, found none"),
         (["."], "expected the results of a table, or a folder with runs, found none"),
-        ([".", "--every", "0"], "--every: expected at least 0.2 seconds, found 0"),
+        ([".", "--every", "0"], "--every: expected 0.2 to 86400 seconds, found 0"),
+        ([".", "--every", "inf"], "--every: expected 0.2 to 86400 seconds, found inf"),
     ],
 )
 def test_a_mistake_of_a_watch_is_one_line(
