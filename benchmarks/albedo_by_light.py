@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 from recovered_albedo import INSIDE, TestViews, recovered_albedos
 
-from ia_bench.report.collect import collect, find_run_folders
+from ia_bench.report.collect import collect
 from ia_bench.report.statistics import over_scenes
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.metrics import METRICS_FILE
 
 PER_CHANNEL = "aligned_albedo_per_channel"

@@ -17,8 +17,9 @@ import numpy as np
 from recovered_albedo import INSIDE, recovered_albedos
 from scipy.ndimage import gaussian_filter
 
-from ia_bench.report.collect import collect, find_run_folders
+from ia_bench.report.collect import collect
 from ia_bench.report.statistics import over_seeds
+from ia_bench.runs.folder import find_run_folders
 
 BLUR = 2.0  # pixels
 

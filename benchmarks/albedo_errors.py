@@ -21,7 +21,8 @@ from scipy.ndimage import gaussian_filter
 
 from ia_bench.methods.asking.views import sees
 from ia_bench.render.stage import Stage
-from ia_bench.report.collect import Run, collect, find_run_folders
+from ia_bench.report.collect import Run, collect
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.color import linear_to_srgb
 

@@ -12,7 +12,6 @@ from ia_bench.common.exit_codes import OK, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
-from ia_bench.report.collect import find_run_folders
 from ia_bench.report.published import read_published
 from ia_bench.report.site.against import changes, former_runs
 from ia_bench.report.site.content import RowTexts, Sources
@@ -22,6 +21,7 @@ from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.texts import markdown_block
 from ia_bench.report.value.write import write_value
 from ia_bench.report.write import Report, write_report
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Table, load_table
 
 PAGE = "page"

@@ -111,11 +111,6 @@ class Collection:
     unreadable: tuple[tuple[Path, str], ...] = ()
 
 
-def find_run_folders(*roots: Path) -> list[Path]:
-    """Every folder below ``roots`` that holds a metrics.json, or the config.json of a run that has not finished, sorted."""
-    return sorted({path.parent for root in roots for name in ("metrics.json", "config.json") for path in root.rglob(name)})
-
-
 def collect(folders: Iterable[Path] | Mapping[Path, Cell], published: Iterable[Run] = ()) -> Collection:
     """Read the given run folders. A mapping says which cell each folder is for: its row may have been renamed since.
 

@@ -245,6 +245,21 @@ class RunFolder:
                 leftover.unlink()
 
 
+def find_run_folders(*roots: Path) -> list[Path]:
+    """Every folder below ``roots`` that holds a metrics.json, or the config.json of a run that has not finished, sorted."""
+    recorded = {path.parent for root in roots for path in root.rglob(METRICS_FILE)}
+    begun = {path.parent for root in roots for path in root.rglob(CONFIG) if path.parent not in recorded and _is_ours(path)}
+    return sorted(recorded | begun)
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a config.json is that of a run: weights have one too."""
+    try:
+        return "config_hash" in read_json(path)
+    except InputError:
+        return False
+
+
 def _kept_file(digest: str) -> str:
     return f"checkpoint-{digest[:16]}.pt"
 

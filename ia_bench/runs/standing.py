@@ -15,7 +15,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.runs.cells import Plan, Planned, read_cells
 from ia_bench.runs.config import slug
-from ia_bench.runs.folder import CONFIG
+from ia_bench.runs.folder import CONFIG, find_run_folders
 from ia_bench.runs.lock import is_held
 from ia_bench.runs.metrics import METRICS_FILE
 
@@ -83,10 +83,10 @@ def look(results: Path) -> Overview:
     plan = read_cells(results)
     if plan is not None:
         return Overview(plan, tuple(_stands(cell, plan.started) for cell in plan.cells))
-    folders = sorted({path.parent for name in (CONFIG, METRICS_FILE) for path in results.rglob(name)})
-    if not folders:
+    cells = tuple(_stands(cell, 0.0) for cell in _found(find_run_folders(results)))
+    if not cells:
         raise InputError(f"{results}: expected the results of a table, or a folder with runs, found none")
-    return Overview(None, tuple(_stands(cell, 0.0) for cell in _found(folders)))
+    return Overview(None, cells)
 
 
 def _stands(cell: Planned, started: float) -> Standing:
@@ -117,7 +117,8 @@ class _Record:
 @lru_cache(maxsize=100_000)  # every few seconds all of them are looked at, and few have been written since
 def _record(path: Path, written: int) -> _Record:
     found = _read(path) if written else {}
-    seconds = found.get("time_s", {}).get("total")
+    times = found.get("time_s")
+    seconds = times.get("total") if isinstance(times, dict) else None
     return _Record(str(found.get("status")), str(found.get("config_hash")), seconds, str(found.get("error", "")))
 
 
@@ -126,6 +127,8 @@ def _found(folders: Sequence[Path]) -> Iterable[Planned]:
     records = {folder: _read(folder / METRICS_FILE) for folder in folders}
     rows = {slug(record["row"]): record["row"] for record in records.values() if isinstance(record.get("row"), str)}
     for folder, record in records.items():
+        if record and "config_hash" not in record:
+            continue  # of another program
         config = _read(folder / CONFIG).get("config", {})
         called = OF_A_CELL.sub("", folder.name)
         row = str(record.get("row", rows.get(called, called)))

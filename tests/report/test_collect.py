@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ia_bench.report.collect import BadRecord, collect, find_run_folders, read_curve, read_run
+from ia_bench.report.collect import BadRecord, collect, read_curve, read_run
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.scores.columns import METRICS
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")

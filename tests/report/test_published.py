@@ -9,9 +9,10 @@ import pandas as pd
 import pytest
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.collect import collect, find_run_folders
+from ia_bench.report.collect import collect
 from ia_bench.report.published import read_published
 from ia_bench.report.write import write_report
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Claim
 
 Write = Callable[..., Path]

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.report.collect import find_run_folders
 from ia_bench.report.table import best_paper_methods, paper_rows
 from ia_bench.report.texts import tex
 from ia_bench.report.write import Report, write_report
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 

@@ -13,10 +13,11 @@ from PIL import Image
 
 from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
-from ia_bench.report.collect import collect, find_run_folders
+from ia_bench.report.collect import collect
 from ia_bench.report.site.pictures.store import hang
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.rescore import Rescorer
 from ia_bench.scores.protocol import Protocol
 

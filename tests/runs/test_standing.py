@@ -11,6 +11,7 @@ import pytest
 
 from ia_bench.common.errors import InputError
 from ia_bench.runs.cells import read_cells
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.lock import is_held, lock_folder
 from ia_bench.runs.standing import FAILED, FINISHED, RUNNING, WAITING, look
 
@@ -90,6 +91,16 @@ def test_runs_without_a_table_are_found_and_called_as_their_finished_siblings(tm
     cell(tmp_path, "a-b", 1)
     found = [(one.cell.row, one.cell.scene, one.cell.seed, one.state) for one in look(tmp_path).cells]
     assert found == [("a (b)", "hat", 0, FINISHED), ("a (b)", "hat", 1, WAITING)]
+
+
+def test_files_of_other_programs_are_no_runs(tmp_path: Path) -> None:
+    """Weights have a config.json too, and whoever measures something may call it metrics.json."""
+    cell(tmp_path, "a", status="ok", time_s={"total": 1.0})
+    for place, name, content in (("weights", "config", {"size": 64}), ("other", "metrics", {"seed": None, "time_s": 3.0})):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / f"{name}.json").write_text(json.dumps(content))
+    assert [one.cell.row for one in look(tmp_path).cells] == ["a"]
+    assert tmp_path / "weights" not in find_run_folders(tmp_path)
 
 
 def test_looking_holds_no_lock_and_makes_no_file(tmp_path: Path) -> None:

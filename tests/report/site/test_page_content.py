@@ -13,7 +13,7 @@ import pytest
 
 from ia_bench.cli.report import main
 from ia_bench.common.errors import InputError
-from ia_bench.report.collect import Collection, collect, find_run_folders
+from ia_bench.report.collect import Collection, collect
 from ia_bench.report.findings import analyse
 from ia_bench.report.published import read_published
 from ia_bench.report.site.against import changes, former_runs
@@ -22,6 +22,7 @@ from ia_bench.report.site.evidence import Commands, common, flat
 from ia_bench.report.site.write import write_page
 from ia_bench.report.write import write_report
 from ia_bench.runs.composition import compose
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.identity import config_hash, identity
 
 Write = Callable[..., Path]

@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 
 from ia_bench.cli.report import main
-from ia_bench.report.collect import collect, find_run_folders
+from ia_bench.report.collect import collect
 from ia_bench.report.site.worth import Map, maps
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Row, Table
 
 CAPTURES: dict[str, dict[str, Any]] = {
