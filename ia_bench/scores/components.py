@@ -45,22 +45,18 @@ def image_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]
     }
 
     def of(view: Pair) -> Measured:
-        if view.broken:
-            return Measured(dict.fromkeys(names, _not_finite(view)))
         predicted, clipped_prediction = metrics.encode(view.predicted, encoding, view.mask)
         true, clipped_truth = metrics.encode(view.true, encoding, view.mask)
         values = {name: _value(functions[name], predicted, true, view.mask) for name in names}
         return Measured(values, clipped_prediction, clipped_truth)
 
-    return Measure(names, of)
+    return _where_finite(names, of)
 
 
 def _whole_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]) -> Measure:
     """The same metrics of whole images (:mod:`ia_bench.scores.whole_images`)."""
 
     def of(view: Pair) -> Measured:
-        if _broken_anywhere(view):
-            return Measured(dict.fromkeys(names, _not_finite_anywhere(view)))
         pictures = whole_images(view, encoding, protocol.comparison)
         functions: dict[str, Callable[..., float]] = {
             "psnr": pictures.psnr,
@@ -69,18 +65,16 @@ def _whole_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...
         }
         return Measured({name: _value(functions[name]) for name in names}, *pictures.clipped)
 
-    return Measure(names, of)
+    return _where_finite(names, of, everywhere=True)
 
 
 def hdr_measure(protocol: Protocol) -> Measure:
     """PSNR of linear values, cut where ``protocol.comparison.hdr_clip`` says, of whole images."""
 
     def of(view: Pair) -> Measured:
-        if _broken_anywhere(view):
-            return Measured({"psnr": _not_finite_anywhere(view)})
         return Measured({"psnr": _value(linear_images(view, protocol.comparison).psnr)})
 
-    return Measure(("psnr",), of)
+    return _where_finite(("psnr",), of, everywhere=True)
 
 
 def whole_image_measure(encoding: Encoding) -> Measure:
@@ -91,42 +85,40 @@ def whole_image_measure(encoding: Encoding) -> Measure:
         return share * metrics.encode(linear, encoding, coverage > 0)[0] + (1 - share)
 
     def of(view: Pair) -> Measured:
-        if _broken_anywhere(view):
-            return Measured({"psnr": _not_finite_anywhere(view)})
         pair = over_white(view.predicted, view.coverage[0]), over_white(view.true, view.coverage[1])
         return Measured({"psnr": _value(metrics.psnr, *pair, view.known)})
 
-    return Measure(("psnr",), of)
+    return _where_finite(("psnr",), of, everywhere=True)
 
 
 def roughness_measure(protocol: Protocol) -> Measure:
     """Squared error of roughness: over the object, or over a whole image with the background's grey around the object."""
+    of_object = protocol.comparison.area == "object"
 
     def of(view: Pair) -> Measured:
-        if protocol.comparison.area == "object":
-            if view.broken:
-                return Measured({"mse": _not_finite(view)})
-            return Measured({"mse": _value(metrics.squared_error, view.predicted, view.true, view.mask)})
-        if _broken_anywhere(view):
-            return Measured({"mse": _not_finite_anywhere(view)})
-        predicted, true = composed(view, protocol.comparison, (view.predicted, view.true))
-        return Measured({"mse": _value(metrics.squared_error, predicted, true, view.known)})
+        pair, area = (view.predicted, view.true), view.mask
+        if not of_object:
+            pair, area = composed(view, protocol.comparison, pair), view.known
+        return Measured({"mse": _value(metrics.squared_error, *pair, area)})
 
-    return Measure(("mse",), of)
+    return _where_finite(("mse",), of, everywhere=not of_object)
 
 
-def _not_finite(view: Pair) -> Undefined:
-    return Undefined(f"the prediction is not finite in {view.broken} scored pixels")
+def _where_finite(names: tuple[str, ...], of: Callable[[Pair], Measured], *, everywhere: bool = False) -> Measure:
+    """The function ``of``, but for views whose prediction is NaN or Inf in a scored pixel.
 
+    ``everywhere``: in any pixel of the whole picture, since no weight, not even 0, takes one out of a mean.
+    """
 
-def _broken_anywhere(view: Pair) -> int:
-    """Pixels of the whole picture where the prediction is NaN or Inf: no weight, not even 0, takes one out of a mean."""
-    finite = np.isfinite(view.predicted)
-    return int((~(finite if finite.ndim == 2 else finite.all(-1))).sum())
+    def checked(view: Pair) -> Measured:
+        finite = np.isfinite(view.predicted)
+        broken = int((~(finite if finite.ndim == 2 else finite.all(-1))).sum()) if everywhere else view.broken
+        if not broken:
+            return of(view)
+        reason = f"the prediction is not finite in {broken}{'' if everywhere else ' scored'} pixels"
+        return Measured(dict.fromkeys(names, Undefined(reason)))
 
-
-def _not_finite_anywhere(view: Pair) -> Undefined:
-    return Undefined(f"the prediction is not finite in {_broken_anywhere(view)} pixels")
+    return Measure(names, checked)
 
 
 def _value(metric: Callable[..., float], *arguments: object) -> Value:
