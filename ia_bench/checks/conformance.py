@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.checks.finding import Finding, judge, raised
+from ia_bench.checks.finding import Finding, judge
 from ia_bench.checks.members import check_members
 from ia_bench.checks.stack import Stack, painted_ball
 from ia_bench.checks.subject import GEOMETRY, Images, Subject
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, raised
 from ia_bench.methods.asking.border import checked, checked_refinement
 from ia_bench.priors.contract import COMPONENTS, Samples
 

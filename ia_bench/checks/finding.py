@@ -21,9 +21,3 @@ class Finding:
 def judge(holds: bool, what: str, expected: str, found: str) -> Finding:
     """A pass or a failure."""
     return Finding("pass" if holds else "fail", what, expected, found)
-
-
-def raised(error: BaseException) -> str:
-    """An exception in one line."""
-    first = str(error).splitlines()[0] if str(error) else "no message"
-    return f"{type(error).__name__}: {first}"

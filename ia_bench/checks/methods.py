@@ -21,7 +21,8 @@ from scipy.ndimage import maximum_filter
 from torch import Tensor
 
 from ia_bench.checks.blindness import leaks, with_other_truth
-from ia_bench.checks.finding import Finding, judge, raised
+from ia_bench.checks.finding import Finding, judge
+from ia_bench.common.errors import raised
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import PREDICTED, MethodInfo

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ia_bench.checks.contact_sheet import write_sheet
-from ia_bench.checks.finding import Finding, judge, raised
+from ia_bench.checks.finding import Finding, judge
 from ia_bench.checks.views import check_views
+from ia_bench.common.errors import raised
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS, SceneReader, check_scene, unscored
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.scenes.scene import Scene

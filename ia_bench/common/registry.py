@@ -24,7 +24,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, raised
 from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.settings import check_arguments
@@ -102,10 +102,7 @@ def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None
     by the distribution's version alone. ``target``: None for the one that ``name`` stands for. Imports no more than the packages
     above the module.
     """
-    known = {**built_in(kind), **installed(kind)}
-    plugin = known.get(name)
-    if plugin is None or target not in (None, plugin.target):
-        plugin = Plugin(kind, name, target or name, "the command line")
+    plugin = named(kind, name, target)
     if plugin.distribution == BUILT_IN:
         return None
     try:
@@ -123,10 +120,10 @@ def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None
     return f"{plugin.distribution}, {digest.hexdigest()}"
 
 
-def named(kind: Kind, name: str, target: str) -> Plugin:
-    """The plugin that a configuration names, with the distribution that offers it."""
+def named(kind: Kind, name: str, target: str | None) -> Plugin:
+    """The plugin that a configuration names, with the distribution that offers it; ``target`` as of :func:`foreign_code`."""
     known = {**built_in(kind), **installed(kind)}.get(name)
-    return known if known is not None and known.target == target else Plugin(kind, name, target, "the command line")
+    return known if known and target in (None, known.target) else Plugin(kind, name, target or name, "the command line")
 
 
 def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author put there)
@@ -140,8 +137,7 @@ def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author p
         for part in attribute.split("."):
             found = getattr(found, part)
     except (Exception, SystemExit) as error:  # whatever foreign code does on import stays with that plugin
-        reason = str(error).splitlines()[0] if str(error) else "no message"
-        raise BrokenPlugin(f"{who}: importing {plugin.target} raised {type(error).__name__}: {reason}") from error
+        raise BrokenPlugin(f"{who}: importing {plugin.target} raised {raised(error)}") from error
     members = MEMBERS[plugin.kind]
     if not all(hasattr(found, member) for member in members) or not callable(found):
         raise BrokenPlugin(f"{who}: expected a class with {', '.join(members)}, found that {plugin.target} is none")
@@ -184,5 +180,4 @@ def at_work(kind: Kind, name: str) -> Iterator[None]:
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        reason = str(error).splitlines()[0] if str(error) else "no message"
-        raise InputError(f"{kind} {name} raised {type(error).__name__}: {reason}") from error
+        raise InputError(f"{kind} {name} raised {raised(error)}") from error

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.files import file_below
 from ia_bench.readers.distortion import Lens, undistorted
 from ia_bench.readers.intake import Intake, Unwrapping
@@ -98,8 +98,7 @@ def _model(folder: Path) -> Any:  # noqa: ANN401 (a pycolmap.Reconstruction)
     try:
         return package.Reconstruction(str(found))
     except (ValueError, RuntimeError, OSError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"{found}: expected a sparse model of COLMAP, found: {reason}") from None
+        raise InputError(f"{found}: expected a sparse model of COLMAP, found: {first_line(error)}") from None
 
 
 def _pycolmap() -> ModuleType:

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ia_bench.common.errors import first_line
 from ia_bench.common.paths import PACKAGE
 
 MAGIC = b"ia_bench checkpoint\n"
@@ -54,7 +55,7 @@ def unpack(path: Path, config_hash: str, expected: str | None = None) -> dict[st
     try:
         saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
     except Exception as error:  # torch.load raises whatever a file leads it to
-        raise BadCheckpoint(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+        raise BadCheckpoint(first_line(error)) from error
     if saved["code"] != _code():
         raise BadCheckpoint("another version of the code wrote it")
     if saved["config_hash"] != config_hash:

@@ -22,7 +22,7 @@ from typing import Annotated, Any, ClassVar, Protocol
 
 from pydantic import Field
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.exit_codes import OK, status_of
 from ia_bench.common.machine import total_memory
 from ia_bench.runs.config import RunConfig, resolved
@@ -186,7 +186,7 @@ class Ray(Remote):
                 socket.create_connection((host, int(port)), ANSWER_SECONDS).close()  # Ray itself would try for many minutes
             ray.init(self.address or "local", log_to_driver=False, logging_level="ERROR", **own)
         except (OSError, OverflowError, ValueError) as error:
-            raise InputError(f"launcher.address={self.address}: expected a running Ray, found none ({_first(error)})") from None
+            raise InputError(f"launcher.address={self.address}: expected a running Ray, found none ({first_line(error)})") from None
         signal.signal(signal.SIGTERM, handler)  # Ray would end the process with a status of its own
         # A worker does one run and ends, as a process of Local does: nothing of one run is left to the next.
         options = {"num_cpus": self.cpus, "num_gpus": self.gpus, "memory": int(self.memory_gb * 1e9)}
@@ -210,7 +210,7 @@ class _RayJob:
             return int(self._future.result())
         except Exception as error:  # Ray has one for every way in which a worker ends
             cause = getattr(error, "cause", None) or error
-            raise WorkerDied(f"{type(cause).__name__}: {_first(cause)}") from None
+            raise WorkerDied(f"{type(cause).__name__}: {first_line(cause)}") from None
 
     def cancel(self) -> None:
         import ray
@@ -249,14 +249,14 @@ class SubmititLocal(Remote):
             executor = submitit.AutoExecutor(folder=folder.resolve() / "submitit", cluster=self.cluster)
             executor.update_parameters(**self.parameters())
         except (RuntimeError, ValueError) as error:
-            raise InputError(f"{named}: {_first(error)}") from None
+            raise InputError(f"{named}: {first_line(error)}") from None
 
         def start(works: Sequence[Work]) -> list[Job]:
             try:
                 with executor.batch():  # for Slurm one array
                     jobs = [executor.submit(run_here, *_arguments(work)) for work in works]
             except (submitit.core.utils.FailedJobError, subprocess.CalledProcessError, OSError) as error:
-                raise InputError(f"{named}: the jobs were refused ({_first(error)})") from None
+                raise InputError(f"{named}: the jobs were refused ({first_line(error)})") from None
             return [_SubmititJob(job, self.cluster) for job in jobs]
 
         yield start
@@ -337,8 +337,3 @@ def _arguments(work: Work) -> tuple[dict[str, Any], str, str, dict[str, str]]:
     """What :func:`run_here` is called with."""
     variables = {name: value for name, value in os.environ.items() if name.startswith("IA_BENCH_")}
     return asdict(work.config), str(work.log.resolve()), os.getcwd(), variables
-
-
-def _first(error: BaseException) -> str:
-    """The first line of an error that may have many."""
-    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

@@ -7,12 +7,12 @@ import functools
 import socket
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.paths import PACKAGE
 from ia_bench.scores.metrics import NoScoredPixel, Undefined, white_outside
 from ia_bench.scores.protocol import LpipsSettings
@@ -35,18 +35,14 @@ def lpips(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: L
     """
     if not mask.any():
         raise NoScoredPixel
-    if min(mask.shape) < SMALLEST:
-        raise Undefined(f"image of {mask.shape[1]} x {mask.shape[0]} pixels is smaller than {SMALLEST}")
-    network = load(settings)
-    if isinstance(network, str):
-        raise Undefined(network)
 
-    import torch
+    def enlarged(layer: Tensor) -> Tensor:
+        from torch.nn.functional import interpolate
 
-    pair = np.stack([white_outside(image, mask) for image in (predicted, true)]).astype(np.float32)
-    with torch.inference_mode(), _one_thread():
-        distances = _distances(network, torch.from_numpy(pair).permute(0, 3, 1, 2))
-    return float(distances.numpy()[mask].mean(dtype=np.float64))
+        return interpolate(layer, mask.shape, mode="bilinear", align_corners=False)
+
+    layers = _layers(white_outside(predicted, mask), white_outside(true, mask), settings, enlarged)
+    return float(sum(layers[1:], layers[0]).numpy()[0, 0][mask].mean(dtype=np.float64))
 
 
 def lpips_whole(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings) -> float:
@@ -54,6 +50,11 @@ def lpips_whole(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings
 
     Raises as :func:`lpips` does.
     """
+    return sum(float(layer) for layer in _layers(predicted, true, settings, lambda layer: layer.mean()))
+
+
+def _layers(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings, of: Callable[[Tensor], Tensor]) -> list[Tensor]:
+    """``of`` the distances (1, 1, h, w) in each layer, of which the network's ``forward`` is the sum; both images in one batch."""
     if min(predicted.shape[:2]) < SMALLEST:
         raise Undefined(f"image of {predicted.shape[1]} x {predicted.shape[0]} pixels is smaller than {SMALLEST}")
     network = load(settings)
@@ -64,25 +65,10 @@ def lpips_whole(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings
     from lpips import normalize_tensor
 
     pair = torch.from_numpy(np.stack([predicted, true]).astype(np.float32)).permute(0, 3, 1, 2)
-    total = 0.0
     with torch.inference_mode(), _one_thread():
-        for head, features in zip(network.lins, network.net(network.scaling_layer(2 * pair - 1)), strict=True):
-            one, other = normalize_tensor(features).split(1)
-            total += float(head((one - other) ** 2).mean())
-    return total
-
-
-def _distances(network: lpips_package.LPIPS, pair: Tensor) -> Tensor:
-    """What the network's ``forward`` computes, (H, W), with both images (2, 3, H, W) in [0, 1] in one batch, channels last."""
-    import torch
-    from lpips import normalize_tensor
-    from torch.nn.functional import interpolate
-
-    total = torch.zeros(1, 1, *pair.shape[2:])
-    for head, features in zip(network.lins, network.net(network.scaling_layer(2 * pair - 1)), strict=True):
-        one, other = normalize_tensor(features).split(1)
-        total += interpolate(head((one - other) ** 2), pair.shape[2:], mode="bilinear", align_corners=False)
-    return total[0, 0]
+        layers = zip(network.lins, network.net(network.scaling_layer(2 * pair - 1)), strict=True)
+        pairs = ((head, *normalize_tensor(features).split(1)) for head, features in layers)
+        return [of(head((one - other) ** 2)) for head, one, other in pairs]
 
 
 def check_weights(settings: LpipsSettings) -> None:
@@ -101,14 +87,14 @@ def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
         import lpips as package
         import torch
     except Exception as error:  # a broken installation raises anything, and costs this one metric only
-        return f"the lpips package cannot be imported: {_first_line(error)}"
+        return f"the lpips package cannot be imported: {first_line(error)}"
     weights = settings.weights or SHIPPED.get(settings.net)
     own = weights is None
     try:
         with torch.random.fork_rng(devices=[]), _quiet_and_impatient():  # random weights are drawn before ours are read
             network = package.LPIPS(net=settings.net, spatial=True, pnet_rand=not own, pretrained=own, verbose=False)
     except (OSError, RuntimeError) as error:  # no connection; a download that does not match its checksum
-        return f"weights of lpips net {settings.net} are not cached and cannot be downloaded: {_first_line(error)}"
+        return f"weights of lpips net {settings.net} are not cached and cannot be downloaded: {first_line(error)}"
     if weights is not None:
         from safetensors import SafetensorError
         from safetensors.torch import load_file
@@ -116,7 +102,7 @@ def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
         try:
             network.load_state_dict(load_file(weights), strict=True)
         except (OSError, RuntimeError, SafetensorError) as error:
-            return f"{weights} is no full state dict of lpips net {settings.net}: {_first_line(error)}"
+            return f"{weights} is no full state dict of lpips net {settings.net}: {first_line(error)}"
     return network.to(memory_format=torch.channels_last).eval().requires_grad_(False)
 
 
@@ -144,8 +130,3 @@ def _quiet_and_impatient() -> Iterator[None]:
             yield
     finally:
         socket.setdefaulttimeout(before)
-
-
-def _first_line(error: Exception) -> str:
-    text = str(error) or type(error).__name__
-    return text.splitlines()[0]
