@@ -20,7 +20,7 @@ from ia_bench.readers.intake import Intake, Unwrapping
 from ia_bench.readers.photo_lists import divided, mask_beside
 from ia_bench.readers.pictures import expect_size, photograph
 from ia_bench.readers.poses import from_world_to_camera
-from ia_bench.scenes.scene import Camera, Scene, Truth, View
+from ia_bench.scenes.scene import Camera, Scene, View
 
 MODELS: Mapping[str, tuple[str, ...]] = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),
@@ -65,8 +65,7 @@ class ColmapReader:
             return self._view(posed[place], model.cameras[posed[place].camera_id], notes)
 
         train, test = divided(intake, len(posed), self._every, view)
-        known = Truth(lights={}) if truth else None
-        return intake.scene(train=train, test=test, novel=test, truth=known, notes=notes)
+        return intake.scene(train=train, test=test, novel=test, notes=notes)
 
     def _view(self, image: Any, lens: Any, notes: list[str]) -> View:  # noqa: ANN401 (pycolmap's, which need not be there)
         folder = self._intake.folder

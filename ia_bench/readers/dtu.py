@@ -17,7 +17,7 @@ from ia_bench.readers.intake import Intake, Unwrapping
 from ia_bench.readers.photo_lists import divided, mask_beside, pictures_in
 from ia_bench.readers.pictures import photograph
 from ia_bench.readers.poses import from_projection
-from ia_bench.scenes.scene import Scene, Truth, View
+from ia_bench.scenes.scene import Scene, View
 
 CAMERAS = "cameras.npz"
 
@@ -57,8 +57,7 @@ class DtuReader:
 
         train, test = divided(intake, len(photos), self._every, view)
         notes.append("photographs are decoded as sRGB: the tone curve of DTU's camera is not known")
-        known = Truth(lights={}) if truth else None
-        return intake.scene(train=train, test=test, novel=test, truth=known, notes=notes, place=np.linalg.inv(scale))
+        return intake.scene(train=train, test=test, novel=test, notes=notes, place=np.linalg.inv(scale))
 
 
 def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -56,12 +56,17 @@ def focal_of(where: str, key: str, angle: float, width: int) -> float:
     return 0.5 * width / math.tan(0.5 * angle)
 
 
+def numbers(value: object) -> np.ndarray:
+    """Numbers of JSON, of any shape, as float64; an empty array for anything else."""
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.zeros(0)
+
+
 def rigid(where: str, key: str, value: object) -> np.ndarray:
     """``value``, read from ``key``, as a rotation and a translation (4, 4) float64. Raises InputError for anything else."""
-    try:
-        to_world = np.asarray(value, np.float64)
-    except (TypeError, ValueError, OverflowError):
-        to_world = np.zeros(0)
+    to_world = numbers(value)
     if to_world.shape != (4, 4) or not np.isfinite(to_world).all():
         raise InputError(f"{where}: {key}: expected 4 x 4 finite numbers, found shape {to_world.shape}")
     rotation = to_world[:3, :3]

@@ -16,14 +16,14 @@ import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
-from ia_bench.readers.fields import rigid, text
+from ia_bench.readers.fields import numbers, rigid, text
 from ia_bench.readers.intake import Intake, Unwrapping
 from ia_bench.readers.pictures import Encoding, Photo, expect_size, true_map
 from ia_bench.readers.poses import from_world_to_camera
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import read_values
-from ia_bench.scenes.scene import Camera, Scene, Truth, View
+from ia_bench.scenes.scene import Camera, Scene, View
 
 VALIDATION = (9, 18, 30, 41, 50, 62, 73, 82, 94)  # of the paper's configuration for the synthetic scenes
 POSED = 2  # ``flg`` of a photograph with a pose
@@ -77,16 +77,15 @@ class NeilfReader:
         test = [intake.view(self._with_truth(view)) for view in seen] if truth else novel
         own = self._inputs / "model" / "mesh.obj"
         place = np.diag([1 / size, 1 / size, 1 / size, 1.0]) @ _shift(-box[:3, 3]) @ (np.eye(4) if intake.mesh else UPRIGHT)
-        known = Truth(lights={}) if truth else None
         mesh = own if own.is_file() else None
-        scene = intake.scene(train=train, test=test, novel=novel, truth=known, mesh=mesh, place=place)
+        scene = intake.scene(train=train, test=test, novel=novel, mesh=mesh, place=place)
         return replace(scene, metallic=(intake.folder / "ground_truths" / "materials" / "metallic").is_dir())
 
     def _view(self, path: Path, key: str, file: str, entry: Mapping[str, Any], middle: np.ndarray, size: float) -> View:
         where = f"{path}: camera_track_map.images[{key!r}]"
         intrinsic = _within(where, entry, "camera", "intrinsic")
         given = intrinsic if isinstance(intrinsic, dict) else {}
-        pairs = [_numbers(given.get(kind)).ravel() for kind in ("focal", "ppt")]
+        pairs = [numbers(given.get(kind)).ravel() for kind in ("focal", "ppt")]
         if [pair.size for pair in pairs] != [2, 2] or not np.isfinite(pairs).all() or min(pairs[0]) <= 0:
             raise InputError(f"{where}: camera.intrinsic: expected two numbers each of focal and ppt, found {intrinsic!r:.100}")
         extrinsic = _matrix(f"{where}: camera.extrinsic", _within(where, entry, "camera", "extrinsic"))
@@ -152,16 +151,8 @@ def _entry(path: Path, images: Mapping[str, Any], key: str) -> Mapping[str, Any]
     return entry
 
 
-def _numbers(value: object) -> np.ndarray:
-    """Numbers of JSON, of any shape, as float64; an empty array for anything else."""
-    try:
-        return np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        return np.zeros(0)
-
-
 def _matrix(where: str, value: object) -> np.ndarray:
-    values = _numbers(value)
+    values = numbers(value)
     if values.size != 16 or not np.isfinite(values).all():
         raise InputError(f"{where}: expected 16 finite numbers, found shape {values.shape}")
     return values.reshape(4, 4)

@@ -20,7 +20,7 @@ from ia_bench.readers.fields import camera, number
 from ia_bench.readers.frames import Frame, frames_of
 from ia_bench.readers.intake import Intake, Unwrapping
 from ia_bench.readers.pictures import photograph, picture_below
-from ia_bench.scenes.scene import Scene, Truth, View
+from ia_bench.scenes.scene import Scene, View
 
 WHOLE, TRAINING, TESTING = "transforms.json", "transforms_train.json", "transforms_test.json"
 
@@ -56,8 +56,7 @@ class NerfstudioReader:
         training, held_out = self._splits(notes)
         train = [self._view(*frame, notes) for frame in training]
         test = [self._view(*frame, notes) for frame in intake.kept(held_out)]
-        known = Truth(lights={}) if truth else None
-        return intake.scene(train=train, test=test, novel=test, truth=known, notes=notes)
+        return intake.scene(train=train, test=test, novel=test, notes=notes)
 
     def _splits(self, notes: list[str]) -> tuple[list[Frame], list[Frame]]:
         """The frames to fit and the frames that are held out."""
