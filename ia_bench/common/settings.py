@@ -82,6 +82,15 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
     return both
 
 
+def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as one with dotted names; an empty one stays as it is."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        name = f"{prefix}{key}"
+        found |= flat(value, f"{name}.") if isinstance(value, Mapping) and value else {name: value}
+    return found
+
+
 def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], key: str) -> T:  # noqa: ANN401 (a class or names)
     try:
         text = json.dumps(content)

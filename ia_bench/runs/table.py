@@ -17,7 +17,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.registry import BrokenPlugin
-from ia_bench.common.settings import parsed
+from ia_bench.common.settings import flat, parsed
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
@@ -82,7 +82,8 @@ class Table:
         """Every row with every capture, as a row of its own; capture after capture."""
         found = []
         for settings in self.captures or [{}]:
-            label, overrides = capture_of(settings).label, _overrides("capture", settings)
+            label = capture_of(settings).label
+            overrides = [f"{name}={value}" for name, value in flat(settings, "capture.").items()]
             found += [
                 replace(row, name=crossed_name(row.name, label), overrides=[*row.overrides, *overrides], captures=None)
                 for row in self.rows
@@ -104,14 +105,6 @@ class Table:
 def capture_of(settings: Mapping[str, Any]) -> CaptureSettings:
     """One of :attr:`Table.captures`. Raises InputError for what is no setting of a capture."""
     return parsed(CaptureSettings, settings, "captures")
-
-
-def _overrides(key: str, settings: Mapping[str, Any]) -> list[str]:
-    """Settings below ``key`` as the command line has them."""
-    found = []
-    for name, value in settings.items():
-        found += _overrides(f"{key}.{name}", value) if isinstance(value, Mapping) else [f"{key}.{name}={value}"]
-    return found
 
 
 def crossed_name(row: str, capture: str) -> str:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache
 from pathlib import Path
@@ -16,7 +15,7 @@ from pydantic import Field
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, read_yaml
 from ia_bench.common.paths import conf_folder
-from ia_bench.common.settings import parsed
+from ia_bench.common.settings import flat, parsed
 from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 
 Encoding = Literal["srgb", "linear"]
@@ -155,7 +154,7 @@ class Protocol:
         >>> Protocol(samples_per_pixel=64).label
         'paper-v2 (lpips.net=squeeze, samples_per_pixel=64)'
         """
-        default, mine = _flat(asdict(shipped(self.name))), _flat(asdict(self))
+        default, mine = flat(asdict(shipped(self.name))), flat(asdict(self))
         decisive = [key for key in mine if key not in ("name", "lpips.weights")]  # where weights lie decides nothing
         changed = [f"{key}={mine[key]}" for key in decisive if mine[key] != default[key] and key != "lpips.net"]
         return f"{self.name} ({', '.join([f'lpips.net={self.lpips.net}', *changed])})"
@@ -197,11 +196,3 @@ def shipped(name: str) -> Protocol:
     """The protocol that ``conf/protocol/NAME.yaml`` describes, paper-v2 where there is no such file."""
     path = conf_folder() / "protocol" / f"{name}.yaml"
     return parsed(Protocol, read_yaml(path)) if is_file(path) else Protocol()
-
-
-def _flat(nested: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Turn ``{"a": {"b": 1}}`` into ``{"a.b": 1}``."""
-    flat: dict[str, Any] = {}
-    for key, value in nested.items():
-        flat.update(_flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value})
-    return flat

@@ -12,6 +12,7 @@ from typing import Any
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
+from ia_bench.common.settings import flat
 from ia_bench.report.collect import Run
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import CONFIG
@@ -64,15 +65,6 @@ def evidence_of(run: Run) -> Evidence:
         files={name: digest[:DIGITS] for name, digest in metrics.get("files", {}).items()},
         renderer=str(metrics.get("renderer", "")),
     )
-
-
-def flat(table: Mapping[str, Any], prefix: str = "") -> Settings:
-    """Nested tables as one with dotted names; an empty one stays as it is."""
-    found: Settings = {}
-    for key, value in table.items():
-        name = f"{prefix}{key}"
-        found |= flat(value, f"{name}.") if isinstance(value, Mapping) and value else {name: value}
-    return found
 
 
 LEFT_OUT = {

@@ -13,12 +13,13 @@ import pytest
 
 from ia_bench.cli.report import main
 from ia_bench.common.errors import InputError
+from ia_bench.common.settings import flat
 from ia_bench.report.collect import Collection, collect
 from ia_bench.report.findings import analyse
 from ia_bench.report.published import read_published
 from ia_bench.report.site.against import changes, former_runs
 from ia_bench.report.site.content import MEAN, Sources, scopes
-from ia_bench.report.site.evidence import Commands, common, flat
+from ia_bench.report.site.evidence import Commands, common
 from ia_bench.report.site.write import write_page
 from ia_bench.report.write import write_report
 from ia_bench.runs.composition import compose
