@@ -25,11 +25,11 @@ CAMERAS = "cameras"  # of the training views, where they have moved
 
 
 def with_geometry(
-    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray] = ()
+    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray]
 ) -> Scene:
     """The scene with the mesh that ``capture.geometry`` names; the true one, where there is one, stays in the truth.
 
-    ``normals`` of each training view, of none by default, are what an "sdf" follows besides its image. Meshes that are made of
+    ``normals`` of each training view, or of none, are what an "sdf" follows besides its image. Meshes that are made of
     images and masks are kept in the cache, by the content of all. Raises InputError where there is nothing to make one of.
     """
     kind = settings.geometry

@@ -15,6 +15,7 @@ from ia_bench.priors.contract import COMPONENTS, Observations
 from ia_bench.scenes.scene import Camera, View
 
 FIELD_OF_VIEW = 0.6  # radians, across the narrower side
+VIEWS = 3  # that a prior is asked about
 DISTANCE = 4.2  # of the cameras from the centre of the unit ball
 
 
@@ -66,19 +67,19 @@ class Stack:
         return Stack((empty, *self.views[1:]))
 
 
-def example_stack(views: int = 3) -> tuple[Stack, str]:
+def example_stack() -> tuple[Stack, str]:
     """The first training views of the shipped scene ``tiny``, or a painted ball where it is absent; and which it is."""
     try:
         folder = scenes_folder() / "tiny"
     except InputError:
         folder = None
     if folder is None or not folder.is_dir():
-        return painted_ball(32, 32, views), f"{views} computed views of a painted ball, 32 x 32"
+        return painted_ball(32, 32, VIEWS), f"{VIEWS} computed views of a painted ball, 32 x 32"
     from ia_bench.readers.native import NativeReader
 
-    chosen = NativeReader(folder).read(truth=True).train[:views]
+    chosen = NativeReader(folder).read(truth=True).train[:VIEWS]
     height, width = chosen[0].mask.shape
-    return Stack(chosen), f"{views} views of scene tiny, {height} x {width}"
+    return Stack(chosen), f"{VIEWS} views of scene tiny, {height} x {width}"
 
 
 def painted_ball(height: int, width: int, views: int) -> Stack:

@@ -75,23 +75,23 @@ def seconds_text(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds < 100 else f"{seconds:.0f} s"
 
 
-def time_to_error(runs: Sequence[Run], levels: dict[str, tuple[float, ...]] = LEVELS) -> list[TimeToError]:
-    """For every row and scene with curves and every level; a metric that a curve never measured is left out."""
+def time_to_error(runs: Sequence[Run]) -> list[TimeToError]:
+    """For every row and scene with curves and every one of LEVELS; a metric that a curve never measured is left out."""
     table = []
     for metric in CURVE_METRICS:
         for (row, scene), curves in _measured(runs, metric).items():
-            table += [_reach(row, scene, metric, level, curves) for level in levels[metric.column]]
+            table += [_reach(row, scene, metric, level, curves) for level in LEVELS[metric.column]]
     return table
 
 
-def time_to_beat(runs: Sequence[Run], reference: str, metrics: Sequence[str] = BEATEN) -> list[TimeToError]:
-    """For every scene and metric and every row but ``reference``: until it is where the reference is at its best.
+def time_to_beat(runs: Sequence[Run], reference: str) -> list[TimeToError]:
+    """For every scene and metric of BEATEN and every row but ``reference``: until it is where the reference is at its best.
 
     The level is the best value that the reference's curve ever has on the scene, the mean over its seeds; seconds hold those
     of the prior.
     """
     table = []
-    for metric in (one for one in CURVE_METRICS if one.key in metrics):
+    for metric in (one for one in CURVE_METRICS if one.key in BEATEN):
         best = max if metric.higher_is_better else min
         curves = _measured(runs, metric)
         levels = {
@@ -105,14 +105,14 @@ def time_to_beat(runs: Sequence[Run], reference: str, metrics: Sequence[str] = B
     return table
 
 
-def worsening(runs: Sequence[Run], threshold_db: float = WORSE_DB) -> list[Worsening]:
-    """Every row, scene and metric that ends ``threshold_db`` or more below its best (mean of seeds), largest first."""
+def worsening(runs: Sequence[Run]) -> list[Worsening]:
+    """Every row, scene and metric that ends WORSE_DB or more below its best (mean of seeds), largest first."""
     found = []
     for metric in CURVE_METRICS:
         for (row, scene), curves in _measured(runs, metric).items():
             losses = [_loss(*curve, metric) for curve in curves]
             best_step, best_seconds, best, final_seconds, final, loss = np.mean(losses, axis=0).tolist()
-            if loss >= threshold_db:
+            if loss >= WORSE_DB:
                 seeds = len(curves)
                 found.append(
                     Worsening(row, scene, metric, best, best_step, best_seconds, final, final_seconds, loss, seeds)

@@ -77,7 +77,7 @@ def best_paper_methods(rows: Sequence[PaperRow], metric: Metric) -> set[str]:
     return {row.method for row in rows if row.values[metric.key] == best}
 
 
-def estimate_text(value: Estimate | None, metric: Metric, scenes: int = 1) -> str:
+def estimate_text(value: Estimate | None, metric: Metric, scenes: int) -> str:
     """The mean, the interval where there is one, and the number of scenes where some are missing; – for no value."""
     if value is None:
         return "–"

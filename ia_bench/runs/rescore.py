@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +32,8 @@ class Rescorer:
         scene: Folder of the runs' scene, None for the shipped ones.
     """
 
-    def __init__(self, protocol: Protocol, out: Path, scene: Path | None = None, note: Callable[[str], None] = print) -> None:
-        """``note`` is told one line at a time."""
-        self.protocol, self.out, self.scene, self._note = protocol, out, scene, note
+    def __init__(self, protocol: Protocol, out: Path, scene: Path | None = None) -> None:
+        self.protocol, self.out, self.scene = protocol, out, scene
         self._key: object = None
 
     def rescore(self, folder: Path) -> Path:
@@ -54,12 +52,12 @@ class Rescorer:
         content = {**run.config.get("config", dict), "protocol": self.protocol.describe(), "rescored_from": origin["config_hash"]}
         new_hash = hash_of(content)
         place = self.out / slug(scene) / f"{slug(row)}-seed{seed}-{new_hash[:8]}"
-        with RunFolder.open(place, content, new_hash, self._note) as kept:
+        with RunFolder.open(place, content, new_hash) as kept:
             if kept.finished() is not None:
                 return place
             stage, scorer = self._scene_of(run)
             scores = scorer.full(run.reconstruction(stage)).as_dict()
-            write_pictures(kept, self._scene, scorer.drawn, scores["albedo_scales"].get(self.protocol.alignment), self._note)
+            write_pictures(kept, self._scene, scorer.drawn, scores["albedo_scales"].get(self.protocol.alignment), print)
             for name in ASSETS:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:

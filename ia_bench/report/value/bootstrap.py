@@ -24,7 +24,7 @@ class Interval(NamedTuple):
         return int(self.low > 0) - int(self.high < 0)
 
 
-def replicates(scenes: Sequence[np.ndarray], count: int = REPLICATES, seed: int = 0) -> np.ndarray:
+def replicates(scenes: Sequence[np.ndarray], count: int = REPLICATES) -> np.ndarray:
     """Means of ``count`` resampled experiments, (count, ...).
 
     Every replicate draws as many scenes as there are, with replacement, and for each of them as many of its seeds, with
@@ -34,9 +34,8 @@ def replicates(scenes: Sequence[np.ndarray], count: int = REPLICATES, seed: int 
         scenes: One array (seeds, ...) of at least one seed for each scene; what follows the seeds stays together, so that values of
             one run are drawn together.
         count: How many.
-        seed: Of the draws.
     """
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     values = [np.asarray(scene, np.float64) for scene in scenes]
     chosen = generator.integers(len(values), size=(count, len(values)))
     total = np.zeros((count, *values[0].shape[1:]))
