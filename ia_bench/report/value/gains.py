@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import t as student
@@ -54,7 +55,7 @@ class Gain:
         assert estimate is not None
         return estimate
 
-    @property
+    @cached_property
     def bootstrap(self) -> Interval | None:
         """The interval by the bootstrap over scenes and seeds; None for a single scene."""
         if len(self.pairs.pairs) < 2:
