@@ -105,10 +105,10 @@ class Run:
 
 @dataclass(frozen=True)
 class Collection:
-    """All runs found, and what is no run's record (with the problem): of others, or torn."""
+    """All runs found, and why each file that is no run's record is none: of others, or torn."""
 
     runs: tuple[Run, ...]
-    unreadable: tuple[tuple[Path, str], ...] = ()
+    unreadable: tuple[str, ...] = ()
 
 
 def collect(folders: Iterable[Path] | Mapping[Path, Cell], published: Iterable[Run] = ()) -> Collection:
@@ -135,7 +135,7 @@ def collect(folders: Iterable[Path] | Mapping[Path, Cell], published: Iterable[R
             run = read_run(folder)
         except BadRecord as problem:
             if folder not in cells:
-                unreadable.append((folder, str(problem)))
+                unreadable.append(str(problem))
                 continue
             run = Run(folder, "", "", 0, problem=str(problem))
         if folder in cells:

@@ -140,7 +140,7 @@ def _notes(collection: Collection, kept: Sequence[Run], protocol: str) -> list[s
         for run in collection.runs
         if run.protocol not in (None, protocol)
     ]
-    notes += [f"left out, no record of a run: {problem}" for _, problem in collection.unreadable]
+    notes += [f"left out, no record of a run: {problem}" for problem in collection.unreadable]
     return notes + [f"{run.name}: no curve: {run.curve_problem}" for run in kept if run.curve_problem]
 
 

@@ -63,8 +63,7 @@ def write_report(
     """
     collection = collect(folders, published)
     if not collection.runs:
-        problems = [why for _, why in collection.unreadable]
-        raise ValueError("; ".join(["expected at least one run's metrics.json, found none", *problems]))
+        raise ValueError("; ".join(["expected at least one run's metrics.json, found none", *collection.unreadable]))
     findings = analyse(collection, rows_order, scenes_order, reference, claims, papers)
 
     out.mkdir(parents=True, exist_ok=True)

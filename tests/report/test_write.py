@@ -231,7 +231,7 @@ def test_the_shipped_figures_equal_the_source() -> None:
 def test_a_folder_that_never_finished_is_named(write_run: Write, tmp_path: Path) -> None:
     write_run("ours", "hat")
     (tmp_path / "runs" / "killed").mkdir()
-    (tmp_path / "runs" / "killed" / "config.json").write_text("{}")
+    (tmp_path / "runs" / "killed" / "config.json").write_text('{"config_hash": "0"}')
     report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
     assert len(report.findings.notes) == 1
     assert "killed" in report.findings.notes[0]
