@@ -20,7 +20,7 @@ from typing import Any
 
 from ia_bench.common.arguments import read_arguments, settings_of
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
+from ia_bench.common.exit_codes import FAULT, OK, command, complain
 from ia_bench.common.output import say
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
@@ -63,11 +63,7 @@ def parse(arguments: Sequence[str]) -> Request:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the table's command line and return its exit status: 1 if a cell failed, otherwise as ``ia_bench``."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    if not {"-h", "--help"}.isdisjoint(arguments):
-        say(f"{__doc__.rstrip()}\n\nSettings launcher.*, described in docs/clusters.md\n{_settings()}", sys.stdout)
-        return OK
-    return status_of(lambda: make_table(parse(arguments)))
+    return command(_usage, lambda given: make_table(parse(given)), arguments)
 
 
 def make_table(request: Request) -> int:
@@ -154,9 +150,9 @@ def _launcher(arguments: Sequence[str]) -> Launcher:
     return launcher
 
 
-def _settings() -> str:
-    """The settings of every launcher with their defaults, for the help."""
-    lines = []
+def _usage() -> str:
+    """The help, which ends with the settings of every launcher and their defaults."""
+    lines = [f"{(__doc__ or '').rstrip()}\n\nSettings launcher.*, described in docs/clusters.md"]
     for name, kind in LAUNCHERS.items():
         shown = [f"{key}={'null' if value is None else value}" for key, value in settings_of(kind)]
         lines.append(fill(" ".join(shown), 118, initial_indent=f"  {name:<16}", subsequent_indent=" " * 18))

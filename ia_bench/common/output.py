@@ -14,5 +14,5 @@ def say(text: str, stream: TextIO | None) -> None:
     try:
         print(text, file=stream, flush=True)
     except (OSError, ValueError):  # a full disk, a pipe that is closed at the other end, a closed file
-        with suppress(OSError, ValueError):  # else Python tries again when it ends, and ends with a status of its own
-            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        with suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:  # else Python tries again when it ends, and ends
+            os.dup2(nowhere.fileno(), stream.fileno())  # with a status of its own

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -101,7 +101,7 @@ class Scene:
     test: tuple[View, ...] = ()
     novel: tuple[View, ...] = ()
     truth: Truth | None = None
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     metallic: bool = False
     exposures_differ: bool = False
     mesh_is_made: bool = False
