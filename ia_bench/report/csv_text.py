@@ -18,9 +18,8 @@ def csv_text(records: Iterable[Mapping[str, Any]], digits: int | None = DIGITS) 
         records: Column -> value.
         digits: Significant ones of every float; None for all that it has.
     """
-    rounded = ({key: _rounded(value, digits) for key, value in record.items()} for record in records)
-    return str(pd.DataFrame(list(rounded), dtype=object).to_csv(index=False))
-
-
-def _rounded(value: object, digits: int | None) -> object:
-    return float(f"{value:.{digits}g}") if isinstance(value, float) and digits is not None else value
+    rounded = [
+        {key: float(f"{value:.{digits}g}") if digits and isinstance(value, float) else value for key, value in record.items()}
+        for record in records
+    ]
+    return str(pd.DataFrame(rounded, dtype=object).to_csv(index=False))

@@ -7,7 +7,6 @@ written again when a cell ends, and loads itself again when the news are of a ne
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from ia_bench.report.collect import BadRecord, Curve, collect, read_curve
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.site.content import curve_data
 from ia_bench.runs.folder import CURVE
+from ia_bench.runs.pictures.packing import compact
 from ia_bench.runs.standing import FAILED, FINISHED, RUNNING, Overview, Standing
 from ia_bench.runs.table import Table
 
@@ -46,10 +46,9 @@ def findings_so_far(overview: Overview, table: Table) -> Findings:
 def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = False) -> None:
     """Write the news into a page's folder of parts. ``ended``: nobody will write any more."""
     content = {"key": key_of(overview), "every": every, "made": round(time.time(), 1), "ended": ended, **_news(overview)}
-    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     parts.mkdir(parents=True, exist_ok=True)
     with whole_file(parts / NEWS) as partial:
-        partial.write_text(f"bench.news({text});\n", encoding="utf-8")
+        partial.write_text(f"bench.news({compact(content)});\n", encoding="utf-8")
 
 
 def _news(overview: Overview) -> dict[str, Any]:

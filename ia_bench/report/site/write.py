@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import json
 import re
 from functools import cache
 from importlib import resources
@@ -17,6 +16,7 @@ from markupsafe import Markup
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.site import content, definitions
 from ia_bench.report.site.gallery import Gallery
+from ia_bench.runs.pictures.packing import compact
 from ia_bench.scores.columns import METRICS
 
 INDEX = "index.html"
@@ -77,8 +77,7 @@ def _page(sources: content.Sources, data: dict[str, Any], gallery: Gallery) -> s
 
 def _json(data: dict[str, Any]) -> Markup:
     """JSON that may stand in a script element: whatever texts it holds, none ends the element."""
-    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
+    return Markup(compact(data).replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
 
 
 def _part(name: str) -> Markup:

@@ -86,9 +86,11 @@ def _of_photographs(photographs: Sequence[Worth], reference: str) -> list[str]:
     if not photographs:
         return []
     head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
-    body = [
-        [one.row, _of(one.metric.title, one.others), str(one.photographs), _count(one.needed), _between(one)] for one in photographs
-    ]
+    body = []
+    for one in photographs:
+        title = f"{one.metric.title} ({one.others})" if one.others else one.metric.title
+        between = "-" if one.bounds is None else f"{_count(one.bounds.low)} to {_count(one.bounds.high)}"
+        body.append([one.row, title, str(one.photographs), _count(one.needed), between])
     return [f"## In photographs\n\nHow many `{reference}` needs to be where a row is.\n", pipe_table(Printed(head, body))]
 
 
@@ -100,18 +102,10 @@ def _gain(gain: Gain, digits: int) -> Cell:
     return Cell(words, best=bool(gain.side))
 
 
-def _of(title: str, others: str) -> str:
-    return f"{title} ({others})" if others else title
-
-
 def _count(number: float) -> str:
     if math.isinf(number):
         return "more than all"
     return "fewer than the fewest" if number == 0 else f"{number:.1f}"
-
-
-def _between(one: Worth) -> str:
-    return "-" if one.bounds is None else f"{_count(one.bounds.low)} to {_count(one.bounds.high)}"
 
 
 def _of_gain(gain: Gain) -> dict[str, Any]:

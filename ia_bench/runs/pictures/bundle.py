@@ -52,7 +52,7 @@ class Bundle:
         with zipfile.ZipFile(buffer, "w") as archive:
             for name, content in {
                 **{f"{name}.webp": sheet for name, sheet in self.sheets.items()},
-                "about.json": _json(about),
+                "about.json": packing.compact(about).encode(),
             }.items():
                 archive.writestr(zipfile.ZipInfo(name, EPOCH), content)
         return buffer.getvalue()
@@ -132,7 +132,3 @@ def read_bundle(folder: Path) -> Bundle | None:
             return Bundle(found, about["shapes"], about["errors"], about["solid"], about["views"])
     except (zipfile.BadZipFile, KeyError, ValueError) as error:
         raise InputError(f"{path}: expected the pictures of a run, found a damaged file ({error})") from None
-
-
-def _json(content: dict[str, Any]) -> bytes:
-    return json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
