@@ -32,7 +32,7 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
-from ia_bench.runs.truth import ToldPrior, TrueViews
+from ia_bench.runs.truth import tell_truth
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 from ia_bench_baselines.mitsuba_adam.method import MitsubaAdam
@@ -109,7 +109,7 @@ def main() -> None:
     prior: Prior = OraclePrior(components=["albedo"]) if arguments.prior == "oracle" else NoPrior()
     scene = NativeReader(resolve_scene_folder(SceneConfig(arguments.scene))).read(truth=True)
     render = RenderSettings(bounces=0, coat="added")
-    problem = Problem(scene.blind(), render, make_prior=lambda of: ToldPrior(prior, TrueViews(scene, of)), note=lambda _: None)
+    problem = Problem(scene.blind(), render, make_prior=lambda problem: tell_truth(prior, scene, problem), note=lambda _: None)
     scorer = Scorer(scene, Protocol(), problem.device)
     plain = {steps: MitsubaAdam(MitsubaAdamOptions(steps=steps)) for steps in arguments.mitsuba_steps}
     curves = {

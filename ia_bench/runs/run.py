@@ -29,7 +29,7 @@ from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.metrics import SCHEMA
 from ia_bench.runs.pictures.bundle import write_pictures
 from ia_bench.runs.scene import read_scene, tell
-from ia_bench.runs.truth import ToldPrior, TrueViews
+from ia_bench.runs.truth import tell_truth
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.scorer import Scorer
 
@@ -106,7 +106,7 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         config.prior.supervision,
         torch.device(config.device),
         # only for a prior that wants it: a closure over the scene is a way to the truth
-        make_prior=(lambda of: ToldPrior(prior, TrueViews(scene, of))) if "truth" in prior.info.wants else (lambda _: prior),
+        make_prior=(lambda problem: tell_truth(prior, scene, problem)) if "truth" in prior.info.wants else (lambda _: prior),
         truth=scene if info.sees_truth else None,
         note=note,
         books=books,

@@ -76,3 +76,8 @@ class TrueViews(Sequence[View]):
             view if view.albedo is not None else replace(view, albedo=image * view.mask[..., None])
             for view, image in zip(scene.train, albedo, strict=True)
         )
+
+
+def tell_truth(prior: Prior, scene: Scene, problem: Problem) -> Prior:
+    """``prior``, told the truth of the ``scene`` if it wants that."""
+    return ToldPrior(prior, TrueViews(scene, problem)) if "truth" in prior.info.wants else prior
