@@ -34,7 +34,8 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     are drawn among all places with the ``generator``; a place is its own one besides, with the share of places that are drawn as
     its weight, so that what nothing resembles stays as it is.
 
-    Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual, ``position`` (P, 3) in scene units, of P places: the first two again.
+    Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual and ``position`` (P, 3) in scene units, of P places; the first two
+    come back.
     """
     features, values = _features(albedo, roughness, position), torch.cat([torch.log(albedo.clamp_min(0) + OFFSET), roughness], 1)
     drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
