@@ -40,7 +40,7 @@ class Dialogue:
         self._prior = problem.prior
         self._sampler = PriorSampler(problem, self._prior, seed, note)
         self.seconds = 0.0
-        self.supervise(Targets({}, {}))
+        self.supervise(Targets({}, torch.zeros(len(problem.gbuffer.pixel), 1, device=problem.device)))
 
     @property
     def counters(self) -> dict[str, int]:
@@ -143,9 +143,8 @@ class Dialogue:
     def form_of_targets(self) -> dict[str, Any]:
         """The form of the targets that are kept apart."""
         each = torch.zeros(len(self._problem.gbuffer.pixel), 3)
-        asked = self._prior.info.provides
-        forms = {"values": each, "weights": each[:, :1], "at_least": each[:, :1] > 0}
-        return {part: Some(dict.fromkeys(asked, form)) for part, form in forms.items()}
+        values, at_least = (Some(dict.fromkeys(self._prior.info.provides, form)) for form in (each, each[:, :1] > 0))
+        return {"values": values, "weight": each[:, :1], "at_least": at_least}
 
     def restore(self, state: dict[str, Any], targets: Targets, seconds: float) -> None:
         """Take over a :meth:`state`, its targets, and what asking had taken until then."""

@@ -31,7 +31,7 @@ def start_albedo(parameters: Parameters, problem: Problem, images: Tensor, mean:
     if targets is None:
         return
     gbuffer = problem.gbuffer
-    hit = (gbuffer.face >= 0) & (targets.weights["albedo"] > 0)
+    hit = (gbuffer.face >= 0) & (targets.weight > 0)
     uv = problem.renderer.surface.uv(gbuffer.face[hit].long(), gbuffer.barycentric[hit])
     covered = (hit.float().mean(1, keepdim=True)).clamp_min(1e-6)
     values = (targets.values["albedo"] / covered)[:, None].expand(-1, gbuffer.subsamples, -1)[hit]

@@ -87,13 +87,13 @@ class Supervision:
         difference = tone_map(prediction) - tone_map(self.targets.values["specular"][pixels])
         if "specular" in self.targets.at_least:
             difference = torch.where(self.targets.at_least["specular"][pixels], difference.clamp(max=0), difference)
-        return self._settings.specular_weight * (self.targets.weights["specular"][pixels] * difference.abs()).mean()
+        return self._settings.specular_weight * (self.targets.weight[pixels] * difference.abs()).mean()
 
     def _difference(self, name: str, prediction: Tensor, pixels: Tensor) -> Tensor:
         encoding = self._encoding[name]
         difference = encode(prediction, encoding) - encode(self.targets.values[name][pixels], encoding)
         error = 0.5 * difference**2 if self._distilled else difference.abs()
-        return (self.targets.weights[name][pixels] * error).mean()
+        return (self.targets.weight[pixels] * error).mean()
 
 
 class _Aligner:
@@ -102,7 +102,7 @@ class _Aligner:
     def __init__(self, problem: Problem, targets: Targets, ssi: str) -> None:
         """``ssi``: the mode of :func:`align_views`."""
         gbuffer = problem.gbuffer
-        asked = targets.weights["albedo"][:, 0] > 0
+        asked = targets.weight[:, 0] > 0
         covered = torch.nonzero(asked & (gbuffer.face >= 0).all(1))[:, 0]  # a pixel on the edge mixes in a background
         usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
         chosen = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]

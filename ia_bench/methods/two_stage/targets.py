@@ -22,26 +22,27 @@ class Targets:
 
     Attributes:
         values: (P, 3) per component: linear, premultiplied by coverage; zero in views that the prior was not asked about.
-        weights: (P, 1) per component: how much it counts there; mean 1, so that a loss keeps its weight however few views
-            are asked.
+        weight: (P, 1), how much the pixel counts: even in the views that the prior was asked about, zero in others; mean 1, so
+            that a loss keeps its weight however few views are asked.
         at_least: (P, 1) bool per component: where the prior could hardly have said more, a larger value is no error.
     """
 
     values: dict[str, Tensor]
-    weights: dict[str, Tensor]
+    weight: Tensor
     at_least: dict[str, Tensor] = field(default_factory=dict)
 
     def to(self, device: torch.device) -> Targets:
         """The same on a device."""
-        return Targets(*({name: tensor.to(device) for name, tensor in part.items()} for part in self.state().values()))
+        values, at_least = ({name: part.to(device) for name, part in parts.items()} for parts in (self.values, self.at_least))
+        return Targets(values, self.weight.to(device), at_least)
 
     def state(self) -> dict[str, Any]:
         """For a checkpoint; ``Targets(**state)`` is the inverse."""
-        return {name: getattr(self, name) for name in ("values", "weights", "at_least")}
+        return dict(vars(self))
 
 
 def make_targets(problem: Problem, samples: Samples, views: tuple[int, ...]) -> Targets:
-    """Targets from samples, or distilled estimates, of the ``views`` of the problem: equal weights there, none elsewhere."""
+    """Targets from samples, or distilled estimates, of the ``views`` of the problem."""
     part, rows = restrict(problem.gbuffer, views)
     view = part.view()
     values, at_least = {}, {}
@@ -51,13 +52,8 @@ def make_targets(problem: Problem, samples: Samples, views: tuple[int, ...]) -> 
         if name in samples.ceilings:
             near = value.amax(-1) >= NEAR_CEILING * samples.ceilings[name].to(rows.device)[view]
             at_least[name] = _spread_over(problem, rows, near[:, None].float()) > 0
-    return Targets(values, dict.fromkeys(values, _even_weights(problem, rows)), at_least)
-
-
-def _even_weights(problem: Problem, rows: Tensor) -> Tensor:
-    """Weights (P, 1) of mean 1: equal at the G-buffer's entries ``rows``, zero elsewhere."""
-    weights = _spread_over(problem, rows, torch.ones(len(rows), 1, device=rows.device))
-    return weights / weights.mean().clamp_min(1e-12)
+    asked = _spread_over(problem, rows, torch.ones(len(rows), 1, device=rows.device))
+    return Targets(values, asked / asked.mean().clamp_min(1e-12), at_least)
 
 
 def _spread_over(problem: Problem, rows: Tensor, values: Tensor) -> Tensor:

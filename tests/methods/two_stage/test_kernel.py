@@ -35,7 +35,7 @@ def kernel(
     problem: Problem, prediction: Tensor, weight: Tensor | None = None, *, free_scale: bool = True, **settings: float
 ) -> SimilarityKernel:
     weight = torch.ones(len(prediction), 1) if weight is None else weight
-    targets = Targets({"albedo": prediction}, {"albedo": weight})
+    targets = Targets({"albedo": prediction}, weight)
     return SimilarityKernel(problem, targets, SupervisionSettings(kind="similarity", **settings), free_scale=free_scale)  # type: ignore[arg-type]
 
 

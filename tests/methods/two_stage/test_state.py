@@ -68,7 +68,7 @@ def test_a_state_without_its_targets_is_none(problem: Problem, written: bytes) -
     content = torch.load(io.BytesIO(written), weights_only=True)
     file = io.BytesIO()
     torch.save({**content, "kept": {}}, file)
-    with pytest.raises(ValueError, match="targets: expected values, weights, at_least, found None"):
+    with pytest.raises(ValueError, match="targets: expected values, weight, at_least, found None"):
         fit(problem, NoPrior(), SETTINGS, Record(), resume=file.getvalue())
 
 

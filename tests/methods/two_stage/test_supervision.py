@@ -37,7 +37,7 @@ def seen(problem: Problem, texture: Tensor) -> Tensor:
 
 def even(values: dict[str, Tensor]) -> Targets:
     """Targets of equal weight everywhere."""
-    return Targets(values, {name: torch.ones(len(v), 1) for name, v in values.items()})
+    return Targets(values, torch.ones(len(next(iter(values.values()))), 1))
 
 
 def supervise(problem: Problem, ssi: str, targets: Targets, **settings: object) -> Supervision:
@@ -70,7 +70,7 @@ def test_loss_is_the_weighted_mean_difference_in_the_priors_encoding(problem: Pr
     for encoding in ("linear", "srgb"):
         prior = Encoded()
         prior.info = PriorInfo(frozenset({"albedo", "specular"}), encoding={"albedo": encoding, "specular": "srgb"})
-        supervision = Supervision(problem, prior, "none", Targets({"albedo": target}, {"albedo": weight}))  # type: ignore[arg-type]
+        supervision = Supervision(problem, prior, "none", Targets({"albedo": target}, weight))  # type: ignore[arg-type]
         supervision.update(texture, 0)
         encode = linear_to_srgb if encoding == "srgb" else np.asarray
         differences = np.abs(encode(pixels[chosen].double().numpy()) - encode(target[chosen].double().numpy()))
@@ -135,7 +135,7 @@ def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor
     pixels = seen(problem, texture)
     asked = problem.gbuffer.pixel < 4 * problem.gbuffer.shape[1] * problem.gbuffer.shape[2]
     values = torch.where(asked[:, None], 0.5 * pixels, 0.0)
-    targets = Targets({"albedo": values}, {"albedo": asked.float()[:, None] / asked.float().mean()})
+    targets = Targets({"albedo": values}, asked.float()[:, None] / asked.float().mean())
     for kind in ("target", "similarity"):
         supervision = supervise(problem, "scale", targets, kind=kind)
         supervision.update(texture, 0)

@@ -34,7 +34,7 @@ def test_targets_are_the_sample(problem: Problem, scene: Scene) -> None:
     targets = targets_of(problem, sample)
     for name in ("albedo", "specular"):
         assert torch.equal(targets.values[name], problem.pixels_of(sample[name]))
-        assert bool((targets.weights[name] == 1).all())
+    assert bool((targets.weight == 1).all())
 
 
 def test_few_views_keep_the_loss_at_its_weight(problem: Problem, scene: Scene) -> None:
@@ -42,9 +42,9 @@ def test_few_views_keep_the_loss_at_its_weight(problem: Problem, scene: Scene) -
     views = (1, 6, 9)
     targets = targets_of(problem, {name: value[list(views)] for name, value in exact.items()}, views)
     asked = torch.isin(problem.gbuffer.pixel // (32 * 32), torch.tensor(views))
-    for name, weight in targets.weights.items():
-        assert float(weight.mean()) == pytest.approx(1, rel=1e-5)
-        assert bool(((weight[:, 0] > 0) == asked).all())
+    assert float(targets.weight.mean()) == pytest.approx(1, rel=1e-5)
+    assert bool(((targets.weight[:, 0] > 0) == asked).all())
+    for name in ("albedo", "specular"):
         assert torch.equal(targets.values[name][asked], problem.pixels_of(exact[name])[asked])
         assert bool((targets.values[name][~asked] == 0).all())
 
@@ -53,7 +53,7 @@ def test_distilled_targets_cover_their_views(problem: Problem) -> None:
     estimate = torch.rand(2, 32, 32, 3, generator=torch.Generator().manual_seed(0))
     targets = targets_of(problem, {"albedo": estimate}, (3, 8))
     view = problem.gbuffer.pixel // (32 * 32)
-    weight = targets.weights["albedo"][:, 0]
+    weight = targets.weight[:, 0]
     assert bool(((weight > 0) == ((view == 3) | (view == 8))).all())
     assert float(weight.mean()) == pytest.approx(1, rel=1e-5)
     whole = torch.zeros(16, 32, 32, 3)
