@@ -104,11 +104,11 @@ class PriorSampler:
         return self._shown
 
     def _key(self, shown: Observations) -> str:
-        """What decides a sample; geometry by what it is computed from."""
+        """What decides a sample: the prior, the seed and all that is shown."""
         prior = self._prior
         assert isinstance(prior, Fingerprinted)
         rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
-        geometry = [tensor for tensor in (shown.normals, shown.visibility) if tensor is not None]
+        geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.sightings) if tensor is not None]
         return content_key("samples", prior.fingerprint, rounding, str(self._seed), shown.images, shown.masks, *geometry)
 
 
