@@ -28,7 +28,7 @@ def start_albedo(parameters: Parameters, problem: Problem, images: Tensor, mean:
     albedo, colour = parameters.tensors["albedo"], images.mean(0)
     colour = mean * colour / colour.mean().clamp_min(1e-8)
     albedo.copy_((colour / colour.max().clamp_min(1.0)).clamp(0, 1).expand_as(albedo))
-    if targets is None:
+    if targets is None or not bool(targets.weight.any()):  # none, or of views that do not show the mesh
         return
     gbuffer = problem.gbuffer
     hit = (gbuffer.face >= 0) & (targets.weight > 0)
