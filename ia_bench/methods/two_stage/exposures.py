@@ -37,6 +37,10 @@ class Exposures:
             self._optimizer.step()
             with torch.no_grad():
                 self._log -= self._log.mean()
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the gradient."""
         self._optimizer.zero_grad(set_to_none=True)
 
     @property

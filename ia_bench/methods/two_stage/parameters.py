@@ -87,6 +87,8 @@ class Parameters:
         """Forget all gradients."""
         self._alone.clear()
         self.optimizer.zero_grad(set_to_none=True)
+        if self.exposures is not None:
+            self.exposures.clear()
 
     def light(self, *, uniform: float | None = None) -> SampledLight:
         """The light, without gradient unless ``uniform``, the share of its samples spread over the sphere, is given."""

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import torch
+from dataclasses import replace
 
+import torch
+from small_fit import SETTINGS, altered
+
+from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.exposures import Exposures
+from ia_bench.methods.two_stage.parameters import Parameters
 
 
 def test_factors_that_the_images_tell() -> None:
@@ -34,3 +39,12 @@ def test_a_gradient_that_is_not_finite_moves_nothing() -> None:
     (exposures.factors(torch.arange(4)) * torch.inf).sum().backward()
     exposures.descend(1.0)
     assert exposures.recovered.tolist() == [1, 1]
+
+
+def test_the_gradient_of_a_step_that_is_skipped_is_forgotten(problem: Problem) -> None:
+    parameters = Parameters(altered(problem, scene=replace(problem.scene, exposures_differ=True)), SETTINGS)
+    assert parameters.exposures is not None
+    parameters.exposures.factors(torch.tensor([0])).sum().backward()
+    parameters.clear()  # as the next step begins
+    parameters.exposures.descend(1.0)
+    assert parameters.exposures.recovered.tolist() == [1] * len(problem.scene.train)
