@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.silhouettes import HALF, carving_mask, outline_distance
+from ia_bench.geometry.silhouettes import HALF, carving_mask, outline_distance, rays_through
 from ia_bench.scenes.scene import Camera, View
 
 NEAR = 1.0  # pixels from the outline within which pixels are taken for points of it
@@ -114,9 +114,7 @@ def _away_from_frame(shape: tuple[int, ...]) -> np.ndarray:
 
 def nearest_to_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray, grid: DistanceGrid) -> tuple[np.ndarray, np.ndarray]:
     """Of each pixel's ray, the point (N, 3) deepest in the shape, or nearest to it, and its distance in pixels (N,)."""
-    x = (columns + 0.5 - camera.centre[0]) / camera.focal[0]
-    y = -(rows + 0.5 - camera.centre[1]) / camera.focal[1]
-    along = np.stack([x, y, np.full(len(rows), -1.0)], -1) @ camera.to_world[:3, :3].T  # a unit of depth
+    along = rays_through(camera, rows + 0.5, columns + 0.5)
     origin = camera.to_world[:3, 3]
     corners = np.stack(np.meshgrid(*zip(grid.low.tolist(), grid.high.tolist(), strict=True), indexing="ij"), -1).reshape(-1, 3)
     depths = (origin - corners) @ camera.to_world[:3, 2]

@@ -18,6 +18,7 @@ from torch.autograd.function import FunctionCtx
 
 from ia_bench.common.warp_launch import launch, launch_summing
 from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.silhouettes import rays_through
 from ia_bench.geometry.warp_march import gather, gather_adjoint
 from ia_bench.scenes.scene import View
 
@@ -72,8 +73,7 @@ def pixels_of(views: Sequence[View], grid: DistanceGrid, normals: Sequence[np.nd
 def _of_view(number: int, view: View, grid: DistanceGrid, normals: np.ndarray | None) -> tuple[Tensor, ...]:
     camera = view.camera
     rows, columns = np.nonzero(maximum_filter(view.mask > 0, 2 * BESIDE + 1))
-    x, y = (columns + 0.5 - camera.centre[0]) / camera.focal[0], -(rows + 0.5 - camera.centre[1]) / camera.focal[1]
-    along = np.stack([x, y, np.full(len(rows), -1.0)], -1) @ camera.to_world[:3, :3].T
+    along = rays_through(camera, rows + 0.5, columns + 0.5)
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     origin = np.broadcast_to((camera.to_world[:3, 3] - grid.low.numpy()) / grid.step, along.shape)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -51,6 +51,12 @@ def project(camera: Camera, points: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return column, row, depth
 
 
+def rays_through(camera: Camera, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """What to add to the camera's position per unit of depth, (..., 3), at places (...) of its picture in pixels."""
+    x, y = (columns - camera.centre[0]) / camera.focal[0], -(rows - camera.centre[1]) / camera.focal[1]
+    return np.stack([x, y, -np.ones_like(x)], -1) @ camera.to_world[:3, :3].T
+
+
 def silhouettes(views: Sequence[View]) -> list[Silhouette]:
     """The outlines of views; a pixel of which nobody knows whether it shows the object counts as object."""
     return [Silhouette(view.camera, torch.from_numpy(outline_distance(carving_mask(view)))) for view in views]

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.silhouettes import centre_of, project
+from ia_bench.geometry.silhouettes import centre_of, project, rays_through
 from ia_bench.scenes.scene import Camera, View
 
 NEIGHBOURS = 6  # photographs that each is compared with ...
@@ -73,7 +73,7 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     empty = DepthMap(view.camera, *torch.zeros(2, *view.mask.shape))
     rows, columns = (slice(place.min(), place.max() + 1) for place in np.nonzero(view.mask > 0))
     # ---------------------------------------------------------------- planes, and where they are inside of the hull
-    along = _rays(view.camera)[rows, columns]
+    along = torch.from_numpy(rays_through(view.camera, *np.indices(view.mask.shape) + 0.5)).float()[rows, columns]
     origin = torch.from_numpy(np.array(view.camera.to_world[:3, 3], np.float32))
     depths = _planes(view.camera, hull)
     points = origin + depths[:, None, None, None] * along  # (K, H, W, 3)
@@ -103,13 +103,6 @@ def _agreement(own: Tensor, others: Sequence[tuple[Camera, Tensor]], points: Ten
     """How much the photographs that agree most look like one's own (C, H, W) if its pixels are at the points (K, H, W, 3)."""
     alike = torch.stack([correlation(own, _projected(*other, points)) for other in others])
     return alike.topk(min(AGREEING, len(others)), 0).values.mean(0)
-
-
-def _rays(camera: Camera) -> Tensor:
-    """What to add to the camera's position per unit of depth, at the centres of its pixels (H, W, 3)."""
-    rows, columns = np.indices((camera.height, camera.width)) + 0.5
-    x, y = (columns - camera.centre[0]) / camera.focal[0], -(rows - camera.centre[1]) / camera.focal[1]
-    return torch.from_numpy(np.stack([x, y, -np.ones_like(x)], -1) @ camera.to_world[:3, :3].T).float()
 
 
 def _planes(camera: Camera, hull: DistanceGrid) -> Tensor:
