@@ -38,12 +38,10 @@ def photographs(run: Run, test: TestViews) -> np.ndarray:
     stage = Stage(scene.expect_mesh(), torch.device("cpu"))
     gbuffer = stage.gbuffer([view.camera for view in test.views], 1)
     hit = gbuffer.face[:, 0] >= 0
-    pixel, (_, height, width) = gbuffer.pixel[hit], gbuffer.shape
-    origin = gbuffer.origin[pixel // (height * width)]
-    points = stage.surface(gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0], origin)
+    points = stage.surface(gbuffer.face[hit, 0].long(), gbuffer.barycentric[hit, 0], gbuffer.seen_from(hit))
     seen = sees([view.camera for view in scene.train], points.position, points.normal, stage.rays, OFFSET)
     counts = torch.full(gbuffer.shape, -1)
-    counts.reshape(-1)[pixel] = seen.sum(1)
+    counts.reshape(-1)[gbuffer.pixel[hit]] = seen.sum(1)
     return counts.numpy()
 
 

@@ -18,15 +18,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import BIN_SIDE, LatLongSampler, SampledLight, direction_to_texel, texel_to_direction
-from ia_bench.material.brdf import (
-    F0,
-    MIN_COSINE,
-    dot,
-    microfacets,
-    normalize,
-    sample_visible_ggx,
-    visible_ggx_pdf,
-)
+from ia_bench.material.brdf import F0, MIN_COSINE, dot, microfacets, normalize, sample_visible_ggx, visible_ggx_pdf
 from ia_bench.material.coat import coat_reflectance
 from ia_bench.material.textures import Material, bilinear_taps
 from ia_bench.render import indirect as interreflections
@@ -271,9 +263,7 @@ class TorchRenderer(Renderer):
     """
 
     def __init__(self, renderer: Renderer, *, compiled: bool = False) -> None:
-        super().__init__(
-            renderer.surface, renderer.visibility, interreflection=renderer.interreflection, coat=renderer.coat
-        )  # fmt: skip
+        super().__init__(renderer.surface, renderer.visibility, interreflection=renderer.interreflection, coat=renderer.coat)
         self._sample, self._shade = sample_directions, shade_directions
         if compiled:
             self._sample, self._shade = (torch.compile(f, dynamic=False) for f in (sample_directions, shade_directions))
@@ -299,7 +289,7 @@ class TorchRenderer(Renderer):
         count = samples_taken(samples, points) // (2 * points)
         with torch.no_grad():
             face = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1).reshape(-1)
-            camera = gbuffer.origin[gbuffer.pixel[pixels] // (gbuffer.shape[1] * gbuffer.shape[2])].repeat_interleave(points, 0)
+            camera = gbuffer.seen_from(pixels).repeat_interleave(points, 0)
             surface = self.surface(face, gbuffer.barycentric[pixels].reshape(-1, 2), camera)
             lattices = (lattice(start, points, count, part, parts).reshape(-1, count, 3) for start in shift)
             roughness = fetch(material.roughness.detach(), surface.uv)

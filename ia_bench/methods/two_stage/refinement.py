@@ -38,7 +38,7 @@ class Fusion:
         covered = torch.nonzero((part.face >= 0).all(1))[:, 0]
         self._pixel, face, barycentric = part.pixel[covered], part.face[covered].long(), part.barycentric[covered]
         surface, self._points = problem.renderer.surface, face.shape[1]
-        origin = part.origin[self._pixel // (part.shape[1] * part.shape[2])]
+        origin = part.seen_from(covered)
         middle = surface(face[:, 0], barycentric[:, 0], origin)
         toward = origin - middle.position
         self.position = middle.position
