@@ -33,21 +33,20 @@ class CoarseSteps:
     def __init__(self, images: Mapping[str, Tensor], betas: tuple[float, float]) -> None:
         """``images``: leaves (H, W, C) by name; one with an odd side has no coarser levels beyond it. ``betas``: of Adam."""
         self._images = dict(images)
-        self._levels = {name: _levels(image) for name, image in images.items()}
-        groups = [{"params": levels, "lr": 0.0} for levels in self._levels.values() if levels]
-        self._names = [name for name, levels in self._levels.items() if levels]
+        self._levels = {name: levels for name, image in images.items() if (levels := _levels(image))}
+        groups = [{"params": levels, "lr": 0.0} for levels in self._levels.values()]
         self.optimizer = torch.optim.Adam(groups, betas=betas, fused=True) if groups else None
 
     @torch.no_grad()
     def __call__(self, rates: Mapping[str, float]) -> None:
         """Move every image that has one of the ``rates``, and a gradient, by a step at each of its levels."""
-        moving = [name for name in self._names if rates.get(name) and self._images[name].grad is not None]
+        moving = [name for name in self._levels if rates.get(name) and self._images[name].grad is not None]
         if self.optimizer is None or not moving:
             return
-        for name, group in zip(self._names, self.optimizer.param_groups, strict=True):
+        for (name, levels), group in zip(self._levels.items(), self.optimizer.param_groups, strict=True):
             group["lr"] = rates.get(name, 0.0)
             gradient = self._images[name].grad
-            for level in self._levels[name]:
+            for level in levels:
                 gradient = _summed(gradient) if name in moving and gradient is not None else None
                 level.grad = gradient
         self.optimizer.step()
