@@ -27,8 +27,6 @@ from ia_bench.priors.inputs import Device, Precision, check_views, choose_device
 
 VERSION = 4
 """Part of the fingerprint; raised when a change of the code changes samples."""
-GRID = 8
-"""Pixels of which the side of a frame at full resolution is a multiple, so that views of nearly one size make one batch."""
 
 
 @dataclass(frozen=True)
@@ -180,12 +178,12 @@ class LearnedPrior(ABC):
         images, masks = observed.images, observed.masks
         groups: dict[int, list[tuple[int, Frame]]] = {}
         for view, mask in enumerate(masks):
-            frame = Frame.around(mask, self._native, GRID)
+            frame = Frame.around(mask, self._native)
             if frame is None:
                 continue
             reduction = frame.length / self._native
             if reduction > 1 and not reduced and self.at_full_resolution(reduction):
-                frame = Frame.around(mask, None, GRID)
+                frame = Frame.around(mask, None)
                 assert frame is not None
             groups.setdefault(frame.side, []).append((view, frame))
         found = []

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from ia_bench.common.atomic_file import whole_file
@@ -22,9 +21,9 @@ from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.enlarging import enlarge, enlarge_by_gain
 from ia_bench.priors.diffusion.framing import Frame
 from ia_bench.priors.inputs import check_views
+from ia_bench.priors.weight_files import fill
 
 SIDE = 64  # pixels of the square that the networks see, which is what the training images have
-MULTIPLE = 8  # which frames at full resolution would be rounded to; these networks see none
 
 
 class PicturePrior(ABC):
@@ -75,7 +74,7 @@ class PicturePrior(ABC):
         values = {name: torch.zeros_like(observations.images, dtype=torch.float32) for name in sorted(self.info.provides)}
         white, calls = torch.full((len(observations.images),), torch.inf), 0
         for view, (image, mask) in enumerate(zip(observations.images.float(), observations.masks.float(), strict=True)):
-            frame = Frame.around(mask, SIDE, MULTIPLE)
+            frame = Frame.around(mask, SIDE)
             if frame is None:
                 continue
             cut = frame.cut(torch.cat([image, mask[..., None]], -1))[None]
@@ -98,7 +97,7 @@ class PicturePrior(ABC):
     @cached_property
     def _network(self) -> nn.Module:
         network = self.make_network()
-        load_weights(network, self._path)
+        fill(network, self._path, network.state_dict())
         return network.eval().requires_grad_(False)
 
 
@@ -112,24 +111,3 @@ def save_weights(network: nn.Module, path: Path, about: Mapping[str, Any]) -> No
     tensors = {name: value.detach().half().cpu().contiguous() for name, value in network.state_dict().items()}
     with whole_file(path) as partial:
         save_file(tensors, partial, metadata={"about": json.dumps(dict(about), sort_keys=True)})
-
-
-def read_about(path: Path) -> dict[str, Any]:
-    """What :func:`save_weights` was told about the weights."""
-    with safe_open(path, framework="pt") as file:
-        about: dict[str, Any] = json.loads((file.metadata() or {}).get("about", "{}"))
-    return about
-
-
-def load_weights(network: nn.Module, path: Path) -> None:
-    """Fill ``network`` in float32. Raises InputError, naming file and tensor, for what is damaged or belongs to another network."""
-    try:
-        found = load_file(path)
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: expected safetensors, found a file that cannot be read ({error})") from None
-    expected = network.state_dict()
-    for name in sorted(expected.keys() | found.keys()):
-        shapes = [tuple(tensors[name].shape) if name in tensors else "none" for tensors in (expected, found)]
-        if shapes[0] != shapes[1]:
-            raise InputError(f"{path}: {name}: expected a tensor of shape {shapes[0]}, found {shapes[1]}")
-    network.load_state_dict({name: value.float() for name, value in found.items()})

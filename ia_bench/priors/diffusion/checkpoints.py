@@ -34,8 +34,8 @@ ENCODER = "encoder.safetensors"
 FROZEN = "vision."  # a pretrained encoder's own weights stay where they are
 
 
-def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, Any], *, half: bool = True) -> None:
-    """Write ``network`` to ``folder``, in half precision unless told otherwise; an older version there is replaced whole.
+def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, Any]) -> None:
+    """Write ``network`` to ``folder``, in half precision; an older version there is replaced whole.
 
     ``provenance``: data, steps, seconds, machine, figures (JSON values), kept beside the config.
     """
@@ -45,11 +45,10 @@ def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, A
     partial = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
-    dtype = torch.float16 if half else torch.float32
     (partial / "unet").mkdir()
     network.unet.save_config(partial / "unet")
     for name, module in _modules(network).items():
-        save_file({key: value.to(dtype).contiguous() for key, value in _own(module).items()}, partial / name)
+        save_file({key: value.half().contiguous() for key, value in _own(module).items()}, partial / name)
     config = network.config
     if config.kind == "diffusion":
         DDPMScheduler(**config.schedule, prediction_type="sample").save_config(partial / "scheduler")

@@ -11,6 +11,8 @@ from torch.nn import functional as F
 
 MARGIN = 0.03
 """Of the box around the object, on each side: training images leave about as much."""
+MULTIPLE = 8
+"""Pixels of which the side of a frame at full resolution is a multiple, so that views of nearly one size make one batch."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,10 @@ class Frame:
     side: int
 
     @classmethod
-    def around(cls, mask: Tensor, side: int | None, multiple: int) -> Frame | None:
+    def around(cls, mask: Tensor, side: int | None) -> Frame | None:
         """The square around the foreground of ``mask`` (H, W); None where nothing is covered.
 
-        It is resized to ``side``, or for None left as it is, with its length a whole number of ``multiple``.
+        It is resized to ``side``, or for None left as it is, with its length a multiple of MULTIPLE.
         """
         covered = mask > 0
         if not bool(covered.any()):
@@ -42,7 +44,7 @@ class Frame:
         ends = [(int(found[0]), int(found[-1]) + 1) for found in (rows, columns)]
         length = math.ceil(max(stop - start for start, stop in ends) * (1 + 2 * MARGIN))
         if side is None:
-            length = math.ceil(length / multiple) * multiple
+            length = math.ceil(length / MULTIPLE) * MULTIPLE
         top, left = ((start + stop - length) // 2 for start, stop in ends)
         return cls(top, left, length, length if side is None else side)
 

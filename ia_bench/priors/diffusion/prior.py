@@ -132,7 +132,7 @@ class DiffusionPrior(LearnedPrior):
         self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], report: GuidanceReport
     ) -> Guidance | None:
         """Toward the components in ``render``, inside the mask; the others are left to follow."""
-        if not render or self.guidance_strength == 0:
+        if not render:
             return None
         inside = (framed.masks > 0).float()[:, None].to(self._device)
         absent = torch.zeros_like(framed.condition[:, :3])

@@ -44,7 +44,6 @@ def sample(
     seeds: Sequence[int] | Noise,
     settings: SamplerSettings,
     guidance: Guidance | None = None,
-    init: Tensor | None = None,
     device: torch.device | str = "cpu",
     dtype: torch.dtype = torch.float32,
 ) -> Tensor:
@@ -59,19 +58,17 @@ def sample(
 
     An image's start and the noise of its steps come from one generator of its own on the CPU, so its sample depends on its
     seed (and its condition) alone: neither on the batch nor on the device. ``guidance`` None or of strength 0 gives the
-    same bits. ``init`` (N, C, H, W) replaces the start noise x_T. ``denoise`` runs without gradients unless the guidance
-    rule needs them, and is called ``settings.steps`` times. Raises InputError where sizes do not match.
+    same bits. ``denoise`` runs without gradients unless the guidance rule needs them, and is called ``settings.steps`` times.
+    Raises InputError where sizes do not match.
     """
     noise = seeds if callable(seeds) else seeded_noise(seeds, shape[1:])
     if not callable(seeds) and len(seeds) != shape[0]:
         raise InputError(f"seeds: expected one per image ({shape[0]}), found {len(seeds)}")
-    if init is not None and tuple(init.shape) != tuple(shape):
-        raise InputError(f"init: expected shape {tuple(shape)}, found {tuple(init.shape)}")
     if guidance is not None and not guidance.active:
         guidance = None
     if guidance is not None and tuple(guidance.target.shape) != tuple(shape):
         raise InputError(f"guidance target: expected shape {tuple(shape)}, found {tuple(guidance.target.shape)}")
-    noisy = (noise() if init is None else init).to(device, dtype)
+    noisy = noise().to(device, dtype)
     timesteps = schedule.timesteps(settings.steps, settings.spacing)
     levels = [float(schedule.alpha_bar[t]) for t in timesteps] + [1.0]
     for t, level, following in zip(timesteps, levels[:-1], levels[1:], strict=True):

@@ -47,6 +47,6 @@ def affine_map(guidance: Guidance, steps: int, mean: float, variance: float, cli
     schedule = wide_schedule(steps)
     denoise, settings = gaussian_denoiser(schedule, mean, variance), SamplerSettings(steps, clip=clip)
     shape = tuple(init.shape)
-    found = sample(denoise, schedule, shape, range(count + 1), settings, guidance, init, dtype=torch.float64).reshape(-1, count)
+    found = sample(denoise, schedule, shape, lambda: init, settings, guidance, dtype=torch.float64).reshape(-1, count)
     slope = found[1:] - found[0]
     return found[0], slope.T @ slope

@@ -15,7 +15,7 @@ SIZE = 100
 def frame() -> Frame:
     mask = torch.zeros(SIZE, SIZE)
     mask[2:-2, 2:-2] = 1
-    found = Frame.around(mask, 32, 8)
+    found = Frame.around(mask, 32)
     assert found is not None
     assert found.length > 3 * found.side
     return found
@@ -70,7 +70,7 @@ def test_a_smooth_change_of_a_render_is_carried_over(frame: Frame) -> None:
 
 
 def test_without_reduction_the_prediction_is_all_there_is() -> None:
-    frame = Frame.around(torch.ones(32, 32), None, 8)
+    frame = Frame.around(torch.ones(32, 32), None)
     assert frame is not None
     generator = torch.Generator().manual_seed(0)
     prediction, image = (torch.rand(frame.side, frame.side, 3, generator=generator) for _ in range(2))

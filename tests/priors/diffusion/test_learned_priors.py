@@ -290,7 +290,7 @@ def test_the_packaged_network_leaves_no_seams():
     images = torch.from_numpy(0.3 * np.exp(0.4 * texture / texture.std() + 0.3 * light / light.std())).float()
     masks = torch.ones(count, size, size)
     albedo = DiffusionPrior(patches=True).sample(Observations(images, masks), seed=0).values["albedo"].sqrt()
-    frame = Frame.around(masks[0], None, 8)
+    frame = Frame.around(masks[0], None)
     origins = {origin for origin, _ in patch_origins(frame.side, frame.side, 64, PatchSettings().overlap)}
     lines = {line + frame.left - 1 for origin in origins for line in (origin, origin + 64)}  # their last pixel before the border
     lines = [line for line in sorted(lines) if 8 < line < size - 8]

@@ -99,14 +99,6 @@ def test_the_last_step_returns_the_estimate_itself():
     assert torch.equal(sample(lambda noisy, t: image, COSINE, (2, 3, 5, 7), [0, 1], SamplerSettings(5, 1.0)), image)
 
 
-def test_init_is_the_start():
-    init = torch.randn(2, 1, 3, 3, generator=torch.Generator().manual_seed(9))
-    settings = SamplerSettings(4)
-    found = sample(network, COSINE, (2, 1, 3, 3), [0, 1], settings, init=init)
-    assert torch.equal(found, sample(network, COSINE, (2, 1, 3, 3), [5, 6], settings, init=init))
-    assert torch.equal(sample(network, COSINE, (2, 1, 3, 3), lambda: init, settings), found)
-
-
 @pytest.mark.parametrize("eta", [0.0, 1.0])
 def test_moments_of_a_gaussian(eta: float):
     """4.5 standard errors: false alarm 7e-6 a number, four numbers in all; the discretisation takes up to 0.5 % of the variance."""
@@ -127,7 +119,5 @@ def test_clear_errors():
     good = (network, COSINE, (2, 1, 3, 3), [0, 1], SamplerSettings(2))
     with pytest.raises(InputError, match="seeds: expected one per image"):
         sample(*good[:3], [0], good[4])
-    with pytest.raises(InputError, match="init: expected shape"):
-        sample(*good, init=torch.zeros(1, 1, 3, 3))
     with pytest.raises(InputError, match="guidance target: expected shape"):
         sample(*good, guidance=Guidance(torch.zeros(2, 1, 4, 3), 1.0))
