@@ -12,19 +12,10 @@ import torch
 from torch import Tensor, nn
 
 from ia_bench.methods.contract import Monitor
-from ia_bench.methods.state import Some, check_form
+from ia_bench.methods.state import check_form, form_of_adam
 from ia_bench.render.reconstruction import Reconstruction
 
 FIRST_SCORE = 25  # steps; later scores follow at doubling steps
-
-
-def constant_rate(share: float) -> float:
-    """The factor 1, whatever share of a phase is done."""
-    return 1.0
-
-
-def nothing() -> None:
-    """What a phase does before its first step, or after each of them, unless it says otherwise."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +38,9 @@ class Phase:
     steps: int
     optimizer: Callable[[], torch.optim.Optimizer]
     loss: Callable[[int, torch.Generator], Tensor]
-    rate: Callable[[float], float] = constant_rate
-    begin: Callable[[], None] = nothing
-    project: Callable[[], None] = nothing
+    rate: Callable[[float], float] = lambda _: 1.0
+    begin: Callable[[], None] = lambda: None
+    project: Callable[[], None] = lambda: None
     scored: bool = True
 
 
@@ -146,9 +137,7 @@ class Descent:
         if not isinstance(place, int) or not 0 <= place < len(self._phases):
             raise ValueError(f"state.phase: expected 0 to {len(self._phases) - 1}, found {place!r}")
         self._optimizer = self._phases[place].optimizer()
-        parameters = [p.detach() for group in self._optimizer.param_groups for p in group["params"]]
-        moments = {index: {"step": torch.zeros(()), "exp_avg": p, "exp_avg_sq": p} for index, p in enumerate(parameters)}
-        check_form(state, {**self._state(), "optimizer": Some(moments)})
+        check_form(state, {**self._state(), "optimizer": form_of_adam(self._optimizer)["state"]})
         steps = self._phases[place].steps
         if not 0 <= state["step"] <= steps:
             raise ValueError(f"state.step: expected 0 to {steps}, found {state['step']}")
