@@ -25,7 +25,6 @@ TECHNIQUES: dict[str, tuple[str, ...]] = {
     "BRDF": ("cosine", "ggx"),  # one sampler for each lobe
     "MIS": ("light", "ggx"),  # the renderer's
 }
-POINT_RULES = ("independent", "stratified", "lattice")
 
 
 def unit_points(rule: str, pixels: int, points: int, count: int, generator: torch.Generator) -> Tensor:

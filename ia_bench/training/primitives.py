@@ -135,20 +135,20 @@ def extrusion(rng: Generator) -> Surface:
     )
 
 
-def curve(rng: Generator, points: int = 40) -> np.ndarray:
-    """An open path (points, 3): arc, wave, hook, coil, or a free spline."""
-    t = np.linspace(0, 1, points)
+def curve(rng: Generator) -> np.ndarray:
+    """An open path (40, 3): arc, wave, hook, coil, or a free spline."""
+    t = np.linspace(0, 1, 40)
     kind = rng.integers(0, 5)
     if kind == 0:  # arch, C, hook
         angle = (t - 0.5) * rng.uniform(1.5, 5.4)
-        return np.stack([np.sin(angle), np.zeros(points), np.cos(angle) * rng.uniform(0.6, 1.4)], -1)
+        return np.stack([np.sin(angle), 0 * t, np.cos(angle) * rng.uniform(0.6, 1.4)], -1)
     if kind == 1:  # coil
         turns, slim = rng.integers(2, 6), rng.uniform(0.3, 0.9)
         angle = 2 * math.pi * turns * t
         radius = slim * (1 - rng.uniform(0, 0.7) * t)
         return np.stack([radius * np.cos(angle), radius * np.sin(angle), 2 * t - 1], -1)
     if kind == 2:  # S or wave
-        return np.stack([0.5 * np.sin(t * rng.uniform(4, 14)), np.zeros(points), 2 * t - 1], -1)
+        return np.stack([0.5 * np.sin(t * rng.uniform(4, 14)), 0 * t, 2 * t - 1], -1)
     if kind == 3:  # straight
         return np.stack([0 * t, 0 * t, 2 * t - 1], -1) + 0.05 * rng.normal(size=3) * t[:, None] ** 2
     knots = rng.uniform(-1, 1, (int(rng.integers(4, 7)), 3))

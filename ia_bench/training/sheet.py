@@ -16,8 +16,8 @@ COLUMNS = 12
 _GREY = 0.2  # linear, behind the object
 
 
-def contact_sheet(path: Path, tensors: dict[str, Tensor], chosen: list[int], zoom: int = 2) -> None:
-    """Write a PNG of the ``chosen`` images, COLUMNS side by side, display-encoded over grey."""
+def contact_sheet(path: Path, tensors: dict[str, Tensor], chosen: list[int]) -> None:
+    """Write a PNG of the ``chosen`` images at twice their size, COLUMNS side by side, display-encoded over grey."""
     rows = []
     for start in range(0, len(chosen), COLUMNS):
         part = chosen[start : start + COLUMNS]
@@ -25,7 +25,7 @@ def contact_sheet(path: Path, tensors: dict[str, Tensor], chosen: list[int], zoo
         coverage = tensors["image"][part][..., 3:].float().numpy()
         for name in CHANNELS:
             rows.append(np.concatenate(list(_encode(name, tensors[name][part].float().numpy(), coverage)), 1))
-    picture = np.concatenate(rows, 0).repeat(zoom, 0).repeat(zoom, 1)
+    picture = np.concatenate(rows, 0).repeat(2, 0).repeat(2, 1)
     with whole_file(path) as partial:
         Image.fromarray(picture).save(partial)
 
