@@ -66,7 +66,7 @@ def _find_guide(first: int, entries: wp.array(dtype=wp.float64), count: int, gui
 
 @wp.func
 def normal_bin(normal: wp.vec3) -> int:
-    """The octahedral cell that a unit normal falls into; see :func:`ia_bench.light.latlong.normal_bin`."""
+    """The octahedral cell that a unit normal falls into; see :func:`ia_bench.light.latlong.bin_centres`."""
     folded = normal / (wp.abs(normal[0]) + wp.abs(normal[1]) + wp.abs(normal[2]))
     x = folded[0]
     y = folded[1]
