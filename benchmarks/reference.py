@@ -50,9 +50,9 @@ def specular_lobes(normal: Tensor, view: Tensor, incident: Tensor, roughness: Te
     return value - grazing, grazing
 
 
-def normal_reflectance(albedo: Tensor, metallic: Tensor | None) -> Tensor | float:
-    """Reflectance at normal incidence: F0, or (N, 3) of albedo (N, 3) and metallic (N, 1)."""
-    return F0 if metallic is None else F0 + metallic * (albedo - F0)
+def normal_reflectance(albedo: Tensor, metallic: Tensor) -> Tensor:
+    """Reflectance at normal incidence (N, 3) of albedo (N, 3) and metallic (N, 1)."""
+    return F0 + metallic * (albedo - F0)
 
 
 def passed_by_coat(roughness: Tensor, cosine: Tensor) -> Tensor:
@@ -291,9 +291,9 @@ class TorchRenderer(Renderer):
             face = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1).reshape(-1)
             camera = gbuffer.seen_from(pixels).repeat_interleave(points, 0)
             surface = self.surface(face, gbuffer.barycentric[pixels].reshape(-1, 2), camera)
-            lattices = (lattice(start, points, count, part, parts).reshape(-1, count, 3) for start in shift)
+            by_light, by_brdf = (lattice(start, points, count, part, parts).reshape(-1, count, 3) for start in shift)
             roughness = fetch(material.roughness.detach(), surface.uv)
-            direction, texel, weight = self._sample(surface.normal, surface.view, roughness, *lattices, light.sampler)
+            direction, texel, weight = self._sample(surface.normal, surface.view, roughness, by_light, by_brdf, light.sampler)
             blocked = self.visibility.blocked(surface, direction, (weight[..., 0] > 0) & (face >= 0)[:, None])
             of_object = None
             if indirect is not None:
