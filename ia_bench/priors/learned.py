@@ -165,7 +165,7 @@ class LearnedPrior(ABC):
                             shown = enlarge_by_gain(*place, _display(framed.condition[row, :3]), _display(full), known)
                         else:
                             shown = enlarge(*place, known, mask[0].shape)
-                        samples[name][view] = encoding.decode(name, _undisplay(shown)[None], mask, factor)[0]
+                        samples[name][view] = encoding.decode(name, (2 * shown - 1).movedim(-1, 0)[None], mask, factor)[0]
         return Samples(samples, {"specular": ceiling} if "specular" in samples else {}, dict(cost))
 
     def _loaded(self) -> list[MaterialNetwork]:
@@ -191,7 +191,8 @@ class LearnedPrior(ABC):
             for start in range(0, len(members), self.batch):
                 part = members[start : start + self.batch]
                 views, frames = [view for view, _ in part], [frame for _, frame in part]
-                cut = torch.stack([frame.cut(_stacked(images, masks, view)) for view, frame in part])
+                whole = (torch.cat([images[view].float(), masks[view, ..., None].float()], -1) for view in views)
+                cut = torch.stack([frame.cut(each) for frame, each in zip(frames, whole, strict=True)])
                 radiance, coverage = cut[..., :3], cut[..., 3].clamp(0, 1)
                 factor = encoding.exposure(radiance, coverage)
                 condition = encoding.encode_image(radiance, coverage, factor)
@@ -216,11 +217,3 @@ class LearnedPrior(ABC):
 def _display(encoded: Tensor) -> Tensor:
     """(3, H, W) in the network's space as display values (H, W, 3) in [0, 1]."""
     return (0.5 + 0.5 * encoded.cpu()).clamp(0, 1).movedim(0, -1)
-
-
-def _undisplay(shown: Tensor) -> Tensor:
-    return (2 * shown - 1).movedim(-1, 0)
-
-
-def _stacked(images: Tensor, masks: Tensor, view: int) -> Tensor:
-    return torch.cat([images[view].float(), masks[view, ..., None].float()], -1)

@@ -45,11 +45,6 @@ class Request:
         """The files by component."""
         return {name: path for name, path in (("albedo", self.albedo), ("specular", self.specular)) if path is not None}
 
-    @property
-    def hashes(self) -> dict[str, str | None]:
-        """The SHA-256 asked for by component."""
-        return {"albedo": self.albedo_sha256, "specular": self.specular_sha256}
-
 
 def convert(request: Request, tell: Callable[[str], None] = print) -> None:
     """Convert every checkpoint asked for; one that was converted before is left alone. ``tell`` receives progress.
@@ -60,7 +55,7 @@ def convert(request: Request, tell: Callable[[str], None] = print) -> None:
     digests = {component: _checked_digest(request, component) for component in request.checkpoints}
     make_writable(request.out, "out")
     for component, path in request.checkpoints.items():
-        folder, digest, expected = request.out / component, digests[component], request.hashes.get(component)
+        folder, digest, expected = request.out / component, digests[component], getattr(request, f"{component}_sha256")
         tell(f"{component}: {path}, SHA-256 {digest}{'' if expected else f' (not verified; {component}_sha256= does)'}")
         if (folder / RECORD).is_file():
             found = _read_record(folder / RECORD)
@@ -120,7 +115,7 @@ def convert_component(checkpoint: Checkpoint, folder: Path, resolution: int, tel
 
 
 def _checked_digest(request: Request, component: str) -> str:
-    path, expected = request.checkpoints[component], request.hashes.get(component)
+    path, expected = request.checkpoints[component], getattr(request, f"{component}_sha256")
     if not path.is_file():
         raise InputError(f"{component}={path}: no such file")
     digest = sha256(path)
