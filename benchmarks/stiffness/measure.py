@@ -54,9 +54,7 @@ class Measurement:
 def measure(stage: Stage, grids: Grids, directions: int) -> Measurement:
     """Measure ``stage``; ``directions``: how many combinations of albedo and light are kept, the most confused ones."""
     pixels = stage.pixels(grids.pixels)
-    recorded = [
-        stage.jacobian(part, grids.texture, grids.light, seed=number) for number, part in enumerate(pixels.split(CHUNK))
-    ]
+    recorded = [stage.jacobian(part, grids.texture, grids.light, seed=number) for number, part in enumerate(pixels.split(CHUNK))]
     seen = np.any([jacobian.columns_seen().numpy() for jacobian in recorded], axis=0)
     slices, shapes = recorded[0].slices, {name: leaf.shape for name, leaf in recorded[0].parameters.items()}
     rows = sum(jacobian.rows for jacobian in recorded)

@@ -97,9 +97,7 @@ class ForwardStage:
         camera = self.gbuffer.origin[0].expand(len(hit), 3)
         surface = self.surface(face.reshape(-1).long(), self.gbuffer.barycentric[chunk].reshape(-1, 2), camera)
         count = samples // (points * samplers)
-        unit = tuple(
-            unit_points(way.rule, len(chunk), points, count, generator).reshape(-1, count, 3) for _ in range(samplers)
-        )
+        unit = tuple(unit_points(way.rule, len(chunk), points, count, generator).reshape(-1, count, 3) for _ in range(samplers))
         roughness = fetch(self.material.roughness, surface.uv)
         direction, texel, weight = technique_directions(
             way.technique, surface.normal, surface.view, roughness, unit, self.light.sampler

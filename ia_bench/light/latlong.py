@@ -176,9 +176,7 @@ class LatLongSampler(NamedTuple):
         entries = probability.cumsum(1)
         entries = entries / entries[:, -1:] + torch.arange(len(entries), device=radiance.device)[:, None]
         entries = torch.cat([entries.new_zeros(1), entries.reshape(-1)])
-        return cls(
-            entries, texels, edges, brightness, share[:, 0].float(), evenly[:, 0].float(), grid, height, width
-        )
+        return cls(entries, texels, edges, brightness, share[:, 0].float(), evenly[:, 0].float(), grid, height, width)
 
 
 @dataclass(frozen=True)

@@ -73,16 +73,12 @@ class Plan:
     def record(self) -> dict[str, list[Any]]:
         """The ``plan`` entry of metrics.json."""
         needed = [{"what": d.what, "value": d.value, "why": d.why, "measured": d.measured} for d in self.decisions]
-        left_out = [
-            {"what": d.left_out, "why": d.why, "measured": d.measured} for d in self.decisions if d.left_out is not None
-        ]
+        left_out = [{"what": d.left_out, "why": d.why, "measured": d.measured} for d in self.decisions if d.left_out is not None]
         return {"needed": needed, "left_out": left_out}
 
 
 @torch.no_grad()
-def make_plan(
-    scene: Scene, stage: Stage, settings: RenderSettings, prior: Prior, *, prior_views: int | str = "all"
-) -> Plan:
+def make_plan(scene: Scene, stage: Stage, settings: RenderSettings, prior: Prior, *, prior_views: int | str = "all") -> Plan:
     """Measure a few training views on the ``stage`` of the scene's mesh, and decide.
 
     ``prior_views``: the setting prior.supervision.views.

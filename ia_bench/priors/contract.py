@@ -122,9 +122,7 @@ class Prior(Protocol):
 
     info: PriorInfo
 
-    def sample(
-        self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-    ) -> Samples:
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """One sample per image of every component that the info provides.
 
         ``guidance`` maps a component to its current render (V, H, W, 3), premultiplied; the sample is drawn toward it (the

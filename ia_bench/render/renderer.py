@@ -159,9 +159,7 @@ class Renderer:
         diffuse, specular, mirrored, albedo = ((part.reshape(-1, points, 3) * pool).sum(1) for part in shaded)
         return PixelRadiance(diffuse, specular, albedo, None if of_object is None else mirrored)
 
-    def _in_the_way(
-        self, surface: SurfacePoints, drawn: Samples, count: int, met: Met | None
-    ) -> tuple[Tensor, Tensor | None]:
+    def _in_the_way(self, surface: SurfacePoints, drawn: Samples, count: int, met: Met | None) -> tuple[Tensor, Tensor | None]:
         """Whether the object blocks each sample, (N, 2 count) bool, and what of it the directions by the BRDF see, (N, count)."""
         asked = drawn.texel >= 0
         known = None if met is None else met.known()

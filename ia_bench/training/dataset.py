@@ -114,14 +114,10 @@ def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.
         "image": torch.cat([colours(radiance) * gain, masks], -1),
         "albedo": colours(images["albedo"]),
         "specular": colours(images["specular"]) * gain,
-        "normal": torch.where(
-            mirrored[:, None, None, None], images["normal"] * torch.tensor([-1.0, 1.0, 1.0]), images["normal"]
-        ),
+        "normal": torch.where(mirrored[:, None, None, None], images["normal"] * torch.tensor([-1.0, 1.0, 1.0]), images["normal"]),
         "visibility": images["visibility"],
     }
-    return {
-        name: torch.where(mirrored[:, None, None, None], values.flip(2), values) for name, values in changed.items()
-    }
+    return {name: torch.where(mirrored[:, None, None, None], values.flip(2), values) for name, values in changed.items()}
 
 
 def encode(images: dict[str, Tensor], config: NetworkConfig, settings: Augmentation, generator: torch.Generator) -> Batch:

@@ -152,9 +152,7 @@ def face_normals(surface: Surface) -> np.ndarray:
 def vertex_normals(surface: Surface) -> np.ndarray:
     """Unit normals (V, 3), averages over the triangles weighted by area."""
     flat = face_normals(surface)
-    total = np.stack(
-        [np.bincount(surface.faces.ravel(), np.repeat(flat[:, i], 3), len(surface.vertices)) for i in range(3)], -1
-    )
+    total = np.stack([np.bincount(surface.faces.ravel(), np.repeat(flat[:, i], 3), len(surface.vertices)) for i in range(3)], -1)
     return total / np.linalg.norm(total, axis=1, keepdims=True).clip(1e-12)
 
 

@@ -26,9 +26,7 @@ def check_prior_info(prior: Any) -> None:  # noqa: ANN401 (anything may claim to
         raise InputError(f"prior {name_of(prior)}: expected a method sample(observations, *, seed, guidance=None), found none")
 
 
-def ask(
-    prior: Prior, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None
-) -> Samples:
+def ask(prior: Prior, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
     """The prior's samples, checked and in memory of their own. Raises InputError, naming the prior, for anything else."""
     renders = None if guidance is None else _copied(guidance)
     with at_work("prior", name_of(prior)):

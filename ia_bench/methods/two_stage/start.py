@@ -40,9 +40,7 @@ def start_albedo(parameters: Parameters, problem: Problem, images: Tensor, mean:
 
 
 @torch.no_grad()
-def start_light(
-    parameters: Parameters, problem: Problem, images: Tensor, guard: StepGuard, generator: torch.Generator
-) -> None:
+def start_light(parameters: Parameters, problem: Problem, images: Tensor, guard: StepGuard, generator: torch.Generator) -> None:
     """Set the light to the even one that gives the albedo at the start the images' mean colour."""
 
     def check(rendered: PixelRadiance, pixels: Tensor) -> None:

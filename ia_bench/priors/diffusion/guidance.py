@@ -115,9 +115,7 @@ class Guidance(Pull):
         check_norm(self.rule, self.norm, "guidance norm")
 
     @classmethod
-    def of(
-        cls, pulls: Sequence[Pull], rule: Rule, norm: Norm, prior_variance: float, report: GuidanceReport
-    ) -> Guidance:
+    def of(cls, pulls: Sequence[Pull], rule: Rule, norm: Norm, prior_variance: float, report: GuidanceReport) -> Guidance:
         """The guidance of several ``pulls`` (at least one) at once."""
         first, *rest = pulls
         own = first.target, first.strength, first.weight, first.operator

@@ -125,9 +125,7 @@ def sample_large(
     return _crop(coarse, (height, width))
 
 
-def _sample_coarse(
-    job: _Job, condition: Tensor, seeds: Sequence[int], pulls: Sequence[Pull], outer: tuple[int, int]
-) -> Tensor:
+def _sample_coarse(job: _Job, condition: Tensor, seeds: Sequence[int], pulls: Sequence[Pull], outer: tuple[int, int]) -> Tensor:
     """The coarse samples, enlarged to ``outer`` (at native size as they are)."""
     side, small = max(outer), (job.native, job.native)
 
