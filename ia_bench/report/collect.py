@@ -176,9 +176,9 @@ def read_run(folder: Path) -> Run:
     except BadRecord as error:
         curve, curve_problem = None, str(error)
     about |= {key: data[key] for key in ("rays", "network_calls")} | {
-        key: data["environment"].get(key) for key in ("commit", "cpu")
+        key: (data["environment"] or {}).get(key) for key in ("commit", "cpu")
     }
-    shape = {name: value for name, value in data.get("geometry", {}).items() if name != "reasons"}
+    shape = {name: value for name, value in (data.get("geometry") or {}).items() if name != "reasons"}
     variants = {**data.get("variants", {}), **({"geometry": shape} if shape else {})}
     about |= {f"rescored_from_{key}": value for key, value in data.get("rescored_from", {}).items()}
     return replace(

@@ -86,14 +86,15 @@ def load_state(folder: Path, version: int, identity: str) -> dict[str, Any] | No
     if not path.is_file():
         return None
     try:
-        state: dict[str, Any] = torch.load(path, map_location="cpu", weights_only=True)
+        state: Any = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # whatever torch raises on a damaged file
         raise InputError(f"{path}: expected the state of a training run, found a file that cannot be read ({error})") from error
-    if state.get("format") != version:
-        raise InputError(f"{path}: expected format {version}, found {state.get('format')}; choose another out=FOLDER")
+    found = state.get("format") if isinstance(state, dict) else None
+    if found != version:
+        raise InputError(f"{path}: expected format {version}, found {found}; choose another out=FOLDER")
     if state["identity"] != identity:
         raise InputError(f"{path}: belongs to a run with other settings; choose another out=FOLDER or the old settings")
-    return state
+    return dict(state)
 
 
 def write_validation(folder: Path, step: int, seconds: float, figures: Mapping[str, Any]) -> None:

@@ -44,6 +44,13 @@ def test_null_and_its_reason_arrive(write_run: Write) -> None:
     assert run.reason("albedo.psnr") == "identical"
 
 
+def test_a_run_that_knows_neither_its_shape_nor_its_machine_arrives(write_run: Write) -> None:
+    unknown = {"geometry": "no mesh was made", "environment": "not recorded"}
+    run = read_run(write_run("ours", "hat", reasons=unknown, **dict.fromkeys(unknown)))
+    assert run.problem is None
+    assert run.about["commit"] is None
+
+
 def test_a_failed_run_says_why(write_run: Write) -> None:
     assert read_run(write_run("ours", "hat", status="failed", metrics={}, error="out of memory")).problem == "out of memory"
     assert "metrics.json: error: missing" in (read_run(write_run("ours", "ship", status="failed")).problem or "")

@@ -67,6 +67,9 @@ def test_a_state_comes_back_to_the_run_that_left_it(tmp_path: Path) -> None:
     (folder / STATE).write_bytes((folder / STATE).read_bytes()[:100])
     with pytest.raises(InputError, match=r"state\.pt: expected the state of a training run, found a file that cannot be read"):
         load_state(folder, 3, "mine")
+    torch.save([1, 2, 3], folder / STATE)
+    with pytest.raises(InputError, match=r"state\.pt: expected format 3, found None; choose another out=FOLDER"):
+        load_state(folder, 3, "mine")
 
 
 def test_a_run_whose_folder_is_a_file_is_refused(tmp_path: Path) -> None:

@@ -136,8 +136,8 @@ def _records(folder: Path, components: Iterable[str] | None) -> dict[str, str]:
     """SHA-256 of the checkpoint behind every component wanted, all that are in ``folder`` for None."""
     wanted = COMPONENTS if components is None else tuple(components)
     unknown = sorted(set(wanted) - set(COMPONENTS))
-    if unknown:
-        raise InputError(f"prior.options.components: expected some of {', '.join(COMPONENTS)}, found {', '.join(unknown)}")
+    if unknown or not wanted:
+        raise InputError(f"prior.options.components: expected some of {', '.join(COMPONENTS)}, found {', '.join(unknown) or 'none'}")
     present = [component for component in wanted if (folder / component / RECORD).is_file()]
     absent = sorted(set(wanted) - set(present))
     if not present or (components is not None and absent):

@@ -164,6 +164,9 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
 
     again = hang(runs, tmp_path / "parts", notes.append)
     assert (again, len(notes)) == (gallery, 2)
+    (tmp_path / "parts" / "tiny" / "truth" / "drawn.json").write_text('{"key": ')
+    assert (hang(runs, tmp_path / "parts", notes.append), notes[2:]) == (gallery, ["pictures of tiny: the truth"])
+    notes.pop()
     record["files"]["albedo.exr"] = "another"
     (perfect_run / "metrics.json").write_text(json.dumps(record))
     hang([replace(run, row="renamed")], tmp_path / "parts", notes.append)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from functools import cached_property, partial
 from pathlib import Path
@@ -15,6 +16,7 @@ import torch
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.report.collect import Run
 from ia_bench.report.site.gallery import Gallery
@@ -123,8 +125,8 @@ def _kept(folder: Path, known: list[Any], write: Callable[[Path], dict[str, Any]
     """What ``write`` returns, or what it returned when it last wrote into ``folder`` for the same ``known`` content."""
     key = hashlib.sha256(json.dumps([VERSION, *known]).encode()).hexdigest()
     path = folder / KEY
-    if path.is_file():
-        held: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    with suppress(InputError):  # none, or a damaged one: drawn anew
+        held = read_json(path)
         if held.get("key") == key:
             return dict(held["described"])
     folder.mkdir(parents=True, exist_ok=True)
