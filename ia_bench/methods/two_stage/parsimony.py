@@ -23,8 +23,10 @@ REACH = 0.15
 """Bandwidth of the place, as a fraction of the diagonal of the box around all places."""
 PARTNERS = 2048
 """Of each place, drawn among all."""
-BATCH = 8192
-"""Places whose partners are weighed together."""
+BATCH = 256
+"""Places whose partners are weighed together: their weights stay in a cache of the processor."""
+FAINT = -100.0
+"""Logarithm to base 2 of the least weight; that of a float that processors are slow at is below."""
 
 
 def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -38,20 +40,22 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     come back.
     """
     features, values = _features(albedo, roughness, position), torch.cat([torch.log(albedo.clamp_min(0) + OFFSET), roughness], 1)
+    values = torch.cat([values, torch.ones_like(roughness)], 1)  # the last one sums the weights
     drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
-    own = len(drawn) / max(len(albedo), 1)
-    partners, theirs, means = features[drawn], values[drawn], []
-    for mine, value in zip(features.split(BATCH), values.split(BATCH), strict=True):
-        weights = torch.exp(-0.5 * torch.cdist(mine, partners).square())
-        means.append((weights @ theirs + own * value) / (weights.sum(1, keepdim=True) + own))
-    mean = torch.cat(means)
+    half, one = -0.5 * features.square().sum(1, keepdim=True), torch.ones_like(roughness)
+    places, partners = torch.cat([features, half, one], 1), torch.cat([features, one, half], 1)[drawn].T  # times each other: -d^2 / 2
+    theirs, sums = values[drawn].T.contiguous(), len(drawn) / max(len(albedo), 1) * values
+    for some, total in zip(places.split(BATCH), sums.split(BATCH), strict=True):
+        total += (theirs @ (some @ partners).clamp_(FAINT, 0).exp2_().T).T
+    mean = sums[:, :4] / sums[:, 4:]
     return (mean[:, :3].exp() - OFFSET).clamp(0, 1), mean[:, 3:]
 
 
 def _features(albedo: Tensor, roughness: Tensor, position: Tensor) -> Tensor:
+    """(P, 8), over their bandwidths, times the root of log2(e), so that weights are powers of two."""
     shown = linear_to_srgb(albedo.clamp(0, 1))
     grey = shown.mean(1, keepdim=True)
     place = position - position.mean(0)
     extent = (place.amax(0) - place.amin(0)).norm().clamp_min(1e-12)
     parts = math.sqrt(3) * grey / GREY, (shown - grey) / CHROMA, roughness / ROUGHNESS, place / (REACH * extent)
-    return torch.cat(parts, 1)
+    return math.sqrt(math.log2(math.e)) * torch.cat(parts, 1)

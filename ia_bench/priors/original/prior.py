@@ -137,7 +137,8 @@ def _records(folder: Path, components: Iterable[str] | None) -> dict[str, str]:
     wanted = COMPONENTS if components is None else tuple(components)
     unknown = sorted(set(wanted) - set(COMPONENTS))
     if unknown or not wanted:
-        raise InputError(f"prior.options.components: expected some of {', '.join(COMPONENTS)}, found {', '.join(unknown) or 'none'}")
+        found = ", ".join(unknown) or "none"
+        raise InputError(f"prior.options.components: expected some of {', '.join(COMPONENTS)}, found {found}")
     present = [component for component in wanted if (folder / component / RECORD).is_file()]
     absent = sorted(set(wanted) - set(present))
     if not present or (components is not None and absent):
