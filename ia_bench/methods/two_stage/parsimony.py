@@ -43,7 +43,8 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     values = torch.cat([values, torch.ones_like(roughness)], 1)  # the last one sums the weights
     drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
     half, one = -0.5 * features.square().sum(1, keepdim=True), torch.ones_like(roughness)
-    places, partners = torch.cat([features, half, one], 1), torch.cat([features, one, half], 1)[drawn].T  # times each other: -d^2 / 2
+    # Of the product of the next two, each entry is -d^2 / 2.
+    places, partners = torch.cat([features, half, one], 1), torch.cat([features, one, half], 1)[drawn].T
     theirs, sums = values[drawn].T.contiguous(), len(drawn) / max(len(albedo), 1) * values
     for some, total in zip(places.split(BATCH), sums.split(BATCH), strict=True):
         total += (theirs @ (some @ partners).clamp_(FAINT, 0).exp2_().T).T
