@@ -37,7 +37,7 @@ class PaperRow:
 
 
 @dataclass(frozen=True)
-class Cell:
+class Entry:
     """One entry: its text, whether it is the best, and the numbers of its footnotes."""
 
     text: str
@@ -46,11 +46,11 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Table:
+class Printed:
     """What a format prints: entries that are plain texts need no emphasis."""
 
     header: Sequence[str]
-    body: Sequence[Sequence[Cell | str]]
+    body: Sequence[Sequence[Entry | str]]
 
 
 def paper_rows() -> tuple[PaperRow, ...]:
@@ -103,34 +103,34 @@ def carried_text(pairs: Paired) -> str:
     return ", or ".join(f"seed {seed} on {scene}" for scene, seed in pairs.carriers)
 
 
-def results_table(block: Block, notes: Mapping[str, int]) -> Table:
+def results_table(block: Block, notes: Mapping[str, int]) -> Printed:
     """Every metric and cost of every row; ``notes`` numbers the reasons of what is undefined."""
     best = {metric.key: best_rows(block.lines, metric, block.scenes) for metric in METRICS}
     body = []
     for one in block.lines:
         bound = f" ({BOUNDS[one.row]})" if BOUNDS.get(one.row, one.row) != one.row else ""
-        cells: list[Cell | str] = [f"{one.row}{bound}{' †' if one.sees_truth else ''}"]
+        cells: list[Entry | str] = [f"{one.row}{bound}{' †' if one.sees_truth else ''}"]
         for metric in METRICS:
             text = estimate_text(one.values[metric.key], metric, block.scenes)
             why = tuple(notes[reason] for reason in one.reasons[metric.key])
-            cells.append(Cell(text, one.row in best[metric.key], why))
+            cells.append(Entry(text, one.row in best[metric.key], why))
         seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}"
         memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
         body.append([*cells, seconds, memory, f"{one.failed}/{one.runs}"])
-    return Table(["Row", *(metric.title for metric in METRICS), *COSTS], body)
+    return Printed(["Row", *(metric.title for metric in METRICS), *COSTS], body)
 
 
-def paper_table(rows: Sequence[PaperRow]) -> Table:
+def paper_table(rows: Sequence[PaperRow]) -> Printed:
     """The paper's figures, as it prints them."""
     best = {metric.key: best_paper_methods(rows, metric) for metric in METRICS}
-    body: list[list[Cell | str]] = [
-        [row.method, *(Cell(metric.text(row.values[metric.key]), row.method in best[metric.key]) for metric in METRICS)]
+    body: list[list[Entry | str]] = [
+        [row.method, *(Entry(metric.text(row.values[metric.key]), row.method in best[metric.key]) for metric in METRICS)]
         for row in rows
     ]
-    return Table(["Paper's row", *(metric.title for metric in METRICS)], body)
+    return Printed(["Paper's row", *(metric.title for metric in METRICS)], body)
 
 
-def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Table:
+def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Printed:
     """A line per row that stands for one of the paper's: the headline metrics here, and there on the paper's scenes."""
     metrics = [metric for metric in METRICS if metric.label in HEADLINE]
     body = [
@@ -139,30 +139,30 @@ def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Ta
         for one in block.lines
         if one.row in counterparts
     ]
-    return Table(["Row", "Paper's row", *(f"{metric.title} here (paper's scenes)" for metric in metrics)], body)
+    return Printed(["Row", "Paper's row", *(f"{metric.title} here (paper's scenes)" for metric in metrics)], body)
 
 
-def redrawn_table(rows: Sequence[Redrawn], scenes: int) -> Table:
+def redrawn_table(rows: Sequence[Redrawn], scenes: int) -> Printed:
     """A line per row with a renderer of its own: each metric of renders by that one, and by the reference renderer."""
     metrics = [METRIC_OF[key] for key in (rows[0].own if rows else ())]
     body = []
     for one in rows:
         pairs = ((metric, values[metric.key]) for metric in metrics for values in (one.own, one.reference))
         body.append([one.row, *(estimate_text(value, metric, scenes) for metric, value in pairs)])
-    return Table(["Row", *(f"{m.title}, {by}" for m in metrics for by in ("its own", "reference"))], body)
+    return Printed(["Row", *(f"{m.title}, {by}" for m in metrics for by in ("its own", "reference"))], body)
 
 
 def _short(value: Estimate | None, metric: Metric) -> str:
     return "–" if value is None else metric.text(value.mean)
 
 
-def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: Sequence[str]) -> Table:
+def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: Sequence[str]) -> Printed:
     """A line per row, a column per metric."""
     body = [[row, *(difference_text(values[m.key], m, len(scenes)) for m in METRICS)] for row, values in differences.items()]
-    return Table(["Row", *(metric.title for metric in METRICS)], body)
+    return Printed(["Row", *(metric.title for metric in METRICS)], body)
 
 
-def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str]) -> Table:
+def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str]) -> Printed:
     """A line for every two rows and metric: the mean, the outcome, what carries it, and every scene for itself."""
     body = []
     for one in verdicts:
@@ -170,20 +170,20 @@ def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str]) -> Table:
         mean = difference_text(one.pairs, one.metric, len(scenes)).removesuffix(" ‡")
         names = [f"{one.better} above {one.worse}", one.metric.title]
         body.append([*names, mean, one.outcome.value, carried_text(one.pairs) or "–", *by_scene])
-    return Table(["Claim", "Metric", "Difference", "Outcome", "Carried by", *scenes], body)
+    return Printed(["Claim", "Metric", "Difference", "Outcome", "Carried by", *scenes], body)
 
 
-def beats_table(beats: Sequence[TimeToError], reference: str, rows: Sequence[str]) -> Table:
+def beats_table(beats: Sequence[TimeToError], reference: str, rows: Sequence[str]) -> Printed:
     """A line per scene and metric, a column per row that has a curve."""
     rows = [row for row in rows if any(one.row == row for one in beats)]
     body = []
     for scene, metric, level in dict.fromkeys((one.scene, one.metric, one.level) for one in beats):
         texts = {one.row: one.text for one in beats if (one.scene, one.metric) == (scene, metric)}
         body.append([scene, f"{metric.group} {metric.label}", metric.text(level), *(texts.get(row, "–") for row in rows)])
-    return Table(["Scene", "Metric", f"Best of {reference}", *rows], body)
+    return Printed(["Scene", "Metric", f"Best of {reference}", *rows], body)
 
 
-def times_table(times: Sequence[TimeToError], scene: str, rows: Sequence[str]) -> Table:
+def times_table(times: Sequence[TimeToError], scene: str, rows: Sequence[str]) -> Printed:
     """A line per metric and level, a column per row that has a curve."""
     here = {(one.metric, one.level, one.row): one.text for one in times if one.scene == scene}
     rows = [row for row in rows if any(key[-1] == row for key in here)]
@@ -192,14 +192,14 @@ def times_table(times: Sequence[TimeToError], scene: str, rows: Sequence[str]) -
         sign = "≥" if metric.higher_is_better else "≤"
         texts = [here.get((metric, level, row), "–") for row in rows]
         body.append([f"{metric.group} {metric.label} {sign} {level:g}", *texts])
-    return Table([scene, *rows], body)
+    return Printed([scene, *rows], body)
 
 
-def worsening_table(found: Sequence[Worsening]) -> Table:
+def worsening_table(found: Sequence[Worsening]) -> Printed:
     """Where a metric ends below its best."""
     body = []
     for one in found:
         best = f"{one.metric.text(one.best)} at {seconds_text(one.best_seconds)} (step {one.best_step:.0f})"
         final = f"{one.metric.text(one.final)} at {seconds_text(one.final_seconds)}"
         body.append([one.row, one.scene, f"{one.metric.group} {one.metric.label}", best, final, f"{one.loss_db:.2f} dB"])
-    return Table(["Row", "Scene", "Metric", "Best", "Final", "Lost"], body)
+    return Printed(["Row", "Scene", "Metric", "Best", "Final", "Lost"], body)

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from ia_bench.report import table
 from ia_bench.report.curves import WORSE_DB
 from ia_bench.report.findings import Findings
-from ia_bench.report.table import Block, Cell, Table
+from ia_bench.report.table import Block, Entry, Printed
 from ia_bench.scores.columns import METRICS
 
 LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
@@ -45,23 +45,23 @@ def markdown_block(block: Block, notes: Mapping[str, int]) -> str:
     return pipe_table(table.results_table(block, notes))
 
 
-def pipe_table(one: Table) -> str:
+def pipe_table(one: Printed) -> str:
     """A Markdown table, first column to the left, the others to the right."""
     rule = [":---", *["---:"] * (len(one.header) - 1)]
     lines = [list(map(markdown, one.header)), rule, *([markdown(cell) for cell in cells] for cells in one.body)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines) + "\n"
 
 
-def markdown(cell: Cell | str) -> str:
+def markdown(cell: Entry | str) -> str:
     """An entry with its names kept from being read as markup."""
-    cell = Cell(cell) if isinstance(cell, str) else cell
+    cell = Entry(cell) if isinstance(cell, str) else cell
     text = "".join(f"\\{letter}" if letter in "\\`*_|[]<>" else letter for letter in cell.text)
     return (f"**{text}**" if cell.best else text) + "".join(f"[^{number}]" for number in cell.notes)
 
 
-def tex(cell: Cell | str) -> str:
+def tex(cell: Entry | str) -> str:
     """An entry with its special characters kept from being read as commands."""
-    cell = Cell(cell) if isinstance(cell, str) else cell
+    cell = Entry(cell) if isinstance(cell, str) else cell
     text = "".join(LATEX.get(letter, letter) for letter in cell.text.replace(" †", "†")).replace(r" $\pm$ ", r"\,$\pm$\,")
     notes = f"$^{{{','.join(map(str, cell.notes))}}}$" if cell.notes else ""
     return (rf"\textbf{{{text}}}" if cell.best else text) + notes

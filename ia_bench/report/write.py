@@ -20,7 +20,7 @@ from ia_bench.report.texts import latex, report_text
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 
-Record = dict[str, Any]
+Line = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _draw(findings: Findings, folder: Path) -> list[Path]:
     return pictures
 
 
-def _run(run: Run) -> Record:
+def _run(run: Run) -> Line:
     """What every mean and interval of the report was made from."""
     reasons: dict[str, list[str]] = {}
     for key in (key for key, value in run.metrics.items() if value is None):
@@ -116,7 +116,7 @@ def _run(run: Run) -> Record:
     }
 
 
-def _summaries(findings: Findings) -> Iterable[Record]:
+def _summaries(findings: Findings) -> Iterable[Line]:
     parts = {"": "mean", "_half_width": "half_width", "_scenes": "scenes"}
     for block in (findings.overall, *findings.blocks):
         for one in block.lines:
@@ -133,19 +133,19 @@ def _summaries(findings: Findings) -> Iterable[Record]:
         yield {"protocol": "the paper's", "scene": "the paper's scenes", "row": row.method, **paper}
 
 
-def _differences(findings: Findings) -> Iterable[Record]:
+def _differences(findings: Findings) -> Iterable[Line]:
     for row, values in findings.differences.items():
         for metric in METRICS:
             yield from _paired({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
 
 
-def _claims(findings: Findings) -> Iterable[Record]:
+def _claims(findings: Findings) -> Iterable[Line]:
     for one in findings.verdicts:
         label = {"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome.value}
         yield from _paired(label, one.pairs)
 
 
-def _paired(label: Record, pairs: Paired) -> Iterable[Record]:
+def _paired(label: Line, pairs: Paired) -> Iterable[Line]:
     """The mean of differences with both intervals, then the same scene by scene."""
     for scene, part in {"mean over scenes": pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
         seeds, scenes = part.over_seeds, part.over_scenes
@@ -159,7 +159,7 @@ def _paired(label: Record, pairs: Paired) -> Iterable[Record]:
         }
 
 
-def _time(one: TimeToError) -> Record:
+def _time(one: TimeToError) -> Line:
     seconds = "never" if one.seconds is None else one.seconds.mean
     label = {"scene": one.scene, "row": one.row, "metric": one.metric.key, "level": one.level}
     return {**label, "seconds": seconds, "seeds_reached": one.reached, "seeds": one.seeds}

@@ -29,7 +29,7 @@ class Planned:
 
 
 @dataclass(frozen=True)
-class Plan:
+class CellList:
     """The cells of a table in their order, how many run at a time (None: as many as fit), and when it was started last."""
 
     table: str
@@ -56,7 +56,7 @@ def write_cells(results: Path, table: str, jobs: int | None, cells: Sequence[Cel
         partial.write_text(json.dumps({"table": table, "jobs": jobs, "cells": listed}, indent=1), encoding="utf-8")
 
 
-def read_cells(results: Path) -> Plan | None:
+def read_cells(results: Path) -> CellList | None:
     """What :func:`write_cells` wrote into ``results``; None where it did not. Raises InputError for anything else there."""
     path = results / CELLS
     if not path.is_file():
@@ -64,7 +64,7 @@ def read_cells(results: Path) -> Plan | None:
     content = read_json(path)
     try:
         cells = tuple(_planned(results, entry) for entry in content["cells"])
-        return Plan(content["table"], content["jobs"], path.stat().st_mtime, cells)
+        return CellList(content["table"], content["jobs"], path.stat().st_mtime, cells)
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: expected the cells of a table, found one without {error}") from None
 

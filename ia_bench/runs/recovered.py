@@ -29,7 +29,7 @@ from ia_bench.scenes.scene import Scene
 READER = {"name": str, "target": str, "options": dict}
 
 
-class Record:
+class RecordFile:
     """A JSON file of a run, whose values are asked for by their dotted keys."""
 
     def __init__(self, path: Path) -> None:
@@ -62,7 +62,7 @@ class Recovered:
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError for a run without results, or whose files lack a key."""
-        self.folder, self.metrics, self.config = folder, Record(folder / METRICS_FILE), Record(folder / CONFIG)
+        self.folder, self.metrics, self.config = folder, RecordFile(folder / METRICS_FILE), RecordFile(folder / CONFIG)
         status = self.metrics.get("status", str)
         if status != "ok":
             raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {status!r}")

@@ -13,7 +13,7 @@ from typing import Any
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
-from ia_bench.runs.cells import Plan, Planned, read_cells
+from ia_bench.runs.cells import CellList, Planned, read_cells
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG, find_run_folders
 from ia_bench.runs.lock import is_held
@@ -48,7 +48,7 @@ class Standing:
 class Overview:
     """Where all cells of a folder stand, and the plan that lists them, None where no table was run there."""
 
-    plan: Plan | None
+    plan: CellList | None
     cells: tuple[Standing, ...]
 
     def of(self, *states: str) -> list[Standing]:

@@ -23,7 +23,7 @@ REFERENCE = "none"
 
 
 @dataclass(frozen=True)
-class Worth:
+class MapCell:
     """One cell of a map, ready to be printed.
 
     Attributes:
@@ -56,7 +56,7 @@ class Map:
     row: str
     metric: Metric
     columns: tuple[str, ...]
-    lines: tuple[tuple[str, tuple[Worth | None, ...]], ...]
+    lines: tuple[tuple[str, tuple[MapCell | None, ...]], ...]
 
 
 def maps(runs: Sequence[Run], table: Table, reference: str | None = None) -> list[Map]:
@@ -126,7 +126,7 @@ def _map(row: str, mine: Sequence[Gain], table: Table, largest: float) -> Map:
     return Map(row, mine[0].metric, tuple(map(in_words, others)), lines)
 
 
-def _worth(gain: Gain, table: Table, largest: float) -> Worth:
+def _worth(gain: Gain, table: Table, largest: float) -> MapCell:
     metric, estimate, drawn = gain.metric, gain.over_scenes, gain.bootstrap
     label = gain.capture.label
     reference = crossed_name(str(table.reference), label)
@@ -145,7 +145,7 @@ def _worth(gain: Gain, table: Table, largest: float) -> Worth:
         tip.append(f"{100 * gain.headroom:.0f} % of the way to the ceiling")
     if gain.pairs.carriers:
         tip.append(f"carried by {carried_text(gain.pairs)}")
-    return Worth(
+    return MapCell(
         row=crossed_name(gain.row, label),
         reference=reference,
         text=f"{estimate.mean:+.{metric.digits}f}",

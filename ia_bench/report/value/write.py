@@ -14,8 +14,7 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.collect import Run
 from ia_bench.report.csv_text import csv_text
 from ia_bench.report.figures import save
-from ia_bench.report.table import Cell, carried_text
-from ia_bench.report.table import Table as Printed
+from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.report.texts import pipe_table
 from ia_bench.report.value.gains import Gain, gains
 from ia_bench.report.value.heat_map import DRAWN, SHOWN, draw
@@ -94,12 +93,12 @@ def _of_photographs(photographs: Sequence[Worth], reference: str) -> list[str]:
     return [f"## In photographs\n\nHow many `{reference}` needs to be where a row is.\n", pipe_table(Printed(head, body))]
 
 
-def _gain(gain: Gain, digits: int) -> Cell:
+def _gain(gain: Gain, digits: int) -> Entry:
     drawn = gain.bootstrap
     words = f"{gain.over_scenes.mean:+.{digits}f}"
     if drawn is not None:
         words += f" ({drawn.low:+.{digits}f} to {drawn.high:+.{digits}f})"
-    return Cell(words, best=bool(gain.side))
+    return Entry(words, best=bool(gain.side))
 
 
 def _count(number: float) -> str:
