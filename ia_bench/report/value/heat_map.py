@@ -32,22 +32,22 @@ def draw(found: Sequence[Gain]) -> Figure:
     from matplotlib.figure import Figure
 
     rows = list(dict.fromkeys(gain.row for gain in found))
-    others = list(dict.fromkeys(gain.capture.others for gain in found))
+    others = {row: list(dict.fromkeys(gain.capture.others for gain in found if gain.row == row)) for row in rows}
     counts = sorted({gain.photographs for gain in found})
     largest = max(abs(gain.over_scenes.mean) for gain in found) or 1.0
-    width, height = max(2.0, 0.95 * len(others)), 0.45 * len(counts)  # of a panel
-    figure = Figure(figsize=(1.6 + width * len(rows), 2.4 + height * len(DRAWN)), layout="constrained")
-    panels = figure.subplots(len(DRAWN), len(rows), squeeze=False)
+    widths, height = [max(1.6, 0.95 * len(kinds)) for kinds in others.values()], 0.45 * len(counts)  # of panels
+    figure = Figure(figsize=(1.6 + 0.2 * len(rows) + sum(widths), 2.4 + height * len(DRAWN)), layout="constrained")
+    panels = figure.subplots(len(DRAWN), len(rows), squeeze=False, width_ratios=widths)
     for line, key in zip(panels, DRAWN, strict=True):
         for panel, row in zip(line, rows, strict=True):
             cells = {
-                (counts.index(gain.photographs), others.index(gain.capture.others)): gain
+                (counts.index(gain.photographs), others[row].index(gain.capture.others)): gain
                 for gain in found
                 if (gain.row, gain.metric.key) == (row, key)
             }
-            image = _draw_panel(panel, cells, (len(counts), len(others)), largest)
+            image = _draw_panel(panel, cells, (len(counts), len(others[row])), largest)
             panel.set_title(f"{row}\n{METRIC_OF[key].group}", fontsize=9)
-            panel.set_xticks(range(len(others)), [in_words(other) for other in others], fontsize=8)
+            panel.set_xticks(range(len(others[row])), [in_words(other) for other in others[row]], fontsize=8)
             panel.set_yticks(range(len(counts)), [str(count) for count in counts], fontsize=8)
     for line in panels:
         line[0].set_ylabel("photographs", fontsize=9)
