@@ -36,25 +36,25 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     are drawn among all places with the ``generator``; a place is its own one besides, with the share of places that are drawn as
     its weight, so that what nothing resembles stays as it is.
 
-    Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual and ``position`` (P, 3) in scene units, of P places; the first two
-    come back.
+    Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual and ``position`` (P, 3) in scene units, of P > 0 places; the first
+    two come back.
     """
-    features, values = _features(albedo, roughness, position), torch.cat([torch.log(albedo.clamp_min(0) + OFFSET), roughness], 1)
-    values = torch.cat([values, torch.ones_like(roughness)], 1)  # the last one sums the weights
+    features, one = _features(albedo, roughness, position), torch.ones_like(roughness)
+    values = torch.cat([torch.log(albedo + OFFSET), roughness, one], 1)  # the last one sums the weights
     drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
-    half, one = -0.5 * features.square().sum(1, keepdim=True), torch.ones_like(roughness)
+    half = -0.5 * features.square().sum(1, keepdim=True)
     # Of the product of the next two, each entry is -d^2 / 2.
     places, partners = torch.cat([features, half, one], 1), torch.cat([features, one, half], 1)[drawn].T
-    theirs, sums = values[drawn].T.contiguous(), len(drawn) / max(len(albedo), 1) * values
+    theirs, sums = values[drawn].T.contiguous(), len(drawn) / len(albedo) * values
     for some, total in zip(places.split(BATCH), sums.split(BATCH), strict=True):
         total += (theirs @ (some @ partners).clamp_(FAINT, 0).exp2_().T).T
     mean = sums[:, :4] / sums[:, 4:]
-    return (mean[:, :3].exp() - OFFSET).clamp(0, 1), mean[:, 3:]
+    return mean[:, :3].exp() - OFFSET, mean[:, 3:]
 
 
 def _features(albedo: Tensor, roughness: Tensor, position: Tensor) -> Tensor:
     """(P, 8), over their bandwidths, times the root of log2(e), so that weights are powers of two."""
-    shown = linear_to_srgb(albedo.clamp(0, 1))
+    shown = linear_to_srgb(albedo)
     grey = shown.mean(1, keepdim=True)
     place = position - position.mean(0)
     extent = (place.amax(0) - place.amin(0)).norm().clamp_min(1e-12)

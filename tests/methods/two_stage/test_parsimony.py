@@ -98,8 +98,7 @@ def test_a_fit_moves_by_the_share_and_keeps_its_light(problem: Problem) -> None:
         assert deviations[2] < deviations[0]
 
 
-def test_a_share_of_nothing_is_nothing(problem: Problem) -> None:
-    """Where no pixel is wholly covered there is nothing to be pooled."""
+def test_where_no_pixel_is_wholly_covered_nothing_is_pooled(problem: Problem) -> None:
     thin = altered(problem, supervision=SupervisionSettings(parsimony=1.0))
     face = thin.gbuffer.face.clone()
     face[:, 0] = -1
