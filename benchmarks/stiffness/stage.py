@@ -20,7 +20,6 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.plan import make_plan
 from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.none import NoPrior
 from ia_bench.readers.native import NativeReader
 from ia_bench.render import stage as render
 from ia_bench.render.gbuffer import GBuffer
@@ -58,7 +57,7 @@ class Stage:
             raise InputError(f"{folder}: stiffness is measured at the truth, and this scene ships no true textures and light")
         stage = render.Stage(scene.expect_mesh(), cpu)
         settings = RenderSettings(bounces=bounces)
-        plan = make_plan(scene.blind(), stage, settings, NoPrior())
+        plan = make_plan(scene.blind(), stage, settings)
         renderer = TorchRenderer(stage.renderer(shadows=plan.shadows, bounces=plan.bounces, coat=settings.coat))
         gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
         albedo = _resized(torch.from_numpy(truth.albedo).float(), plan.texture)

@@ -61,7 +61,8 @@ class Problem:
     def plan(self) -> Plan:
         """The settings that were left to be chosen, measured on the scene; they are told as they are chosen."""
         with self.books.aside("bake"):
-            plan = make_plan(self.scene, self.stage, self.render, self.prior, prior_views=self.supervision.views)
+            looking = self.prior.info.provides or self.supervision.parsimony
+            plan = make_plan(self.scene, self.stage, self.render, prior_views=self.supervision.views if looking else None)
             for line in plan.lines():
                 self.note(line)
             return plan

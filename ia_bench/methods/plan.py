@@ -18,7 +18,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.machine import expect_memory
 from ia_bench.material.brdf import dot, normalize
 from ia_bench.methods.asking.views import sees, spreading_order, views_needed
-from ia_bench.priors.contract import Prior
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.rays import RayCaster
 from ia_bench.render.renderer import samples_taken
@@ -78,10 +77,10 @@ class Plan:
 
 
 @torch.no_grad()
-def make_plan(scene: Scene, stage: Stage, settings: RenderSettings, prior: Prior, *, prior_views: int | str = "all") -> Plan:
+def make_plan(scene: Scene, stage: Stage, settings: RenderSettings, *, prior_views: int | str | None = None) -> Plan:
     """Measure a few training views on the ``stage`` of the scene's mesh, and decide.
 
-    ``prior_views``: the setting prior.supervision.views.
+    ``prior_views``: the setting prior.supervision.views; None where no prior looks at any view.
     """
     step = max(1, len(scene.train) // PROBE_VIEWS)
     probe = _Probe(scene, stage.surface, stage.rays, stage.gbuffer([view.camera for view in scene.train[::step]], 2))
@@ -97,7 +96,7 @@ def make_plan(scene: Scene, stage: Stage, settings: RenderSettings, prior: Prior
     value = {name: decision.value for name, decision in zip(DECISIONS, decisions, strict=True)}
     _check_memory(settings.samples, **{name: value[name] for name in ("subsamples", "texture", "light_height")})
     asked: int | str = "all"
-    if prior.info.provides:
+    if prior_views is not None:
         decisions.append(_prior_views(probe, prior_views))
         asked = decisions[-1].value
     return Plan(samples=settings.samples, prior_views=asked, decisions=tuple(decisions), **value)

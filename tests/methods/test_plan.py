@@ -23,8 +23,6 @@ from ia_bench.methods.plan import (
     make_plan,
     normal_error,
 )
-from ia_bench.priors.contract import PriorInfo
-from ia_bench.priors.none import NoPrior
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View
@@ -35,12 +33,6 @@ VIEW_WIDTH = 2 * 5 * math.tan(math.radians(20))  # of FROM_ABOVE, at the origin
 FILLING = VIEW_WIDTH / 2 * 1.05  # half a side of a plate that fills FROM_ABOVE
 
 
-class Limited(NoPrior):
-    """A prior of albedo that works at 64 pixels."""
-
-    info = PriorInfo(frozenset({"albedo"}), resolution=64)
-
-
 def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
     views = tuple(
         View(str(i), camera, np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)))
@@ -49,9 +41,9 @@ def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
     return Scene("made-up", "made-up", mesh, views)
 
 
-def plan_of(mesh: Mesh, *cameras: Camera, prior: object = None, prior_views: int | str = "all", **settings: object) -> Plan:
+def plan_of(mesh: Mesh, *cameras: Camera, prior_views: int | str | None = None, **settings: object) -> Plan:
     scene, wanted = scene_of(mesh, *cameras), RenderSettings(**settings)  # type: ignore[arg-type]
-    return make_plan(scene, Stage(mesh, CPU), wanted, prior or NoPrior(), prior_views=prior_views)  # type: ignore[arg-type]
+    return make_plan(scene, Stage(mesh, CPU), wanted, prior_views=prior_views)
 
 
 def decision(plan: Plan, what: str) -> Decision:
@@ -302,7 +294,7 @@ def around(count: int) -> list[Camera]:
 
 def test_a_prior_is_asked_about_as_many_views_as_show_the_surface() -> None:
     """Sixty views around a ball show it far more often than is wanted; with four, each is needed."""
-    many, few = (plan_of(sphere(3), *around(count), prior=Limited(), prior_views="auto") for count in (60, 4))
+    many, few = (plan_of(sphere(3), *around(count), prior_views="auto") for count in (60, 4))
     assert 8 <= many.prior_views < 60  # type: ignore[operator]
     found = decision(many, "prior.supervision.views")
     assert found.measured is not None
@@ -314,7 +306,7 @@ def test_a_prior_is_asked_about_as_many_views_as_show_the_surface() -> None:
 
 @pytest.mark.parametrize("wanted", ["all", 5])
 def test_the_number_of_views_may_be_set(wanted: int | str) -> None:
-    plan = plan_of(sphere(2), *around(12), prior=Limited(), prior_views=wanted)
+    plan = plan_of(sphere(2), *around(12), prior_views=wanted)
     assert plan.prior_views == wanted
     assert plan_of(sphere(2), *around(12)).prior_views == "all"  # nobody to ask
 

@@ -18,7 +18,6 @@ from shapes import bowl, camera_at, plate, sphere
 from ia_bench.light.latlong import SampledLight, resize_light
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Plan, make_plan
-from ia_bench.priors.none import NoPrior
 from ia_bench.render.gbuffer import pixels_in_reach
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
@@ -46,7 +45,7 @@ def plan_of(mesh: Mesh, cameras: list[Camera]) -> Plan:
         for i, camera in enumerate(cameras)
     )
     scene = Scene("made-up", "made-up", mesh, views)
-    return make_plan(scene, Stage(mesh, CPU), RenderSettings(), NoPrior())
+    return make_plan(scene, Stage(mesh, CPU), RenderSettings())
 
 
 def render(

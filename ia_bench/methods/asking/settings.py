@@ -23,13 +23,13 @@ class SupervisionSettings:
         refinement: How much of what a prior corrects in the finished fit is taken over, as a share of the logarithm of the albedo's
             change; 0 asks for none. Only for a prior that can (``ia_bench.priors.contract.Refiner``).
         roughness_refinement: Likewise, as a share of the change of the roughness.
-        parsimony: How far albedo and roughness of the finished fit move toward the means of places that resemble each other, with
+        parsimony: How far albedo and roughness move toward the means of places that resemble each other, a few times in a fit, with
             any prior and none (``ia_bench.methods.two_stage.parsimony``); 0 leaves them where they are.
         specular_weight: Of this prior's specular shading, times the method's weight of it.
         kernel_scale: Standard deviation of the kernel, a Euclidean distance of sRGB colours.
         radius: How far apart the pixels of a pair may be, as a fraction of the longer side of the image.
         views: How many training views the prior is asked about, evenly spread, "all", or "auto": as many as the plan finds to
-            show the surface often enough. The image loss uses every view.
+            show the surface often enough; and whose pixels ``parsimony`` compares. The image loss uses every view.
         sds_period: Steps between two distillations.
         sds_views: Views in each.
         cache: Whether unguided samples of priors that have a fingerprint are kept between runs. Decides no number.

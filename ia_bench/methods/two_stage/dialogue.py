@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.two_stage.parsimony import pooled
+from ia_bench.methods.two_stage.parsimony import passes, pooled
 from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo, refined_roughness
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
@@ -91,42 +92,41 @@ class Dialogue:
             estimates = self._sampler.distill(renders, views, int(random.integers(2**63)))
             self.supervise(make_targets(self._problem, estimates, views))
 
-    def refine(self, parameters: Parameters, generator: torch.Generator) -> None:
-        """Let the prior correct the material that was recovered, and let it be of few materials, if the settings want it."""
-        settings = self._problem.supervision
-        correcting = settings.refinement or settings.roughness_refinement
-        if not correcting and not settings.parsimony:
+    def pool(self, step: int, steps: int, parameters: Parameters, generator: torch.Generator) -> None:
+        """Where ``step`` of ``steps`` is due: let the material be of few materials, if the settings want it."""
+        share = self._problem.supervision.parsimony
+        if not share or step not in passes(steps):
             return
         with self._asking(), torch.no_grad():
-            fusion = Fusion(self._problem, self._sampler.views)
-            if correcting:
-                self._correct(fusion, parameters, generator)
-            if settings.parsimony and fusion:
-                self._pool(fusion, parameters, generator)
+            material, fusion = parameters.material(detached=True), self._fusion
+            if not fusion:
+                return
+            surface, (part, _) = self._problem.renderer.surface, restrict(self._problem.gbuffer, self._sampler.views)
+            albedo, roughness = (
+                fusion.pixels(texture_images(surface, part, texture)) for texture in (material.albedo, material.roughness)
+            )
+            mean_albedo, mean_roughness = pooled(albedo, roughness, fusion.position, generator)
+            parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, albedo, mean_albedo, share))
+            parameters.tensors["roughness"].copy_(refined_roughness(fusion, material.roughness, roughness, mean_roughness, share))
 
-    def _correct(self, fusion: Fusion, parameters: Parameters, generator: torch.Generator) -> None:
-        settings, material = self._problem.supervision, parameters.material(detached=True)
-        fitted = fitted_views(self._problem, fusion, self._sampler.views, material, parameters.light(), generator)
-        renders = {name: images.cpu() for name, images in fitted.items()}
-        corrected = self._sampler.refine(renders).values
+    def refine(self, parameters: Parameters, generator: torch.Generator) -> None:
+        """Let the prior correct the material that was recovered, if the settings want it."""
+        settings = self._problem.supervision
+        if not settings.refinement and not settings.roughness_refinement:
+            return
+        with self._asking(), torch.no_grad():
+            material, fusion = parameters.material(detached=True), self._fusion
+            fitted = fitted_views(self._problem, fusion, self._sampler.views, material, parameters.light(), generator)
+            renders = {name: images.cpu() for name, images in fitted.items()}
+            corrected = self._sampler.refine(renders).values
 
-        def both(name: str) -> tuple[Tensor, Tensor]:
-            return fusion.pixels(renders[name]), fusion.pixels(corrected[name])
+            def both(name: str) -> tuple[Tensor, Tensor]:
+                return fusion.pixels(renders[name]), fusion.pixels(corrected[name])
 
-        parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, *both("albedo"), settings.refinement))
-        if "roughness" in corrected:
-            refined = refined_roughness(fusion, material.roughness, *both("roughness"), settings.roughness_refinement)
-            parameters.tensors["roughness"].copy_(refined)
-
-    def _pool(self, fusion: Fusion, parameters: Parameters, generator: torch.Generator) -> None:
-        material, share = parameters.material(detached=True), self._problem.supervision.parsimony
-        surface, (part, _) = self._problem.renderer.surface, restrict(self._problem.gbuffer, self._sampler.views)
-        albedo, roughness = (
-            fusion.pixels(texture_images(surface, part, texture)) for texture in (material.albedo, material.roughness)
-        )
-        mean_albedo, mean_roughness = pooled(albedo, roughness, fusion.position, generator)
-        parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, albedo, mean_albedo, share))
-        parameters.tensors["roughness"].copy_(refined_roughness(fusion, material.roughness, roughness, mean_roughness, share))
+            parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, *both("albedo"), settings.refinement))
+            if "roughness" in corrected:
+                refined = refined_roughness(fusion, material.roughness, *both("roughness"), settings.roughness_refinement)
+                parameters.tensors["roughness"].copy_(refined)
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""
@@ -151,6 +151,11 @@ class Dialogue:
         self.supervise(targets.to(self._problem.device))
         self.supervision.restore_alignment(state["alignment"])
         self._sampler.counters, self.seconds = dict(state["counters"]), seconds
+
+    @cached_property
+    def _fusion(self) -> Fusion:
+        """Of the views that the prior is asked about."""
+        return Fusion(self._problem, self._sampler.views)
 
     @contextmanager
     def _asking(self) -> Iterator[None]:

@@ -63,6 +63,7 @@ class Fit:
             task = self.monitor.task(stage.replace("stage", "stage "), end - first, self.step - first)
             while self.step < end:
                 self.dialogue.distill(self.step, self.parameters, self.generator)
+                self.dialogue.pool(self.step, self.steps, self.parameters, self.generator)
                 started = time.perf_counter()
                 loss = self._step()
                 self.step += 1
@@ -70,6 +71,7 @@ class Fit:
                 task.advance(1, loss=loss)
                 self._pause(stage)
         self.dialogue.refine(self.parameters, self.generator)
+        self.dialogue.pool(self.step, self.steps, self.parameters, self.generator)
         if self.guard.skipped:
             self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
         counters = {

@@ -1,8 +1,9 @@
 """Objects are of few materials: places that nearly agree in all that was recovered of them are made to agree.
 
 Barron and Malik (Shape, Illumination, and Reflectance from Shading, 2015) call a small entropy of all colours of an object
-parsimony, and price it while they fit. Here it is one step of mean shift (Comaniciu and Meer 2002) toward the modes of the
-density of what a finished fit has recovered. Nothing in it was trained.
+parsimony, and price it while they fit. Here it is a step of mean shift (Comaniciu and Meer 2002) toward the modes of the density
+of what a fit has recovered so far, a few times between its steps and once at its end: what the albedo has of an error of the light,
+or the light of one of the albedo, is taken from the one, and the steps that follow take it from the other. Nothing in it was trained.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from torch import Tensor
 from ia_bench.methods.two_stage.refinement import OFFSET
 from ia_bench.scenes.tensor_color import linear_to_srgb
 
+PASSES = 0.4, 0.5, 0.6, 0.7, 0.8, 1.0
+"""Shares of a fit's steps after which places are made to agree."""
 GREY, CHROMA = 0.05, 0.025
 """Bandwidths of display values along grey and across it: an error of the light is one of brightness more than of colour."""
 ROUGHNESS = 0.2
@@ -27,6 +30,11 @@ BATCH = 256
 """Places whose partners are weighed together: their weights stay in a cache of the processor."""
 FAINT = -100.0
 """Logarithm to base 2 of the least weight; that of a float that processors are slow at is below."""
+
+
+def passes(steps: int) -> set[int]:
+    """The steps of ``steps`` before which places are made to agree; the last number is the end."""
+    return {round(share * steps) for share in PASSES}
 
 
 def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:

@@ -50,7 +50,7 @@ def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Reco
     with pytest.raises(AssertionError, match="training read scene.truth"):
         _ = blind.truth
     trapped = make_problem(blind)  # type: ignore[arg-type]
-    plan = make_plan(blind, Stage(scene.mesh, torch.device("cpu")), RenderSettings(), NoPrior())  # type: ignore[arg-type]
+    plan = make_plan(blind, Stage(scene.mesh, torch.device("cpu")), RenderSettings())  # type: ignore[arg-type]
     assert plan.decisions
     found = fit(trapped, oracle(scene, noise=0.1), SETTINGS, record)
     expected = fit(make_problem(scene.blind()), oracle(scene, noise=0.1), SETTINGS, Record())
