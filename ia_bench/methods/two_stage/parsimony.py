@@ -2,8 +2,8 @@
 
 Barron and Malik (Shape, Illumination, and Reflectance from Shading, 2015) call a small entropy of all colours of an object
 parsimony, and price it while they fit. Here it is a step of mean shift (Comaniciu and Meer 2002) toward the modes of the density
-of what a fit has recovered so far, a few times between its steps and once at its end: what the albedo has of an error of the light,
-or the light of one of the albedo, is taken from the one, and the steps that follow take it from the other. Nothing in it was trained.
+of what a fit has recovered so far, taken a few times between its steps and once at its end. Light and albedo make up for each
+other's errors; what is taken from the albedo, the steps that follow take from the light. Nothing in it was trained.
 """
 
 from __future__ import annotations
