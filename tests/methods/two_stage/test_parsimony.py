@@ -13,7 +13,8 @@ from torch import Tensor
 
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.parsimony import CHROMA, GREY, PARTNERS, REACH, ROUGHNESS, pooled
+from ia_bench.methods.two_stage import parsimony
+from ia_bench.methods.two_stage.parsimony import CHROMA, GREY, PARTNERS, REACH, ROUGHNESS, passes, pooled
 from ia_bench.methods.two_stage.refinement import OFFSET
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import texture_images
@@ -82,7 +83,14 @@ def test_the_ends(value: float, count: int) -> None:
     torch.testing.assert_close(found[1], roughness)
 
 
-def test_a_fit_moves_by_the_share_and_keeps_its_light(problem: Problem) -> None:
+def test_passes_are_spread_over_later_steps() -> None:
+    assert passes(300) == {120, 150, 180, 210, 240, 300}
+    assert max(passes(1)) == 1
+
+
+def test_a_pass_at_the_end_moves_the_material_by_the_share(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parsimony, "PASSES", (1.0,))
+
     def found(share: float) -> Found:
         return fit(altered(problem, supervision=SupervisionSettings(parsimony=share)), NoPrior(), QUICK, Record())
 
@@ -96,6 +104,29 @@ def test_a_fit_moves_by_the_share_and_keeps_its_light(problem: Problem) -> None:
         assert moved[0] == pytest.approx(0.5 * moved[1], rel=0.1)
         deviations = [float(one.std(0).mean()) for one in shown]
         assert deviations[2] < deviations[0]
+
+
+def test_the_light_follows_passes_between_steps(problem: Problem) -> None:
+    """What one material shows in many places is then closer to one colour than where it is pooled at the end alone."""
+    found, settings = {}, SupervisionSettings(parsimony=1.0)
+    inside, surface = problem.gbuffer.coverage() == 1, problem.renderer.surface
+    for name, shares in (("end", (1.0,)), ("all", parsimony.PASSES)):
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(parsimony, "PASSES", shares)
+            found[name] = fit(altered(problem, supervision=settings), NoPrior(), SETTINGS, Record())
+    assert not torch.equal(found["all"].light, found["end"].light)
+    spread = {
+        name: texture_images(surface, problem.gbuffer, one.material.albedo)[inside].log().std(0) for name, one in found.items()
+    }
+    assert float(spread["all"].mean()) < float(spread["end"].mean())
+
+
+@pytest.mark.parametrize("views", ["all", 3])
+def test_it_looks_at_the_views_that_are_asked_for(problem: Problem, views: int | str) -> None:
+    wanted = replace(problem, supervision=SupervisionSettings(parsimony=1.0, views=views))  # type: ignore[arg-type]
+    assert wanted.plan.prior_views == views
+    assert problem.plan.prior_views == "all"
+    assert len(wanted.plan.decisions) == len(problem.plan.decisions) + 1
 
 
 def test_where_no_pixel_is_wholly_covered_nothing_is_pooled(problem: Problem) -> None:
