@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.material.textures import Material
 from ia_bench.methods.asking.sampling import Images, PriorSampler
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
@@ -21,6 +22,7 @@ from ia_bench.methods.two_stage.parsimony import passes, pooled
 from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo, refined_roughness
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
+from ia_bench.methods.two_stage.symmetry import completed
 from ia_bench.methods.two_stage.targets import Targets, make_targets
 from ia_bench.render.renderer import texture_images
 
@@ -127,6 +129,14 @@ class Dialogue:
             if "roughness" in corrected:
                 refined = refined_roughness(fusion, material.roughness, *both("roughness"), settings.roughness_refinement)
                 parameters.tensors["roughness"].copy_(refined)
+
+    def complete(self, material: Material, observed: Tensor, generator: torch.Generator) -> Material:
+        """The recovered ``material`` with what no photograph shows as an object's symmetry has it, if the settings want it."""
+        share = self._problem.supervision.symmetry
+        if not share:
+            return material
+        with self._asking():
+            return completed(self._problem.stage, material, observed, share, generator)
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""

@@ -80,8 +80,8 @@ class Fit:
             "exchange_blocked_steps": self.parameters.exchange.blocked,
             "samples_per_pixel": self.objective.samples_per_pixel,
         }
-        seconds = {"prior": self.dialogue.seconds, **self.seconds}
-        return Result(self._recovered(final=True), seconds, counters, self.steps)
+        recovered = self._recovered(final=True)
+        return Result(recovered, {"prior": self.dialogue.seconds, **self.seconds}, counters, self.steps)
 
     # ---- one step ----------------------------------------------------------------------------------------------
 
@@ -134,6 +134,8 @@ class Fit:
 
     def _recovered(self, *, final: bool) -> TexturedReconstruction:
         material, light = self.parameters.recovered(final=final)
+        if final:
+            material = self.dialogue.complete(material, self.parameters.observed, self.generator)
         return TexturedReconstruction(self.problem.stage, material, light, coat=self.problem.render.coat)
 
     def _save(self) -> None:
