@@ -39,7 +39,7 @@ setup-ray: setup ## add Ray to .venv, for tables with launcher=ray (260 MB)
 table: setup ## the paper's table: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
 	$(PY) -m ia_bench.table $(ARGS)
 
-value: setup ## what priors are worth with fewer and poorer photographs: three hours of one core (ARGS="table=value_eight", docs/value.md)
+value: setup ## what priors are worth with fewer and poorer photographs: four hours of one core (ARGS="table=value_eight", docs/value.md)
 	IA_BENCH_DATASETS=$${IA_BENCH_DATASETS:-datasets:$(DATASETS)} \
 		$(PY) -m ia_bench.table $(if $(findstring table=,$(ARGS)),,table=value) $(ARGS)
 
