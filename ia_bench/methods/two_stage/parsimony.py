@@ -26,6 +26,8 @@ REACH = 0.15
 """Bandwidth of the place, as a fraction of the diagonal of the box around all places."""
 PARTNERS = 2048
 """Of each place, drawn among all."""
+PAIRS = 2**29
+"""At most: large photographs show each texel in many pixels, which then have fewer partners each."""
 BATCH = 256
 """Places whose partners are weighed together: their weights stay in a cache of the processor."""
 FAINT = -100.0
@@ -49,7 +51,7 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     """
     features, one = _features(albedo, roughness, position), torch.ones_like(roughness)
     values = torch.cat([torch.log(albedo + OFFSET), roughness, one], 1)  # the last one sums the weights
-    drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
+    drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[: max(1, min(PARTNERS, PAIRS // len(albedo)))]
     half = -0.5 * features.square().sum(1, keepdim=True)
     # Of the product of the next two, each entry is -d^2 / 2.
     places, partners = torch.cat([features, half, one], 1), torch.cat([features, one, half], 1)[drawn].T

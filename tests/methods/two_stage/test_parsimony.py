@@ -65,6 +65,18 @@ def test_noise_of_two_materials_goes_and_their_difference_stays() -> None:
         assert float((after - true).mean(0).abs().max()) < 0.01
 
 
+def test_many_places_have_fewer_partners_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten partners are as many as a hundred of whom ten are drawn."""
+    albedo, roughness, position = places(100)
+    monkeypatch.setattr(parsimony, "PARTNERS", 10)
+    ten = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
+    monkeypatch.undo()
+    monkeypatch.setattr(parsimony, "PAIRS", 1099)
+    found = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
+    torch.testing.assert_close(found, ten, rtol=0, atol=0)
+    assert not torch.equal(ten[0], pooled(albedo, roughness, position, torch.Generator().manual_seed(1))[0])
+
+
 def test_what_nothing_resembles_stays() -> None:
     albedo, roughness, position = torch.full((5 * PARTNERS, 3), 0.2), torch.full((5 * PARTNERS, 1), 0.5), places(5 * PARTNERS)[2]
     albedo[7], roughness[7] = torch.tensor([0.9, 0.1, 0.1]), 0.1
