@@ -61,8 +61,9 @@ class Problem:
     def plan(self) -> Plan:
         """The settings that were left to be chosen, measured on the scene; they are told as they are chosen."""
         with self.books.aside("bake"):
-            looking = self.prior.info.provides or self.supervision.parsimony
-            plan = make_plan(self.scene, self.stage, self.render, prior_views=self.supervision.views if looking else None)
+            wanted = self.supervision
+            looking = self.prior.info.provides or wanted.refinement or wanted.roughness_refinement or wanted.parsimony
+            plan = make_plan(self.scene, self.stage, self.render, prior_views=wanted.views if looking else None)
             for line in plan.lines():
                 self.note(line)
             return plan
@@ -96,7 +97,8 @@ class Result:
 
     Attributes:
         reconstruction: What it recovered.
-        seconds: By phase, whose names are the method's own; "prior" for what it asked one. Baking and scoring are no part of it.
+        seconds: By phase, whose names are the method's own; "prior" for what it asked one, or corrected. Baking and scoring
+            are no part of it.
         counters: What a reader of the results should know of the fit, such as "network_calls".
         steps: How many steps it took, 0 for a method that takes none.
     """

@@ -291,7 +291,7 @@ def _metallic(probe: _Probe) -> Decision:
 def _prior_views(probe: _Probe, setting: int | str) -> Decision:
     what = "prior.supervision.views"
     if setting == "all":
-        return Decision(what, "all", "the prior is asked about every training view", None)
+        return Decision(what, "all", "every training view is looked at", None)
     if setting != "auto":
         return Decision(what, setting, "set by the user", None)
     scene, surface, total = probe.scene, probe.surface, len(probe.scene.train)
@@ -306,7 +306,7 @@ def _prior_views(probe: _Probe, setting: int | str) -> Decision:
         f"{count} of {total} views show {100 * SEEN_SHARE:.0f} % of the surface {VIEWS_A_POINT} times or as often as all do "
         f"(a point {measured['seen_by_chosen_views']:.1f} times in the mean, {measured['seen_by_all_views']:.1f} with all)"
     )
-    return Decision(what, count, why, measured, left_out=f"prior samples of {total - count} views" if count < total else None)
+    return Decision(what, count, why, measured, left_out=f"the prior's look at {total - count} views" if count < total else None)
 
 
 DECISIONS: dict[str, Callable[[_Probe], Decision]] = {

@@ -299,7 +299,7 @@ def test_a_prior_is_asked_about_as_many_views_as_show_the_surface() -> None:
     found = decision(many, "prior.supervision.views")
     assert found.measured is not None
     assert found.measured["seen_by_chosen_views"] >= 0.9 * VIEWS_A_POINT
-    assert found.left_out == f"prior samples of {60 - many.prior_views} views"  # type: ignore[operator]
+    assert found.left_out == f"the prior's look at {60 - many.prior_views} views"  # type: ignore[operator]
     assert few.prior_views == 4
     assert decision(few, "prior.supervision.views").left_out is None
 

@@ -30,8 +30,8 @@ class SupervisionSettings:
         specular_weight: Of this prior's specular shading, times the method's weight of it.
         kernel_scale: Standard deviation of the kernel, a Euclidean distance of sRGB colours.
         radius: How far apart the pixels of a pair may be, as a fraction of the longer side of the image.
-        views: How many training views the prior is asked about, evenly spread, "all", or "auto": as many as the plan finds to
-            show the surface often enough; and whose pixels ``parsimony`` compares. The image loss uses every view.
+        views: How many training views the prior is asked about, and ``parsimony`` compares, evenly spread, "all", or "auto": as
+            many as the plan finds to show the surface often enough. The image loss uses every view.
         sds_period: Steps between two distillations.
         sds_views: Views in each.
         cache: Whether unguided samples of priors that have a fingerprint are kept between runs. Decides no number.

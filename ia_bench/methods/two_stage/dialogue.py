@@ -1,4 +1,7 @@
-"""What a fit asks its prior, and when: once before stage 1, again before stage 2, or every few steps if it is distilled."""
+"""What a fit asks its prior, and when: once before stage 1, again before stage 2, or every few steps if it is distilled.
+
+And what corrects the material by the prior's settings: passes of parsimony, a refiner and a guess of what is unseen at the end.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.two_stage.parsimony import passes, pooled
+from ia_bench.methods.two_stage.parsimony import PLACES, passes, pooled
 from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo, refined_roughness
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
@@ -34,7 +37,7 @@ class Dialogue:
 
     Attributes:
         supervision: The losses of the targets at hand; none before the first answer, and none of a prior that says nothing.
-        seconds: What asking took, that of samples kept from an earlier run included.
+        seconds: What asking and correcting took, that of samples kept from an earlier run included.
         counters: What the prior counted, see :class:`ia_bench.methods.asking.sampling.PriorSampler`.
     """
 
@@ -97,16 +100,13 @@ class Dialogue:
     def pool(self, step: int, steps: int, parameters: Parameters, generator: torch.Generator) -> None:
         """Where ``step`` of ``steps`` is due: let the material be of few materials, if the settings want it."""
         share = self._problem.supervision.parsimony
-        if not share or step not in passes(steps):
+        if not share or step not in passes(steps) or "albedo" in parameters.frozen(step, steps):
             return
         with self._asking(), torch.no_grad():
-            material, fusion = parameters.material(detached=True), self._fusion
+            material, fusion = parameters.material(detached=True), self._fusion.drawn(PLACES, generator)
             if not fusion:
                 return
-            surface, (part, _) = self._problem.renderer.surface, restrict(self._problem.gbuffer, self._sampler.views)
-            albedo, roughness = (
-                fusion.pixels(texture_images(surface, part, texture)) for texture in (material.albedo, material.roughness)
-            )
+            albedo, roughness = fusion.looked_up(material.albedo), fusion.looked_up(material.roughness)
             mean_albedo, mean_roughness = pooled(albedo, roughness, fusion.position, generator)
             parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, albedo, mean_albedo, share))
             parameters.tensors["roughness"].copy_(refined_roughness(fusion, material.roughness, roughness, mean_roughness, share))

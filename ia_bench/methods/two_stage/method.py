@@ -18,6 +18,7 @@ class TwoStage:
     Options: ClassVar[type] = FitSettings
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = PRESETS
     info = MethodInfo(
+        corrects=True,
         fits_exposures=True,
         uses_prior=True,
         paper="IntrinsicAnything (ECCV 2024, arXiv 2404.11593), section 3.4",

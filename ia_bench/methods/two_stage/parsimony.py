@@ -3,7 +3,8 @@
 Barron and Malik (Shape, Illumination, and Reflectance from Shading, 2015) call a small entropy of all colours of an object
 parsimony, and price it while they fit. Here it is a step of mean shift (Comaniciu and Meer 2002) toward the modes of the density
 of what a fit has recovered so far, taken a few times between its steps and once at its end. Light and albedo make up for each
-other's errors; what is taken from the albedo, the steps that follow take from the light. Nothing in it was trained.
+other's errors; once one is averaged out of the albedo, the steps that follow take its counterpart out of the light. Metallic
+is left alone. Nothing in it was trained.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ REACH = 0.15
 """Bandwidth of the place, as a fraction of the diagonal of the box around all places."""
 PARTNERS = 2048
 """Of each place, drawn among all."""
-PAIRS = 2**29
-"""At most: large photographs show each texel in many pixels, which then have fewer partners each."""
+PLACES = 2**18
+"""At most, drawn among all: large photographs show each texel in many pixels."""
 BATCH = 256
 """Places whose partners are weighed together: their weights stay in a cache of the processor."""
 FAINT = -100.0
@@ -35,7 +36,7 @@ FAINT = -100.0
 
 
 def passes(steps: int) -> set[int]:
-    """The steps of ``steps`` before which places are made to agree; the last number is the end."""
+    """Before which of ``steps`` steps places are made to agree; ``steps`` itself is after the last one."""
     return {round(share * steps) for share in PASSES}
 
 
@@ -51,7 +52,7 @@ def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch
     """
     features, one = _features(albedo, roughness, position), torch.ones_like(roughness)
     values = torch.cat([torch.log(albedo + OFFSET), roughness, one], 1)  # the last one sums the weights
-    drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[: max(1, min(PARTNERS, PAIRS // len(albedo)))]
+    drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
     half = -0.5 * features.square().sum(1, keepdim=True)
     # Of the product of the next two, each entry is -d^2 / 2.
     places, partners = torch.cat([features, half, one], 1), torch.cat([features, one, half], 1)[drawn].T

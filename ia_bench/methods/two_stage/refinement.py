@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 
 import torch
 from torch import Tensor
@@ -36,14 +37,13 @@ class Fusion:
     def __init__(self, problem: Problem, views: tuple[int, ...]) -> None:
         part, _ = restrict(problem.gbuffer, views)
         covered = torch.nonzero((part.face >= 0).all(1))[:, 0]
-        self._pixel, face, barycentric = part.pixel[covered], part.face[covered].long(), part.barycentric[covered]
-        surface, self._points = problem.renderer.surface, face.shape[1]
+        self._surface = problem.renderer.surface
+        self._pixel, self._face, self._barycentric = part.pixel[covered], part.face[covered], part.barycentric[covered]
         origin = part.seen_from(covered)
-        middle = surface(face[:, 0], barycentric[:, 0], origin)
+        middle = self._surface(self._face[:, 0].long(), self._barycentric[:, 0], origin)
         toward = origin - middle.position
         self.position = middle.position
         self._cosine = (middle.normal * toward).sum(-1, keepdim=True).clamp_min(0) / toward.norm(dim=-1, keepdim=True)
-        self._uv = surface.uv(face, barycentric).reshape(-1, 2)
 
     def __bool__(self) -> bool:
         """Whether there is any such pixel."""
@@ -53,6 +53,19 @@ class Fusion:
         """The pixels (P, C) of images (V, H, W, C) that count."""
         return images.to(self._cosine.device).reshape(-1, images.shape[-1])[self._pixel]
 
+    def drawn(self, most: int, generator: torch.Generator) -> Fusion:
+        """The same of ``most`` of its pixels, drawn with the ``generator``; itself if it has no more."""
+        if len(self._pixel) <= most:
+            return self
+        some, part = torch.randperm(len(self._pixel), generator=generator, device=self._pixel.device)[:most], copy(self)
+        for name in ("position", "_pixel", "_face", "_barycentric", "_cosine"):
+            setattr(part, name, getattr(self, name)[some])
+        return part
+
+    def looked_up(self, texture: Tensor) -> Tensor:
+        """What the pixels show of a texture (T, T, C): (P, C)."""
+        return self._surface.averaged(self._face, self._barycentric, texture)
+
     def mean(self, values: Tensor) -> Tensor:
         """(C,), over the pixels that ``values`` (P, C) belong to."""
         return (self._cosine * values).sum(0) / self._cosine.sum().clamp_min(1e-12)
@@ -60,8 +73,9 @@ class Fusion:
     def texture(self, values: Tensor, size: int) -> Tensor:
         """``values`` (P, C) of the pixels as a texture (size, size, C); texels that none of them shows follow their neighbours."""
         channels = values.shape[1]
-        weighed = torch.cat([self._cosine * values, self._cosine], 1)[:, None].expand(-1, self._points, -1)
-        summed, total = splat(self._uv, weighed.reshape(-1, channels + 1), size)
+        uv = self._surface.uv(self._face.long(), self._barycentric)
+        weighed = torch.cat([self._cosine * values, self._cosine], 1)[:, None].expand(-1, uv.shape[1], -1)
+        summed, total = splat(uv.reshape(-1, 2), weighed.reshape(-1, channels + 1), size)
         known = (total > 0) & (summed[..., channels] > 0)
         return fill_unobserved(summed[..., :channels] / summed[..., channels:].clamp_min(1e-12), known)
 

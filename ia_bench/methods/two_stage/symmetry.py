@@ -27,7 +27,7 @@ BATCH = 4096
 
 
 def around_the_axis(position: Tensor, normal: Tensor) -> Tensor:
-    """What stays the same where an object is turned: (N, 4) of ``position`` and unit ``normal`` (N, 3).
+    """What stays the same where an object is turned about its axis: (N, 4) of ``position`` and unit ``normal`` (N, 3).
 
     Height and distance from the vertical axis through the middle of the box around all places, over its diagonal, and how far
     the normal points up and away from the axis, times SLOPE.
@@ -60,7 +60,8 @@ def completed(stage: Stage, material: Material, observed: Tensor, share: float, 
     """The ``material`` with other albedo and roughness (T, T, C) outside of ``observed`` (T, T) bool, texels that some view shows.
 
     What neighbours in the texture have brought there moves by ``share`` toward what is :func:`expected`: the logarithm of
-    albedo + OFFSET, and the roughness. Places are drawn with the ``generator``. With nothing or all observed it stays as it is.
+    albedo + OFFSET, and the roughness; metallic is left alone. Places are drawn with the ``generator``. With nothing or all
+    observed it stays as it is.
     """
     atlas = Atlas.of(stage.mesh, len(observed), stage.device)
     seen = observed.reshape(-1)[atlas.place]

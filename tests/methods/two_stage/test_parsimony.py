@@ -15,7 +15,7 @@ from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage import parsimony
 from ia_bench.methods.two_stage.parsimony import CHROMA, GREY, PARTNERS, REACH, ROUGHNESS, passes, pooled
-from ia_bench.methods.two_stage.refinement import OFFSET
+from ia_bench.methods.two_stage.refinement import OFFSET, Fusion
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
@@ -63,18 +63,6 @@ def test_noise_of_two_materials_goes_and_their_difference_stays() -> None:
     for before, after, true in ((noisy, found[0], albedo), (rough, found[1], roughness)):
         assert float((after - true).square().mean()) < 0.3 * float((before - true).square().mean())
         assert float((after - true).mean(0).abs().max()) < 0.01
-
-
-def test_many_places_have_fewer_partners_each(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ten partners are as many as a hundred of whom ten are drawn."""
-    albedo, roughness, position = places(100)
-    monkeypatch.setattr(parsimony, "PARTNERS", 10)
-    ten = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
-    monkeypatch.undo()
-    monkeypatch.setattr(parsimony, "PAIRS", 1099)
-    found = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
-    torch.testing.assert_close(found, ten, rtol=0, atol=0)
-    assert not torch.equal(ten[0], pooled(albedo, roughness, position, torch.Generator().manual_seed(1))[0])
 
 
 def test_what_nothing_resembles_stays() -> None:
@@ -139,6 +127,23 @@ def test_it_looks_at_the_views_that_are_asked_for(problem: Problem, views: int |
     assert wanted.plan.prior_views == views
     assert problem.plan.prior_views == "all"
     assert len(wanted.plan.decisions) == len(problem.plan.decisions) + 1
+
+
+def test_of_too_many_pixels_some_are_drawn(problem: Problem) -> None:
+    whole = Fusion(problem, (0, 1, 2))
+    part = whole.drawn(50, torch.Generator().manual_seed(0))
+    assert whole.drawn(len(whole.position), torch.Generator()) is whole
+    everything = {tuple(place): albedo for place, albedo in zip(whole.position.tolist(), _shown(whole).tolist(), strict=True)}
+    assert len(part.position) == 50
+    assert len({tuple(place) for place in part.position.tolist()}) == 50
+    assert [everything[tuple(place)] for place in part.position.tolist()] == _shown(part).tolist()
+    ones = part.texture(torch.ones(50, 1), 16)
+    torch.testing.assert_close(ones, torch.ones_like(ones))
+
+
+def _shown(fusion: Fusion) -> Tensor:
+    """A texture of which each texel has a colour of its own."""
+    return fusion.looked_up(torch.linspace(0, 1, 64 * 64 * 3).reshape(64, 64, 3))
 
 
 def test_where_no_pixel_is_wholly_covered_nothing_is_pooled(problem: Problem) -> None:
