@@ -76,10 +76,10 @@ def completed(stage: Stage, material: Material, observed: Tensor, share: float, 
     values[place] = torch.lerp(values[place], guess, share)
     known = observed.reshape(-1).clone()
     known[atlas.place] = True  # the rest is no surface, and follows what is
-    albedo, roughness = (values[:, :3].exp() - OFFSET).clamp(0, 1), values[:, 3:].clamp(MIN_ROUGHNESS, 1)
-    known, side = known.reshape(observed.shape), len(observed)
+    values = torch.cat([(values[:, :3].exp() - OFFSET).clamp(0, 1), values[:, 3:].clamp(MIN_ROUGHNESS, 1)], 1)
+    filled, shown_there = fill_unobserved(values.reshape(*observed.shape, 4), known.reshape(observed.shape)), observed[..., None]
     return Material(
-        torch.where(observed[..., None], material.albedo, fill_unobserved(albedo.reshape(side, side, 3), known)),
-        torch.where(observed[..., None], material.roughness, fill_unobserved(roughness.reshape(side, side, 1), known)),
+        torch.where(shown_there, material.albedo, filled[..., :3]),
+        torch.where(shown_there, material.roughness, filled[..., 3:]),
         material.metallic,
     )
