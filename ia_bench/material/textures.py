@@ -106,3 +106,26 @@ def _pull_push(values: Tensor, weight: Tensor) -> Tensor:
     up = torch.nn.functional.interpolate(coarse, size=values.shape[-2:], mode="bilinear", align_corners=False)
     confidence = weight.clamp(0, 1)
     return confidence * mean + (1 - confidence) * up
+
+
+def smooth_by_looks(texture: Tensor, looks: Tensor, even: float) -> Tensor:
+    """Each texel of a texture (T, T, C) mixed with what is around it: its weight is looks^2 / (looks^2 + even^2), ``looks`` (T, T).
+
+    Pull-push interpolation (Gortler et al. 1996) of values of unequal certainty: what is around a texel is the coarser texture of
+    means weighted by looks, mixed likewise, of which a texel has the looks of all its parts. With no looks at all the texture
+    itself is returned.
+    """
+    if not bool((looks > 0).any()):
+        return texture
+    return _mixed_with_coarser(texture.permute(2, 0, 1)[None], looks[None, None], even)[0].permute(1, 2, 0)
+
+
+def _mixed_with_coarser(mean: Tensor, looks: Tensor, even: float) -> Tensor:
+    if mean.shape[-1] == 1:
+        return mean
+    pool = torch.nn.functional.avg_pool2d
+    average = pool(looks, 2, ceil_mode=True)
+    coarse = _mixed_with_coarser(pool(mean * looks, 2, ceil_mode=True) / average.clamp_min(1e-12), 4 * average, even)
+    around = torch.nn.functional.interpolate(coarse, size=mean.shape[-2:], mode="bilinear", align_corners=False)
+    own = looks.square()
+    return torch.lerp(around, mean, own / (own + even**2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -168,6 +169,14 @@ class SurfaceInterpolator:
         self.offset = 1e-4 * float((extent.amax(0) - extent.amin(0)).norm())  # of shadow rays, in scene units
         self.bent_normals = 0  # how many shading normals faced away from the viewer and were bent to grazing ...
         self.points = 0  # ... of how many points
+
+    @cached_property
+    def area_per_uv(self) -> Tensor:
+        """(F,), of each face, in squared scene units over the unit square of texture coordinates."""
+        corner, across = self._vectors[:, :3], self._uv
+        first, second = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+        flat = torch.linalg.det(torch.stack([across[:, 1] - across[:, 0], across[:, 2] - across[:, 0]], 1)).abs()
+        return torch.linalg.cross(first, second).norm(dim=1) / flat.clamp_min(1e-20)
 
     def uv(self, face: Tensor, barycentric: Tensor) -> Tensor:
         """Texture coordinates (..., 2) of (...,) faces >= 0 and (..., 2) barycentrics."""

@@ -208,7 +208,7 @@ def _method(config: RunConfig, here: bool) -> MethodConfig:
         expect_memory(name, size)
     if not kind.info.uses_prior and config.prior.name != "none":
         raise InputError(f"prior={config.prior.name}: expected prior=none with method={method.name}, which asks no prior")
-    for name in () if kind.info.corrects else ("parsimony", "symmetry"):
+    for name in () if kind.info.corrects else ("parsimony", "neighbours", "symmetry"):
         share = getattr(config.prior.supervision, name)
         if share:
             raise InputError(f"prior.supervision.{name}: expected 0 with method={method.name}, which heeds none, found {share}")

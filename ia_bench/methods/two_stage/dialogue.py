@@ -20,6 +20,7 @@ from ia_bench.methods.asking.sampling import Images, PriorSampler
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
+from ia_bench.methods.two_stage.looks import looks, smoothed
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.parsimony import PLACES, passes, pooled
 from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo, refined_roughness
@@ -131,12 +132,14 @@ class Dialogue:
                 parameters.tensors["roughness"].copy_(refined)
 
     def complete(self, material: Material, observed: Tensor, generator: torch.Generator) -> Material:
-        """The recovered ``material`` with what no photograph shows as an object's symmetry has it, if the settings want it."""
-        share = self._problem.supervision.symmetry
-        if not share:
-            return material
+        """The recovered ``material`` with what photographs hardly show, or not at all, as the settings have it guessed."""
+        settings = self._problem.supervision
         with self._asking():
-            return completed(self._problem.stage, material, observed, share, generator)
+            if settings.neighbours:
+                material = smoothed(material, looks(self._problem, len(observed)), observed, settings.neighbours)
+            if settings.symmetry:
+                material = completed(self._problem.stage, material, observed, settings.symmetry, generator)
+        return material
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""
