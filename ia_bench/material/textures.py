@@ -102,7 +102,7 @@ def _pull_push(values: Tensor, weight: Tensor) -> Tensor:
         return mean
     pool = torch.nn.functional.avg_pool2d
     coarse_weight = pool(weight, 2, ceil_mode=True)
-    coarse = _pull_push(pool(values, 2, ceil_mode=True) , coarse_weight)
+    coarse = _pull_push(pool(values, 2, ceil_mode=True), coarse_weight)
     up = torch.nn.functional.interpolate(coarse, size=values.shape[-2:], mode="bilinear", align_corners=False)
     confidence = weight.clamp(0, 1)
     return confidence * mean + (1 - confidence) * up

@@ -119,7 +119,7 @@ def test_options_that_no_prior_can_take_are_refused(prior: str, override: str, e
         compose(["device=cpu", f"prior={prior}", override])
 
 
-@pytest.mark.parametrize("name", ["parsimony", "symmetry"])
+@pytest.mark.parametrize("name", ["parsimony", "neighbours", "symmetry"])
 def test_corrections_are_refused_with_a_method_that_heeds_none(name: str) -> None:
     with pytest.raises(InputError, match=rf"prior.supervision.{name}: expected 0 with method=ceiling, which heeds none, found 0.5"):
         compose(["device=cpu", "method=ceiling", f"prior.supervision.{name}=0.5"])

@@ -26,7 +26,8 @@ class SupervisionSettings:
         parsimony: How far albedo and roughness move toward the means of places that resemble each other, a few times in a fit, with
             any prior and none (``ia_bench.methods.two_stage.parsimony``); 0 leaves them where they are.
         neighbours: At how many photographs that look straight at it (from the side each counts by its cosine) a texel keeps half
-            of its albedo and roughness at the end and takes half from around it (``ia_bench.methods.two_stage.looks``); 0 takes none.
+            of its albedo and roughness at the end and takes half from around it (``ia_bench.methods.two_stage.looks``); at 0 it
+            keeps all.
         symmetry: How far what no photograph shows moves, at the end, from its neighbours in the texture toward what is as high and
             as far from the object's vertical axis (``ia_bench.methods.two_stage.symmetry``); 0 leaves it there.
         specular_weight: Of this prior's specular shading, times the method's weight of it.

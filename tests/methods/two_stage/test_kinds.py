@@ -29,7 +29,7 @@ SETTINGS = FitSettings(stage1_steps=6, stage2_steps=4, pixels=128, checkpoint_se
 KINDS: dict[str, dict[str, Any]] = {
     "similarity": {"kind": "similarity"},
     "few views": {"views": 3},
-    "few materials": {"parsimony": 1.0, "symmetry": 0.5},
+    "few materials": {"parsimony": 1.0, "neighbours": 0.2, "symmetry": 0.5},
     "sds": {"kind": "sds", "sds_period": 3, "sds_views": 2},
 }
 
