@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -76,6 +76,10 @@ class GBuffer:
         entry = torch.full((math.prod(self.shape),), -1, dtype=torch.int32, device=self.pixel.device)
         entry[self.pixel] = torch.arange(len(self.pixel), dtype=torch.int32, device=self.pixel.device)
         return entry
+
+    def at(self, entries: Tensor) -> GBuffer:
+        """Of these (Q,) entries alone."""
+        return replace(self, face=self.face[entries], barycentric=self.barycentric[entries], pixel=self.pixel[entries])
 
     def images(self, values: Tensor) -> Tensor:
         """Values of all entries, (P, ...), as images (V, H, W, ...); pixels that miss the mesh are zero."""

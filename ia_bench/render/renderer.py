@@ -183,7 +183,20 @@ class Renderer:
         generator: torch.Generator,
         met: Met | None = None,
     ) -> dict[str, Tensor]:
-        """Whole images of all views, premultiplied, each (V, H, W, 3): "radiance" and the parts of :class:`PixelRadiance`.
+        """:meth:`render_entries` as whole images of all views, each (V, H, W, 3)."""
+        values = self.render_entries(gbuffer, material, light, samples, generator, met)
+        return {name: gbuffer.images(each) for name, each in values.items()}
+
+    def render_entries(
+        self,
+        gbuffer: GBuffer,
+        material: Material,
+        light: SampledLight,
+        samples: int,
+        generator: torch.Generator,
+        met: Met | None = None,
+    ) -> dict[str, Tensor]:
+        """All entries of a G-buffer, premultiplied, each (P, 3): "radiance" and the parts of :class:`PixelRadiance`.
 
         The samples of a pixel are one lattice, dealt out evenly to as few passes of at most PASS_SAMPLES as will do.
         ``met``: filled by the first picture that it is given to, and used by the same one under other lights.
@@ -202,7 +215,7 @@ class Renderer:
                 for name in parts:
                     values[name][chunk] += getattr(rendered, name)[: len(chunk)] / passes
         values["radiance"] = sum((values[name] for name in parts if name != "albedo"), torch.zeros(()))
-        return {name: gbuffer.images(each) for name, each in values.items()}
+        return values
 
 
 def lattice_shift(pixels: Tensor, generator: torch.Generator) -> Tensor:

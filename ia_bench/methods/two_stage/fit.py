@@ -13,6 +13,7 @@ from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.state import check_form
 from ia_bench.methods.two_stage.dialogue import Dialogue
 from ia_bench.methods.two_stage.guard import PATIENCE, StepGuard
+from ia_bench.methods.two_stage.least_squares import solved_albedo
 from ia_bench.methods.two_stage.objective import Objective
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -70,6 +71,8 @@ class Fit:
                 self.seconds[stage] += time.perf_counter() - started
                 task.advance(1, loss=loss)
                 self._pause(stage)
+        if self.settings.solve_albedo:
+            self._solve_albedo()
         self.dialogue.refine(self.parameters, self.generator)
         self.dialogue.pool(self.step, self.steps, self.parameters, self.generator)
         if self.guard.skipped:
@@ -118,6 +121,16 @@ class Fit:
         parameters.descend(self.step, self.steps)
         self.guard.check_parameters()
         return float(loss.detach())
+
+    @torch.no_grad()
+    def _solve_albedo(self) -> None:
+        started, parameters, objective = time.perf_counter(), self.parameters, self.objective
+        material, light = parameters.material(detached=True), parameters.light()
+        albedo = solved_albedo(
+            self.problem, objective.images, objective.known, parameters.exposures, material, light, self.generator
+        )
+        parameters.tensors["albedo"].copy_(albedo)
+        self.seconds["stage2"] += time.perf_counter() - started
 
     # ---- scoring and checkpoints -------------------------------------------------------------------------------
 

@@ -17,22 +17,21 @@ def looks(problem: Problem, size: int) -> Tensor:
     Pixels that the object covers in part are left out.
     """
     gbuffer, surface = problem.gbuffer, problem.renderer.surface
-    covered = torch.nonzero((gbuffer.face >= 0).all(1))[:, 0]
-    face, barycentric = gbuffer.face[covered].long(), gbuffer.barycentric[covered]
-    _, position = surface.geometry(face[:, 0], barycentric[:, 0])
-    share = pixel_area(problem, gbuffer.pixel[covered], position) * size**2 / surface.area_per_uv[face[:, 0]].clamp_min(1e-20)
-    points = barycentric.shape[1]
-    mean, count = splat(surface.uv(face, barycentric).reshape(-1, 2), (share / points).repeat_interleave(points)[:, None], size)
+    gbuffer = gbuffer.at(torch.nonzero((gbuffer.face >= 0).all(1))[:, 0])
+    face = gbuffer.face.long()
+    _, position = surface.geometry(face[:, 0], gbuffer.barycentric[:, 0])
+    share = pixel_area(problem, gbuffer.view(), position) * size**2 / surface.area_per_uv[face[:, 0]].clamp_min(1e-20)
+    points = gbuffer.subsamples
+    uv = surface.uv(face, gbuffer.barycentric).reshape(-1, 2)
+    mean, count = splat(uv, (share / points).repeat_interleave(points)[:, None], size)
     return mean[..., 0] * count
 
 
-def pixel_area(problem: Problem, pixel: Tensor, position: Tensor) -> Tensor:
-    """Of (P,) pixels of training views, parallel to the image at the depth of (P, 3) ``position``: (P,), scene units squared."""
-    _, height, width = problem.gbuffer.shape
-    cameras = [view.camera for view in problem.scene.train]
+def pixel_area(problem: Problem, view: Tensor, position: Tensor) -> Tensor:
+    """Of a pixel of training views (P,), parallel to the image at the depth of (P, 3) ``position``: (P,), scene units squared."""
+    cameras = [each.camera for each in problem.scene.train]
     to_world = torch.stack([torch.from_numpy(camera.to_world).float() for camera in cameras]).to(position)
     focal = torch.tensor([camera.focal[0] * camera.focal[1] for camera in cameras]).to(position)
-    view = pixel // (height * width)
     depth = -((position - to_world[view, :3, 3]) * to_world[view, :3, 2]).sum(1)
     return depth.square() / focal[view]
 

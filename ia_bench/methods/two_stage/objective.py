@@ -23,6 +23,7 @@ class Objective:
 
     Attributes:
         images: (P, 3) radiance of the photographs in the G-buffer's pixels.
+        known: (P, 1) bool, where it is not a lower bound alone; None for everywhere.
     """
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
@@ -30,7 +31,7 @@ class Objective:
         views = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train])
         self.images = problem.pixels_of(views.to(problem.device))
         known = known_pixels(problem.scene.train)
-        self._known = None if known is None else problem.pixels_of(known.to(problem.device))
+        self.known = None if known is None else problem.pixels_of(known.to(problem.device))
         self._neighbours = find_neighbours(problem, self.images, settings.smooth_scale)
 
     def __call__(
@@ -48,7 +49,7 @@ class Objective:
         """
         settings, weights = self._settings, self._settings.weights
         material, light = parameters.material(), parameters.light(uniform=settings.light_uniform)
-        target, known = self.images[pixels], None if self._known is None else self._known[pixels]
+        target, known = self.images[pixels], None if self.known is None else self.known[pixels]
         # ---- lambda_1: the photographs
         if settings.image_loss == "l1":
             rendered = self._render(pixels, material, light, self._problem.plan.samples, generator, parameters.exposures)

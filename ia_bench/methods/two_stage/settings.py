@@ -97,6 +97,7 @@ class FitSettings:
             would only learn the light's error.
         exchange_start: Share of all steps after which light and albedo exchange a colour; highlights, which decide it, must be
             there first.
+        solve_albedo: Whether the albedo is solved for when all steps are done (``least_squares``).
         roughness_initial: Constant start of the roughness.
         metallic_initial: Constant start of metallic.
         albedo_initial: Mean of the albedo at the start where no prior gives a better one. It has the images' mean colour then,
@@ -119,6 +120,7 @@ class FitSettings:
     albedo_start: Share = 0.1
     roughness_start: Share = 0.3
     exchange_start: Share = 0.3
+    solve_albedo: bool = False
     roughness_initial: Share = 0.5
     metallic_initial: Share = 0.5
     albedo_initial: Share = 0.5

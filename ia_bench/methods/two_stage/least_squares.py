@@ -1,0 +1,100 @@
+"""The albedo that the photographs ask for once all else is recovered: a robust linear least-squares problem.
+
+Radiance is albedo * E + the rest, where E, the diffuse radiance over the albedo, and the rest, what is mirrored, are those of the
+finished fit. Its steps see each texel a few times, with a few samples; here every pixel counts at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material, splat
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.exposures import Exposures
+
+STAY = 0.3
+"""Weight of the squared change of a texel, where a pixel that is all diffuse and fits has 1."""
+RESIDUAL = 0.2
+"""Share of its radiance by which a pixel is off where its weight is halved: wrong highlights say nothing of the albedo."""
+DIM = 0.05
+"""Share of the mean radiance that is added to that of each pixel, so that black ones have a weight."""
+LARGEST = 1.0
+"""Change of the albedo that a pixel asks for at most."""
+ITERATIONS = 20
+PIXELS = 2**20
+"""At most, drawn among all: large photographs show each texel in many."""
+
+
+def solved_albedo(
+    problem: Problem,
+    images: Tensor,
+    known: Tensor | None,
+    exposures: Exposures | None,
+    material: Material,
+    light: SampledLight,
+    generator: torch.Generator,
+) -> Tensor:
+    """The albedo (T, T, 3) in [0, 1] that is least in sum of w (pixel's mean albedo - (photograph - rest) / E)^2 + STAY |change|^2.
+
+    The weight w is the squared share of diffuse radiance in all of it, over 1 + (residual / (RESIDUAL * radiance))^2, of each
+    channel; pixels that the object covers in part, and those that are not ``known`` (P, 1), have none.
+
+    Args:
+        problem: Of the fit.
+        images: (P, 3) radiance of the photographs in the G-buffer's pixels.
+        known: Where it is not a lower bound alone; None for everywhere.
+        exposures: What renders are multiplied with, None where that is 1.
+        material: As recovered; where no pixel sees it, its albedo stays.
+        light: As recovered.
+        generator: Of the samples of renders, ``render.samples`` a pixel.
+    """
+    chosen = torch.nonzero((problem.gbuffer.face >= 0).all(1) & (True if known is None else known[:, 0]))[:, 0]
+    chosen = chosen[torch.randperm(len(chosen), generator=generator, device=chosen.device)[:PIXELS].sort().values]
+    if not len(chosen):
+        return material.albedo
+    gbuffer, surface = problem.gbuffer.at(chosen), problem.renderer.surface
+    rendered = problem.renderer.render_entries(gbuffer, material, light, problem.plan.samples, generator)
+    factor = 1.0 if exposures is None else exposures.factors(gbuffer.pixel).detach()
+    diffuse, radiance = factor * rendered["diffuse"], factor * rendered["radiance"]
+    residual, scale = images[chosen] - radiance, radiance + DIM * radiance.mean().clamp_min(1e-12)
+    weight = (diffuse / scale).square() / (1 + (residual / (RESIDUAL * scale)).square())
+    light_there = diffuse / rendered["albedo"].clamp_min(1e-3)
+    wanted = (residual / light_there.clamp_min(1e-4 * float(light_there.mean()))).clamp(-LARGEST, LARGEST)
+
+    size, points = len(material.albedo), gbuffer.subsamples
+    uv = surface.uv(gbuffer.face.long(), gbuffer.barycentric).reshape(-1, 2)
+
+    def shown(texture: Tensor) -> Tensor:
+        return surface.averaged(gbuffer.face, gbuffer.barycentric, texture)
+
+    def spread(values: Tensor) -> Tensor:
+        """The transpose of ``shown``."""
+        mean, total = splat(uv, (values / points).repeat_interleave(points, 0), size)
+        return mean * total[..., None]
+
+    def normal(texture: Tensor) -> Tensor:
+        return spread(weight * shown(texture)) + STAY * texture
+
+    change = conjugate_gradients(normal, spread(weight * wanted), ITERATIONS)
+    return (material.albedo + change).clamp(0, 1)
+
+
+def conjugate_gradients(matrix: Callable[[Tensor], Tensor], right: Tensor, iterations: int) -> Tensor:
+    """About the solution of ``matrix`` (x) = ``right``, (T, T, C), a symmetric positive definite system for each channel."""
+
+    def inner(one: Tensor, other: Tensor) -> Tensor:
+        return (one * other).sum((0, 1))
+
+    found, residual, step = torch.zeros_like(right), right, right
+    square = inner(right, right)
+    for _ in range(iterations):
+        image = matrix(step)
+        length = square / inner(step, image).clamp_min(1e-30)
+        found, residual = found + length * step, residual - length * image
+        former, square = square, inner(residual, residual)
+        step = residual + square / former.clamp_min(1e-30) * step
+    return found
