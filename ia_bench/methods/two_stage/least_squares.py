@@ -63,7 +63,7 @@ def solved_albedo(
     residual, scale = images[chosen] - radiance, radiance + DIM * radiance.mean().clamp_min(1e-12)
     weight = (diffuse / scale).square() / (1 + (residual / (RESIDUAL * scale)).square())
     light_there = diffuse / rendered["albedo"].clamp_min(1e-3)
-    wanted = (residual / light_there.clamp_min(1e-4 * float(light_there.mean()))).clamp(-LARGEST, LARGEST)
+    wanted = (residual / light_there.clamp_min(max(1e-4 * float(light_there.mean()), 1e-12))).clamp(-LARGEST, LARGEST)
 
     size, points = len(material.albedo), gbuffer.subsamples
     uv = surface.uv(gbuffer.face.long(), gbuffer.barycentric).reshape(-1, 2)
