@@ -24,8 +24,8 @@ DIM = 0.05
 """Share of the mean radiance that is added to that of each pixel, so that black ones have a weight."""
 LARGEST = 1.0
 """Change of the albedo that a pixel asks for at most."""
-ITERATIONS = 20
-PIXELS = 2**20
+ITERATIONS = 10
+PIXELS = 2**18
 """At most, drawn among all: large photographs show each texel in many."""
 
 
