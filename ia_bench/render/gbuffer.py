@@ -77,6 +77,11 @@ class GBuffer:
         entry[self.pixel] = torch.arange(len(self.pixel), dtype=torch.int32, device=self.pixel.device)
         return entry
 
+    @property
+    def filled(self) -> Tensor:
+        """(P,) bool, whether all points of the pixel hit: one on an edge mixes in a background."""
+        return (self.face >= 0).all(1)
+
     def at(self, entries: Tensor) -> GBuffer:
         """Of these (Q,) entries alone."""
         return replace(self, face=self.face[entries], barycentric=self.barycentric[entries], pixel=self.pixel[entries])

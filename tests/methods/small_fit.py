@@ -11,10 +11,12 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.textures import Material
+from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import CoarseRates, FitSettings
 from ia_bench.priors.contract import Prior
+from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import RenderSettings
@@ -44,6 +46,13 @@ def altered(problem: Problem, **parts: Any) -> Problem:
     kept = {name: getattr(problem, name) for name in made if name not in OF_THE_PRIOR}
     vars(changed).update(kept | {name: part for name, part in parts.items() if name in made})
     return changed
+
+
+def of_two_views(problem: Problem, supervision: SupervisionSettings) -> Found:
+    """What a short fit without a prior finds from the first two photographs."""
+    few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]), supervision=supervision)
+    vars(few).pop("gbuffer")
+    return fit(few, NoPrior(), replace(SETTINGS, stage1_steps=8, stage2_steps=4), Record())
 
 
 @dataclass

@@ -34,7 +34,7 @@ class TrainingPixels:
         place = self.gbuffer.pixel
         images = torch.stack([torch.from_numpy(view.image) for view in views]).reshape(-1, 3).to(place.device)
         masks = torch.stack([torch.from_numpy(view.mask) for view in views]).reshape(-1).to(place.device)
-        inside = (self.gbuffer.face >= 0).all(1) & (masks[place] > COVERED)
+        inside = self.gbuffer.filled & (masks[place] > COVERED)
         self.entries = torch.nonzero(inside)[:, 0]
         if len(self.entries) == 0:
             raise InputError(f"{problem.scene.source}: expected training pixels that show nothing but the object, found none")

@@ -1,7 +1,7 @@
 """The albedo that the photographs ask for once all else is recovered: a robust linear least-squares problem.
 
 Radiance is albedo * E + the rest, where E, the diffuse radiance over the albedo, and the rest, what is mirrored, are those of the
-finished fit. Its steps see each texel a few times, with a few samples; here every pixel counts at once.
+finished fit. Its steps see each texel a few times, with a few samples; here all pixels, or PIXELS of them, count at once.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def solved_albedo(
         light: As recovered.
         generator: Of the samples of renders, ``render.samples`` a pixel.
     """
-    chosen = torch.nonzero((problem.gbuffer.face >= 0).all(1) & (True if known is None else known[:, 0]))[:, 0]
+    chosen = torch.nonzero(problem.gbuffer.filled & (True if known is None else known[:, 0]))[:, 0]
     chosen = chosen[torch.randperm(len(chosen), generator=generator, device=chosen.device)[:PIXELS].sort().values]
     if not len(chosen):
         return material.albedo

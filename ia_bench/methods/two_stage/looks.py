@@ -17,7 +17,7 @@ def looks(problem: Problem, size: int) -> Tensor:
     Pixels that the object covers in part are left out.
     """
     gbuffer, surface = problem.gbuffer, problem.renderer.surface
-    gbuffer = gbuffer.at(torch.nonzero((gbuffer.face >= 0).all(1))[:, 0])
+    gbuffer = gbuffer.at(torch.nonzero(gbuffer.filled)[:, 0])
     face = gbuffer.face.long()
     _, position = surface.geometry(face[:, 0], gbuffer.barycentric[:, 0])
     share = pixel_area(problem, gbuffer.view(), position) * size**2 / surface.area_per_uv[face[:, 0]].clamp_min(1e-20)

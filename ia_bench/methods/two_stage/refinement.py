@@ -36,7 +36,7 @@ class Fusion:
 
     def __init__(self, problem: Problem, views: tuple[int, ...]) -> None:
         part, _ = restrict(problem.gbuffer, views)
-        covered = torch.nonzero((part.face >= 0).all(1))[:, 0]
+        covered = torch.nonzero(part.filled)[:, 0]
         self._surface = problem.renderer.surface
         self._pixel, self._face, self._barycentric = part.pixel[covered], part.face[covered], part.barycentric[covered]
         origin = part.seen_from(covered)

@@ -103,7 +103,7 @@ class _Aligner:
         """``ssi``: the mode of :func:`align_views`."""
         gbuffer = problem.gbuffer
         asked = targets.weight[:, 0] > 0
-        covered = torch.nonzero(asked & (gbuffer.face >= 0).all(1))[:, 0]  # a pixel on the edge mixes in a background
+        covered = torch.nonzero(asked & gbuffer.filled)[:, 0]
         usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
         chosen = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
         face = gbuffer.face[chosen]

@@ -40,7 +40,7 @@ def photographed(problem: Problem, material: Material, light: SampledLight) -> T
 
 def error(problem: Problem, albedo: Tensor, truth: Tensor) -> float:
     """Root of the mean square in the pixels that the object fills."""
-    gbuffer = problem.gbuffer.at(torch.nonzero((problem.gbuffer.face >= 0).all(1))[:, 0])
+    gbuffer = problem.gbuffer.at(torch.nonzero(problem.gbuffer.filled)[:, 0])
     shown = problem.renderer.surface.averaged(gbuffer.face, gbuffer.barycentric, (albedo - truth).contiguous())
     return float(shown.square().mean().sqrt())
 

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import pytest
 import torch
-from small_fit import SETTINGS, Found, Record, altered, fit
+from small_fit import altered, of_two_views
 
 from ia_bench.material.textures import Material, smooth_by_looks
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.asking.views import sees
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.looks import looks, smoothed
-from ia_bench.priors.none import NoPrior
 from ia_bench.render.atlas import Atlas
 
 SIDE = 64
@@ -82,14 +81,9 @@ def test_noise_where_little_is_shown_goes_and_metal_stays() -> None:
 
 
 def test_a_fit_differs_where_little_is_shown_alone(problem: Problem) -> None:
+    plain, mixed = (of_two_views(problem, SupervisionSettings(neighbours=even)) for even in (0.0, 0.2))
     few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]))
     vars(few).pop("gbuffer")
-
-    def found(even: float) -> Found:
-        quick, settings = replace(SETTINGS, stage1_steps=8, stage2_steps=4), SupervisionSettings(neighbours=even)
-        return fit(altered(few, supervision=settings), NoPrior(), quick, Record())
-
-    plain, mixed = found(0.0), found(0.2)
     assert torch.equal(plain.light, mixed.light)
     change, count = (plain.material.albedo - mixed.material.albedo).abs().mean(-1), looks(few, len(plain.material.albedo))
     assert float(change[(count > 0) & (count < 0.1)].mean()) > 3 * float(change[count > 1].mean())

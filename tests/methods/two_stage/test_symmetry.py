@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from scipy.spatial.distance import cdist
-from small_fit import SETTINGS, Found, Record, altered, fit
+from small_fit import of_two_views
 from torch import Tensor
 
 from ia_bench.material.textures import Material, fill_unobserved
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.symmetry import LENGTH, NOISE, SLOPE, around_the_axis, completed, expected
-from ia_bench.priors.none import NoPrior
 from ia_bench.render.atlas import Atlas
 
 SIDE = 64
@@ -93,14 +90,7 @@ def test_features_stay_where_the_object_is_turned() -> None:
 
 
 def test_a_fit_differs_where_no_photograph_looks_alone(problem: Problem) -> None:
-    few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]))
-    vars(few).pop("gbuffer")
-
-    def found(share: float) -> Found:
-        quick, settings = replace(SETTINGS, stage1_steps=8, stage2_steps=4), SupervisionSettings(symmetry=share)
-        return fit(altered(few, supervision=settings), NoPrior(), quick, Record())
-
-    plain, whole = found(0.0), found(1.0)
+    plain, whole = (of_two_views(problem, SupervisionSettings(symmetry=share)) for share in (0.0, 1.0))
     assert torch.equal(plain.light, whole.light)
     same = (plain.material.albedo == whole.material.albedo).all(-1)
     assert 0.05 < float(same.float().mean()) < 0.95
