@@ -77,8 +77,11 @@ class Dialogue:
         return self.supervision.targets if self.supervision.sets_albedo and "albedo" in self.supervising else None
 
     def draw(self, parameters: Parameters | None, generator: torch.Generator) -> None:
-        """Sample the prior, toward the current renders of ``parameters`` if they are given; what is distilled is not sampled."""
-        if self._problem.supervision.kind == "sds":
+        """Sample the prior, toward the current renders of ``parameters`` if they are given.
+
+        What is distilled is not sampled, nor what has no weight.
+        """
+        if self._problem.supervision.kind == "sds" or not self.supervising:
             return
         with self._asking():
             views = self._sampler.views
