@@ -186,7 +186,7 @@ def _refined(subject: Subject) -> Iterator[Finding]:
     if not hasattr(subject.prior, "refine"):
         return
     stack = subject.stack
-    corrected = subject.refine(_finished(stack))
+    corrected = subject.refine(stack, _finished(stack))
     what, expected = "a corrected fit", "a finite albedo, and roughness if any, zero where the mask is"
     try:
         checked_refinement(type(subject.prior).__qualname__, corrected, tuple(stack.images.shape))
@@ -195,12 +195,12 @@ def _refined(subject: Subject) -> Iterator[Finding]:
         return
     outside = max(float(maps[stack.masks == 0].abs().max()) for maps in corrected.values.values())
     yield judge(outside <= 1e-6, what, expected, f"at most {outside:.3g} outside")
-    yield _same("corrected again", corrected, subject.refine(_finished(stack)))
-    alone = subject.refine({name: picture[1:2].clone() for name, picture in _finished(stack).items()})
+    yield _same("corrected again", corrected, subject.refine(stack, _finished(stack)))
+    alone = subject.refine(stack.one(1), {name: render[1:2].clone() for name, render in _finished(stack).items()})
     difference = max(float((alone.values[name] - maps[1:2]).abs().mean()) for name, maps in corrected.values.items())
     expected = f"what it is beside others, up to {NEIGHBOUR_TOLERANCE:g} in the mean"
     yield judge(difference <= NEIGHBOUR_TOLERANCE, "one corrected on its own", expected, f"a mean difference of {difference:.3g}")
-    subject.refine(_finished(stack.with_empty_view()))
+    subject.refine(stack.with_empty_view(), _finished(stack.with_empty_view()))
 
 
 def _fitted(stack: Stack, components: Sequence[str] = COMPONENTS) -> Images:
@@ -209,13 +209,10 @@ def _fitted(stack: Stack, components: Sequence[str] = COMPONENTS) -> Images:
 
 
 def _finished(stack: Stack) -> Images:
-    """Pictures of a finished fit that faces the camera, half open, half rough, a little off, matt, and seen once."""
-    mask = stack.masks[..., None]
-    inside = {"roughness": 0.5, "visibility": 0.5, "misfit": 0.1, "shine": 0.1, "squared_shading": 0.1, "looks": 1.0}
-    flat = {name: value * mask for name, value in inside.items()}
-    normals, nothing = mask * torch.tensor([0.0, 0.0, 1.0]), torch.zeros_like(mask).expand(-1, -1, -1, 3)
-    colours = {"albedo": _fitted(stack)["albedo"], "residual": 0.1 * normals, "shading": nothing, "normals": normals}
-    return {"mask": mask, **colours, "places": nothing[..., :2], **flat}
+    """What a finished fit might show in a stack, of which nothing else is known: half rough, a little off, matt."""
+    masks = stack.masks[..., None]
+    more = {"radiance": 0.9 * stack.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2)}
+    return _fitted(stack) | more
 
 
 def _with_geometry(subject: Subject) -> Iterator[Finding]:

@@ -22,7 +22,7 @@ def check_members(prior: Any) -> Iterator[Finding]:  # noqa: ANN401 (anything ma
     if hasattr(prior, "distill"):
         yield _callable(prior, "distill", "distill(observations, renders, *, seed)", ("observations", "renders"), {"seed": 0})
     if hasattr(prior, "refine"):
-        yield _callable(prior, "refine", "refine(pictures)", ("pictures",), {})
+        yield _callable(prior, "refine", "refine(observations, renders)", ("observations", "renders"), {})
     if hasattr(prior, "fingerprint"):
         value = prior.fingerprint
         yield judge(isinstance(value, str) and bool(value), "fingerprint", "a text", f"{value!r:.300}")

@@ -40,12 +40,16 @@ class Stack:
         return torch.from_numpy(np.stack([getattr(view, component) for view in self.views]))
 
     def shown(self, wants: frozenset[str] = frozenset()) -> Observations:
-        """What a prior that ``wants`` these is shown: geometry is that of a surface that faces the camera and is half open."""
+        """What a prior that ``wants`` these is shown: geometry is that of a surface that faces the camera and is half open.
+
+        Every view is the only one that shows its surface.
+        """
         masks = self.masks[..., None]
         normals = masks * torch.tensor([0.0, 0.0, 1.0]) if "normals" in wants else None
         visibility = 0.5 * masks if "visibility" in wants else None
         truth = {name: self.truth(name) for name in COMPONENTS} if "truth" in wants else None
-        return Observations(self.images, self.masks, None, normals, visibility, truth)
+        sightings = torch.ones_like(masks) * (masks > 0) if "sightings" in wants else None
+        return Observations(self.images, self.masks, None, normals, visibility, sightings, truth)
 
     def one(self, view: int) -> Stack:
         """The stack of that view alone."""

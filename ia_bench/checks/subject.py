@@ -12,7 +12,7 @@ from torch import Tensor
 from ia_bench.checks.stack import Stack
 from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
 
-GEOMETRY = frozenset({"normals", "visibility"})
+GEOMETRY = frozenset({"normals", "visibility", "sightings"})
 """What a prior may want of a scene, and must do without."""
 
 Images = dict[str, Tensor]
@@ -53,18 +53,16 @@ class Subject:
         assert isinstance(prior, Distiller)
         return self._watched(shown, "renders", renders, lambda: prior.distill(shown, renders, seed=seed))
 
-    def refine(self, pictures: Images) -> Samples:
-        """The material of the ``pictures`` as the prior under test corrects it."""
-        prior = self.prior
+    def refine(self, stack: Stack, renders: Images) -> Samples:
+        """The albedo of ``renders`` as the prior under test corrects it, which sees the geometry that it wants."""
+        shown, prior = stack.shown(self.info.wants), self.prior
         assert isinstance(prior, Refiner)
-        return self._watched(None, "pictures", pictures, lambda: prior.refine(pictures))
+        return self._watched(shown, "renders", renders, lambda: prior.refine(shown, renders))
 
-    def _watched(self, shown: Observations | None, what: str, renders: Images | None, call: Callable[[], Samples]) -> Samples:
+    def _watched(self, shown: Observations, what: str, renders: Images | None, call: Callable[[], Samples]) -> Samples:
         """What ``call`` returns; remembers which of its inputs it wrote to, and what it cost."""
-        inputs: dict[str, Tensor] = {}
-        if shown is not None:
-            inputs |= {name: value for name, value in vars(shown).items() if isinstance(value, Tensor)}
-            inputs |= {f"true {name}": value for name, value in (shown.truth or {}).items()}
+        inputs = {name: value for name, value in vars(shown).items() if isinstance(value, Tensor)}
+        inputs |= {f"true {name}": value for name, value in (shown.truth or {}).items()}
         inputs |= {f"{what} {name}": value for name, value in (renders or {}).items()}
         kept = {name: value.clone() for name, value in inputs.items()}
         self._asked += 1  # another state of the global generators each time: a sample must not depend on them

@@ -46,7 +46,7 @@ def make_fits(request: FitRequest, progress: Progress) -> list[Path]:
     paths = [fit_path(request.out, request.seed, index) for index in range(request.fits)]
     for path in paths:
         if path.exists():
-            found = load_fit(path)[0]["mask"].shape[1]
+            found = load_fit(path)[0]["image"].shape[1]
             if found != request.size:
                 raise InputError(f"{path}: expected a fit in photographs of size={request.size} pixels a side, found {found}")
     jobs = [(path, request.seed, index, request.size) for index, path in enumerate(paths) if not path.exists()]

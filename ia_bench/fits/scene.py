@@ -21,6 +21,7 @@ from ia_bench.light.latlong import SampledLight, direction_to_texel, row_solid_a
 from ia_bench.material.brdf import tangent_frame
 from ia_bench.material.textures import Material, fill_unobserved
 from ia_bench.render.atlas import Atlas
+from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import REFERENCE_BOUNCES
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Mesh, Scene, View
@@ -61,11 +62,13 @@ class ProceduralScene:
 
     Attributes:
         scene: Photographs, masks, cameras and mesh, without truth.
-        material: The true one, TEXTURE texels a side.
+        albedo: (V, S, S, 3), what the photographs show of the true albedo, premultiplied.
+        roughness: (V, S, S, 1), of the true perceptual roughness likewise.
     """
 
     scene: Scene
-    material: Material
+    albedo: np.ndarray
+    roughness: np.ndarray
 
 
 @torch.no_grad()
@@ -84,6 +87,7 @@ def draw_scene(rng: Generator, size: int) -> ProceduralScene:
     renderer = stage.renderer(bounces=REFERENCE_BOUNCES)
     generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
     radiance = renderer.render_images(gbuffer, material, SampledLight.of(light), SAMPLES, generator)["radiance"].numpy()
+    albedo, roughness = (texture_images(stage.surface, gbuffer, each).numpy() for each in (material.albedo, material.roughness))
     masks = gbuffer.coverage().numpy()
     radiance *= np.exp(rng.normal(np.log(MEAN_RADIANCE), 0.25)) * masks.sum() / max(radiance.mean(-1).sum(), 1e-12)
     if rng.random() < NOISY:
@@ -96,7 +100,7 @@ def draw_scene(rng: Generator, size: int) -> ProceduralScene:
     scene = Scene("procedural", "a procedural scene", mesh, views)
     if rng.random() < CLIPPED:
         scene = captured(scene, CaptureSettings(radiometry="ldr"), lambda _: None)
-    return ProceduralScene(scene, material)
+    return ProceduralScene(scene, albedo, roughness)
 
 
 def _rich(rng: Generator, material: TexturedMaterial) -> TexturedMaterial:

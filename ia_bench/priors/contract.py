@@ -12,12 +12,7 @@ from ia_bench.common.errors import InputError
 
 COMPONENTS = ("albedo", "specular")
 ENCODINGS = ("linear", "srgb")
-WANTED = ("normals", "visibility", "truth")
-PICTURES = {
-    "mask": 1, "albedo": 3, "roughness": 1, "normals": 3, "visibility": 1, "places": 2, "misfit": 1, "shine": 1, "residual": 3,
-    "shading": 3, "squared_shading": 1, "looks": 1,
-}  # fmt: skip
-"""What a prior that corrects a finished fit is shown of it, and how many channels each has; see :class:`Refiner`."""
+WANTED = ("normals", "visibility", "sightings", "truth")
 
 
 @dataclass(frozen=True)
@@ -32,8 +27,8 @@ class PriorInfo:
         encoding: Component -> "linear" or "srgb", the space in which its errors are even. Methods compare there; samples
             are linear whatever it says.
         sees_truth: Whether it knows the ground truth; such a prior is marked in every table.
-        wants: What its observations should hold besides images, some of "normals", "visibility" and "truth". A sample must do
-            without the first two as well, which pictures without a scene do not have.
+        wants: What its observations should hold besides images, some of "normals", "visibility", "sightings" and "truth". A
+            sample must do without the first three as well, which pictures without a scene do not have.
     """
 
     provides: frozenset[str]
@@ -74,6 +69,8 @@ class Observations:
             pixel and so premultiplied by its coverage; None where the prior does not want them or nobody knows them.
         visibility: (V, H, W, 1) in [0, 1]: cosine-weighted share of the hemisphere around the normal that the object leaves
             open, premultiplied likewise, or None likewise.
+        sightings: (V, H, W, 1), how many of the scene's training photographs show the place that a pixel shows, 0 where it shows
+            none; not premultiplied. None likewise.
         truth: Component -> (V, H, W, 3), ground truth, only for a prior that wants it.
     """
 
@@ -82,6 +79,7 @@ class Observations:
     views: tuple[int, ...] | None = None
     normals: Tensor | None = None
     visibility: Tensor | None = None
+    sightings: Tensor | None = None
     truth: Mapping[str, Tensor] | None = None
 
     def copy(self) -> Observations:
@@ -94,9 +92,10 @@ class Observations:
         return replace(self._each(lambda tensor: tensor[rows]), views=views)
 
     def _each(self, change: Callable[[Tensor], Tensor]) -> Observations:
-        normals, visibility = (None if tensor is None else change(tensor) for tensor in (self.normals, self.visibility))
+        geometry = (self.normals, self.visibility, self.sightings)
+        normals, visibility, sightings = (None if tensor is None else change(tensor) for tensor in geometry)
         truth = None if self.truth is None else {name: change(tensor) for name, tensor in self.truth.items()}
-        return Observations(change(self.images), change(self.masks), self.views, normals, visibility, truth)
+        return Observations(change(self.images), change(self.masks), self.views, normals, visibility, sightings, truth)
 
 
 @dataclass(frozen=True)
@@ -151,23 +150,17 @@ class Distiller(Protocol):
 class Refiner(Protocol):
     """A prior that can correct what a fit has recovered: it knows what fits get wrong, not only what materials look like."""
 
-    def refine(self, pictures: Mapping[str, Tensor]) -> Samples:
-        """The material that a fit has recovered, corrected in V pictures of the object, which cameras all around it take.
+    def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
+        """The material that a fit shows in training photographs, corrected.
 
-        ``pictures`` are the PICTURES, (V, H, W, C) float32 on the CPU, premultiplied by the "mask", the coverage of a pixel:
-
-            albedo, roughness    as recovered: linear, and perceptual
-            normals, visibility  as in :class:`Observations`
-            places               height, and distance from the vertical axis of the box around the object, over its diagonal
-            misfit, shine        how far photographs and fit are apart at the place, and how much of it is specular (evidence of
-                                 all photographs together, :mod:`ia_bench.methods.two_stage.evidence`)
-            residual             by how many stops photographs are brighter than the fit there
-            shading              stops of what is not specular in them over the albedo, levels divided out; ``squared_shading``
-                                 is the mean of the square of its grey value, so that both tell how much photographs differ
-            looks                how many photographs look straight at the place, those from the side by their cosine
+        ``renders`` maps "albedo", "radiance" (the photograph as the fit renders it) and "specular" (the specular shading in it) to
+        (V, H, W, 3), linear, "roughness" to (V, H, W, 1), perceptual, and "evidence" to (V, H, W, 2): what these photographs
+        together say about a place, how much the fit's radiance is off and how much of it is specular, as
+        :func:`ia_bench.methods.two_stage.refinement.evidence` has it. All are premultiplied. ``observations`` hold whatever the
+        info ``wants`` but truth.
 
         The answer holds an "albedo" (V, H, W, 3), on whose level and cast nothing depends, and a "roughness" (V, H, W, 1) if the
-        prior has one. It is always the same for the same input, and a picture's does not depend on those beside it.
+        prior has one. It is always the same for the same input, and an image's does not depend on the images beside it.
         """
         ...
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import PICTURES, Observations
+from ia_bench.priors.contract import Observations
 
 Device = Literal["auto", "cpu", "cuda"]
 Precision = Literal["auto", "bf16", "float32"]
@@ -38,12 +38,18 @@ def use_bf16(precision: Precision, device: torch.device) -> bool:
 
 
 def check_views(
-    name: str, observations: Observations, renders: Mapping[str, Tensor], provided: Iterable[str], *, what: str = "guidance"
+    name: str,
+    observations: Observations,
+    renders: Mapping[str, Tensor],
+    provided: Iterable[str],
+    channels: Mapping[str, int] = {},
+    *,
+    what: str = "guidance",
 ) -> None:
     """Raise InputError unless the prior ``name`` can work with the observations and ``renders``.
 
-    ``renders``: what is to guide the sample, or to be distilled, by component, each ``provided`` by the prior and of the images'
-    shape. ``what``: the word for it.
+    ``renders``: what is to guide the sample, to be distilled or corrected, by component, each ``provided`` by the prior and of the
+    images' shape, with as many ``channels`` as are said, else 3. ``what``: the word for it.
     """
     images, masks, seen = observations.images, observations.masks, tuple(observations.images.shape[:3])
     if images.ndim != 4 or images.shape[-1] != 3:
@@ -52,28 +58,20 @@ def check_views(
     for component in renders:
         if component not in known:
             raise InputError(f"prior={name}: {what}: expected some of {', '.join(known)}, found {component}")
-    rendered = {f"{what} {component}": (render, (*seen, 3)) for component, render in renders.items()}
+    rendered = {f"{what} {component}": (render, (*seen, channels.get(component, 3))) for component, render in renders.items()}
     expected = {"images": (images, (*seen, 3)), "masks": (masks, seen), **rendered}
-    geometry = {"normals": (observations.normals, (*seen, 3)), "visibility": (observations.visibility, (*seen, 1))}
+    geometry = {
+        "normals": (observations.normals, (*seen, 3)),
+        "visibility": (observations.visibility, (*seen, 1)),
+        "sightings": (observations.sightings, (*seen, 1)),
+    }
     for tensor, (values, shape) in {**expected, **geometry}.items():
-        if values is not None:
-            _check(name, tensor, values, shape)
-
-
-def check_pictures(name: str, pictures: Mapping[str, Tensor]) -> None:
-    """Raise InputError unless the prior ``name`` is shown all PICTURES of a finished fit, of one size, and finite."""
-    lacking = [what for what in PICTURES if what not in pictures]
-    if lacking:
-        raise InputError(f"prior={name}: expected a fit's {' and '.join(lacking)} among the pictures, found none")
-    for what, channels in PICTURES.items():
-        _check(name, what, pictures[what], (*pictures["mask"].shape[:3], channels))
-
-
-def _check(name: str, what: str, values: Tensor, shape: tuple[int, ...]) -> None:
-    if tuple(values.shape) != shape:
-        raise InputError(f"prior={name}: expected {what} of shape {shape}, found {tuple(values.shape)}")
-    if not bool(torch.isfinite(values).all()):
-        raise InputError(f"prior={name}: expected finite {what}, found NaN or Inf")
+        if values is None:
+            continue
+        if tuple(values.shape) != shape:
+            raise InputError(f"prior={name}: expected {tensor} of shape {shape}, found {tuple(values.shape)}")
+        if not bool(torch.isfinite(values).all()):
+            raise InputError(f"prior={name}: expected finite {tensor}, found NaN or Inf")
 
 
 def check_truth(name: str, observations: Observations, components: Iterable[str]) -> None:

@@ -1,10 +1,21 @@
-"""Files of fits of procedural scenes, from which the refiner learns: pictures of what a fit recovered, and the truth.
+"""Files of fits of procedural scenes, from which the refiner learns: what a fit recovered in some photographs, and the truth.
 
-``fit_0_00012.safetensors`` is fit 12 of seed 0. It holds tensors (V, S, S, C) float16, premultiplied by coverage, of cameras
-that took no photograph: the PICTURES of :mod:`ia_bench.priors.contract`, and beside them
+``fit_0_00012.safetensors`` is fit 12 of seed 0. Tensors (V, S, S, C) float16, linear Rec.709, premultiplied by coverage:
 
-    true_albedo     (V, S, S, 3)  linear Rec.709
-    true_roughness  (V, S, S, 1)  perceptual
+    image           (V, S, S, 4)  the photograph as the fit saw it; coverage in the last channel
+    albedo          (V, S, S, 3)  the albedo that was recovered
+    roughness       (V, S, S, 1)  the perceptual roughness that was recovered
+    radiance        (V, S, S, 3)  the photograph as the fit renders it
+    specular        (V, S, S, 3)  the specular shading in it
+    evidence        (V, S, S, 2)  what the photographs together say about a place (``methods.two_stage.refinement.evidence``)
+    normal          (V, S, S, 3)  shading normal in camera space
+    visibility      (V, S, S, 1)  cosine-weighted visibility of the sky
+    sightings       (V, S, S, 1)  how many photographs show the place
+    true_albedo     (V, S, S, 3)
+    true_roughness  (V, S, S, 1)
+
+The evidence is that of all photographs of the fit, of which the file shows some. In a run it is that of the photographs that the
+prior is asked about, which prior.supervision.views says.
 """
 
 from __future__ import annotations
@@ -20,12 +31,14 @@ from torch import Tensor
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import PICTURES
 
-FITS_VERSION = 3
+FITS_VERSION = 2
 """Raised whenever the same (seed, index) would make another scene or fit, beyond rounding."""
 
-CHANNELS = PICTURES | {"true_albedo": 3, "true_roughness": 1}
+CHANNELS = {
+    "image": 4, "albedo": 3, "roughness": 1, "radiance": 3, "specular": 3, "evidence": 2, "normal": 3,
+    "visibility": 1, "sightings": 1, "true_albedo": 3, "true_roughness": 1,
+}  # fmt: skip
 """Tensors of a file and their last axis."""
 
 _NAME = re.compile(r"fit_(\d+)_(\d+)\.safetensors")
@@ -37,7 +50,7 @@ class FitInfo:
 
     Attributes:
         seed: Which of the endless sets.
-        photographs: How many it had.
+        photographs: How many it had; the file shows some of them.
         version: Of the program that made it.
     """
 
@@ -83,7 +96,7 @@ def load_fit(path: Path) -> tuple[dict[str, Tensor], FitInfo]:
         raise InputError(f"{path}: expected a fit of a procedural scene, found no number under {error} in its metadata") from None
     if info.version != FITS_VERSION:
         raise InputError(f"{path}: expected fits of version {FITS_VERSION}, found {info.version}; make them again")
-    shape = tuple(tensors["mask"].shape[:3]) if "mask" in tensors and tensors["mask"].ndim == 4 else None
+    shape = tuple(tensors["image"].shape[:3]) if "image" in tensors and tensors["image"].ndim == 4 else None
     for name, channels in CHANNELS.items():
         found = tuple(tensors[name].shape) if name in tensors else "none"
         if shape is None or found != (*shape, channels) or tensors[name].dtype != torch.float16:

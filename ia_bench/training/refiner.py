@@ -22,7 +22,7 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number, Share
 from ia_bench.priors.inputs import use_bf16
 from ia_bench.priors.refiner.checkpoint import save_refiner
-from ia_bench.priors.refiner.network import RefinerConfig, RefinerNetwork, Seen, see
+from ia_bench.priors.refiner.network import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.scenes.tensor_color import linear_to_srgb
 from ia_bench.training.fit_files import CHANNELS, fit_paths, load_fit
 from ia_bench.training.optimiser import MuonAdamW, split_weights
@@ -45,10 +45,10 @@ LEAST_PIXELS = 200
 """A fit counts if its views show at least so many such pixels."""
 BLACK = 1e-4
 """The mean of a fit's albedo is taken to be this where it is less, so that a scale to the truth is finite."""
-COLOURS = ("albedo", "residual", "shading", "true_albedo")
+COLOURS = ("albedo", "radiance", "specular", "true_albedo")
 """Tensors of a fit that have the three colours of its photographs."""
 ZOOM = 1.4
-"""Pictures are enlarged or reduced by at most this factor."""
+"""Views are enlarged or reduced by at most this factor."""
 TINT, CAST = 0.3, 0.1
 """Light is multiplied by a factor a channel, and the fit's albedo by another: these are the standard deviations of their logs."""
 STATE_FORMAT = 1
@@ -115,15 +115,15 @@ class Views:
         photographs, scales, seeds = [], [], set[int]()
         for path in fit_paths(folder)[:limit]:
             fit, info = load_fit(path)
-            if tensors["mask"] and fit["mask"].shape[1:] != tensors["mask"][0].shape[1:]:
-                raise InputError(f"{path}: expected views of {tensors['mask'][0].shape[1]} pixels, found {fit['mask'].shape[1]}")
+            if tensors["image"] and fit["image"].shape[1:] != tensors["image"][0].shape[1:]:
+                raise InputError(f"{path}: expected views of {tensors['image'][0].shape[1]} pixels, found {fit['image'].shape[1]}")
             scale = _scale(fit)
             if scale is None:
                 continue
             for name in CHANNELS:
                 tensors[name].append(fit[name])
-            photographs.append(torch.full((len(fit["mask"]),), info.photographs))
-            scales.append(scale.expand(len(fit["mask"]), 3))
+            photographs.append(torch.full((len(fit["image"]),), info.photographs))
+            scales.append(scale.expand(len(fit["image"]), 3))
             seeds.add(info.seed)
         if not scales:
             raise InputError(f"{folder}: expected fits that show something and are finite, found none")
@@ -140,13 +140,18 @@ class Views:
         scale = self._scales[index]
         if generator is not None:
             order = torch.rand(len(index), 3, generator=generator).argsort(1)
+            mask, radiance = views["image"][..., 3:], views["image"][..., :3]
+            views["image"] = torch.cat([_reordered(radiance, order), mask], -1)
             views |= {name: _reordered(views[name], order) for name in COLOURS}
             scale = scale.gather(1, order)
             turned = (torch.rand(len(index), generator=generator) < 0.5)[:, None, None, None]
-            views["normals"] = torch.where(turned, views["normals"] * torch.tensor([-1.0, 1.0, 1.0]), views["normals"])
+            views["normal"] = torch.where(turned, views["normal"] * torch.tensor([-1.0, 1.0, 1.0]), views["normal"])
             views = {name: torch.where(turned, values.flip(2), values) for name, values in views.items()}
             views, scale = _recoloured(_zoomed(views, generator), scale, generator)
-        return Batch(see(views), views["true_albedo"], views["true_roughness"], scale, (views["mask"] > COVERED).float())
+        image, mask = views["image"][..., :3], views["image"][..., 3]
+        renders = {name: views[name] for name in RENDERS}
+        seen = see(image, mask, renders, *(views[name] for name in ("normal", "visibility", "sightings")))
+        return Batch(seen, views["true_albedo"], views["true_roughness"], scale, (mask > COVERED).float()[..., None])
 
 
 @dataclass(frozen=True)
@@ -179,7 +184,7 @@ class Batch:
 
 def _scale(fit: dict[str, Tensor]) -> Tensor | None:
     """By what (3,) the mean albedo of a ``fit`` is multiplied to be the true one; None if it shows nothing or is not finite."""
-    inside = fit["mask"][..., 0] > COVERED
+    inside = fit["image"][..., 3] > COVERED
     if int(inside.sum()) < LEAST_PIXELS or not all(bool(torch.isfinite(values).all()) for values in fit.values()):
         return None
     albedo, truth = fit["albedo"][inside].float().mean(0), fit["true_albedo"][inside].float().mean(0)
@@ -191,33 +196,30 @@ def _reordered(values: Tensor, order: Tensor) -> Tensor:
 
 
 def _zoomed(views: dict[str, Tensor], generator: torch.Generator) -> dict[str, Tensor]:
-    """Half of the views enlarged or reduced around their middle by up to ZOOM, since cameras show objects in all sizes."""
-    count = len(views["mask"])
+    """Half of the views enlarged or reduced around their middle by up to ZOOM, since photographs show objects in all sizes."""
+    count = len(views["image"])
     chosen = torch.rand(count, generator=generator) < 0.5
     zoom = torch.where(chosen, torch.exp((2 * torch.rand(count, generator=generator) - 1) * math.log(ZOOM)), 1.0)
     turn = torch.zeros(count, 2, 3)
     turn[:, 0, 0] = turn[:, 1, 1] = 1 / zoom
-    stacked = torch.cat(list(views.values()), -1).movedim(-1, 1)
-    grid = F.affine_grid(turn, list(stacked.shape), align_corners=False)
-    zoomed = F.grid_sample(stacked, grid, align_corners=False).movedim(1, -1)
-    return dict(zip(views, zoomed.split([values.shape[-1] for values in views.values()], -1), strict=True))
+    grid = F.affine_grid(turn, list(views["image"].movedim(-1, 1).shape), align_corners=False)
+    modes = {name: "nearest" if name == "sightings" else "bilinear" for name in views}  # which counts
+    return {
+        name: F.grid_sample(values.movedim(-1, 1), grid, mode=modes[name], align_corners=False).movedim(1, -1)
+        for name, values in views.items()
+    }
 
 
 def _recoloured(views: dict[str, Tensor], scale: Tensor, generator: torch.Generator) -> tuple[dict[str, Tensor], Tensor]:
-    """Views of fits under a light of another colour, which split light and albedo at another colour, with their ``scale`` (N, 3).
+    """Views under a light of another colour, and fits that split light and albedo at another colour, with their ``scale`` (N, 3).
 
     Radiance is linear in the light, and images of matt objects are the same for (albedo * c, light / c), so both are views of
-    fits that could have been. Their shading, in stops, differs by the same everywhere.
+    fits that could have been.
     """
     tint, cast = (torch.exp(deviation * torch.randn(scale.shape, generator=generator)) for deviation in (TINT, CAST))
-    stops = torch.log2(tint / cast)[:, None, None]
-    grey, coverage = stops.mean(-1, keepdim=True), views["mask"]
-    mean = views["shading"].mean(-1, keepdim=True)
-    recoloured = {
-        "albedo": views["albedo"] * cast[:, None, None],
-        "shading": views["shading"] + stops * coverage,
-        "squared_shading": views["squared_shading"] + 2 * grey * mean + grey.square() * coverage,
-    }
+    coverage = torch.ones(len(scale), 1)
+    factors = {"image": torch.cat([tint, coverage], 1), "radiance": tint, "specular": tint, "albedo": cast}
+    recoloured = {name: views[name] * factor[:, None, None] for name, factor in factors.items()}
     return views | recoloured, scale / cast
 
 

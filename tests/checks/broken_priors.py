@@ -228,8 +228,9 @@ class Offering(Sound):
         return Samples({name: 0.5 * level * render + 0.5 * seen for name, render in renders.items()})
 
 
-    def refine(self, pictures: Mapping[str, Tensor]) -> Samples:
-        return Samples({"albedo": 0.5 * pictures["albedo"] * (1 + pictures["visibility"])})
+    def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
+        assert observations.visibility is not None
+        return Samples({"albedo": 0.5 * renders["albedo"] * (1 + observations.visibility)})
 
 
 def offering(**members: object) -> type[Offering]:
@@ -253,7 +254,7 @@ def distill_as(change: Callable[[Mapping[str, Tensor]], dict]) -> Callable[..., 
 
 def refine_as(change: Callable[[Tensor], Tensor]) -> Callable[..., Samples]:
     """A correction that passes through ``change``."""
-    return lambda self, pictures: Samples({"albedo": change(Offering.refine(self, pictures).values["albedo"])})
+    return lambda self, shown, renders: Samples({"albedo": change(Offering.refine(self, shown, renders).values["albedo"])})
 
 
 def overwrite_renders(self: Offering, observations: Observations, renders: dict, *, seed: int) -> Samples:
@@ -319,7 +320,7 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
         offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"
     ),
     "writes to renders": (offering(distill=overwrite_renders), "inputs"),
-    "refine takes no pictures": (offering(refine=lambda self: {}), "refine"),
+    "refine takes no renders": (offering(refine=lambda self, observations: {}), "refine"),
     "refines to NaN": (offering(refine=refine_as(lambda a: a / a)), "a corrected fit"),
     "refines what is outside": (offering(refine=refine_as(lambda a: a + 0.1)), "a corrected fit"),
     "refines at random": (offering(refine=refine_as(lambda a: a * torch.rand(1))), "corrected again"),

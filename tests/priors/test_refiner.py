@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,10 +14,10 @@ from torch import Tensor
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import PICTURES
+from ia_bench.priors.contract import COMPONENTS, Observations
 from ia_bench.priors.refiner.checkpoint import DESCRIPTION, WEIGHTS, load_refiner, save_refiner
-from ia_bench.priors.refiner.network import FEATURES, SPREAD_SCALE, RefinerConfig, RefinerNetwork, see
-from ia_bench.priors.refiner.prior import RefinerPrior
+from ia_bench.priors.refiner.network import FEATURES, RefinerConfig, RefinerNetwork, Seen, see
+from ia_bench.priors.refiner.prior import WANTS, RefinerPrior
 
 STACK = painted_ball(37, 31, 3)
 
@@ -36,10 +37,21 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {"weights": str(tiny_weights(root / "regressor", "regressor")), "refiner": str(root / "refiner")}
 
 
-def pictures() -> dict[str, Tensor]:
-    generator, mask = torch.Generator().manual_seed(0), STACK.masks[..., None]
-    found = {name: torch.rand(*STACK.masks.shape, channels, generator=generator) * mask for name, channels in PICTURES.items()}
-    return {**found, "mask": mask, "albedo": 0.7 * STACK.truth("albedo") + 0.1 * mask, "roughness": 0.4 * mask}
+def shown() -> Observations:
+    return STACK.shown(WANTS)
+
+
+def renders() -> dict[str, Tensor]:
+    masks = STACK.masks[..., None]
+    parts = {name: 0.7 * STACK.truth(name) + 0.1 * masks for name in COMPONENTS}
+    evidence = torch.tensor([0.1, 0.3]) * masks
+    return {**parts, "radiance": 0.8 * STACK.images + 0.05 * masks, "roughness": 0.4 * masks, "evidence": evidence}
+
+
+def seen(images: Tensor, parts: dict[str, Tensor]) -> Seen:
+    observed = shown()
+    geometry = [tensor for tensor in (observed.normals, observed.visibility, observed.sightings) if tensor is not None]
+    return see(images, observed.masks, parts, *geometry)
 
 
 def test_it_keeps_the_contract(folders: dict[str, str]) -> None:
@@ -48,11 +60,12 @@ def test_it_keeps_the_contract(folders: dict[str, str]) -> None:
 
 
 def test_levels_are_no_part_of_what_it_sees() -> None:
-    """An albedo of half the level looks the same, and what is changed keeps its level."""
-    plain = see(pictures())
-    other = see({**pictures(), "albedo": 0.5 * pictures()["albedo"]})
+    """A photograph twice as bright with its highlights, or an albedo of half the level, looks the same."""
+    image, parts = STACK.images, renders()
+    plain = seen(image, parts)
+    levels = {"albedo": 0.5, "specular": 2, "radiance": 2}
+    other = seen(2 * image, {name: levels.get(name, 1) * values for name, values in parts.items()})
     torch.testing.assert_close(other.features, plain.features, rtol=1e-4, atol=1e-5)
-    assert plain.features.shape[1] == FEATURES
     change = 0.05 * torch.ones(3, 4, *STACK.masks.shape[1:])
     (albedo, roughness), (dark, same) = plain.corrected(change), other.corrected(change)
     torch.testing.assert_close(dark, 0.5 * albedo, rtol=1e-4, atol=1e-6)
@@ -62,20 +75,11 @@ def test_levels_are_no_part_of_what_it_sees() -> None:
 
 
 def test_no_change_gives_back_the_material() -> None:
-    parts = pictures()
-    found = see(parts).corrected(torch.zeros(3, 4, *STACK.masks.shape[1:]))
+    parts = renders()
+    found = seen(STACK.images, parts).corrected(torch.zeros(3, 4, *STACK.masks.shape[1:]))
     whole = STACK.masks == 1
     for name, maps in zip(("albedo", "roughness"), found, strict=True):
         torch.testing.assert_close(maps[whole], parts[name][whole], rtol=1e-4, atol=1e-5)
-
-
-def test_how_much_photographs_differ_is_seen() -> None:
-    """Of stops 1 and 3 in halves the spread is 1, whatever their colours; edges count by what is covered."""
-    mask = torch.full((1, 8, 8, 1), 0.5)
-    parts = {name: torch.zeros(1, 8, 8, channels) for name, channels in PICTURES.items()}
-    parts |= {"mask": mask, "albedo": 0.2 * mask.expand(-1, -1, -1, 3), "squared_shading": 5 * mask}
-    parts["shading"] = mask * torch.tensor([1.0, 2.0, 3.0])
-    assert float(see(parts).features[0, 12].mean()) == pytest.approx(SPREAD_SCALE, rel=1e-4)
 
 
 def test_an_untrained_network_changes_nothing() -> None:
@@ -85,10 +89,10 @@ def test_an_untrained_network_changes_nothing() -> None:
 
 def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> None:
     prior = RefinerPrior(**folders, precision="float32")
-    parts = pictures()
+    parts = renders()
     parts["albedo"][1] = 0
-    parts["mask"][2] = 0
-    found = prior.refine(parts)
+    empty = replace(shown(), masks=shown().masks * torch.tensor([1.0, 1, 0])[:, None, None])
+    found = prior.refine(empty, parts)
     assert found.cost == {"network_calls": 1}
     for name, maps in found.values.items():
         assert torch.equal(maps[1:], parts[name][1:])
@@ -96,24 +100,34 @@ def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> Non
 
 
 def test_what_lies_around_the_object_does_not_matter(folders: dict[str, str]) -> None:
-    """A frame of background around the pictures, a multiple of the network's stride wide, changes nothing inside."""
+    """A frame of background around the images, a multiple of the network's stride wide, changes nothing inside."""
     prior = RefinerPrior(**folders, precision="float32")
-    plain = prior.refine(pictures()).values
-    framed = {name: torch.nn.functional.pad(values, (0, 0, 4, 4, 4, 4)) for name, values in pictures().items()}
-    found = prior.refine(framed).values
+    observed, parts = shown(), renders()
+    plain = prior.refine(observed, parts).values
+
+    def framed(values: Tensor) -> Tensor:
+        space = (0, 0) * (values.ndim - 3)
+        return torch.nn.functional.pad(values, (*space, 4, 4, 4, 4))
+
+    wider = observed._each(framed)
+    found = prior.refine(wider, {name: framed(render) for name, render in parts.items()}).values
     for name, maps in plain.items():
         torch.testing.assert_close(found[name][:, 4:-4, 4:-4], maps, rtol=1e-5, atol=1e-6)
 
 
-def test_what_is_missing_or_does_not_fit_is_named(folders: dict[str, str]) -> None:
+def test_what_is_missing_is_named(folders: dict[str, str]) -> None:
     prior = RefinerPrior(**folders)
-    known = {name: values for name, values in pictures().items() if name not in ("roughness", "looks")}
-    with pytest.raises(InputError, match=r"prior=refiner: expected a fit's roughness and looks among the pictures, found none"):
-        prior.refine(known)
-    with pytest.raises(InputError, match=r"prior=refiner: expected roughness of shape \(3, 37, 31, 1\), found"):
-        prior.refine({**pictures(), "roughness": pictures()["albedo"]})
-    with pytest.raises(InputError, match="prior=refiner: expected finite shine, found NaN or Inf"):
-        prior.refine({**pictures(), "shine": pictures()["shine"] / 0})
+    known = {name: values for name, values in renders().items() if name not in ("roughness", "specular")}
+    with pytest.raises(InputError, match=r"expected a fit's roughness and specular and sightings beside the images, found none"):
+        prior.refine(replace(shown(), sightings=None), known)
+
+
+def test_what_does_not_fit_is_no_guidance(folders: dict[str, str]) -> None:
+    prior = RefinerPrior(**folders)
+    with pytest.raises(InputError, match="prior=refiner: fitted: expected some of albedo, .*, found gloss"):
+        prior.refine(shown(), {**renders(), "gloss": renders()["albedo"]})
+    with pytest.raises(InputError, match=r"prior=refiner: expected fitted roughness of shape \(3, 37, 31, 1\), found"):
+        prior.refine(shown(), {**renders(), "roughness": renders()["albedo"]})
 
 
 def test_weights_come_back(tmp_path: Path) -> None:
@@ -157,6 +171,6 @@ def test_samples_are_kept_whatever_corrects_them(folders: dict[str, str], tmp_pa
         for other in ({}, {"refiner": str(tmp_path / "refiner")}, {"weights": regressor})
     )
     assert first.fingerprint == second.fingerprint != third.fingerprint
-    samples = [prior.sample(STACK.shown(), seed=0).values["albedo"] for prior in (first, second, third)]
+    samples = [prior.sample(shown(), seed=0).values["albedo"] for prior in (first, second, third)]
     assert torch.equal(samples[0], samples[1])
     assert not torch.equal(samples[0], samples[2])

@@ -24,16 +24,16 @@ SMALL = ["network.channels=[8,16]", "batch=8", "warmup=5", "threads=1"]
 
 
 def made_up(seed: int, index: int) -> dict[str, Tensor]:
-    """Views whose albedo and roughness are right but for what the normal does to them, which normals and shading tell."""
+    """Views whose albedo and roughness are right but for what the normal does to them, which the network sees."""
     generator = torch.Generator().manual_seed(1000 * seed + index)
     truth = torch.rand(4, SIZE // 4, SIZE // 4, 3, generator=generator).repeat_interleave(4, 1).repeat_interleave(4, 2) * 0.5 + 0.2
     normal = torch.nn.functional.normalize(torch.randn(4, SIZE, SIZE, 3, generator=generator), dim=-1)
     wrong = truth * torch.exp(0.4 * normal[..., :1])
-    one, shading = torch.ones(4, SIZE, SIZE, 1), torch.log2(truth / wrong)
+    one, dim = torch.ones(4, SIZE, SIZE, 1), 0.01 * torch.ones(4, SIZE, SIZE, 3)
     return {
-        "mask": one, "albedo": wrong, "roughness": 0.5 + 0.2 * normal[..., 1:2], "normals": normal, "visibility": one,
-        "places": 0.1 * normal[..., :2], "misfit": 0.01 * one, "shine": 0.01 * one, "residual": 0 * shading,
-        "shading": shading, "squared_shading": shading[..., :1].square(), "looks": 3 * one, "true_albedo": truth, "true_roughness": 0.5 * one,
+        "image": torch.cat([truth * 0.5, one], -1), "albedo": wrong, "roughness": 0.5 + 0.2 * normal[..., 1:2],
+        "radiance": truth * 0.5, "specular": dim, "evidence": dim[..., :2], "normal": normal, "visibility": one,
+        "sightings": 3 * one, "true_albedo": truth, "true_roughness": 0.5 * one,
     }  # fmt: skip
 
 
@@ -119,7 +119,7 @@ def test_no_limit_of_the_gradient_is_one_that_is_never_reached(folders: Path, tm
 
 def test_fits_that_show_nothing_are_named_by_their_folder(folders: Path, tmp_path: Path) -> None:
     black = made_up(0, 0)
-    write_fit(fit_path(tmp_path, 0, 0), {**black, "mask": 0 * black["mask"]}, FitInfo(0, 8))
+    write_fit(fit_path(tmp_path, 0, 0), {**black, "image": 0 * black["image"]}, FitInfo(0, 8))
     with pytest.raises(InputError, match=f"{tmp_path}: expected fits that show something and are finite, found none"):
         Views(tmp_path)
 
@@ -136,24 +136,19 @@ def test_views_are_recoloured_and_turned_together(folders: Path, monkeypatch: py
     torch.testing.assert_close(turned.errors(nothing), plain.errors(nothing), rtol=1e-4, atol=1e-7)
 
 
-def test_another_light_and_another_cast_are_stops_of_the_shading() -> None:
-    """A light of a stop more is a stop of shading everywhere; a cast is one less, and what scales the albedo undoes it."""
+def test_another_light_tints_all_that_it_lights_and_another_cast_the_albedo_alone() -> None:
+    """Renders keep their ratios to the photograph, whose coverage stays; what scales the albedo to the truth undoes the cast."""
     views = {name: torch.rand(5, SIZE, SIZE, channels) + 0.1 for name, channels in CHANNELS.items()}
-    views["mask"] = torch.ones(5, SIZE, SIZE, 1)
     scale = torch.rand(5, 3) + 0.5
     seen, scaled = _recoloured(views, scale, torch.Generator().manual_seed(0))
+    tint = seen["image"][..., :3] / views["image"][..., :3]
+    assert float(tint.std()) > 0.1
+    for name in ("radiance", "specular"):
+        torch.testing.assert_close(seen[name], tint * views[name])
     torch.testing.assert_close(seen["albedo"] * scaled[:, None, None], views["albedo"] * scale[:, None, None])
     assert not torch.equal(seen["albedo"], views["albedo"])
-    more = seen["shading"] - views["shading"]
-    assert float(more.std()) > 0.1
-    torch.testing.assert_close(more, more[:, :1, :1].expand_as(more))
-
-    def variance(of: dict[str, Tensor]) -> Tensor:
-        return of["squared_shading"] - of["shading"].mean(-1, keepdim=True).square()
-
-    torch.testing.assert_close(variance(seen), variance(views), rtol=1e-4, atol=1e-4)
-    changed = ("albedo", "shading", "squared_shading")
-    assert all(torch.equal(seen[name], views[name]) for name in CHANNELS if name not in changed)
+    assert torch.equal(seen["image"][..., 3], views["image"][..., 3])
+    assert all(torch.equal(seen[name], views[name]) for name in CHANNELS if name not in ("image", "radiance", "specular", "albedo"))
 
 
 def test_the_same_seeds_are_refused(folders: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -174,9 +169,9 @@ def test_fits_come_back_and_damage_is_named(folders: Path, tmp_path: Path) -> No
     with pytest.raises(InputError, match="a file that cannot be read"):
         load_fit(damaged)
     write_fit(damaged, tensors, FitInfo(0, 8, version=99))
-    with pytest.raises(InputError, match="expected fits of version 3, found 99"):
+    with pytest.raises(InputError, match="expected fits of version 2, found 99"):
         load_fit(damaged)
-    metadata = {"seed": "0", "index": "1", "photographs": "8", "clipped": "1", "version": "3"}  # as older programs wrote it
+    metadata = {"seed": "0", "index": "1", "photographs": "8", "clipped": "1", "version": "2"}  # as older programs wrote it
     save_file(tensors, damaged, metadata=metadata)
     assert load_fit(damaged)[1] == FitInfo(0, 8)
     with pytest.raises(InputError, match=r"expected fit_\*\.safetensors .*, found none"):
@@ -198,10 +193,10 @@ def test_fits_of_procedural_scenes_are_made_and_kept(tmp_path: Path, capsys: pyt
     for name in ("true_albedo", "true_roughness"):
         torch.testing.assert_close(again[name], tensors[name])
     torch.testing.assert_close(again["albedo"].float(), tensors["albedo"].float(), rtol=0, atol=0.05)
-    inside = tensors["mask"][..., 0] > 0.9
+    inside = tensors["image"][..., 3] > 0.9
     assert float(tensors["true_albedo"][inside].float().min()) >= 0.019
     assert float(tensors["true_roughness"][inside].float().min()) >= 0.04
-    assert float(tensors["visibility"].max()) <= 1
+    assert int(tensors["sightings"].max()) <= info.photographs
     assert make([line[0], "seed=3", "size=24", "fits=2"]) == 2
     assert f"{first}: expected a fit in photographs of size=24 pixels a side, found 16" in capsys.readouterr().err
 

@@ -41,11 +41,11 @@ def ask_to_distill(prior: Distiller, observations: Observations, renders: Mappin
     return checked(name_of(prior), "distill", samples, frozenset(renders), observations.images.shape)
 
 
-def ask_to_refine(prior: Refiner, pictures: Mapping[str, Tensor]) -> Samples:
-    """The material of the ``pictures`` as the prior corrects it, checked like samples."""
+def ask_to_refine(prior: Refiner, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
+    """The material of ``renders`` as the prior corrects it, checked like samples."""
     with at_work("prior", name_of(prior)):
-        samples = prior.refine(_copied(pictures))
-    return checked_refinement(name_of(prior), samples, tuple(pictures["albedo"].shape))
+        samples = prior.refine(observations.copy(), _copied(renders))
+    return checked_refinement(name_of(prior), samples, observations.images.shape)
 
 
 def checked_refinement(name: str, samples: Any, shape: tuple[int, ...]) -> Samples:  # noqa: ANN401

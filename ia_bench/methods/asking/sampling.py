@@ -13,7 +13,7 @@ from torch import Tensor
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.methods.asking.border import LARGEST, absurd_values, ask, ask_to_distill, ask_to_refine, check_prior_info, name_of
-from ia_bench.methods.asking.geometry import view_geometry
+from ia_bench.methods.asking.geometry import count_sightings, view_geometry
 from ia_bench.methods.asking.views import evenly_spread
 from ia_bench.methods.contract import Problem
 from ia_bench.priors.contract import Distiller, Fingerprinted, Observations, Prior, Refiner, Samples
@@ -47,8 +47,8 @@ class PriorSampler:
             share = getattr(settings, name)
             if share and not isinstance(prior, Refiner):
                 raise InputError(
-                    f"prior.supervision.{name}={share:g}: expected a prior with a method refine(pictures), "
-                    f"found {name_of(prior)}, which has none"
+                    f"prior.supervision.{name}={share:g}: expected a prior with a method refine(observations, "
+                    f"renders), found {name_of(prior)}, which has none"
                 )
         self.views = evenly_spread(problem.scene, problem.plan.prior_views if settings.views == "auto" else settings.views)
         self.counters = {"prior_cached": 0, "prior_absurd_values": 0, "network_calls": 0}
@@ -78,10 +78,10 @@ class PriorSampler:
         assert isinstance(self._prior, Distiller)
         return self._accounted(ask_to_distill(self._prior, self._observations(views), renders, seed=seed))
 
-    def refine(self, pictures: Images) -> Samples:
-        """What the prior makes of the ``pictures`` of a finished fit. Raises InputError like :meth:`draw`."""
+    def refine(self, renders: Images) -> Samples:
+        """What the prior makes of the fit's ``renders`` of the views asked. Raises InputError like :meth:`draw`."""
         assert isinstance(self._prior, Refiner)
-        return self._accounted(ask_to_refine(self._prior, pictures))
+        return self._accounted(ask_to_refine(self._prior, self._observations(self.views), renders))
 
     def _accounted(self, samples: Samples) -> Samples:
         for name, count in samples.cost.items():
@@ -99,7 +99,8 @@ class PriorSampler:
             images, masks = (torch.from_numpy(np.stack([getattr(view, key) for view in chosen])) for key in ("image", "mask"))
             seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
             normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
-            self._shown = Observations(images, masks, views, normals, visibility)
+            sightings = count_sightings(self._problem, views) if "sightings" in wants else None
+            self._shown = Observations(images, masks, views, normals, visibility, sightings)
         return self._shown
 
     def _key(self, shown: Observations) -> str:
@@ -107,7 +108,7 @@ class PriorSampler:
         prior = self._prior
         assert isinstance(prior, Fingerprinted)
         rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
-        geometry = [tensor for tensor in (shown.normals, shown.visibility) if tensor is not None]
+        geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.sightings) if tensor is not None]
         return content_key("samples", prior.fingerprint, rounding, str(self._seed), shown.images, shown.masks, *geometry)
 
 

@@ -1,6 +1,6 @@
 """What a fit asks its prior, and when: once before stage 1, again before stage 2, or every few steps if it is distilled.
 
-And what corrects the material by the prior's settings: passes of parsimony, a guess of what is unseen at the end and a refiner.
+And what corrects the material by the prior's settings: passes of parsimony, a refiner and a guess of what is unseen at the end.
 """
 
 from __future__ import annotations
@@ -15,20 +15,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.asking.sampling import Images, PriorSampler
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
-from ia_bench.methods.two_stage.evidence import photographed_evidence
 from ia_bench.methods.two_stage.looks import looks, smoothed
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.parsimony import PLACES, passes, pooled
-from ia_bench.methods.two_stage.refinement import Fusion, refined_albedo, refined_roughness
+from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo, refined_roughness
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
-from ia_bench.methods.two_stage.surroundings import CAMERAS, LARGEST, SIDE, cameras_around, pictures
 from ia_bench.methods.two_stage.symmetry import completed
 from ia_bench.methods.two_stage.targets import Targets, make_targets
 from ia_bench.render.renderer import texture_images
@@ -118,41 +115,34 @@ class Dialogue:
             parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, albedo, mean_albedo, share))
             parameters.tensors["roughness"].copy_(refined_roughness(fusion, material.roughness, roughness, mean_roughness, share))
 
-    def complete(self, material: Material, light: SampledLight, observed: Tensor, generator: torch.Generator) -> Material:
-        """The recovered ``material`` as the settings have it corrected once all steps are done.
-
-        What photographs hardly show, or not at all, is guessed; then the prior corrects all of it.
-        """
+    def refine(self, parameters: Parameters, generator: torch.Generator) -> None:
+        """Let the prior correct the material that was recovered, if the settings want it."""
         settings = self._problem.supervision
+        if not settings.refinement and not settings.roughness_refinement:
+            return
         with self._asking(), torch.no_grad():
+            material, fusion = parameters.material(detached=True), self._fusion
+            fitted = fitted_views(self._problem, fusion, self._sampler.views, material, parameters.light(), generator)
+            renders = {name: images.cpu() for name, images in fitted.items()}
+            corrected = self._sampler.refine(renders).values
+
+            def both(name: str) -> tuple[Tensor, Tensor]:
+                return fusion.pixels(renders[name]), fusion.pixels(corrected[name])
+
+            parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, *both("albedo"), settings.refinement))
+            if "roughness" in corrected:
+                refined = refined_roughness(fusion, material.roughness, *both("roughness"), settings.roughness_refinement)
+                parameters.tensors["roughness"].copy_(refined)
+
+    def complete(self, material: Material, observed: Tensor, generator: torch.Generator) -> Material:
+        """The recovered ``material`` with what photographs hardly show, or not at all, as the settings have it guessed."""
+        settings = self._problem.supervision
+        with self._asking():
             if settings.neighbours:
-                material = smoothed(material, self._looks(len(observed)), observed, settings.neighbours)
+                material = smoothed(material, looks(self._problem, len(observed)), observed, settings.neighbours)
             if settings.symmetry:
                 material = completed(self._problem.stage, material, observed, settings.symmetry, generator)
-            if settings.refinement or settings.roughness_refinement:
-                material = self._refined(material, light, generator)
         return material
-
-    def _refined(self, material: Material, light: SampledLight, generator: torch.Generator) -> Material:
-        problem, settings = self._problem, self._problem.supervision
-        said = photographed_evidence(problem, self._sampler.views, material, light, generator)
-        view = problem.scene.train[0]
-        cameras = cameras_around(problem.scene.expect_mesh().vertices, CAMERAS, min(max(view.mask.shape), LARGEST))
-        gbuffer = problem.stage.gbuffer(cameras, SIDE)
-        shown = pictures(problem, gbuffer, cameras, material, said, self._looks(len(material.albedo)))
-        corrected = self._sampler.refine({name: images.cpu() for name, images in shown.items()}).values
-        fusion = Fusion(problem.renderer.surface, gbuffer)
-
-        def both(name: str) -> tuple[Tensor, Tensor]:
-            return fusion.pixels(shown[name]), fusion.pixels(corrected[name])
-
-        albedo, roughness = refined_albedo(fusion, material.albedo, *both("albedo"), settings.refinement), material.roughness
-        if "roughness" in corrected:
-            roughness = refined_roughness(fusion, roughness, *both("roughness"), settings.roughness_refinement)
-        return Material(albedo, roughness, material.metallic)
-
-    def _looks(self, size: int) -> Tensor:
-        return looks(self._problem, size)
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""
@@ -181,7 +171,7 @@ class Dialogue:
     @cached_property
     def _fusion(self) -> Fusion:
         """Of the views that the prior is asked about."""
-        return Fusion.of_photographs(self._problem, self._sampler.views)
+        return Fusion(self._problem, self._sampler.views)
 
     @contextmanager
     def _asking(self) -> Iterator[None]:

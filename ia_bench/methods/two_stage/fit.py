@@ -73,8 +73,8 @@ class Fit:
                 self._pause(stage)
         if self.settings.solve_albedo:
             self._solve_albedo()
+        self.dialogue.refine(self.parameters, self.generator)
         self.dialogue.pool(self.step, self.steps, self.parameters, self.generator)
-        recovered = self._recovered(final=True)
         if self.guard.skipped:
             self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
         counters = {
@@ -83,6 +83,7 @@ class Fit:
             "exchange_blocked_steps": self.parameters.exchange.blocked,
             "samples_per_pixel": self.objective.samples_per_pixel,
         }
+        recovered = self._recovered(final=True)
         return Result(recovered, {"prior": self.dialogue.seconds, **self.seconds}, counters, self.steps)
 
     # ---- one step ----------------------------------------------------------------------------------------------
@@ -147,7 +148,7 @@ class Fit:
     def _recovered(self, *, final: bool) -> TexturedReconstruction:
         material, light = self.parameters.recovered(final=final)
         if final:
-            material = self.dialogue.complete(material, self.parameters.light(), self.parameters.observed, self.generator)
+            material = self.dialogue.complete(material, self.parameters.observed, self.generator)
         return TexturedReconstruction(self.problem.stage, material, light, coat=self.problem.render.coat)
 
     def _save(self) -> None:

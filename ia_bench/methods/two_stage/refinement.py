@@ -1,24 +1,32 @@
-"""What pictures of the surface show, brought to the places that they show: a prior's corrections, and what tells it of them."""
+"""What photographs show, brought to the places of the surface that they show: a prior's corrections, and what tells it of them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from copy import copy
 
 import torch
 from torch import Tensor
 
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
-from ia_bench.material.textures import fill_unobserved, splat
+from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.asking.views import restrict
+from ia_bench.methods.bounds import known_pixels
 from ia_bench.methods.contract import Problem
-from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator
+from ia_bench.render.renderer import texture_images
+from ia_bench.scenes.scene import View
 
 OFFSET = 0.01
 """It is added to both sides of a quotient of albedos, so that black ones have one."""
+DARK = 0.02
+"""This share of the mean of the photographs is added to both sides of a quotient of radiances, for the same reason."""
+SAMPLES = 32
+"""A pixel takes so many samples of the light in the pictures of a fit that are to be corrected."""
 
 
 class Fusion:
-    """Averages pictures of the surface over the pixels that show a texel.
+    """Averages images of some training ``views`` over the pixels that show a texel.
 
     Each pixel is weighed by the cosine at which it sees the surface; those that the object covers in part are left out.
 
@@ -26,20 +34,16 @@ class Fusion:
         position: (P, 3), where the surface is that the pixels show.
     """
 
-    def __init__(self, surface: SurfaceInterpolator, gbuffer: GBuffer) -> None:
-        covered = torch.nonzero(gbuffer.filled)[:, 0]
-        self._surface = surface
-        self._pixel, self._face, self._barycentric = gbuffer.pixel[covered], gbuffer.face[covered], gbuffer.barycentric[covered]
-        origin = gbuffer.seen_from(covered)
+    def __init__(self, problem: Problem, views: tuple[int, ...]) -> None:
+        part, _ = restrict(problem.gbuffer, views)
+        covered = torch.nonzero(part.filled)[:, 0]
+        self._surface = problem.renderer.surface
+        self._pixel, self._face, self._barycentric = part.pixel[covered], part.face[covered], part.barycentric[covered]
+        origin = part.seen_from(covered)
         middle = self._surface(self._face[:, 0].long(), self._barycentric[:, 0], origin)
         toward = origin - middle.position
         self.position = middle.position
         self._cosine = (middle.normal * toward).sum(-1, keepdim=True).clamp_min(0) / toward.norm(dim=-1, keepdim=True)
-
-    @classmethod
-    def of_photographs(cls, problem: Problem, views: tuple[int, ...]) -> Fusion:
-        """Of some training ``views``."""
-        return cls(problem.renderer.surface, restrict(problem.gbuffer, views)[0])
 
     def __bool__(self) -> bool:
         """Whether there is any such pixel."""
@@ -94,3 +98,41 @@ def refined_roughness(fusion: Fusion, texture: Tensor, shown: Tensor, corrected:
     if not fusion:
         return texture
     return (texture + share * fusion.texture(corrected - shown, len(texture))).clamp(MIN_ROUGHNESS, 1)
+
+
+def fitted_views(
+    problem: Problem, fusion: Fusion, views: tuple[int, ...], material: Material, light: SampledLight, generator: torch.Generator
+) -> dict[str, Tensor]:
+    """What a fit shows in some training ``views``, those of the ``fusion``, as a prior is to correct it.
+
+    The pictures are those of :meth:`ia_bench.priors.contract.Refiner.refine`; their :func:`evidence` is that of these photographs.
+    """
+    part, _ = restrict(problem.gbuffer, views)
+    rendered = problem.renderer.render_images(part, material, light, SAMPLES, generator)
+    together = evidence(fusion, [problem.scene.train[view] for view in views], rendered, len(material.albedo))
+    images = {name: rendered[name] for name in ("albedo", "radiance", "specular")}
+    for name, texture in (("roughness", material.roughness), ("evidence", together)):
+        images[name] = texture_images(problem.renderer.surface, part, texture)
+    return images
+
+
+def evidence(fusion: Fusion, views: Sequence[View], renders: Mapping[str, Tensor], size: int) -> Tensor:
+    """What photographs together say about each place: a texture (size, size, 2).
+
+    ``views`` are those of the ``fusion``, ``renders`` a fit's "radiance" and "specular" (V, H, W, 3) in them. The first channel is
+    its misfit, the root of the mean square of log((photograph + d) / (radiance + d)), of grey values, with d = DARK of the
+    photographs' mean; pixels of which only a bound is known (:class:`ia_bench.scenes.scene.View`) have none. The second is how
+    much of a highlight the place has been seen in: the root of the mean square of specular / (radiance + d). Means are those of
+    :class:`Fusion`.
+    """
+    photographs = torch.stack([torch.from_numpy(view.image) for view in views])
+    shown, radiance, specular = (
+        fusion.pixels(images).mean(-1, keepdim=True) for images in (photographs, renders["radiance"], renders["specular"])
+    )
+    dark = DARK * shown.mean().clamp_min(1e-12)
+    misfit = torch.log((shown.clamp_min(0) + dark) / (radiance.clamp_min(0) + dark))
+    known = known_pixels(views)
+    if known is not None:
+        misfit = misfit * fusion.pixels(known)
+    shine = specular / (radiance + dark)
+    return fusion.texture(torch.cat([misfit, shine], 1).square(), size).clamp_min(0).sqrt()

@@ -1,7 +1,7 @@
 """What the refiner sees of a fit, and the network that corrects its material: a small U-Net at full resolution.
 
-The albedo's level is divided out before the network sees anything. So it can say nothing about how bright the whole object is
-painted, which photographs of an unknown light do not tell.
+Levels are divided out before the network sees anything: of the photograph by its mean, of the albedo by its own. So it can say
+nothing about how bright the whole object is painted, which photographs of an unknown light do not tell.
 """
 
 from __future__ import annotations
@@ -14,30 +14,27 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import PICTURES
 from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
 
-FEATURES = 22
-"""Channels of :func:`see`: albedo (3), roughness, misfit, shine, residual and shading (3 each), spread, looks (2), normals (3),
-visibility, places (2), mask."""
-ALBEDO = 0.35
-"""The albedo is multiplied such that this is its mean over the object."""
-LARGEST_ALBEDO = 4.0
-"""Values multiplied in this way are clipped here: larger ones are errors."""
+FEATURES = 24
+"""Channels of :func:`see`: photograph, albedo, specular shading, log shading, misfit, normal (3 each), evidence (2), roughness,
+visibility, sightings, mask."""
+RENDERS = {"albedo": 3, "roughness": 1, "radiance": 3, "specular": 3, "evidence": 2}
+"""What :func:`see` is given of a fit, and how many channels each has."""
+PHOTOGRAPH, ALBEDO = 0.3, 0.35
+"""The photograph and the albedo are multiplied such that these are their means over the object."""
+LARGEST_RADIANCE, LARGEST_ALBEDO = 8.0, 4.0
+"""Values multiplied in this way are clipped here: larger ones are highlights and errors."""
+OFFSET = 0.02
+"""It is added to both sides of a quotient of which the network sees the logarithm, so that black has one."""
 LEAST_COVERAGE = 0.02
 """Premultiplied values are divided by the coverage of their pixel, or by this where it is less."""
 EMPTY = 0.02
 """A pixel that the object covers no more than this shows nothing."""
-LARGEST = 4.0
-"""Misfit and shine are clipped here,"""
-MOST_STOPS = 2.0
-"""the residual and, multiplied as follows, the shading at so many up and down."""
-SHADING_SCALE, SPREAD_SCALE = 0.3, 0.5
-"""Stops of the shading, and how much photographs differ in it, are multiplied such that they are about as large as the rest."""
-SURE = 0.2
-"""At so many looks l the first of their two channels, l^2 / (l^2 + SURE^2), is a half."""
-LOOKS_SCALE = 4
-"""The log2 of 1 + looks is divided by this: 15 photographs that look straight at a place are a 1."""
+SHADING_STOPS, SHADING_SCALE = 6, 0.3
+"""The log2 of the shading is clipped to so many stops up and down, and multiplied so that it is about as large as the rest."""
+SIGHTINGS_SCALE = 6
+"""The log2 of 1 + sightings is divided by this: 63 photographs that show a place are a 1."""
 
 
 @dataclass(frozen=True)
@@ -91,33 +88,31 @@ class Seen:
         return albedo * self.mask, roughness * self.mask
 
 
-def see(pictures: Mapping[str, Tensor]) -> Seen:
-    """The PICTURES (N, H, W, C) of a fit as :meth:`ia_bench.priors.contract.Refiner.refine` has them."""
-    mask = pictures["mask"]
+def see(
+    images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], normals: Tensor, visibility: Tensor, sightings: Tensor
+) -> Seen:
+    """Photographs (N, H, W, 3) of ``masks`` (N, H, W) and what a fit renders there, all premultiplied and linear.
+
+    ``renders`` are the RENDERS of a fit as in :meth:`ia_bench.priors.contract.Refiner.refine`; ``normals`` (N, H, W, 3),
+    ``visibility`` and ``sightings`` (N, H, W, 1) as in :class:`ia_bench.priors.contract.Observations`.
+    """
+    albedo = renders["albedo"]
+    mask = masks[..., None]
     straight = 1 / mask.clamp_min(LEAST_COVERAGE)
     inside = (mask > 0.5).float()
-    whole = {name: pictures[name] * straight for name in PICTURES}
-    factor = ALBEDO / _mean(whole["albedo"], inside)
-    shown = linear_to_srgb((whole["albedo"] * factor).clamp(0, LARGEST_ALBEDO))
-    shading, looks = whole["shading"], whole["looks"].clamp_min(0)
-    spread = (whole["squared_shading"] - shading.mean(-1, keepdim=True).square()).clamp_min(0).sqrt()
-    channels = [
-        shown,
-        whole["roughness"],
-        whole["misfit"].clamp(0, LARGEST),
-        whole["shine"].clamp(0, LARGEST),
-        whole["residual"].clamp(-MOST_STOPS, MOST_STOPS),
-        (SHADING_SCALE * shading).clamp(-MOST_STOPS, MOST_STOPS),
-        SPREAD_SCALE * spread,
-        looks.square() / (looks.square() + SURE**2),
-        torch.log2(1 + looks) / LOOKS_SCALE,
-        whole["normals"],
-        whole["visibility"],
-        whole["places"],
-        mask,
-    ]
-    features = torch.cat(channels, -1) * (mask > EMPTY)
-    first = [each.movedim(-1, 1).contiguous() for each in (features, shown, whole["roughness"])]
+    exposure, factor = PHOTOGRAPH / _mean(images * straight, inside), ALBEDO / _mean(albedo * straight, inside)
+    photograph = (images * straight * exposure).clamp(0, LARGEST_RADIANCE)
+    rendered = (renders["radiance"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
+    shine = (renders["specular"] * straight * exposure).clamp(0, LARGEST_RADIANCE)
+    paint = (albedo * straight * factor).clamp(0, LARGEST_ALBEDO)
+    stops = torch.log2(((photograph - shine).clamp_min(0) + OFFSET) / (paint + OFFSET))
+    shading = stops.clamp(-SHADING_STOPS, SHADING_STOPS) * SHADING_SCALE
+    misfit = torch.log2((photograph + OFFSET) / (rendered + OFFSET))
+    shown, roughness = linear_to_srgb(paint), renders["roughness"] * straight
+    evidence, counts = renders["evidence"] * straight, torch.log2(1 + sightings.clamp_min(0)) / SIGHTINGS_SCALE
+    colours = [linear_to_srgb(photograph), shown, linear_to_srgb(shine), shading, misfit]
+    features = torch.cat([*colours, normals, evidence, roughness, visibility, counts, mask], -1) * (mask > EMPTY)
+    first = [each.movedim(-1, 1).contiguous() for each in (features, shown, roughness)]
     return Seen(first[0], first[1], factor, first[2], mask)
 
 

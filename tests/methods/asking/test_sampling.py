@@ -218,6 +218,18 @@ def test_geometry_decides_too(problem: Problem) -> None:
     assert [one.counters["prior_cached"] for one in asking] == [0, 1, 0]
 
 
+def test_sightings_decide_too(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = iter((1.0, 1.0, 2.0))  # photographs of each place, of which the same views are asked about
+    seen = "ia_bench.methods.asking.sampling.count_sightings"
+    monkeypatch.setattr(seen, lambda _, views: torch.full((len(views), 32, 32, 1), next(counts)))
+    prior, cached = kept(), []
+    prior.info = replace(prior.info, wants=frozenset({"sightings"}))
+    for asking in (sampler(problem, prior) for _ in range(3)):
+        asking.draw(None)
+        cached.append(asking.counters["prior_cached"])
+    assert cached == [0, 1, 0]
+
+
 def test_another_number_of_threads_is_another_draw(problem: Problem) -> None:
     """The last bits of a sample depend on it, and the same configuration must give the same numbers."""
     threads = torch.get_num_threads()

@@ -130,7 +130,7 @@ def test_it_looks_at_the_views_that_are_asked_for(problem: Problem, views: int |
 
 
 def test_of_too_many_pixels_some_are_drawn(problem: Problem) -> None:
-    whole = Fusion.of_photographs(problem, (0, 1, 2))
+    whole = Fusion(problem, (0, 1, 2))
     part = whole.drawn(50, torch.Generator().manual_seed(0))
     assert whole.drawn(len(whole.position), torch.Generator()) is whole
     everything = {tuple(place): albedo for place, albedo in zip(whole.position.tolist(), _shown(whole).tolist(), strict=True)}
