@@ -53,7 +53,7 @@ class WarpRays:
     """See :class:`ia_bench.render.rays.RayCaster`."""
 
     def __init__(self, mesh: Mesh, device: torch.device) -> None:
-        where = str(wp.device_from_torch(device))
+        where = str(device)  # Warp knows "cuda", a device without a number; wp.device_from_torch does not
         points = wp.array(mesh.vertices, dtype=wp.vec3, device=where)
         self._mesh = wp.Mesh(points, wp.array(mesh.faces.reshape(-1), dtype=wp.int32, device=where))
         self.mesh, self.rays = mesh, 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+import warp as wp
 from shapes import disk, mesh_of, plate, soup, sphere, together
 
 from ia_bench.render.embree import EmbreeRays
@@ -208,3 +209,17 @@ def test_rays_that_are_said_to_be_coherent(kind: str, many: tuple[torch.Tensor, 
 
 def test_the_cpu_gets_embree() -> None:
     assert isinstance(make_rays(MESHES["sphere"], CPU), EmbreeRays)
+
+
+def test_a_device_may_come_without_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As ``device=cuda`` does: Warp is asked for it by the name that it knows it by."""
+    asked: list[str] = []
+
+    def array(values: np.ndarray, dtype: type, device: str) -> np.ndarray:
+        asked.append(device)
+        return values
+
+    monkeypatch.setattr(wp, "array", array)
+    monkeypatch.setattr(wp, "Mesh", lambda points, indices: (points, indices))
+    WarpRays(MESHES["sphere"], torch.device("cuda"))
+    assert asked == ["cuda", "cuda"]
