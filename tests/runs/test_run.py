@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from ia_bench.common.errors import InputError
 from ia_bench.methods.books import Books
 from ia_bench.methods.info import MethodInfo
 from ia_bench.runs.composition import compose
-from ia_bench.runs.run import problem_of
+from ia_bench.runs.run import ask_for_the_same_numbers, problem_of
 from ia_bench.scenes.scene import Scene
 
 
@@ -48,3 +49,15 @@ def test_a_method_that_takes_exposures_for_the_same_is_told_of(tiny: Scene, info
     assert [note.startswith("every photograph has an exposure of its own; method=two_stage") for note in notes] == [True] * told
     problem_of(config, tiny, info, note=notes.append, books=Books())
     assert len(notes) == told
+
+
+@pytest.mark.parametrize(("device", "asked"), [("cpu", True), ("cuda", False)])
+def test_the_same_numbers_are_asked_for_where_they_are_to_be_had(device: str, asked: bool) -> None:
+    before = torch.get_deterministic_debug_mode(), torch.utils.deterministic.fill_uninitialized_memory
+    try:
+        ask_for_the_same_numbers(device)
+        assert torch.are_deterministic_algorithms_enabled() == asked
+        assert not torch.is_deterministic_algorithms_warn_only_enabled()
+    finally:
+        torch.set_deterministic_debug_mode(before[0])
+        torch.utils.deterministic.fill_uninitialized_memory = before[1]
