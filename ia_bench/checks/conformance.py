@@ -290,10 +290,10 @@ def _largest(a: Tensor, b: Tensor) -> float:
 
 @contextmanager
 def _as_in_a_run() -> Iterator[None]:
-    """Deterministic algorithms only, as run.py asks for; global random states are put back afterwards."""
+    """Deterministic algorithms only where a prior cannot be on CUDA, as run.py asks for; global random states are put back."""
     deterministic = torch.are_deterministic_algorithms_enabled()
     state, numpy_state = torch.get_rng_state(), np.random.get_state()
-    torch.use_deterministic_algorithms(True)
+    torch.use_deterministic_algorithms(not torch.cuda.is_available())
     try:
         yield
     finally:
