@@ -130,9 +130,7 @@ def choose_shading(wanted: str, notice: Callable[[str], None]) -> str:
     """Resolve ``shading``: "auto" compiles where a C++ compiler is found, else says so in one line."""
     if wanted != "auto":
         return wanted
-    import torch  # takes a second
-
-    if shutil.which("g++") or shutil.which("clang++") or torch.cuda.is_available():
+    if shutil.which("g++") or shutil.which("clang++"):  # with a GPU too: shading is compiled for the CPU, where it runs
         return "compiled"
     notice("shading runs eagerly: no C++ compiler found for torch.compile")
     return "eager"

@@ -116,9 +116,10 @@ def test_choice_of_shading(monkeypatch, wanted, compilers, chosen):
     assert notices == []
 
 
-def test_without_a_compiler_shading_is_eager_and_says_so(monkeypatch):
+@pytest.mark.parametrize("gpu", [False, True])
+def test_without_a_compiler_shading_is_eager_and_says_so(monkeypatch, gpu):
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
     notices = []
     assert choose_shading("auto", notices.append) == "eager"
     assert notices == ["shading runs eagerly: no C++ compiler found for torch.compile"]
