@@ -50,6 +50,14 @@ def content_key(kind: str, *parts: str | Tensor | np.ndarray) -> str:
     return f"{kind}-{digest.hexdigest()[:32]}"
 
 
+def made_on(device: str, kind: str) -> str:
+    """The ``kind`` of a key of what a device of that type makes: no other one makes it to the last bit.
+
+    What the CPU makes must not depend on whether a GPU has been at work before.
+    """
+    return kind if device == "cpu" else f"{kind}-{device}"
+
+
 class Cache:
     """Files ``<key>.safetensors`` in one folder, ``limit`` bytes in all; readers see whole files only."""
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.common.cache import content_key
+from ia_bench.common.cache import content_key, made_on
 from ia_bench.render.embree import EmbreeRays
 from ia_bench.scenes.scene import Mesh
 
@@ -65,6 +65,6 @@ def _nearest(place: Tensor, texel: Tensor, size: int) -> Tensor:
     return torch.from_numpy(row_of.reshape(size, size)[tuple(nearest)])
 
 
-def mesh_key(kind: str, mesh: Mesh, *sizes: int) -> str:
-    """The key under which a cache keeps what is baked for the atlas of a mesh."""
-    return content_key(kind, " ".join(map(str, sizes)), mesh.vertices, mesh.faces, mesh.uv)
+def mesh_key(kind: str, mesh: Mesh, *sizes: int, device: torch.device) -> str:
+    """The key under which a cache keeps what is baked on the ``device`` for the atlas of a mesh."""
+    return content_key(made_on(device.type, kind), " ".join(map(str, sizes)), mesh.vertices, mesh.faces, mesh.uv)

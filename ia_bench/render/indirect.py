@@ -147,7 +147,8 @@ def bake_interreflection(
             )
         return _trace(atlas, surface, rays)
 
-    traced = Cache(cache).kept(mesh_key("interreflection", mesh, VERSION, atlas_size, SKY_ROWS), trace)
+    key = mesh_key("interreflection", mesh, VERSION, atlas_size, SKY_ROWS, device=surface.device)
+    traced = Cache(cache).kept(key, trace)
     atlas = Atlas(**{part: traced[part].to(surface.device) for part in ATLAS_PARTS})
     size = (len(atlas.face), len(atlas.face))
     pairs = torch.stack([traced["to_texel"], traced["from_texel"]]).long()

@@ -15,7 +15,7 @@ import torch
 from safetensors.torch import save_file
 
 from ia_bench.common import cache as module
-from ia_bench.common.cache import Cache, cache_folder, content_key
+from ia_bench.common.cache import Cache, cache_folder, content_key, made_on
 
 TENSORS = {"sample": torch.rand(2, 5, 7, 3), "bits": torch.arange(6, dtype=torch.uint8), "half": torch.ones(3).half()}
 ABOUT = {"seconds": 0.1 + 0.2, "cost": {"network_calls": 40}}
@@ -197,3 +197,8 @@ def test_where_it_lies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
     monkeypatch.setattr(Path, "home", homeless)
     assert cache_folder().name == "ia_bench"
+
+
+def test_what_a_gpu_made_is_not_taken_for_what_the_cpu_makes() -> None:
+    assert made_on("cpu", "bake") == "bake"  # as keys were before there were others
+    assert made_on("cuda", "bake") != "bake"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from shapes import bowl, camera_at, mesh_of, plate, sphere, together
 from stage import Stage
 
 from benchmarks import reference
+from ia_bench.common.cache import Cache
 from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import normalize
@@ -232,3 +234,19 @@ def test_a_layered_coat_conserves_energy() -> None:
         generator = torch.Generator().manual_seed(0)
         rendered = renderer.render_pixels(stage.gbuffer, pixels, flat(1.0, roughness), SampledLight.of(WHITE), 1024, generator)
         assert float((rendered.radiance / rendered.albedo).mean()) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_bake_is_kept_for_the_device_that_made_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Embree and Warp differ in a few rays, and sums on a GPU in their last bits: the CPU must not take over what that made."""
+    keys = []
+
+    def kept(cache: Cache, key: str, make: object) -> None:
+        keys.append(key)
+        raise KeyError
+
+    monkeypatch.setattr(Cache, "kept", kept)
+    for device in ("cpu", "cuda"):
+        with pytest.raises(KeyError):
+            bake_interreflection(sphere(0), SimpleNamespace(device=torch.device(device)), None, 1, tmp_path)  # type: ignore[arg-type]
+    assert keys[0].startswith("interreflection-")
+    assert len(set(keys)) == 2

@@ -44,7 +44,7 @@ class Transport:
         geometric, position = stage.surface.geometry(atlas.face, atlas.barycentric)
         normal = stage.surface(atlas.face, atlas.barycentric, position + geometric).normal
         above = geometric @ directions.T > 0
-        key = mesh_key("landings_of_texels", stage.mesh, size, count)
+        key = mesh_key("landings_of_texels", stage.mesh, size, count, device=stage.device)
         traced = Cache().kept(key, lambda: _trace(stage, atlas, position + stage.surface.offset * geometric, directions, above))
         return cls(atlas, directions, position, normal, above, traced["landed"].to(stage.device))
 

@@ -14,7 +14,7 @@ import torch
 from scipy.optimize import lsq_linear, nnls
 from torch import Tensor
 
-from ia_bench.common.cache import Cache, content_key
+from ia_bench.common.cache import Cache, content_key, made_on
 from ia_bench.light.environment import Environment
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.brdf import normalize
@@ -59,7 +59,7 @@ def fit_light(light: Environment, count: int = LOBES) -> FittedLight:
     Deterministic; kept in the cache by the light's content.
     """
     radiance = light.latlong(ROWS).detach()
-    key = content_key("spherical_gaussians", f"{count} {STEPS} {RATE} {BALANCE}", radiance.cpu())
+    key = content_key(made_on(radiance.device.type, "spherical_gaussians"), f"{count} {STEPS} {RATE} {BALANCE}", radiance.cpu())
     kept = Cache().kept(key, lambda: {name: part.cpu() for name, part in _fit(radiance, count)._asdict().items()})
     lobes = SphericalGaussians(**{name: part.to(radiance.device) for name, part in kept.items()})
     return FittedLight(lobes, residual(radiance, lobes))
