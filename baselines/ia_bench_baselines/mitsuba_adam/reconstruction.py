@@ -25,8 +25,9 @@ class MitsubaReconstruction:
     """
 
     def __init__(self, stage: Stage, material: Material, light: Tensor, *, depth: int) -> None:
-        """``light`` (H, W, 3) radiance; ``depth``: of the longest light path."""
-        self._textures = TexturedReconstruction(stage, material, light)
+        """``light`` (H, W, 3) radiance; ``depth``: of the longest light path. Mitsuba's are on the CPU, wherever the stage is."""
+        albedo, roughness, light = (part.to(stage.device) for part in (material.albedo, material.roughness, light))
+        self._textures = TexturedReconstruction(stage, Material(albedo, roughness), light)
         self._stage, self._depth = stage, depth
         self.environment: Environment | None = self._textures.environment
         self.renderer = f"Mitsuba 3, principled, paths of up to {depth}"
