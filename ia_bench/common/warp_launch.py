@@ -38,7 +38,7 @@ def launch(kernel: wp.Kernel, count: int, *arguments: object, device: torch.devi
     A kernel's first parameter is the number of the first item of its range, which is given here. Tensors have to be contiguous
     and of the kernel's own types (a ``vec3`` is a last axis of 3, for instance).
     """
-    values = _values(kernel, arguments)
+    values = _values(kernel, arguments, device)
 
     def run(first: int, items: int) -> None:
         wp.launch(kernel, items, [first, *values], device=str(device))
@@ -58,7 +58,7 @@ def launch_summing(
     own = [[s if k == 0 or s is None else torch.zeros_like(s) for s in sums] for k in range(len(ranges))]
 
     def run(first: int, items: int, into: Sequence[Tensor | None]) -> None:
-        wp.launch(kernel, items, [first, *_values(kernel, [*arguments, *into])], device=str(device))
+        wp.launch(kernel, items, [first, *_values(kernel, [*arguments, *into], device)], device=str(device))
 
     _each([partial(run, *share, into) for share, into in zip(ranges, own, strict=True)])
     for others in own[1:]:
@@ -67,11 +67,13 @@ def launch_summing(
                 total += part
 
 
-def _values(kernel: wp.Kernel, arguments: Sequence[object]) -> list[Any]:
+def _values(kernel: wp.Kernel, arguments: Sequence[object], device: torch.device) -> list[Any]:
     """The arguments as Warp takes them; None stands for an array of nothing."""
     values = []
     for value, argument in zip(arguments, kernel.adj.args[1:], strict=True):
         if isinstance(value, Tensor):
+            if value.device.type != device.type:  # Warp would follow an address that means nothing there
+                raise ValueError(f"{kernel.key}({argument.label}): expected a tensor on {device.type}, found one on {value.device}")
             value = wp.from_torch(value.detach(), dtype=argument.type.dtype, return_ctype=True)
             if value.ndim != argument.type.ndim:  # Warp would read beyond the end
                 raise ValueError(f"{kernel.key}({argument.label}): expected {argument.type.ndim} axes, found {value.ndim}")

@@ -119,6 +119,13 @@ def test_other_tensors_than_the_kernels_are_refused(name: str, value: torch.Tens
         launch(_of_several_axes, 5, *(GOOD | {name: value}).values(), device=CPU)
 
 
+@pytest.mark.parametrize("name", GOOD)
+def test_a_tensor_on_another_device_is_refused(name: str) -> None:
+    """By its name, before an address of one memory is followed in another, which ends a process or all of CUDA in it."""
+    with pytest.raises(ValueError, match=rf"\({name}\): expected a tensor on cpu, found one on meta"):
+        launch(_of_several_axes, 5, *(GOOD | {name: GOOD[name].to("meta")}).values(), device=CPU)
+
+
 def test_too_few_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match="argument"):
         launch(_count, 3, 5, device=CPU)
