@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -61,11 +62,26 @@ def _made(
     cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
     moving = Photographs(scene.train) if settings.geometry == "sdf" and settings.sdf.align else None
-    mesh = mesh_of(_distances(scene, settings, normals, moving), settings.triangles)
+    with _to_the_bit():
+        mesh = mesh_of(_distances(scene, settings, normals, moving), settings.triangles)
     made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
     if moving is not None:
         made[CAMERAS] = torch.from_numpy(np.stack([camera.to_world for camera in moving.cameras(scene.train)]))
     return made
+
+
+@contextmanager
+def _to_the_bit() -> Iterator[None]:
+    """Torch with deterministic algorithms alone, whatever else is asked of it: of a run on CUDA, and of a new score, it is not.
+
+    Textures fit no mesh but the one that they were recovered on, and another last bit of a distance may be another mesh.
+    """
+    before = torch.get_deterministic_debug_mode()
+    torch.set_deterministic_debug_mode("error")
+    try:
+        yield
+    finally:
+        torch.set_deterministic_debug_mode(before)
 
 
 def _distances(

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from ia_bench.capture import shapes
 from ia_bench.capture.capture import captured, record
@@ -15,7 +16,8 @@ from ia_bench.capture.radiometry import eight_bits, photographed
 from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings, shipped, without_effect
 from ia_bench.capture.views import farthest_first, spread
 from ia_bench.common.errors import InputError
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.scenes.scene import Mesh, Scene, View
 
 
 @pytest.fixture(autouse=True)
@@ -184,6 +186,20 @@ def test_a_hull_of_another_version_of_the_code_is_made_again(tiny: Scene, monkey
     monkeypatch.setattr(shapes, "VERSION", shapes.VERSION + 1)
     captured(tiny, settings, notes.append)
     assert len(notes) == 2
+
+
+def test_a_mesh_is_made_to_the_bit_whatever_torch_is_asked_for(tiny: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs on CUDA do without deterministic algorithms, but a mesh is made on the CPU, and its textures belong to it alone."""
+    asked, plain = [], shapes.mesh_of
+
+    def seen(grid: DistanceGrid, triangles: int) -> Mesh:
+        asked.append(torch.get_deterministic_debug_mode())
+        return plain(grid, triangles)
+
+    monkeypatch.setattr(shapes, "mesh_of", seen)
+    take(tiny, geometry="hull", cells=24)
+    assert asked == [2]
+    assert torch.get_deterministic_debug_mode() == 0
 
 
 # ---------------------------------------------------------------- settings that change nothing
