@@ -37,7 +37,7 @@ A prior is asked about small posed images, those of the shipped scene tiny or co
 ranges, determinism, seeds, guidance, wrong input.
 
 A method reconstructs tiny (scene=NAME or scene.path=FOLDER: another one) with preset=smoke: whether it sees no truth, repeats
-and resumes to the bit, predicts what it says it does, and is scored. prior=NAME gives it one to ask.
+and resumes to the bit (on the CPU), predicts what it says it does, and is scored. prior=NAME gives it one to ask.
 
 A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; what was found, what is missing and what
 will be scored. A picture of it all, cameras around the mesh and photographs with its outline, is written to sheet=FILE.png
@@ -124,7 +124,8 @@ def _check_prior(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
 
 def _check_method(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     given = {text.partition("=")[0] for text in arguments}
-    config = compose([*arguments, *(f"{key}={value}" for key, value in SHORT.items() if key not in given)])
+    short = [f"{key}={value}" for key, value in SHORT.items() if key not in given]
+    config = compose([*arguments, *short, "device=cpu"])  # where the same numbers are promised, which a rule asks for
     limit_threads(config.threads or 1)
     from ia_bench.checks.methods import check_method  # brings in torch
     from ia_bench.methods.books import Books
