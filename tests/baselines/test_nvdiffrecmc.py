@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 import torch
 from torch import Tensor
 
 from ia_bench.checks.methods import Memory, check_method
-from ia_bench.methods.contract import Problem
+from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.nvdiffrecmc.denoiser import Guides, denoise
@@ -83,6 +85,20 @@ def test_gradients_are_the_transpose_of_the_filter():
     (denoise(leaf, guides, 1.0) * asked).sum().backward()
     assert leaf.grad is not None
     assert float((leaf.grad * given).sum()) == pytest.approx(float((denoise(given, guides, 1.0) * asked).sum()), rel=1e-4)
+
+
+def test_a_step_draws_its_view_where_the_generator_is(tiny: Scene, monkeypatch: pytest.MonkeyPatch):
+    """That of a fit on a GPU is there, and torch takes it for nothing that is made elsewhere, as is what names no device."""
+    devices, plain = [], torch.randint
+
+    def randint(*arguments: Any, **named: Any) -> Tensor:
+        devices.append(named.get("device"))
+        return plain(*arguments, **named)
+
+    monkeypatch.setattr(torch, "randint", randint)
+    problem = Problem(tiny.blind(), RENDER, note=lambda _: None)
+    Nvdiffrecmc(NvdiffrecmcOptions(steps=1)).fit(problem, seed=0, monitor=Monitor.silent())
+    assert set(devices) == {torch.device("cpu")}
 
 
 @pytest.mark.slow

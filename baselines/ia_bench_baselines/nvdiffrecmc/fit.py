@@ -65,7 +65,7 @@ class Fit:
 
     def _loss(self, step: int, generator: torch.Generator) -> Tensor:
         options, scene = self._options, self._scene
-        chosen = self._views[int(torch.randint(len(self._views), (), generator=generator))]
+        chosen = self._views[int(torch.randint(len(self._views), (), generator=generator, device=generator.device))]
         points = self._pixels.points(chosen)
         rendered = self._render(chosen, scene.light, generator)
 
