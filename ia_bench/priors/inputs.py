@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Literal
 
 import torch
@@ -16,11 +18,30 @@ Device = Literal["auto", "cpu", "cuda"]
 Precision = Literal["auto", "bf16", "float32"]
 
 
+_run_device: ContextVar[str | None] = ContextVar("run_device", default=None)
+
+
+@contextmanager
+def beside_run(device: str) -> Iterator[None]:
+    """Priors that are made inside belong to a run on ``device``, "cpu" or "cuda".
+
+    One of a run on the CPU stays there unless its own options say otherwise: the same configuration is to give the same numbers on
+    a machine that has a GPU.
+    """
+    token = _run_device.set(device)
+    try:
+        yield
+    finally:
+        _run_device.reset(token)
+
+
 def choose_device(wanted: Device) -> torch.device:
-    """The device of the option ``device``: auto takes CUDA where torch finds it. Raises InputError."""
+    """The device of the option ``device``: auto takes CUDA where torch finds it, but not in a run on the CPU. Raises InputError."""
     available = torch.cuda.is_available()
     if wanted == "cuda" and not available:
         raise InputError("prior.options.device=cuda: torch finds no CUDA device here; use cpu or auto")
+    if wanted == "auto" and _run_device.get() == "cpu":
+        return torch.device("cpu")
     return torch.device("cuda" if available and wanted != "cpu" else "cpu")
 
 

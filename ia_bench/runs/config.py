@@ -123,7 +123,8 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     for a plugin that is none, and for what this machine has not got.
     """
     config = parsed(RunConfig, content)
-    config = replace(config, prior=_prior(config.prior), method=_method(config, here), fit=None)
+    device = _device(config.device, here)
+    config = replace(config, prior=_prior(config.prior, device), method=_method(config, here), fit=None)
     scene = config.scene
     if scene.path is not None:
         folder = user_path("scene.path", scene.path, folder=True)
@@ -137,7 +138,7 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     if config.threads is not None and config.threads > most:
         raise InputError(f"threads: expected 1 to {most} on this machine of {os.cpu_count()} cores, found {config.threads}")
     threads = config.threads or len(os.sched_getaffinity(0))
-    return replace(config, scene=scene, threads=threads, device=_device(config.device, here))
+    return replace(config, scene=scene, threads=threads, device=device)
 
 
 def options_class(method: MethodConfig) -> type:
@@ -184,13 +185,21 @@ def slug(text: str) -> str:
     return "-".join("".join(c if c.isalnum() or c in "_." else " " for c in text).split())
 
 
-def _prior(prior: PriorConfig) -> PriorConfig:
-    """The prior with its options checked against its class, and made explicit where they depend on this machine."""
+def _prior(prior: PriorConfig, device: str) -> PriorConfig:
+    """The prior with its options checked against its class, and made explicit where they depend on this machine.
+
+    ``device``: of the run.
+    """
     _check_finite("prior.options", prior.options)
     kind = registry.load(registry.named("prior", prior.name, prior.target))
     check_arguments(kind, prior.options, "prior.options")
     resolve = getattr(kind, "resolved_options", None)
-    return prior if resolve is None else replace(prior, options=resolve(prior.options))
+    if resolve is None:
+        return prior
+    from ia_bench.priors.inputs import beside_run  # brings in torch, as do all that have something to resolve
+
+    with beside_run(device):
+        return replace(prior, options=resolve(prior.options))
 
 
 def _method(config: RunConfig, here: bool) -> MethodConfig:

@@ -20,6 +20,7 @@ from ia_bench.methods.books import Books
 from ia_bench.methods.contract import Method, Monitor, Problem, Result
 from ia_bench.methods.info import MethodInfo
 from ia_bench.priors.contract import Prior
+from ia_bench.priors.inputs import beside_run
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.runs import interruption
@@ -107,7 +108,8 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
     with books.aside("bake"):
         prior: Prior = NoPrior()
         if info.uses_prior:
-            prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
+            with beside_run(config.device):
+                prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
             check_prior_info(prior)
     return Problem(
         scene.blind(),

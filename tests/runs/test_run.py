@@ -11,6 +11,7 @@ import torch
 from ia_bench.common.errors import InputError
 from ia_bench.methods.books import Books
 from ia_bench.methods.info import MethodInfo
+from ia_bench.priors import inputs, learned
 from ia_bench.runs.composition import compose
 from ia_bench.runs.run import ask_for_the_same_numbers, problem_of
 from ia_bench.scenes.scene import Scene
@@ -61,3 +62,26 @@ def test_the_same_numbers_are_asked_for_where_they_are_to_be_had(device: str, as
     finally:
         torch.set_deterministic_debug_mode(before[0])
         torch.utils.deterministic.fill_uninitialized_memory = before[1]
+
+
+@pytest.mark.parametrize(("overrides", "expected"), [
+    (["device=cpu"], "cpu"), (["device=cuda"], "cuda"), (["device=cpu", "prior.options.device=cuda"], "cuda"),
+])  # fmt: skip
+@pytest.mark.parametrize("behind", [False, True], ids=["asked", "behind another one"])
+def test_a_prior_goes_where_the_run_is_unless_it_is_told_where(
+    overrides: list[str], expected: str, behind: bool, tiny: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a machine has is no part of a run's identity, so that a GPU must not have a say in a run on the CPU."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda: True)
+    monkeypatch.setattr(inputs, "use_bf16", lambda precision, device: device.type == "cuda")
+    monkeypatch.setattr(learned, "use_bf16", inputs.use_bf16)
+    if behind:
+        overrides = [text.replace("options.device", "options.of_options") for text in overrides]
+        overrides = [text.replace("of_options=cuda", "of_options={device:cuda}") for text in overrides]
+    config = compose([f"prior={'corrected' if behind else 'diffusion'}", "scene=tiny", *overrides])
+    asked = problem_of(config, tiny, MethodInfo(uses_prior=True), note=lambda _: None, books=Books()).prior
+    found = asked.prior.prior if behind else asked  # told the truth, corrected, itself
+    options = config.prior.options["of_options"] if behind else config.prior.options
+    assert found._device.type == expected
+    assert options["precision"] == ("bf16" if expected == "cuda" else "float32")
