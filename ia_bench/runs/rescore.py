@@ -71,11 +71,12 @@ class Rescorer:
 
     def _scene_of(self, run: Recovered) -> tuple[Stage, Scorer]:
         """The stage and the scorer of the run's scene; those of the run before where that is the same."""
-        capture = run.config.get("config", dict).get("capture")
-        key: tuple[Any, ...] = (run.config.get("config.scene.content", str | None), run.reader, capture)
+        config = run.config.get("config", dict)
+        on_gpu = config.get("device") == "cuda" and torch.cuda.is_available()  # as the scores of the run itself are
+        device = torch.device("cuda" if on_gpu else "cpu")
+        key: tuple[Any, ...] = (run.config.get("config.scene.content", str | None), run.reader, config.get("capture"), device)
         if key != self._key:
             scene = run.read_scene(self.scene)
-            device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
             self._stage, self._scorer = Stage(scene.expect_mesh(), device), Scorer(scene, self.protocol, device)
             self._key, self._scene = key, scene
         return self._stage, self._scorer

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from ia_bench.cli.rescore import main
@@ -29,7 +30,7 @@ SMALL = ["protocol.map_points=2", "protocol.render_points=2", "protocol.samples_
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of the ceiling on tiny."""
     folder = tmp_path_factory.mktemp("runs") / "ceiling"
-    execute(compose(["scene=tiny", "method=ceiling", "threads=1", "seed=3", *SMALL, f"out={folder}"]))
+    execute(compose(["scene=tiny", "method=ceiling", "device=cpu", "threads=1", "seed=3", *SMALL, f"out={folder}"]))
     return folder
 
 
@@ -50,6 +51,14 @@ def old_run(run: Path, tmp_path: Path) -> Path:
 
 def small() -> Protocol:
     return compose(["scene=tiny", *SMALL]).protocol
+
+
+def test_a_run_on_the_cpu_is_scored_there_where_there_is_a_gpu(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Renders of a GPU differ in their last bits, and its new configuration says of the run that it is on the CPU."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    again = Rescorer(small(), tmp_path).rescore(run)
+    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (run, again))
+    assert after["metrics"] == before["metrics"]
 
 
 def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> None:
