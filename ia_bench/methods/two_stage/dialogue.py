@@ -1,32 +1,23 @@
-"""What a fit asks its prior, and when: once before stage 1, again before stage 2, or every few steps if it is distilled.
-
-And what corrects the material by the prior's settings: passes of parsimony, a refiner and a guess of what is unseen at the end.
-"""
+"""What a fit asks its prior, and when: once before stage 1, again before stage 2, or every few steps if it is distilled."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.material.textures import Material
 from ia_bench.methods.asking.sampling import Images, PriorSampler
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
-from ia_bench.methods.two_stage.looks import looks, smoothed
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.two_stage.parsimony import PLACES, passes, pooled
-from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo, refined_roughness
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
-from ia_bench.methods.two_stage.symmetry import completed
 from ia_bench.methods.two_stage.targets import Targets, make_targets
 from ia_bench.render.renderer import texture_images
 
@@ -37,22 +28,23 @@ class Dialogue:
     """The questions to the prior and the supervision that its last answer gives.
 
     Attributes:
+        sampler: What asks the prior.
         supervision: The losses of the targets at hand; none before the first answer, and none of a prior that says nothing.
-        seconds: What asking and correcting took, that of samples kept from an earlier run included.
+        seconds: What asking took, that of samples kept from an earlier run included.
         counters: What the prior counted, see :class:`ia_bench.methods.asking.sampling.PriorSampler`.
     """
 
     def __init__(self, problem: Problem, settings: FitSettings, seed: int, note: Callable[[str], None]) -> None:
         self._problem, self._settings, self._seed = problem, settings, seed
         self._prior = problem.prior
-        self._sampler = PriorSampler(problem, self._prior, seed, note)
+        self.sampler = PriorSampler(problem, self._prior, seed, note)
         self.seconds = 0.0
         self.supervise(Targets({}, torch.zeros(len(problem.gbuffer.pixel), 1, device=problem.device)))
 
     @property
     def counters(self) -> dict[str, int]:
         """See the class."""
-        return self._sampler.counters
+        return self.sampler.counters
 
     @property
     def supervising(self) -> frozenset[str]:
@@ -84,9 +76,9 @@ class Dialogue:
         if self._problem.supervision.kind == "sds" or not self.supervising:
             return
         with self._asking():
-            views = self._sampler.views
+            views = self.sampler.views
             guidance = None if parameters is None else self._renders(parameters, views, self.supervising, generator)
-            self.supervise(make_targets(self._problem, self._sampler.draw(guidance), views))
+            self.supervise(make_targets(self._problem, self.sampler.draw(guidance), views))
 
     def distill(self, step: int, parameters: Parameters, generator: torch.Generator) -> None:
         """Where ``step`` is due, of kind "sds": let the prior denoise the current renders of a few views."""
@@ -95,54 +87,11 @@ class Dialogue:
             return
         with self._asking():
             random = np.random.default_rng((self._seed, step))
-            count = min(settings.sds_views, len(self._sampler.views))
-            views = tuple(sorted(int(view) for view in random.choice(self._sampler.views, count, replace=False)))
+            count = min(settings.sds_views, len(self.sampler.views))
+            views = tuple(sorted(int(view) for view in random.choice(self.sampler.views, count, replace=False)))
             renders = self._renders(parameters, views, self._prior.info.provides, generator)
-            estimates = self._sampler.distill(renders, views, int(random.integers(2**63)))
+            estimates = self.sampler.distill(renders, views, int(random.integers(2**63)))
             self.supervise(make_targets(self._problem, estimates, views))
-
-    def pool(self, step: int, steps: int, parameters: Parameters, generator: torch.Generator) -> None:
-        """Where ``step`` of ``steps`` is due: let the material be of few materials, if the settings want it."""
-        share = self._problem.supervision.parsimony
-        if not share or step not in passes(steps) or "albedo" in parameters.frozen(step, steps):
-            return
-        with self._asking(), torch.no_grad():
-            material, fusion = parameters.material(detached=True), self._fusion.drawn(PLACES, generator)
-            if not fusion:
-                return
-            albedo, roughness = fusion.looked_up(material.albedo), fusion.looked_up(material.roughness)
-            mean_albedo, mean_roughness = pooled(albedo, roughness, fusion.position, generator)
-            parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, albedo, mean_albedo, share))
-            parameters.tensors["roughness"].copy_(refined_roughness(fusion, material.roughness, roughness, mean_roughness, share))
-
-    def refine(self, parameters: Parameters, generator: torch.Generator) -> None:
-        """Let the prior correct the material that was recovered, if the settings want it."""
-        settings = self._problem.supervision
-        if not settings.refinement and not settings.roughness_refinement:
-            return
-        with self._asking(), torch.no_grad():
-            material, fusion = parameters.material(detached=True), self._fusion
-            fitted = fitted_views(self._problem, fusion, self._sampler.views, material, parameters.light(), generator)
-            renders = {name: images.cpu() for name, images in fitted.items()}
-            corrected = self._sampler.refine(renders).values
-
-            def both(name: str) -> tuple[Tensor, Tensor]:
-                return fusion.pixels(renders[name]), fusion.pixels(corrected[name])
-
-            parameters.tensors["albedo"].copy_(refined_albedo(fusion, material.albedo, *both("albedo"), settings.refinement))
-            if "roughness" in corrected:
-                refined = refined_roughness(fusion, material.roughness, *both("roughness"), settings.roughness_refinement)
-                parameters.tensors["roughness"].copy_(refined)
-
-    def complete(self, material: Material, observed: Tensor, generator: torch.Generator) -> Material:
-        """The recovered ``material`` with what photographs hardly show, or not at all, as the settings have it guessed."""
-        settings = self._problem.supervision
-        with self._asking():
-            if settings.neighbours:
-                material = smoothed(material, looks(self._problem, len(observed)), observed, settings.neighbours)
-            if settings.symmetry:
-                material = completed(self._problem.stage, material, observed, settings.symmetry, generator)
-        return material
 
     def supervise(self, targets: Targets) -> None:
         """Put ``targets`` in the place of those at hand."""
@@ -163,22 +112,17 @@ class Dialogue:
         return {"values": values, "weight": each[:, :1], "at_least": at_least}
 
     def restore(self, state: dict[str, Any], targets: Targets, seconds: float) -> None:
-        """Take over a :meth:`state`, its targets, and what asking had taken until then."""
+        """Take over a :meth:`state`, its targets, and what the prior had taken until then."""
         self.supervise(targets.to(self._problem.device))
         self.supervision.restore_alignment(state["alignment"])
-        self._sampler.counters, self.seconds = dict(state["counters"]), seconds
-
-    @cached_property
-    def _fusion(self) -> Fusion:
-        """Of the views that the prior is asked about."""
-        return Fusion(self._problem, self._sampler.views)
+        self.sampler.counters, self.seconds = dict(state["counters"]), seconds
 
     @contextmanager
     def _asking(self) -> Iterator[None]:
         """The time of what happens inside is the prior's, and so is that of samples kept from an earlier run."""
-        started, kept = time.perf_counter(), self._sampler.kept_seconds
+        started, kept = time.perf_counter(), self.sampler.kept_seconds
         yield
-        self.seconds += time.perf_counter() - started + self._sampler.kept_seconds - kept
+        self.seconds += time.perf_counter() - started + self.sampler.kept_seconds - kept
 
     def _renders(
         self, parameters: Parameters, views: tuple[int, ...], components: frozenset[str], generator: torch.Generator

@@ -11,6 +11,7 @@ import torch
 
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.state import check_form
+from ia_bench.methods.two_stage.corrections import Corrections
 from ia_bench.methods.two_stage.dialogue import Dialogue
 from ia_bench.methods.two_stage.guard import PATIENCE, StepGuard
 from ia_bench.methods.two_stage.least_squares import solved_albedo
@@ -38,6 +39,7 @@ class Fit:
         self.parameters = Parameters(problem, settings)
         self.guard = StepGuard(problem, self.parameters.tensors)
         self.dialogue = Dialogue(problem, settings, seed, monitor.note)
+        self.corrections = Corrections(problem, self.dialogue.sampler)
         self.kept: Targets | None = None  # the targets that the monitor keeps
         state = monitor.load()
         if state is not None:
@@ -64,27 +66,29 @@ class Fit:
             task = self.monitor.task(stage.replace("stage", "stage "), end - first, self.step - first)
             while self.step < end:
                 self.dialogue.distill(self.step, self.parameters, self.generator)
-                self.dialogue.pool(self.step, self.steps, self.parameters, self.generator)
                 started = time.perf_counter()
                 loss = self._step()
                 self.step += 1
                 self.seconds[stage] += time.perf_counter() - started
+                if self.step < self.steps:  # before a state is saved, so that one that is resumed does not correct it again
+                    self.corrections.pool(self.step, self.steps, self.parameters, self.generator)
                 task.advance(1, loss=loss)
                 self._pause(stage)
         if self.settings.solve_albedo:
             self._solve_albedo()
-        self.dialogue.refine(self.parameters, self.generator)
-        self.dialogue.pool(self.step, self.steps, self.parameters, self.generator)
+        self.corrections.refine(self.parameters, self.generator)
+        self.corrections.pool(self.step, self.steps, self.parameters, self.generator)
         if self.guard.skipped:
             self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
+        recovered = self._recovered(final=True)
         counters = {
             **self.dialogue.counters,
+            "corrections_clamped": self.corrections.clamped,
             "skipped_steps": self.guard.skipped,
             "exchange_blocked_steps": self.parameters.exchange.blocked,
             "samples_per_pixel": self.objective.samples_per_pixel,
         }
-        recovered = self._recovered(final=True)
-        return Result(recovered, {"prior": self.dialogue.seconds, **self.seconds}, counters, self.steps)
+        return Result(recovered, {"prior": self._prior_seconds, **self.seconds}, counters, self.steps)
 
     # ---- one step ----------------------------------------------------------------------------------------------
 
@@ -132,13 +136,18 @@ class Fit:
         parameters.tensors["albedo"].copy_(albedo)
         self.seconds["stage2"] += time.perf_counter() - started
 
+    @property
+    def _prior_seconds(self) -> float:
+        """What the prior has taken, asked and as corrections."""
+        return self.dialogue.seconds + self.corrections.seconds
+
     # ---- scoring and checkpoints -------------------------------------------------------------------------------
 
     def _pause(self, stage: str) -> None:
         """Off the clock: score at doubling steps, and keep the state from time to time."""
         ratio = self.step / FIRST_SCORE
         if self.step < self.steps and ratio >= 1 and math.log2(ratio).is_integer():
-            seconds = self.dialogue.seconds + sum(self.seconds.values())
+            seconds = self._prior_seconds + sum(self.seconds.values())
             self.monitor.score(stage, self.step, seconds, self._recovered(final=False))
         due = time.monotonic() - self.saved >= self.settings.checkpoint_seconds and self.step < self.steps
         if due or self.monitor.stopping():
@@ -148,7 +157,7 @@ class Fit:
     def _recovered(self, *, final: bool) -> TexturedReconstruction:
         material, light = self.parameters.recovered(final=final)
         if final:
-            material = self.dialogue.complete(material, self.parameters.observed, self.generator)
+            material = self.corrections.complete(material, self.parameters.observed, self.generator)
         return TexturedReconstruction(self.problem.stage, material, light, coat=self.problem.render.coat)
 
     def _save(self) -> None:
@@ -161,10 +170,11 @@ class Fit:
     def _state(self) -> dict[str, Any]:
         return {
             "step": self.step,
-            "seconds": {"prior": self.dialogue.seconds, **self.seconds},
+            "seconds": {"prior": self._prior_seconds, **self.seconds},
             "generator": self.generator.get_state(),
             "parameters": self.parameters.state(),
             "dialogue": self.dialogue.state(),
+            "corrections_clamped": self.corrections.clamped,
             "skipped": {"in_all": self.guard.skipped, "in_a_row": self.guard.in_a_row},
         }
 
@@ -185,6 +195,7 @@ class Fit:
         assert kept is not None, "checked before"
         self.dialogue.restore(state["dialogue"], Targets(**kept), state["seconds"]["prior"])
         self.kept = self.dialogue.supervision.targets
+        self.corrections.clamped = state["corrections_clamped"]
         self.guard.skipped, self.guard.in_a_row = state["skipped"]["in_all"], state["skipped"]["in_a_row"]
         self.monitor.note(f"resumed at step {self.step} of {self.steps}")
 

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
-from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.bounds import known_pixels
@@ -84,20 +83,20 @@ def refined_albedo(fusion: Fusion, texture: Tensor, shown: Tensor, corrected: Te
     """The albedo ``texture`` (T, T, 3) as the pixels that show it were corrected from ``shown`` to ``corrected``, both (P, 3).
 
     A texel changes by the factor exp(share * mean of log((corrected + e) / (shown + e))) of albedos plus e = OFFSET. The mean
-    factor of each channel is taken out, since no correction is asked about level and cast.
+    factor of each channel is taken out, since no correction is asked about level and cast. What comes back may be out of [0, 1].
     """
     if not fusion:
         return texture
     change = torch.log(corrected.clamp_min(0) + OFFSET) - torch.log(shown.clamp_min(0) + OFFSET)
     mean = fusion.texture(change - fusion.mean(change), len(texture))
-    return ((texture + OFFSET) * torch.exp(share * mean) - OFFSET).clamp(0, 1)
+    return (texture + OFFSET) * torch.exp(share * mean) - OFFSET
 
 
 def refined_roughness(fusion: Fusion, texture: Tensor, shown: Tensor, corrected: Tensor, share: float) -> Tensor:
     """The roughness ``texture`` (T, T, 1) likewise, ``shown`` and ``corrected`` (P, 1): plus share * mean change."""
     if not fusion:
         return texture
-    return (texture + share * fusion.texture(corrected - shown, len(texture))).clamp(MIN_ROUGHNESS, 1)
+    return texture + share * fusion.texture(corrected - shown, len(texture))
 
 
 def fitted_views(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved
 from ia_bench.methods.two_stage.refinement import OFFSET
 from ia_bench.render.atlas import Atlas
@@ -60,8 +59,8 @@ def completed(stage: Stage, material: Material, observed: Tensor, share: float, 
     """The ``material`` with other albedo and roughness (T, T, C) outside of ``observed`` (T, T) bool, texels that some view shows.
 
     What neighbours in the texture have brought there moves by ``share`` toward what is :func:`expected`: the logarithm of
-    albedo + OFFSET, and the roughness; metallic is left alone. Places are drawn with the ``generator``. With nothing or all
-    observed it stays as it is.
+    albedo + OFFSET, and the roughness, which may so leave their ranges; metallic is left alone. Places are drawn with the
+    ``generator``. With nothing or all observed it stays as it is.
     """
     atlas = Atlas.of(stage.mesh, len(observed), stage.device)
     seen = observed.reshape(-1)[atlas.place]
@@ -76,7 +75,7 @@ def completed(stage: Stage, material: Material, observed: Tensor, share: float, 
     values[place] = torch.lerp(values[place], guess, share)
     known = observed.reshape(-1).clone()
     known[atlas.place] = True  # the rest is no surface, and follows what is
-    values = torch.cat([(values[:, :3].exp() - OFFSET).clamp(0, 1), values[:, 3:].clamp(MIN_ROUGHNESS, 1)], 1)
+    values = torch.cat([values[:, :3].exp() - OFFSET, values[:, 3:]], 1)
     filled, shown_there = fill_unobserved(values.reshape(*observed.shape, 4), known.reshape(observed.shape)), observed[..., None]
     return Material(
         torch.where(shown_there, material.albedo, filled[..., :3]),
