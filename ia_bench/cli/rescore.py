@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders that are searched for finished runs")
     parser.add_argument("--out", type=Path, required=True, help="folder of the new run folders; what is in it already is kept")
     parser.add_argument("--protocol", default="paper-v2", help="a protocol of conf/protocol (default: paper-v2)")
-    parser.add_argument("--scene", type=Path, help="folder of the runs' scene, if it is not a shipped one")
+    parser.add_argument("--scene", type=Path, help="folder of the runs' scene, if it is no longer where they found it")
     parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
     wanted = parser.parse_args(arguments)
     return status_of(lambda: _rescore(wanted))

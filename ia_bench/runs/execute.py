@@ -11,7 +11,7 @@ from ia_bench.common.machine import limit_threads
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import RunConfig, labels
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.identity import hash_of, identity, run_folder
+from ia_bench.runs.identity import given, hash_of, identity, run_folder
 from ia_bench.runs.interruption import deferred
 from ia_bench.runs.metrics import METRICS_FILE
 
@@ -22,7 +22,8 @@ def execute(config: RunConfig) -> dict[str, Any]:
     Whatever goes wrong is recorded in the folder as a failed run, and raised; what a plugin raised as a Fault that names it.
     """
     content = identity(config)
-    with Progress() as progress, RunFolder.open(run_folder(config), content, hash_of(content), progress.note) as folder:
+    place, key = run_folder(config), hash_of(content)
+    with Progress() as progress, RunFolder.open(place, content, key, progress.note, given(config)) as folder:
         metrics = folder.finished()
         if metrics is not None:
             progress.note(f"{folder.path}: already finished, nothing to do")

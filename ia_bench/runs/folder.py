@@ -1,7 +1,7 @@
 """The folder of one run: its configuration, checkpoint and results, safe against kill -9 and against a second process.
 
-Files: ``config.json`` (identity and hash), ``checkpoint*.pt`` while unfinished, ``curve.csv``, whatever the run saves,
-and ``metrics.json``, written last. Every file is written beside its place and moved there, so a reader sees the old
+Files: ``config.json`` (identity, its hash, and what it leaves out), ``checkpoint*.pt`` while unfinished, ``curve.csv``,
+whatever the run saves, and ``metrics.json``, written last. Every file is written beside its place and moved there, so a reader sees the old
 one, the new one or none.
 """
 
@@ -57,17 +57,23 @@ class RunFolder:
 
     @classmethod
     def open(
-        cls, path: Path, config: Mapping[str, Any], config_hash: str, note: Callable[[str], None] = print
+        cls,
+        path: Path,
+        config: Mapping[str, Any],
+        config_hash: str,
+        note: Callable[[str], None] = print,
+        given: Mapping[str, str] | None = None,
     ) -> RunFolder:
         """Make the folder if need be, wait for its lock, and claim it for this configuration.
 
-        ``config`` is what ``config_hash`` was computed from; ``note`` receives one-line messages. Raises InputError for
-        a folder that holds another configuration's results (naming the keys that differ), or that cannot be written.
+        ``config`` is what ``config_hash`` was computed from, ``given`` what :func:`ia_bench.runs.identity.given` keeps beside
+        it; ``note`` receives one-line messages. Raises InputError for a folder that holds another configuration's results
+        (naming the keys that differ), or that cannot be written.
         """
         lock = lock_folder(path, note)
         try:
             folder = cls(path, config_hash, lock, note)
-            folder._claim(config)
+            folder._claim(config, given or {})
         except BaseException:
             lock.close()
             raise
@@ -227,7 +233,7 @@ class RunFolder:
         record = {"schema": SCHEMA, **labels, "config_hash": self.config_hash, "status": "failed", "error": problem}
         self.write_metrics({**record, "traceback": trace, "metrics": {}})
 
-    def _claim(self, config: Mapping[str, Any]) -> None:
+    def _claim(self, config: Mapping[str, Any], given: Mapping[str, str]) -> None:
         path = self.path / CONFIG
         if path.exists():
             held = read_json(path)
@@ -239,7 +245,7 @@ class RunFolder:
         elif (self.path / METRICS_FILE).exists():
             raise InputError(f"{self.path}: holds a {METRICS_FILE} but no {CONFIG}, so it is not a run's folder")
         else:
-            self.write_json(CONFIG, {"config_hash": self.config_hash, "config": dict(config)})
+            self.write_json(CONFIG, {"config_hash": self.config_hash, "config": dict(config), "given": dict(given)})
         for leftover in self.path.glob(LEFTOVERS):  # of a process that was killed while writing
             with suppress(OSError):  # a folder is somebody else's
                 leftover.unlink()

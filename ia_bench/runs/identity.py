@@ -25,6 +25,9 @@ IDENTITY_VERSION = 7
 CONSISTENCY_VERSION, CONSISTENCY_KEY = 2, "consistency_version"
 """Like that, of what captures with ``capture.consistency`` alone go through; it stands among the settings of a capture."""
 
+HASHED = "content "
+"""What begins the text that stands in an identity for a path: the hash of what lies there follows."""
+
 PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
 WEIGHTS = ("weights", "refiner")
 """Options that hold weights: a file or folder, by whatever name, or None for the packaged ones."""
@@ -91,7 +94,26 @@ def _of_sdf(sdf: SdfSettings) -> dict[str, Any]:
     if sdf.normals == SdfSettings.normals:
         del found["normals"]
     else:
-        found["normals"] = f"content {content_of(user_path('capture.sdf.normals', sdf.normals, folder=True))}"
+        found["normals"] = HASHED + content_of(user_path("capture.sdf.normals", sdf.normals, folder=True))
+    return found
+
+
+def given(config: RunConfig) -> dict[str, str]:
+    """What :func:`identity` leaves out of a resolved run and reading the run again takes, by dotted key.
+
+    The absolute path of everything of which it has a hash, and the name of the capture.
+    """
+    found = {}
+    parts = {"prior.options": config.prior, "method.options": config.method, "reader.options": config.reader}
+    for key, part in parts.items():
+        found |= _paths_in(key, part.options)
+    found |= _paths_in("protocol.lpips.weights", config.protocol.lpips.weights)
+    if config.scene.path is not None:
+        found["scene.path"] = str(user_path("scene.path", config.scene.path, folder=True))
+    if config.capture.geometry == "sdf" and config.capture.sdf.normals != SdfSettings.normals:
+        found["capture.sdf.normals"] = str(user_path("capture.sdf.normals", config.capture.sdf.normals, folder=True))
+    if config.capture.name != CaptureSettings.name:
+        found["capture.name"] = config.capture.name
     return found
 
 
@@ -148,8 +170,26 @@ def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (an option, wha
         return {inner: _without_paths(inner, part) for inner, part in value.items()}
     if isinstance(value, list | tuple):
         return [_without_paths(key, part) for part in value]
-    if isinstance(value, str) and value:
-        path = Path(value).expanduser()
-        if is_file(path) or ((key in WEIGHTS or os.sep in value) and path.exists()):  # a word may be a folder's name by chance
-            return f"content {content_of(path.resolve())}"
-    return value
+    path = _path_of(key, value)
+    return value if path is None else HASHED + content_of(path)
+
+
+def _paths_in(key: str, value: Any) -> dict[str, str]:  # noqa: ANN401 (an option, whatever it is)
+    """The files and folders that :func:`_without_paths` would put a hash for, by dotted key; items of a list by their number."""
+    if isinstance(value, dict | list | tuple):
+        found = {}
+        for name, part in value.items() if isinstance(value, dict) else enumerate(value):
+            found |= _paths_in(f"{key}.{name}", part)
+        return found
+    words = key.split(".")
+    path = _path_of(next(word for word in reversed(words) if not word.isdecimal()), value)
+    return {} if path is None else {key: str(path)}
+
+
+def _path_of(key: str, value: object) -> Path | None:
+    """The file or folder that an option names; a word alone, which may be called like one by chance, names none."""
+    if not isinstance(value, str) or not value:
+        return None
+    path = Path(value).expanduser()
+    named = key in WEIGHTS or os.sep in value
+    return path.resolve() if (is_file(path) and (named or path.suffix)) or (named and path.exists()) else None

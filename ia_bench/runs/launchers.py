@@ -123,7 +123,20 @@ class Local(Launcher):
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:
         """Nothing to open."""
-        yield lambda works: [_Process(work) for work in works]
+        yield _processes
+
+
+def _processes(works: Sequence[Work]) -> list[Job]:
+    """All of them or, where one cannot be started, none."""
+    started: list[Job] = []
+    try:
+        for work in works:
+            started.append(_Process(work))
+    except BaseException:
+        for process in started:
+            process.cancel()
+        raise
+    return started
 
 
 class _Process:

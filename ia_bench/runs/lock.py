@@ -6,6 +6,7 @@ import errno
 import fcntl
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -16,7 +17,8 @@ def lock_folder(path: Path, note: Callable[[str], None]) -> BinaryIO:
     """Make the folder if need be, wait until no other process holds it, and return the file that holds it now.
 
     Closing the file lets go. It stays in the folder, so that nobody can lock a file that is already gone; it is neither
-    written nor emptied, and not followed where it is a symbolic link. Raises InputError for a folder that cannot be used.
+    written nor emptied, and not followed where it is a symbolic link. Its time is when it was locked last (:func:`held_since`).
+    Raises InputError for a folder that cannot be used.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -30,14 +32,25 @@ def lock_folder(path: Path, note: Callable[[str], None]) -> BinaryIO:
         except BlockingIOError:
             note(f"{path}: another process is working on this run; waiting for it to finish")
             fcntl.flock(lock, fcntl.LOCK_EX)
+        with suppress(OSError):  # a file system that keeps no times
+            os.utime(lock.fileno())
     except BaseException:
         lock.close()
         raise
     return lock
 
 
+def held_since(path: Path) -> float | None:
+    """Since when a process has been working in a run's folder, in seconds of the clock; None where none is (:func:`is_held`)."""
+    try:
+        since = (path / ".lock").stat(follow_symlinks=False).st_mtime
+    except OSError:
+        return None
+    return since if is_held(path) else None
+
+
 def is_held(path: Path) -> bool:
-    """Whether a process is working in a run's folder. Nothing is made or changed, and nobody is kept waiting."""
+    """Whether a process is working in a run's folder. Nothing is made or changed; one that begins just now waits for a moment."""
     try:
         lock = os.open(path / ".lock", os.O_RDONLY | os.O_NOFOLLOW)
     except OSError:

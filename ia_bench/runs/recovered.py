@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import UnionType
 from typing import Any
@@ -20,7 +21,7 @@ from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import ReaderConfig, SceneConfig, resolve_scene_folder
 from ia_bench.runs.folder import CONFIG
-from ia_bench.runs.identity import CONSISTENCY_KEY, content_of
+from ia_bench.runs.identity import CONSISTENCY_KEY, HASHED, content_of
 from ia_bench.runs.metrics import METRICS_FILE
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
@@ -73,6 +74,12 @@ class Recovered:
         else:
             self.reader = ReaderConfig(*(self.config.get(f"config.reader.{key}", kind) for key, kind in READER.items()))
 
+    @property
+    def given(self) -> dict[str, str]:
+        """What :func:`ia_bench.runs.identity.given` kept; nothing in the oldest runs."""
+        found: dict[str, str] = self.config.content.get("given", {})
+        return found
+
     def score(self, key: str) -> float | None:
         """A metric by its dotted name, None where it is undefined."""
         value: float | None = self.metrics.get(f"metrics.{key}", float | int | None)
@@ -81,8 +88,9 @@ class Recovered:
     @property
     def capture(self) -> CaptureSettings:
         """How its scene was photographed. Raises InputError for what is no setting of a capture."""
-        kept = self.config.get("config", dict).get("capture", {})
-        return parsed(CaptureSettings, {key: value for key, value in kept.items() if key != CONSISTENCY_KEY}, "capture")
+        kept = self._with_paths("capture", self.config.get("config", dict).get("capture", {}))
+        name = {"name": self.given["capture.name"]} if "capture.name" in self.given else {}
+        return parsed(CaptureSettings, {key: value for key, value in kept.items() if key != CONSISTENCY_KEY} | name, "capture")
 
     def check_scene(self, folder: Path) -> None:
         """Raise InputError unless the scene in ``folder`` is the run's, to the byte: maps fit no other mesh."""
@@ -96,15 +104,17 @@ class Recovered:
             )
 
     def read_scene(self, folder: Path | None = None, *, whole: bool = False) -> Scene:
-        """The run's scene with its truth, as it was captured, or ``whole``: that in ``folder``, or the shipped one.
+        """The run's scene with its truth, as it was captured, or ``whole``: in ``folder``, or where the run found it.
 
-        Raises InputError as :meth:`check_scene`.
+        Raises InputError as :meth:`check_scene`, and for another file of the reader's that is gone or has changed since.
         """
-        scene = SceneConfig(self.config.get("config.scene.name", str), None if folder is None else str(folder))
+        path = self.given.get("scene.path") if folder is None else str(folder)
+        scene = SceneConfig(self.config.get("config.scene.name", str), path)
         place = resolve_scene_folder(scene, self.reader)
         if place is not None:
             self.check_scene(place)
-        found = read_scene(scene, self.reader, truth=True)
+        reader = replace(self.reader, options=self._with_paths("reader.options", self.reader.options))
+        found = read_scene(scene, reader, truth=True)
         return found if whole else captured(found, self.capture, lambda line: None)
 
     def reconstruction(self, stage: Stage) -> TexturedReconstruction:
@@ -123,3 +133,21 @@ class Recovered:
         material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
         coat = self.config.get("config.render", dict).get("coat", "added")  # the oldest runs had the paper's sum
         return TexturedReconstruction(stage, material, optional("light", 3), coat=coat)
+
+    def _with_paths(self, key: str, value: Any) -> Any:  # noqa: ANN401 (a setting, whatever it is)
+        """``value``, part of the configuration, with the paths that the run was given in place of their hashes.
+
+        Raises InputError for one that nobody kept, or whose content is another now.
+        """
+        if isinstance(value, Mapping):
+            return {name: self._with_paths(f"{key}.{name}", part) for name, part in value.items()}
+        if isinstance(value, list):
+            return [self._with_paths(f"{key}.{place}", part) for place, part in enumerate(value)]
+        if not isinstance(value, str) or not value.startswith(HASHED):
+            return value
+        path = self.given.get(key)
+        if path is None:
+            raise InputError(f"{self.config.path}: config.{key}: expected the path of what the run read, found its hash alone")
+        if not Path(path).exists() or HASHED + content_of(Path(path)) != value:
+            raise InputError(f"{self.config.path}: given.{key}: expected {path} as the run read it, found it gone or changed")
+        return path

@@ -29,7 +29,7 @@ class Rescorer:
     Attributes:
         protocol: What the new scores follow.
         out: Where the new run folders are made.
-        scene: Folder of the runs' scene, None for the shipped ones.
+        scene: Folder of the runs' scene, None for where the runs found it.
     """
 
     def __init__(self, protocol: Protocol, out: Path, scene: Path | None = None) -> None:
@@ -52,7 +52,7 @@ class Rescorer:
         content = {**run.config.get("config", dict), "protocol": self.protocol.describe(), "rescored_from": origin["config_hash"]}
         new_hash = hash_of(content)
         place = self.out / slug(scene) / f"{slug(row)}-seed{seed}-{new_hash[:8]}"
-        with RunFolder.open(place, content, new_hash) as kept:
+        with RunFolder.open(place, content, new_hash, given=run.given) as kept:
             if kept.finished() is not None:
                 return place
             stage, scorer = self._scene_of(run)

@@ -14,6 +14,7 @@ from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import labels
 from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.identity import given
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
 from ia_bench.runs.metrics import METRICS_FILE, finished_metrics
@@ -27,20 +28,31 @@ def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, 
     """Run what is not finished, at most ``jobs`` at a time, and return how many cells failed.
 
     A cell whose worker dies is started again, ``launcher.attempts`` times in all, and goes on from its checkpoint. One that fails
-    by itself would only fail again.
+    by itself would only fail again, and one whose record cannot be read has failed: it is left as it is.
     """
-    finished = {cell.name: finished_metrics(cell.folder, cell.config_hash) for cell in cells}
-    missing = [cell for cell in cells if finished[cell.name] is None]
-    if len(missing) < len(cells):
-        progress.note(f"{len(cells) - len(missing)} of {len(cells)} cells are finished already")
-        _note_other_commits([metrics for metrics in finished.values() if metrics], progress)
+    finished: list[dict[str, Any]] = []
+    missing: list[Cell] = []
+    failed = 0
+    for cell in cells:
+        try:
+            metrics = finished_metrics(cell.folder, cell.config_hash)
+        except InputError as error:
+            progress.note(f"{cell.name}: FAILED ({error})")
+            failed += 1
+            continue
+        if metrics is None:
+            missing.append(cell)
+        else:
+            finished.append(metrics)
+    if finished:
+        progress.note(f"{len(finished)} of {len(cells)} cells are finished already")
+        _note_other_commits(finished, progress)
     if not missing:
-        return 0
+        return failed
     logs.mkdir(parents=True, exist_ok=True)
     task = progress.task("table", total=len(cells), done=len(cells) - len(missing))
     waiting = deque(_Attempts(cell, logs) for cell in missing)
     running: dict[Job, _Attempts] = {}
-    failed = 0
     with launcher.opened(logs) as start:
         try:
             while waiting or running:
@@ -95,7 +107,8 @@ class _Attempts:
         if self.made > 1:
             problem += f"; {self.made} attempts"
         try:
-            with RunFolder.open(self.cell.folder, self.cell.content, self.cell.config_hash) as folder:
+            cell = self.cell
+            with RunFolder.open(cell.folder, cell.content, cell.config_hash, given=given(cell.config)) as folder:
                 if _time_of_record(self.cell) == self._before:  # it could not say why, and nobody else has finished it since
                     folder.write_failure(problem, labels(self.cell.config))
         except (InputError, Fault, OSError) as error:  # of this cell; the others go on

@@ -16,7 +16,7 @@ from ia_bench.common.files import read_json
 from ia_bench.runs.cells import CellList, Planned, read_cells
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG, find_run_folders
-from ia_bench.runs.lock import is_held
+from ia_bench.runs.lock import held_since
 from ia_bench.runs.metrics import METRICS_FILE
 
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
@@ -92,8 +92,8 @@ def look(results: Path) -> Overview:
 def _stands(cell: Planned, started: float) -> Standing:
     written = _time_of(cell.folder / METRICS_FILE)
     record = _record(cell.folder / METRICS_FILE, written)
-    if is_held(cell.folder):
-        began = max(started, _time_of(cell.folder / CONFIG) / 1e9)
+    began = held_since(cell.folder)
+    if began is not None:
         return Standing(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
     if cell.config_hash and record.config_hash != cell.config_hash:
         return Standing(cell, WAITING)

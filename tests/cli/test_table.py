@@ -299,6 +299,20 @@ def test_a_cell_whose_folder_is_taken_fails_alone(capfd: pytest.CaptureFixture[s
     assert "hat / good / seed 0: ok" in said
 
 
+def test_a_cell_whose_record_is_damaged_fails_alone_and_keeps_it(capfd: pytest.CaptureFixture[str]) -> None:
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("torn", ["method=ceiling"]), Row("good", ["prior=none"])]))
+    record = cells[0].folder / "metrics.json"
+    record.parent.mkdir(parents=True)
+    record.write_text('{"status": "ok"}')
+    for _ in range(2):  # with something left to do, and without
+        with Progress() as progress:
+            assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 1
+        said = capfd.readouterr().err
+        assert f"hat / torn / seed 0: FAILED ({record}: " in said
+    assert record.read_text() == '{"status": "ok"}'
+    assert (cells[1].folder / "metrics.json").is_file()
+
+
 def test_a_cell_that_cannot_write_why_it_failed_fails_alone(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -261,7 +261,7 @@ def test_a_record_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str,
         with RunFolder.open(tmp_path / name, CONFIG, HASH) as folder:
             (tmp_path / name / name).write_bytes(content.encode(encoding, "replace"))
             with pytest.raises(InputError, match=rf"{name}: (not valid JSON|expected JSON|expected a |status: )"):
-                folder._claim(CONFIG) if name == "config.json" else folder.finished()
+                folder._claim(CONFIG, {}) if name == "config.json" else folder.finished()
 
 
 @pytest.mark.parametrize(

@@ -193,6 +193,25 @@ def test_hash_follows_files_named_without_a_folder_or_in_a_list(monkeypatch: pyt
     assert [{**one, "checkpoint": 0, "list": 0}, one["list"][1]] == [{**options, "checkpoint": 0, "list": 0}, 3]
 
 
+def test_what_the_hash_stands_for_is_kept_beside_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, scenes: Path) -> None:
+    """Every path absolute, and none of a word that a file is called like by chance."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("model.safetensors", "given", "uniform"):
+        Path(name).write_bytes(b"one")
+    overrides = [f"scene.path={scenes / 'hat'}", "prior=corrected", "prior.options.of_options={weights: given}", "capture=phone"]
+    config = compose(["device=cpu", *overrides, "protocol.lpips.weights=model.safetensors"])
+    assert identities.given(config) == {
+        "scene.path": str(scenes / "hat"),
+        "capture.name": "phone",
+        "prior.options.of_options.weights": str(tmp_path / "given"),
+        "protocol.lpips.weights": str(tmp_path / "model.safetensors"),
+    }
+    options = {"list": ["./uniform", 3], "word": "uniform"}
+    assert identities._paths_in("method.options", options) == {"method.options.list.0": str(tmp_path / "uniform")}
+    assert identities._without_paths("options", options)["word"] == "uniform"
+    assert identities.given(compose(["device=cpu", "scene=hat"])) == {}
+
+
 def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     before = {name: hash_with(f"prior={name}") for name in ("none", "diffusion", "corrected")}
     (tmp_path / "weights").write_bytes(b"others")

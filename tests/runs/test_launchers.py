@@ -23,9 +23,10 @@ from ia_bench.cli.table import main, parse
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import INTERRUPTED, TERMINATED
 from ia_bench.common.progress import Progress
+from ia_bench.runs import launchers
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolved
-from ia_bench.runs.launchers import LAUNCHERS, Local, Ray, SubmititLocal, SubmititSlurm
+from ia_bench.runs.launchers import LAUNCHERS, Local, Ray, SubmititLocal, SubmititSlurm, Work
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Cell, Row, Table, make_cells
 
@@ -63,6 +64,23 @@ def run(*arguments: str, rows: tuple[str, ...] = tuple(ROWS), jobs: int = 2) -> 
 
 def metrics(cell: Cell) -> dict:
     return json.loads((cell.folder / "metrics.json").read_text())
+
+
+def test_where_one_of_several_cannot_be_started_none_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started, start = [], subprocess.Popen
+
+    def one(command: list[str], **options: object) -> subprocess.Popen:
+        if started:
+            raise OSError("Too many open files")
+        started.append(start([sys.executable, "-c", "import time; time.sleep(60)"]))
+        return started[0]
+
+    monkeypatch.setattr(launchers.subprocess, "Popen", one)
+    config = compose(["scene=hat", "device=cpu"])
+    works = [Work(config, (), tmp_path / name) for name in ("a", "b")]
+    with Local().opened(tmp_path) as begin, pytest.raises(OSError, match="Too many"):
+        begin(works)
+    assert started[0].wait(timeout=30) == -signal.SIGTERM
 
 
 @pytest.mark.parametrize("launcher", EVERY)

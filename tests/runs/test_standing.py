@@ -12,7 +12,7 @@ import pytest
 from ia_bench.common.errors import InputError
 from ia_bench.runs.cells import read_cells
 from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.lock import is_held, lock_folder
+from ia_bench.runs.lock import held_since, is_held, lock_folder
 from ia_bench.runs.standing import FAILED, FINISHED, RUNNING, WAITING, look
 
 HASH = "0" * 64
@@ -78,11 +78,12 @@ def test_the_time_left_is_that_of_the_rows_own_cells_shared_by_the_jobs(tmp_path
     running = cell(tmp_path, "a", 1)
     now = time.time()
     for path in (tmp_path / "cells.json", running / "config.json"):
-        os.utime(path, (now - 30, now - 30))
+        os.utime(path, (now - 900, now - 900))  # begun before, interrupted, and gone on with half a minute ago
     with lock_folder(running, print):
+        os.utime(running / ".lock", (now - 30, now - 30))
         assert look(tmp_path).seconds_left() == pytest.approx((100 + 40 + 70 + 70) / 2, abs=2)
         plan(tmp_path, ("a", 0), ("a", 1), jobs=8)
-        os.utime(tmp_path / "cells.json", (now - 30, now - 30))
+        os.utime(tmp_path / "cells.json", (now - 900, now - 900))
         assert look(tmp_path).seconds_left() == pytest.approx(70, abs=2)  # what one cell takes, no job can shorten
 
 
@@ -106,9 +107,11 @@ def test_files_of_other_programs_are_no_runs(tmp_path: Path) -> None:
 def test_looking_holds_no_lock_and_makes_no_file(tmp_path: Path) -> None:
     folder = cell(tmp_path, "a")
     assert not is_held(folder)
+    assert held_since(folder) is None
     assert not (folder / ".lock").exists()
     with lock_folder(folder, print):
         assert is_held(folder)
+        assert held_since(folder) == pytest.approx(time.time(), abs=60)
     assert not is_held(folder)
 
 

@@ -186,7 +186,7 @@ class _Told:
 
     def command(self, run: Run, found: Evidence) -> int | None:
         """Place of the command among all of them."""
-        command = self._writer.of(run, found.settings)
+        command = self._writer.of(run, found.settings, found.given)
         return None if command is None else _place(self.commands, list(command))
 
     def configuration(self, found: Evidence) -> int | None:

@@ -16,7 +16,7 @@ from ia_bench.common.settings import flat
 from ia_bench.report.collect import Run
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import CONFIG
-from ia_bench.runs.identity import CONSISTENCY_KEY, identity
+from ia_bench.runs.identity import CONSISTENCY_KEY, HASHED, identity
 from ia_bench.runs.metrics import METRICS_FILE
 from ia_bench.scores.protocol import ComparisonSettings, Protocol, SsimSettings, shipped
 
@@ -28,8 +28,6 @@ SETTABLE = (
     *("device", "threads"),
 )
 """What begins the names that a command line may set, of those that decide a run; the protocol's are :data:`PROTOCOL`."""
-WITHOUT_PATHS = ("content ",)
-"""What begins a value that stands for a file's content: no command line can give it."""
 DIGITS = 12  # of a file's checksum
 MACHINE = ("cpu", "cores", "threads", "device", "system", "python", "commit")
 
@@ -40,12 +38,14 @@ class Evidence:
 
     Attributes:
         settings: The configuration, flat; empty where the folder holds none.
+        given: The paths of that whose content it names, by the same names.
         environment: Machine, versions and commit, flat.
         files: Name -> the first digits of the SHA-256 of what the run wrote.
         renderer: Who drew the pictures that were scored.
     """
 
     settings: Settings = field(default_factory=dict)
+    given: Mapping[str, str] = field(default_factory=dict)
     environment: Settings = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
     renderer: str = ""
@@ -61,6 +61,7 @@ def evidence_of(run: Run) -> Evidence:
     versions = {f"packages.{name}": version for name, version in environment.get("packages", {}).items() if version}
     return Evidence(
         settings=flat(config.get("config", {})),
+        given=config.get("given", {}),
         environment=machine | versions,
         files={name: digest[:DIGITS] for name, digest in metrics.get("files", {}).items()},
         renderer=str(metrics.get("renderer", "")),
@@ -105,10 +106,11 @@ class Commands:
         self._overrides = overrides
         self._composed: dict[tuple[str, ...], Settings] = {}
 
-    def of(self, run: Run, settings: Settings) -> tuple[str, str] | None:
+    def of(self, run: Run, settings: Settings, given: Mapping[str, str]) -> tuple[str, str] | None:
         """What stands before and after the scene and the seed; what the row's own overrides leave different is set one by one.
 
-        None where the configuration is unknown, or names something that this installation has not got.
+        None where the configuration is unknown, or names something that this installation has not got, or a file by its content
+        alone, of which ``given`` has no path.
         """
         chosen = list(self._overrides.get(run.row, ()))
         if not chosen and settings:
@@ -124,7 +126,14 @@ class Commands:
         if not chosen:
             return None
         mine = LEFT_OUT | settings if settings else {}
-        own = [f"{name}={_text(value)}" for name, value in mine.items() if _settable(name, value) and usual.get(name) != value]
+        different = {name: value for name, value in mine.items() if _settable(name) and usual.get(name) != value}
+        own = []
+        for name, value in different.items():
+            if isinstance(value, str) and value.startswith(HASHED):
+                if name not in given:
+                    return None
+                value = given[name]
+            own.append(f"{name}={_text(value)}")
         before = " ".join(["python -m ia_bench", *map(_word, chosen)])
         return before, "".join(f" {_word(word)}" for word in (f"row={_quoted(run.row)}", *own))
 
@@ -139,9 +148,8 @@ def _word(text: str) -> str:
     return f'"{text}"' if "'" in text and not set(text) & set('"$`\\!') else shlex.quote(text)
 
 
-def _settable(name: str, value: object) -> bool:
-    may = name in PROTOCOL or (name.startswith(SETTABLE) and name not in NOT_SET)
-    return may and not (isinstance(value, str) and value.startswith(WITHOUT_PATHS))
+def _settable(name: str) -> bool:
+    return name in PROTOCOL or (name.startswith(SETTABLE) and name not in NOT_SET)
 
 
 def _text(value: object) -> str:

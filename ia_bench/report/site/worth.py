@@ -103,11 +103,14 @@ def table_of(runs: Sequence[Run], reference: str) -> Table | None:
 def _capture(run: Run) -> dict[str, Any] | None:
     """The settings of a run's capture that are not the usual ones; None where its folder does not say."""
     try:
-        found: dict[str, Any] = read_json(run.folder / CONFIG)["config"].get("capture", {})
+        record = read_json(run.folder / CONFIG)
+        found: dict[str, Any] = record["config"].get("capture", {})
     except (InputError, KeyError):
         return None
     plain = CaptureSettings()
-    return {key: value for key, value in found.items() if hasattr(plain, key) and value != getattr(plain, key)}
+    changed = {key: value for key, value in found.items() if hasattr(plain, key) and value != getattr(plain, key)}
+    name = record.get("given", {}).get("capture.name")  # by which its label calls it
+    return changed if name is None else {**changed, "name": name}
 
 
 def _photographs_of(run: Run) -> int:

@@ -24,7 +24,7 @@ from ia_bench.report.site.write import write_page
 from ia_bench.report.write import write_report
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.identity import config_hash, identity
+from ia_bench.runs.identity import config_hash, given, identity
 
 Write = Callable[..., Path]
 CURVE = "stage1,0,1,10,10,10,10,0.1\nstage1,50,5,16,16,16,16,0.05\n"
@@ -100,16 +100,27 @@ def test_the_command_gives_the_configuration_again(overrides: tuple[str, ...], k
     config = compose([*overrides, "scene=tiny", "seed=3", "row=mine, or so".replace(", ", " ")], here=False)
     settings = flat(identity(config))
     run = collect([write_run("mine or so", "tiny", 3)]).runs[0]
-    command = Commands({"mine or so": overrides[:1]} if known else {}).of(run, settings)
+    command = Commands({"mine or so": overrides[:1]} if known else {}).of(run, settings, {})
     assert command is not None
     words = shlex.split(f"{command[0]} scene=tiny seed=3{command[1]}")
     assert words[:3] == ["python", "-m", "ia_bench"]
     assert config_hash(compose(words[3:], here=False)) == config_hash(config)
 
 
+def test_a_file_stands_in_the_command_where_it_lies_and_without_that_there_is_none(tmp_path: Path, write_run: Write) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).write_bytes(name.encode())
+    config = compose(["prior=diffusion", f"prior.options.weights={tmp_path / 'a'}", "scene=tiny"], here=False)
+    run, settings = collect([write_run("diffusion", "tiny")]).runs[0], flat(identity(config))
+    command = Commands({}).of(run, settings, given(config))
+    assert command is not None
+    assert config_hash(compose(shlex.split(f"{command[0]} scene=tiny{command[1]}")[3:], here=False)) == config_hash(config)
+    assert Commands({}).of(run, settings, {}) is None
+
+
 def test_a_name_with_a_comma_stands_in_quotes_that_can_be_read(write_run: Write) -> None:
     run = collect([write_run("a, b", "tiny")]).runs[0]
-    assert Commands({"a, b": ("prior=none",)}).of(run, {}) == ("python -m ia_bench prior=none", " \"row='a, b'\"")
+    assert Commands({"a, b": ("prior=none",)}).of(run, {}, {}) == ("python -m ia_bench prior=none", " \"row='a, b'\"")
 
 
 def test_a_list_of_runs_gives_the_table_of_its_folders(folders: list[Path], tmp_path: Path) -> None:

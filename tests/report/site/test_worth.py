@@ -13,7 +13,9 @@ import pytest
 from ia_bench.cli.report import main
 from ia_bench.report.collect import collect
 from ia_bench.report.site.worth import Map, maps
+from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import find_run_folders
+from ia_bench.runs.identity import identity
 from ia_bench.runs.table import Row, Table
 
 CAPTURES: dict[str, dict[str, Any]] = {
@@ -76,6 +78,16 @@ def test_a_tables_own_captures_are_those_of_the_map(runs: Path) -> None:
     lines = dict(found(runs, table)["relighting.psnr"].lines)
     assert [cell and cell.text for cell in lines["2 photographs"]] == ["+3.05", "-1.05"]
     assert list(lines) == ["100 photographs", "2 photographs"]
+
+
+def test_a_capture_that_has_a_name_is_known_by_it(tmp_path: Path, write_run_below: Callable[..., Path]) -> None:
+    for row, psnr in (("none", 20.0), ("kernel", 21.0)):
+        for label, more in (("", {}), (", phone", {"given": {"capture.name": "phone"}})):
+            run = write_run_below(tmp_path, row + label, "s0", psnr=psnr, capture={"views": 64})
+            settings = identity(compose(["scene=tiny", *(["capture=phone"] if label else [])], here=False)).get("capture", {})
+            (run / "config.json").write_text(json.dumps({"config": {"capture": settings}, **more}))
+    lines = dict(found(tmp_path / "runs", Table())["aligned_albedo.psnr"].lines)
+    assert [cell and (cell.row, cell.text) for cell in lines["64 photographs"]] == [("kernel", "+1.00"), ("kernel, phone", "+1.00")]
 
 
 def test_runs_of_one_capture_have_no_map(write_run: Callable[..., Path]) -> None:

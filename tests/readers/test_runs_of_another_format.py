@@ -1,0 +1,64 @@
+"""A run of another format's files is read back from its folder, with the maps and the mesh that lie elsewhere."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from nerf_writers import write_nerfactor
+from written import TRAIN_LIGHT, scene_to_write
+
+from ia_bench.common.errors import InputError
+from ia_bench.runs.composition import compose
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.identity import given, hash_of, identity
+from ia_bench.runs.recovered import Recovered
+from ia_bench.scenes.scene import Scene
+
+METRICS = {"status": "ok", "protocol_description": {"alignment": "none"}, "albedo_scales": {}}
+
+
+@pytest.fixture
+def finished(tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a run on tiny in NeRFactor's layout, which named its files from the folder that it was started in."""
+    write_nerfactor(tmp_path / "theirs" / "tiny", scene_to_write(tiny))
+    monkeypatch.chdir(tmp_path / "theirs")
+    (tmp_path / "theirs" / "mesh.ply").write_bytes((tiny_folder / "mesh.ply").read_bytes())
+    files = ["scene.path=tiny", "reader.options.lights=./maps", "reader.options.mesh=mesh.ply"]
+    config = compose(["reader=nerfactor", *files, "prior=none", "device=cpu", "capture=phone"])
+    content = identity(config)
+    with RunFolder.open(tmp_path / "run", content, hash_of(content), given=given(config)) as folder:
+        folder.write_json("metrics.json", METRICS)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "run"
+
+
+def test_it_is_read_from_where_the_run_found_it(finished: Path) -> None:
+    run = Recovered(finished)
+    scene = run.read_scene(whole=True)
+    assert scene.truth is not None
+    assert "train" in scene.truth.lights
+    assert len(scene.expect_mesh().vertices) > 0
+    assert run.capture.label == "phone"
+
+
+def test_what_has_changed_or_gone_since_is_named(finished: Path) -> None:
+    lights = finished.parent / "theirs" / "maps"
+    (lights / f"{TRAIN_LIGHT}.hdr").write_bytes(np.arange(9, dtype=np.uint8).tobytes())
+    with pytest.raises(InputError, match=r"lights: expected .*maps as the run read it, found it gone or changed"):
+        Recovered(finished).read_scene()
+    os.rename(lights, lights.parent / "elsewhere")
+    with pytest.raises(InputError, match=r"given.reader.options.lights: expected .*maps"):
+        Recovered(finished).read_scene()
+
+
+def test_a_record_that_kept_no_paths_says_so(finished: Path) -> None:
+    record = json.loads((finished / "config.json").read_text())
+    del record["given"]
+    (finished / "config.json").write_text(json.dumps(record))
+    place = finished.parent / "theirs" / "tiny"
+    with pytest.raises(InputError, match=r"config.reader.options.\w+: expected the path of what the run read"):
+        Recovered(finished).read_scene(place)
