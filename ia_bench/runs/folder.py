@@ -1,8 +1,8 @@
 """The folder of one run: its configuration, checkpoint and results, safe against kill -9 and against a second process.
 
 Files: ``config.json`` (identity, its hash, and what it leaves out), ``checkpoint*.pt`` while unfinished, ``curve.csv``,
-whatever the run saves, and ``metrics.json``, written last. Every file is written beside its place and moved there, so a reader sees the old
-one, the new one or none.
+whatever the run saves, and ``metrics.json``, written last. Every file is written beside its place and moved there, so a
+reader sees the old one, the new one or none.
 """
 
 from __future__ import annotations
