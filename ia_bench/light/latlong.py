@@ -159,9 +159,10 @@ class LatLongSampler(NamedTuple):
         """
         height, width, _ = radiance.shape
         grid = sampling_grid(height, width, radiance.device)
-        brightness = radiance.detach().mean(-1).clamp_min(0).reshape(-1)
+        mean = radiance.detach().mean(-1).reshape(-1)
+        brightness = mean.clamp_min(0)
         total = brightness.double() @ grid.solid_angle
-        if not bool(torch.isfinite(total)):
+        if not bool(torch.isfinite(mean).all()):
             bad = int((~torch.isfinite(radiance)).any(-1).sum())
             raise FloatingPointError(f"light: expected finite radiance, found NaN or Inf in {bad} of {height * width} texels")
         brightness = (brightness / torch.where(total > 0, total, 1.0)).float()

@@ -16,7 +16,7 @@ from torch import Tensor
 F0 = 0.04  # reflectance at normal incidence of a dielectric with IOR 1.5
 MIN_ROUGHNESS = 0.03  # alpha = 9e-4: the narrowest lobe that float32 resolves without loss
 MIRROR = 1e-30  # alpha = 0 at the mirror direction itself is 0 / this, not 0 / 0
-MIN_COSINE = 1e-4  # grazing cosines are held here; GBuffer counts how often that happens
+MIN_COSINE = 1e-4  # grazing cosines are held here, where a lobe has no area any more
 
 
 def dot(a: Tensor, b: Tensor) -> Tensor:

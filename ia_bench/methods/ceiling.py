@@ -49,7 +49,10 @@ class Ceiling:
         if truth is None or truth.albedo is None or truth.roughness is None or "train" not in truth.lights:
             raise InputError(f"{who}: expected true textures and the true training light, found that they are not shipped")
         albedo = torch.from_numpy(truth.albedo).float().to(problem.device)
-        roughness = torch.from_numpy(truth.roughness).float().clamp(MIN_ROUGHNESS, 1)[..., None].to(problem.device)
+        true_roughness = torch.from_numpy(truth.roughness).float()[..., None]
+        roughness = true_roughness.clamp(MIN_ROUGHNESS, 1).to(problem.device)
+        clamped = int((roughness.cpu() != true_roughness).sum())
         light = torch.from_numpy(truth.lights["train"]).to(problem.device)
         stage = problem.stage if truth.mesh is None else Stage(truth.mesh, problem.device)  # to which the textures belong
-        return Result(TexturedReconstruction(stage, Material(albedo, roughness), light, coat=problem.render.coat))
+        recovered = TexturedReconstruction(stage, Material(albedo, roughness), light, coat=problem.render.coat)
+        return Result(recovered, counters={"roughness_clamped": clamped})

@@ -18,7 +18,7 @@ COVERED = 0.5  # pixels that the object covers by more than this tell the mean a
 
 
 class Constant:
-    """A grey of the true mean albedo, which it sees, under the even light that explains the mean of the training images."""
+    """A grey of the true mean albedo, which it sees, under the even light that explains what is known of the training images."""
 
     Options: ClassVar[type] = NoOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
@@ -46,7 +46,9 @@ class Constant:
         grey = torch.full((4, 4, 3), float(np.concatenate(shown).mean(dtype=np.float64)), device=device)
         material = Material(grey, torch.full((4, 4, 1), ROUGHNESS, device=device))
         generator = torch.Generator(device=device).manual_seed(seed)
-        images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]).to(device))
-        colour = light_of_the_mean_image(problem, images, material, LIGHT_ROWS, generator)
+        photographs = problem.photographs
+        believed = ~photographs.left_out if photographs.known is None else ~photographs.left_out & photographs.known[:, 0]
+        entries = torch.nonzero(believed if bool(believed.any()) else torch.ones_like(believed))[:, 0]
+        colour = light_of_the_mean_image(problem, entries, material, LIGHT_ROWS, generator)
         light = colour.expand(LIGHT_ROWS, 2 * LIGHT_ROWS, 3).clone()
         return Result(TexturedReconstruction(problem.stage, material, light, coat=problem.render.coat))

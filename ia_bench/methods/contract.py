@@ -14,6 +14,7 @@ from torch import Tensor
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.books import Books
 from ia_bench.methods.info import MethodInfo
+from ia_bench.methods.photographs import Photographs
 from ia_bench.methods.plan import Plan, make_plan
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
@@ -73,6 +74,11 @@ class Problem:
         """What the training cameras see, with as many points a pixel as the plan says."""
         with self.books.aside("bake"):
             return self.stage.gbuffer([view.camera for view in self.scene.train], self.plan.subsamples)
+
+    @cached_property
+    def photographs(self) -> Photographs:
+        """What the training photographs show in the G-buffer's pixels."""
+        return Photographs.of(self.scene, self.gbuffer)
 
     @cached_property
     def renderer(self) -> Renderer:

@@ -18,7 +18,7 @@ PIXELS = 8192  # that the render under light 1 is taken from, at most
 @torch.no_grad()
 def light_of_the_mean_image(
     problem: Problem,
-    images: Tensor,
+    entries: Tensor,
     material: Material,
     rows: int,
     generator: torch.Generator,
@@ -28,16 +28,16 @@ def light_of_the_mean_image(
 
     Args:
         problem: Whose renderer and G-buffer are used.
-        images: (P, 3) radiance of the training images in the G-buffer's pixels.
+        entries: (N,), N >= 1, pixels of the G-buffer that the mean is taken over.
         material: What is lit.
         rows: Of the lat-long map that holds the light.
         generator: Draws the pixels and the samples.
         check: Is shown the render and the G-buffer entries that it is of.
     """
     gbuffer = problem.gbuffer
-    count = min(PIXELS, len(gbuffer.pixel))
-    pixels = torch.randint(len(gbuffer.pixel), (count,), generator=generator, device=gbuffer.pixel.device)
+    count = min(PIXELS, len(entries))
+    pixels = entries[torch.randint(len(entries), (count,), generator=generator, device=entries.device)]
     ones = SampledLight.of(torch.ones(rows, 2 * rows, 3, device=gbuffer.pixel.device))
     rendered = problem.renderer.render_pixels(gbuffer, pixels, material, ones, problem.plan.samples, generator)
     check(rendered, pixels)
-    return images.mean(0).clamp_min(1e-8) / rendered.radiance.mean(0).clamp_min(1e-8)
+    return problem.photographs.radiance[entries].mean(0).clamp_min(1e-8) / rendered.radiance.mean(0).clamp_min(1e-8)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,7 +28,7 @@ from ia_bench.scenes.scene import Scene
 PROBE_VIEWS = 8
 PROBE_RAYS = 20_000
 PROBE_POINTS = 2_000
-PROBE_PIXELS = 4096  # of a usual step
+PROBE_PIXELS = 4096  # of a step, or more than it has
 VIEWS_A_POINT = 4  # views that show a point to the prior
 SEEN_SHARE = 0.95
 TEXTURE_SIZES = (64, 128, 256, 512, 1024, 2048)
@@ -83,8 +83,11 @@ def make_plan(scene: Scene, stage: Stage, settings: RenderSettings, *, prior_vie
     ``prior_views``: the setting prior.supervision.views; None where no prior looks at any view.
     """
     step = max(1, len(scene.train) // PROBE_VIEWS)
-    probe = _Probe(scene, stage.surface, stage.rays, stage.gbuffer([view.camera for view in scene.train[::step]], 2))
-    if not bool((probe.gbuffer.face[:, 0] >= 0).any()):
+    some, every = ([view.camera for view in views] for views in (scene.train[::step], scene.train))
+    probe = _Probe(scene, stage.surface, stage.rays, stage.gbuffer(some, 2))
+    if not probe.sees:
+        probe = replace(probe, gbuffer=stage.gbuffer(every, 2))
+    if not probe.sees:
         raise InputError(
             f"{scene.source}: no training camera sees the mesh: expected transform_matrix to be camera-to-world in the "
             "OpenGL convention (the camera looks along its -z axis, +y is up), in the units of mesh.ply"
@@ -111,6 +114,11 @@ class _Probe:
     rays: RayCaster
     gbuffer: GBuffer
 
+    @property
+    def sees(self) -> bool:
+        """Whether any of the views shows the mesh."""
+        return bool((self.gbuffer.face[:, 0] >= 0).any())
+
     @cached_property
     def footprint(self) -> dict[str, Tensor]:
         """How far apart two neighbouring points of a pixel are, see :func:`_footprints`."""
@@ -132,8 +140,8 @@ def _check_memory(samples: int, *, subsamples: int, texture: int, light_height: 
     """Raise InputError for sizes that this machine cannot hold; measured on fits, rounded up."""
     taken = samples_taken(samples, subsamples**2)
     asked = f"render.samples={samples}" + (f" (at least 2 x {subsamples} x {subsamples})" if taken > samples + 2 else "")
-    expect_memory(f"render.texture={texture}", 128 * texture**2)  # 4 to 5 channels, with gradient, optimiser and copies
-    expect_memory(f"render.light_height={light_height}", 2000 * 2 * light_height**2)  # most of it the tables that sample it
+    for name, size in RenderSettings(texture=texture, light_height=light_height).memory().items():
+        expect_memory(f"render.{name}={texture if name == 'texture' else light_height}", size)
     expect_memory(asked, 300 * PROBE_PIXELS * taken)
 
 

@@ -24,6 +24,7 @@ from torch import Tensor
 
 from ia_bench.common.cache import Cache
 from ia_bench.common.errors import InputError
+from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import dot
 from ia_bench.material.textures import fetch
@@ -127,6 +128,8 @@ class _Product(torch.autograd.Function):
 def _cells(radiance: Tensor) -> Tensor:
     """Mean radiance of each of the sky's cells, weighted by solid angle: (H, W, 3) -> (cells, 3)."""
     height, width, _ = radiance.shape
+    if height % SKY_ROWS and SKY_ROWS % height:  # windows of the pooling below would overlap
+        return LatLongEnvironment(radiance).latlong(SKY_ROWS).reshape(-1, 3)
     weight = row_solid_angles(height, width).to(radiance)[:, None].expand(height, width)
     grid = (SKY_ROWS, 2 * SKY_ROWS)
     power = torch.nn.functional.adaptive_avg_pool2d((radiance * weight[..., None]).permute(2, 0, 1), grid)

@@ -9,8 +9,8 @@ from pydantic import Field
 
 from ia_bench.common.ranges import Number, NumberOrAuto
 
-BYTES_PER_TEXEL = 100  # five channels, each with gradient, Adam's two moments and a copy to go back to
-BYTES_PER_LIGHT_TEXEL = 120  # three channels likewise, and tables to sample it
+BYTES_PER_TEXEL = 128  # five channels, each with gradient, Adam's moments and copies; this and the next measured, rounded up
+BYTES_PER_LIGHT_TEXEL = 2000  # most of it the tables that sample it
 
 REFERENCE = "ia_bench reference"
 REFERENCE_BOUNCES = 4  # reflections between the parts of the object; what more would add is below 1 % of the light

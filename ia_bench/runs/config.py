@@ -25,6 +25,8 @@ from ia_bench.scores.protocol import Protocol
 
 NATIVE_READER = "ia_bench.readers.native:NativeReader"
 DEFAULT_METHOD = "two_stage"  # of conf/config.yaml
+CORRECTIONS = "refinement", "roughness_refinement", "parsimony", "neighbours", "symmetry"
+"""The shares among the settings of supervision by which a material is corrected."""
 THREADS_A_CORE = 32  # more threads than that a core, which computes as a larger machine would, are a slip
 
 
@@ -217,7 +219,7 @@ def _method(config: RunConfig, here: bool) -> MethodConfig:
         expect_memory(name, size)
     if not kind.info.uses_prior and config.prior.name != "none":
         raise InputError(f"prior={config.prior.name}: expected prior=none with method={method.name}, which asks no prior")
-    for name in () if kind.info.corrects else ("parsimony", "neighbours", "symmetry"):
+    for name in () if kind.info.corrects else CORRECTIONS:
         share = getattr(config.prior.supervision, name)
         if share:
             raise InputError(f"prior.supervision.{name}: expected 0 with method={method.name}, which heeds none, found {share}")

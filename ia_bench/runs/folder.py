@@ -129,8 +129,12 @@ class RunFolder:
         return state
 
     def keep(self, name: str, state: dict[str, Any]) -> None:
-        """Write a part of the state that stays as it is, once; the checkpoints that follow refer to it by its checksum."""
+        """Write a part of the state that stays as it is, once; the checkpoints that follow refer to it by its checksum.
+
+        One that cannot be written leaves none under its name, for the part of before belongs to another state.
+        """
         content, digest = pack(state, self.config_hash)
+        self._kept.pop(name, None)
         if self._try_to_write(_kept_file(digest), content):
             self._kept[name] = digest
 

@@ -103,10 +103,10 @@ def given(config: RunConfig) -> dict[str, str]:
 
     The absolute path of everything of which it has a hash, and the name of the capture.
     """
-    found = {}
-    parts = {"prior.options": config.prior, "method.options": config.method, "reader.options": config.reader}
-    for key, part in parts.items():
-        found |= _paths_in(key, part.options)
+    parts = {"prior": config.prior.options, "method": config.method.options, "reader": config.reader.options}
+    found: dict[str, str] = {}
+    for kind, options in parts.items():
+        found |= _paths_in(f"{kind}.options", options)
     found |= _paths_in("protocol.lpips.weights", config.protocol.lpips.weights)
     if config.scene.path is not None:
         found["scene.path"] = str(user_path("scene.path", config.scene.path, folder=True))
@@ -177,7 +177,7 @@ def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (an option, wha
 def _paths_in(key: str, value: Any) -> dict[str, str]:  # noqa: ANN401 (an option, whatever it is)
     """The files and folders that :func:`_without_paths` would put a hash for, by dotted key; items of a list by their number."""
     if isinstance(value, dict | list | tuple):
-        found = {}
+        found: dict[str, str] = {}
         for name, part in value.items() if isinstance(value, dict) else enumerate(value):
             found |= _paths_in(f"{key}.{name}", part)
         return found

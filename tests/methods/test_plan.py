@@ -287,6 +287,13 @@ def test_cameras_that_do_not_see_the_mesh_are_named() -> None:
         plan_of(sphere(2), replace(camera, to_world=turned))
 
 
+def test_one_camera_that_sees_it_is_enough() -> None:
+    """Of sixteen, of which the probe looks at every other."""
+    camera = camera_at((0, 0, 5))
+    away = replace(camera, to_world=camera.to_world @ np.diag([1.0, -1.0, -1.0, 1.0]))
+    assert plan_of(sphere(2), *(away if place % 2 == 0 else camera for place in range(16))).texture > 0
+
+
 def around(count: int) -> list[Camera]:
     """Cameras on a circle in the plane z = 1."""
     return [camera_at((4 * math.cos(a), 4 * math.sin(a), 1.0)) for a in np.arange(count) * 2 * np.pi / count]

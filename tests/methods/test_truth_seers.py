@@ -29,7 +29,16 @@ def test_ceiling_returns_the_truth_and_builds_nothing_for_it(scene: Scene) -> No
     assert assets is not None
     np.testing.assert_array_equal(assets.albedo, scene.truth.albedo.astype(np.float32))
     np.testing.assert_array_equal(assets.light, scene.truth.lights["train"])
-    assert (found.steps, dict(found.seconds), dict(found.counters)) == (0, {}, {})
+    assert (found.steps, dict(found.seconds), dict(found.counters)) == (0, {}, {"roughness_clamped": 0})
+
+
+def test_the_ceiling_counts_what_the_renderer_cannot_show(scene: Scene) -> None:
+    assert scene.truth is not None
+    assert scene.truth.roughness is not None
+    roughness = scene.truth.roughness.copy()
+    roughness[:3, :5] = 0
+    polished = replace(scene, truth=replace(scene.truth, roughness=roughness))
+    assert dict(found_by(Ceiling, Problem(scene.blind(), truth=polished)).counters) == {"roughness_clamped": 15}
 
 
 def test_constant_is_one_grey_of_the_true_mean_under_a_light_that_explains_the_images(problem: Problem, scene: Scene) -> None:

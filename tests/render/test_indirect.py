@@ -21,7 +21,7 @@ from stage import Stage
 from benchmarks import reference
 from ia_bench.common.cache import Cache
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import SampledLight
+from ia_bench.light.latlong import SampledLight, row_solid_angles
 from ia_bench.material.brdf import normalize
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render import indirect
@@ -49,6 +49,18 @@ def bowl_stage() -> Stage:
 
 def flat(albedo: float, roughness: float = 0.5) -> Material:
     return Material(torch.full((4, 4, 3), albedo), torch.full((4, 4, 1), roughness))
+
+
+@pytest.mark.parametrize("rows", [4, 16, 24, 32, 50, 100])
+def test_the_sky_has_the_power_of_the_light_whatever_its_rows(rows: int) -> None:
+    """Mean radiance times solid angle, of light from a single row of the map."""
+    for row in range(0, rows, max(1, rows // 6)):
+        light = torch.zeros(rows, 2 * rows, 3)
+        light[row] = 1
+        power = (row_solid_angles(rows, 2 * rows)[:, None] * light.double().sum(1)).sum(0)
+        cells = indirect._cells(light).reshape(indirect.SKY_ROWS, -1, 3)
+        found = (row_solid_angles(indirect.SKY_ROWS, 2 * indirect.SKY_ROWS)[:, None] * cells.double().sum(1)).sum(0)
+        torch.testing.assert_close(found, power.double(), rtol=1e-5, atol=0)
 
 
 def render(stage: Stage, material: Material, bounces: int, cache: Path, *, samples: int = 256, **bake: int) -> PixelRadiance:

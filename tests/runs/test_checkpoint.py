@@ -110,3 +110,17 @@ def test_checkpoint_that_would_run_code_is_ignored(folder: RunFolder) -> None:
     (folder.path / "checkpoint.pt").write_bytes(checkpoint.pack({"kept": {}, "state": Code()}, HASH)[0])
     assert folder.load_checkpoint() is None
     assert not (folder.path / "executed").exists()
+
+
+def test_a_part_that_could_not_be_kept_is_not_the_one_of_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The disk has room for the small checkpoint alone: what it goes with are the new targets, and these are nowhere."""
+    with RunFolder.open(tmp_path, CONFIG, HASH) as folder:
+        folder.keep("targets", {"albedo": torch.ones(100)})
+        folder.save_checkpoint({"step": 1})
+        write = folder._try_to_write
+        monkeypatch.setattr(folder, "_try_to_write", lambda name, content: name == "checkpoint.pt" and write(name, content))
+        folder.keep("targets", {"albedo": torch.zeros(100)})
+        folder.save_checkpoint({"step": 2})
+    with RunFolder.open(tmp_path, CONFIG, HASH) as folder:
+        assert folder.load_checkpoint() == {"step": 2}
+        assert folder.kept("targets") is None

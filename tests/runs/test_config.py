@@ -20,7 +20,7 @@ from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates, LossWeights
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import SceneConfig, resolve_scene_folder
+from ia_bench.runs.config import CORRECTIONS, SceneConfig, resolve_scene_folder
 from ia_bench.runs.identity import identity
 from ia_bench.scores.protocol import Protocol
 
@@ -119,7 +119,7 @@ def test_options_that_no_prior_can_take_are_refused(prior: str, override: str, e
         compose(["device=cpu", f"prior={prior}", override])
 
 
-@pytest.mark.parametrize("name", ["parsimony", "neighbours", "symmetry"])
+@pytest.mark.parametrize("name", CORRECTIONS)
 def test_corrections_are_refused_with_a_method_that_heeds_none(name: str) -> None:
     with pytest.raises(InputError, match=rf"prior.supervision.{name}: expected 0 with method=ceiling, which heeds none, found 0.5"):
         compose(["device=cpu", "method=ceiling", f"prior.supervision.{name}=0.5"])

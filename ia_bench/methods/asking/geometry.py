@@ -23,8 +23,9 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
     """Normals (V, H, W, 3) and visibility (V, H, W, 1) of some training views, as observations hold them.
 
     Both are box-filtered over the pixel's points like every premultiplied image, as in the data that priors are trained on.
-    Visibility is estimated from 32 cosine-distributed directions a pixel, asked of the renderer's own shadows; a convex
-    object, for which the plan leaves shadows out, is open everywhere. On the CPU, like everything a prior is given.
+    Visibility is estimated from about 32 cosine-distributed directions a pixel, as many for each of its points, asked of the
+    renderer's own shadows; a convex object, for which the plan leaves shadows out, is open everywhere. On the CPU, like
+    everything a prior is given.
     """
     gbuffer, _ = restrict(problem.gbuffer, views)
     device = gbuffer.face.device

@@ -27,7 +27,7 @@ class PriorSampler:
 
     Attributes:
         views: Which training views these are.
-        counters: What the prior has cost, its "network_calls" first, those of samples that were kept from an earlier run
+        counters: What the prior has cost, such as "network_calls", those of samples that were kept from an earlier run
             among it; "prior_cached", how many draws these are; "prior_absurd_values", how many values of its answers no image
             could hold.
         kept_seconds: What the kept draws took when they were made, so that error against time stays comparable.

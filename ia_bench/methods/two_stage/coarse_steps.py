@@ -38,14 +38,14 @@ class CoarseSteps:
         self.optimizer = torch.optim.Adam(groups, betas=betas, fused=True) if groups else None
 
     @torch.no_grad()
-    def __call__(self, rates: Mapping[str, float]) -> None:
-        """Move every image that has one of the ``rates``, and a gradient, by a step at each of its levels."""
-        moving = [name for name in self._levels if rates.get(name) and self._images[name].grad is not None]
+    def __call__(self, rates: Mapping[str, float], gradients: Mapping[str, Tensor | None]) -> None:
+        """Move every image that has one of the ``rates`` and of the ``gradients`` (H, W, C) by a step at each of its levels."""
+        moving = [name for name in self._levels if rates.get(name) and gradients.get(name) is not None]
         if self.optimizer is None or not moving:
             return
         for (name, levels), group in zip(self._levels.items(), self.optimizer.param_groups, strict=True):
             group["lr"] = rates.get(name, 0.0)
-            gradient = self._images[name].grad
+            gradient = gradients.get(name)
             for level in levels:
                 gradient = _summed(gradient) if name in moving and gradient is not None else None
                 level.grad = gradient

@@ -56,7 +56,8 @@ class Corrections:
             return
         with self._timed():
             material, fusion = parameters.material(detached=True), self._fusion
-            fitted = fitted_views(self._problem, fusion, self._sampler.views, material, parameters.light(), generator)
+            exposures = None if parameters.exposures is None else parameters.exposures.recovered
+            fitted = fitted_views(self._problem, fusion, self._sampler.views, material, parameters.light(), generator, exposures)
             renders = {name: images.cpu() for name, images in fitted.items()}
             corrected = self._sampler.refine(renders).values
 

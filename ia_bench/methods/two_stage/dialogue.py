@@ -16,6 +16,7 @@ from ia_bench.methods.asking.views import restrict
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import Some
 from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.refinement import as_photographed
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.supervision import Supervision
 from ia_bench.methods.two_stage.targets import Targets, make_targets
@@ -134,5 +135,6 @@ class Dialogue:
         if components == {"albedo"}:  # no light, no samples
             images = {"albedo": texture_images(renderer.surface, part, material.albedo)}
         else:
-            images = renderer.render_images(part, material, light, GUIDE_SAMPLES, generator)
+            exposures = None if parameters.exposures is None else parameters.exposures.recovered
+            images = as_photographed(renderer.render_images(part, material, light, GUIDE_SAMPLES, generator), views, exposures)
         return {name: images[name].cpu() for name in sorted(components)}

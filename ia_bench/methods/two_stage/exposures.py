@@ -17,26 +17,29 @@ class Exposures:
 
     All factors and the light share one that images cannot tell: the mean of the logs is kept at 0, as
     ``Scene.exposures_differ`` says of the photographs.
+
+    Attributes:
+        log: (V,), the log factors so far.
     """
 
     def __init__(self, views: int, pixel_count: int, device: torch.device) -> None:
         """``pixel_count``: pixels of one view, by which the view of a flat index is told."""
-        self._log = torch.zeros(views, device=device, requires_grad=True)
+        self.log = torch.zeros(views, device=device, requires_grad=True)
         self._pixel_count = pixel_count
-        self._optimizer = torch.optim.Adam([self._log], betas=(0.9, 0.99))
+        self._optimizer = torch.optim.Adam([self.log], betas=(0.9, 0.99))
 
     def factors(self, pixel: Tensor) -> Tensor:
         """The factors (N, 1) of flat indices (N,) into the stacked views, through which gradients flow."""
-        return torch.exp(self._log[pixel // self._pixel_count])[:, None]
+        return torch.exp(self.log[pixel // self._pixel_count])[:, None]
 
     def descend(self, fall: float) -> None:
         """One step at ``fall`` times RATE, back to factors whose geometric mean is 1."""
-        gradient = self._log.grad
+        gradient = self.log.grad
         if gradient is not None and bool(torch.isfinite(gradient.square().sum())):
             self._optimizer.param_groups[0]["lr"] = RATE * fall
             self._optimizer.step()
             with torch.no_grad():
-                self._log -= self._log.mean()
+                self.log -= self.log.mean()
         self.clear()
 
     def clear(self) -> None:
@@ -46,18 +49,18 @@ class Exposures:
     @property
     def recovered(self) -> Tensor:
         """The factors so far, (V,)."""
-        return torch.exp(self._log.detach())
+        return torch.exp(self.log.detach())
 
     def state_dict(self) -> dict[str, Any]:
         """For a checkpoint."""
-        return {"log": self._log.detach(), "optimizer": self._optimizer.state_dict()}
+        return {"log": self.log.detach(), "optimizer": self._optimizer.state_dict()}
 
     def form(self) -> dict[str, Any]:
         """The form of :meth:`state_dict`, for :func:`ia_bench.methods.state.check_form`."""
-        return {"log": self._log.detach(), "optimizer": form_of_adam(self._optimizer)}
+        return {"log": self.log.detach(), "optimizer": form_of_adam(self._optimizer)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over a :meth:`state_dict`."""
         with torch.no_grad():
-            self._log.copy_(state["log"])
+            self.log.copy_(state["log"])
         self._optimizer.load_state_dict(state["optimizer"])

@@ -37,7 +37,8 @@ class Fit:
         self.generator = torch.Generator(device=problem.device).manual_seed(seed)
         self.objective = Objective(problem, settings)
         self.parameters = Parameters(problem, settings)
-        self.guard = StepGuard(problem, self.parameters.tensors)
+        exposures = self.parameters.exposures
+        self.guard = StepGuard(problem, self.parameters.tensors, {} if exposures is None else {"exposures": exposures.log})
         self.dialogue = Dialogue(problem, settings, seed, monitor.note)
         self.corrections = Corrections(problem, self.dialogue.sampler)
         self.kept: Targets | None = None  # the targets that the monitor keeps
@@ -50,8 +51,8 @@ class Fit:
             if taken != problem.plan.samples:
                 monitor.note(f"render.samples={problem.plan.samples}: steps take {taken} a pixel, by its points")
             self.dialogue.draw(None, self.generator)
-            start_albedo(self.parameters, problem, self.objective.images, settings.albedo_initial, self.dialogue.start)
-            start_light(self.parameters, problem, self.objective.images, self.guard, self.generator)
+            start_albedo(self.parameters, problem, settings.albedo_initial, self.dialogue.start)
+            start_light(self.parameters, problem, self.guard, self.generator)
         self.saved = time.monotonic()
 
     def finish(self) -> Result:
@@ -128,11 +129,9 @@ class Fit:
 
     @torch.no_grad()
     def _solve_albedo(self) -> None:
-        started, parameters, objective = time.perf_counter(), self.parameters, self.objective
+        started, parameters = time.perf_counter(), self.parameters
         material, light = parameters.material(detached=True), parameters.light()
-        albedo = solved_albedo(
-            self.problem, objective.images, objective.known, parameters.exposures, material, light, self.generator
-        )
+        albedo = solved_albedo(self.problem, parameters.exposures, material, light, self.generator)
         parameters.tensors["albedo"].copy_(albedo)
         self.seconds["stage2"] += time.perf_counter() - started
 

@@ -23,22 +23,26 @@ class StepGuard:
     ``skipped``: steps not taken so far; ``in_a_row``: how many of them came last, without a good step between.
     """
 
-    def __init__(self, problem: Problem, parameters: Mapping[str, Tensor]) -> None:
-        """``parameters``: what the optimiser changes in place, textures (T, T, C) by name and "log_light" (H, W, 3)."""
+    def __init__(self, problem: Problem, parameters: Mapping[str, Tensor], beside: Mapping[str, Tensor] | None = None) -> None:
+        """``parameters``: what the optimiser changes in place, textures (T, T, C) by name and "log_light" (H, W, 3).
+
+        ``beside``: what else a step changes; it is taken back with them, and not looked at.
+        """
         self._problem, self._parameters = problem, parameters
-        self._kept = {name: parameter.detach().clone() for name, parameter in parameters.items()}
+        self._taken_back = {**parameters, **(beside or {})}
+        self._kept = {name: parameter.detach().clone() for name, parameter in self._taken_back.items()}
         self.skipped = self.in_a_row = 0
 
     @torch.no_grad()
     def keep(self) -> None:
         """Remember the parameters: what :meth:`back_off` goes back to."""
-        for name, parameter in self._parameters.items():
+        for name, parameter in self._taken_back.items():
             self._kept[name].copy_(parameter)
 
     @torch.no_grad()
     def back_off(self) -> None:
         """Take the step back. The optimiser's moments stay: only finite gradients, with finite squares, ever reach them."""
-        for name, parameter in self._parameters.items():
+        for name, parameter in self._taken_back.items():
             parameter.copy_(self._kept[name])
 
     def check_loss(self, loss: Tensor, pixels: Tensor, causes: Mapping[str, Tensor]) -> None:

@@ -42,8 +42,7 @@ class SimilarityKernel:
         self._reach = max(1.0, settings.radius * max(self._height, self._width))
         self._scale = settings.kernel_scale
         self._weight = targets.weight[:, 0].sqrt()
-        mask = problem.pixels_of(torch.stack([torch.from_numpy(v.mask) for v in problem.scene.train]).to(device)[..., None])
-        self._weight = self._weight * gbuffer.filled * (mask[:, 0] > 0.999)
+        self._weight = self._weight * gbuffer.filled * (problem.photographs.mask[:, 0] > 0.999)
         prediction = targets.values["albedo"]
         if free_scale:
             view = gbuffer.view()

@@ -31,8 +31,6 @@ PIXELS = 2**18
 
 def solved_albedo(
     problem: Problem,
-    images: Tensor,
-    known: Tensor | None,
     exposures: Exposures | None,
     material: Material,
     light: SampledLight,
@@ -41,18 +39,18 @@ def solved_albedo(
     """The albedo (T, T, 3) in [0, 1] that is least in sum of w (pixel's mean albedo - (photograph - rest) / E)^2 + STAY |change|^2.
 
     The weight w is the squared share of diffuse radiance in all of it, over 1 + (residual / (RESIDUAL * radiance))^2, of each
-    channel; pixels that the object covers in part, and those that are not ``known`` (P, 1), have none.
+    channel; pixels that the object covers in part, that a mask leaves out or that are not known have none.
 
     Args:
         problem: Of the fit.
-        images: (P, 3) radiance of the photographs in the G-buffer's pixels.
-        known: Where it is not a lower bound alone; None for everywhere.
         exposures: What renders are multiplied with, None where that is 1.
         material: As recovered; where no pixel sees it, its albedo stays.
         light: As recovered.
         generator: Of the samples of renders, ``render.samples`` a pixel.
     """
-    chosen = torch.nonzero(problem.gbuffer.filled & (True if known is None else known[:, 0]))[:, 0]
+    photographs = problem.photographs
+    known = True if photographs.known is None else photographs.known[:, 0]
+    chosen = torch.nonzero(problem.gbuffer.filled & ~photographs.left_out & known)[:, 0]
     chosen = chosen[torch.randperm(len(chosen), generator=generator, device=chosen.device)[:PIXELS].sort().values]
     if not len(chosen):
         return material.albedo
@@ -60,7 +58,7 @@ def solved_albedo(
     rendered = problem.renderer.render_entries(gbuffer, material, light, problem.plan.samples, generator)
     factor = 1.0 if exposures is None else exposures.factors(gbuffer.pixel).detach()
     diffuse, radiance = factor * rendered["diffuse"], factor * rendered["radiance"]
-    residual, scale = images[chosen] - radiance, radiance + DIM * radiance.mean().clamp_min(1e-12)
+    residual, scale = photographs.radiance[chosen] - radiance, radiance + DIM * radiance.mean().clamp_min(1e-12)
     weight = (diffuse / scale).square() / (1 + (residual / (RESIDUAL * scale)).square())
     light_there = diffuse / rendered["albedo"].clamp_min(1e-3)
     wanted = (residual / light_there.clamp_min(max(1e-4 * float(light_there.mean()), 1e-12))).clamp(-LARGEST, LARGEST)

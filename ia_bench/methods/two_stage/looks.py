@@ -14,10 +14,10 @@ def looks(problem: Problem, size: int) -> Tensor:
     """How many photographs look straight at each texel: (size, size), those that see it from the side by their cosine.
 
     The pixels that show a texel, each times the area that it has at the distance of the surface, over the area of the texel.
-    Pixels that the object covers in part are left out.
+    Pixels that the object covers in part are left out, and those that a mask leaves out.
     """
     gbuffer, surface = problem.gbuffer, problem.renderer.surface
-    gbuffer = gbuffer.at(torch.nonzero(gbuffer.filled)[:, 0])
+    gbuffer = gbuffer.at(torch.nonzero(gbuffer.filled & ~problem.photographs.left_out)[:, 0])
     face = gbuffer.face.long()
     _, position = surface.geometry(face[:, 0], gbuffer.barycentric[:, 0])
     share = pixel_area(problem, gbuffer.view(), position) * size**2 / surface.area_per_uv[face[:, 0]].clamp_min(1e-20)

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.methods.bounds import known_pixels, one_sided
+from ia_bench.methods.bounds import one_sided
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.exposures import Exposures
 from ia_bench.methods.two_stage.losses import crossed_loss, smoothness, tone_map, total_variation
@@ -19,20 +19,12 @@ from ia_bench.render.renderer import PixelRadiance, samples_taken
 
 
 class Objective:
-    """The loss of a batch: images, what the prior says, smoothness.
-
-    Attributes:
-        images: (P, 3) radiance of the photographs in the G-buffer's pixels.
-        known: (P, 1) bool, where it is not a lower bound alone; None for everywhere.
-    """
+    """The loss of a batch: images, what the prior says, smoothness."""
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
         self._problem, self._settings = problem, settings
-        views = torch.stack([torch.from_numpy(view.image) for view in problem.scene.train])
-        self.images = problem.pixels_of(views.to(problem.device))
-        known = known_pixels(problem.scene.train)
-        self.known = None if known is None else problem.pixels_of(known.to(problem.device))
-        self._neighbours = find_neighbours(problem, self.images, settings.smooth_scale)
+        self._photographs = problem.photographs
+        self._neighbours = find_neighbours(problem, self._photographs.radiance, settings.smooth_scale)
 
     def __call__(
         self,
@@ -49,7 +41,8 @@ class Objective:
         """
         settings, weights = self._settings, self._settings.weights
         material, light = parameters.material(), parameters.light(uniform=settings.light_uniform)
-        target, known = self.images[pixels], None if self.known is None else self.known[pixels]
+        target, known = self._photographs.radiance[pixels], self._photographs.known
+        known = None if known is None else known[pixels]
         # ---- lambda_1: the photographs
         if settings.image_loss == "l1":
             rendered = self._render(pixels, material, light, self._problem.plan.samples, generator, parameters.exposures)

@@ -28,7 +28,7 @@ class Parameters:
 
     Attributes:
         tensors: "albedo" (T, T, 3), "roughness" and "metallic" (T, T, 1), "log_light" (H, 2H, 3): leaves of the gradient.
-        observed: (T, T) bool, texels that some training view sees.
+        observed: (T, T) bool, texels that some training view sees, in a pixel that its mask does not leave out.
         optimizer: Adam, one group a tensor.
         coarse: Its steps at coarser scales.
         exchange: The step in which light and albedo exchange a colour.
@@ -36,7 +36,8 @@ class Parameters:
     """
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
-        plan, t, device, hit = problem.plan, problem.plan.texture, problem.device, problem.gbuffer.face >= 0
+        plan, t, device = problem.plan, problem.plan.texture, problem.device
+        hit = (problem.gbuffer.face >= 0) & ~problem.photographs.left_out[:, None]
         seen = problem.renderer.surface.uv(problem.gbuffer.face[hit].long(), problem.gbuffer.barycentric[hit])
         self.observed = splat(seen, torch.zeros(len(seen), 0, device=device), t)[1] > 0
         self.tensors = {
@@ -119,14 +120,11 @@ class Parameters:
             self.exchange(settings.rates.exchange * fall)
         if self.exposures is not None:
             self.exposures.descend(fall)
-        shared = {name: None if name in frozen else tensor.grad for name, tensor in self.tensors.items()}
-        gradients = self.gradients
+        shared, single = {name: tensor.grad for name, tensor in self.tensors.items()}, self.gradients
         for name, tensor in self.tensors.items():  # the backward pass has computed those of what is frozen all the same
-            tensor.grad = None if name in frozen else gradients.get(name)
+            tensor.grad = None if name in frozen else single.get(name)
         self.optimizer.step()
-        for name, tensor in self.tensors.items():
-            tensor.grad = shared[name]
-        self.coarse({name: rate * fall for name, rate in self._coarse_rates.items() if name not in frozen})
+        self.coarse({name: rate * fall for name, rate in self._coarse_rates.items() if name not in frozen}, shared)
         with torch.no_grad():  # projected onto the valid range, so that no clamp in the model can kill a gradient
             for name, least in LEAST.items():
                 if name in self.tensors:

@@ -27,15 +27,16 @@ SAMPLES = 32
 class Fusion:
     """Averages images of some training ``views`` over the pixels that show a texel.
 
-    Each pixel is weighed by the cosine at which it sees the surface; those that the object covers in part are left out.
+    Each pixel is weighed by the cosine at which it sees the surface; those that the object covers in part are left out, and
+    those that the photograph's mask leaves out, of which a prior has been shown nothing.
 
     Attributes:
         position: (P, 3), where the surface is that the pixels show.
     """
 
     def __init__(self, problem: Problem, views: tuple[int, ...]) -> None:
-        part, _ = restrict(problem.gbuffer, views)
-        covered = torch.nonzero(part.filled)[:, 0]
+        part, rows = restrict(problem.gbuffer, views)
+        covered = torch.nonzero(part.filled & ~problem.photographs.left_out[rows])[:, 0]
         self._surface = problem.renderer.surface
         self._pixel, self._face, self._barycentric = part.pixel[covered], part.face[covered], part.barycentric[covered]
         origin = part.seen_from(covered)
@@ -100,19 +101,34 @@ def refined_roughness(fusion: Fusion, texture: Tensor, shown: Tensor, corrected:
 
 
 def fitted_views(
-    problem: Problem, fusion: Fusion, views: tuple[int, ...], material: Material, light: SampledLight, generator: torch.Generator
+    problem: Problem,
+    fusion: Fusion,
+    views: tuple[int, ...],
+    material: Material,
+    light: SampledLight,
+    generator: torch.Generator,
+    exposures: Tensor | None = None,
 ) -> dict[str, Tensor]:
     """What a fit shows in some training ``views``, those of the ``fusion``, as a prior is to correct it.
 
     The pictures are those of :meth:`ia_bench.priors.contract.Refiner.refine`; their :func:`evidence` is that of these photographs.
+    ``exposures``: the factors (V,) by which the photographs of all training views were exposed; None where they are the same.
     """
     part, _ = restrict(problem.gbuffer, views)
-    rendered = problem.renderer.render_images(part, material, light, SAMPLES, generator)
+    rendered = as_photographed(problem.renderer.render_images(part, material, light, SAMPLES, generator), views, exposures)
     together = evidence(fusion, [problem.scene.train[view] for view in views], rendered, len(material.albedo))
     images = {name: rendered[name] for name in ("albedo", "radiance", "specular")}
     for name, texture in (("roughness", material.roughness), ("evidence", together)):
         images[name] = texture_images(problem.renderer.surface, part, texture)
     return images
+
+
+def as_photographed(renders: Mapping[str, Tensor], views: tuple[int, ...], exposures: Tensor | None) -> dict[str, Tensor]:
+    """``renders`` (V', H, W, C) of some ``views`` with those that are radiance exposed as these photographs are."""
+    if exposures is None:
+        return dict(renders)
+    factor = exposures[list(views), None, None, None]
+    return {name: images if name == "albedo" else factor * images for name, images in renders.items()}
 
 
 def evidence(fusion: Fusion, views: Sequence[View], renders: Mapping[str, Tensor], size: int) -> Tensor:

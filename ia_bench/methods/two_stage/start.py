@@ -15,17 +15,16 @@ from ia_bench.render.renderer import PixelRadiance
 
 
 @torch.no_grad()
-def start_albedo(parameters: Parameters, problem: Problem, images: Tensor, mean: float, targets: Targets | None) -> None:
+def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets: Targets | None) -> None:
     """Set the albedo to the targets averaged over the views in texture space; without any, to the images' mean colour.
 
     Args:
         parameters: Whose albedo is set.
         problem: Of the fit.
-        images: (P, 3) radiance of the training images in the G-buffer's pixels.
         mean: Over the channels, of the albedo that has the images' colour.
         targets: Of the albedo, None where they do not say which albedo a pixel has.
     """
-    albedo, colour = parameters.tensors["albedo"], images.mean(0)
+    albedo, colour = parameters.tensors["albedo"], problem.photographs.radiance.mean(0)
     colour = mean * colour / colour.mean().clamp_min(1e-8)
     albedo.copy_((colour / colour.max().clamp_min(1.0)).clamp(0, 1).expand_as(albedo))
     if targets is None or not bool(targets.weight.any()):  # none, or of views that do not show the mesh
@@ -40,11 +39,15 @@ def start_albedo(parameters: Parameters, problem: Problem, images: Tensor, mean:
 
 
 @torch.no_grad()
-def start_light(parameters: Parameters, problem: Problem, images: Tensor, guard: StepGuard, generator: torch.Generator) -> None:
-    """Set the light to the even one that gives the albedo at the start the images' mean colour."""
+def start_light(parameters: Parameters, problem: Problem, guard: StepGuard, generator: torch.Generator) -> None:
+    """Set the light to the even one that gives the albedo at the start the images' mean colour.
+
+    Of all pixels, clipped ones among them: a start that is off is left behind, and those that are known alone would be too dark.
+    """
 
     def check(rendered: PixelRadiance, pixels: Tensor) -> None:
         guard.check_loss(rendered.radiance.sum(), pixels, {"the first render's radiance": rendered.radiance})
 
     log_light, material = parameters.tensors["log_light"], parameters.material()
-    log_light += torch.log(light_of_the_mean_image(problem, images, material, len(log_light), generator, check))
+    every = torch.arange(len(problem.gbuffer.pixel), device=problem.device)
+    log_light += torch.log(light_of_the_mean_image(problem, every, material, len(log_light), generator, check))

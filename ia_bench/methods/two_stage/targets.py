@@ -22,8 +22,8 @@ class Targets:
 
     Attributes:
         values: (P, 3) per component: linear, premultiplied by coverage; zero in views that the prior was not asked about.
-        weight: (P, 1), how much the pixel counts: even in the views that the prior was asked about, zero in others; mean 1, so
-            that a loss keeps its weight however few views are asked.
+        weight: (P, 1), how much the pixel counts: even in the views that the prior was asked about, zero in others and where the
+            photograph's mask leaves out what the mesh fills; mean 1, so that a loss keeps its weight however few views are asked.
         at_least: (P, 1) bool per component: where the prior could hardly have said more, a larger value is no error.
     """
 
@@ -52,7 +52,7 @@ def make_targets(problem: Problem, samples: Samples, views: tuple[int, ...]) -> 
         if name in samples.ceilings:
             near = value.amax(-1) >= NEAR_CEILING * samples.ceilings[name].to(rows.device)[view]
             at_least[name] = _spread_over(problem, rows, near[:, None].float()) > 0
-    asked = _spread_over(problem, rows, torch.ones(len(rows), 1, device=rows.device))
+    asked = _spread_over(problem, rows, (~problem.photographs.left_out[rows, None]).float())
     return Targets(values, asked / asked.mean().clamp_min(1e-12), at_least)
 
 

@@ -50,8 +50,7 @@ def test_steps_add_up_to_those_of_every_level() -> None:
     image = torch.from_numpy(start).float().requires_grad_()
     steps = CoarseSteps({"light": image}, BETAS)
     for gradient in gradients:
-        image.grad = torch.from_numpy(gradient).float()
-        steps({"light": 0.1})
+        steps({"light": 0.1}, {"light": torch.from_numpy(gradient).float()})
     expected = start + sum(expected_move(gradients, factor, 0.1) for factor in (2, 4))
     np.testing.assert_allclose(image.detach().numpy(), expected, rtol=0, atol=1e-5)
 
@@ -59,8 +58,8 @@ def test_steps_add_up_to_those_of_every_level() -> None:
 @pytest.mark.parametrize("rates", [{}, {"still": 0.0}])
 def test_what_has_no_rate_or_no_gradient_stays(rates: dict[str, float]) -> None:
     still, moved, frozen = (torch.ones(16, 16, 1, requires_grad=True) for _ in range(3))
-    still.grad, moved.grad = torch.ones_like(still), torch.ones_like(moved)
-    CoarseSteps({"still": still, "moved": moved, "frozen": frozen}, BETAS)({**rates, "moved": 0.1, "frozen": 0.1})
+    steps = CoarseSteps({"still": still, "moved": moved, "frozen": frozen}, BETAS)
+    steps({**rates, "moved": 0.1, "frozen": 0.1}, {"still": torch.ones(16, 16, 1), "moved": torch.ones(16, 16, 1), "frozen": None})
     assert torch.equal(still, torch.ones_like(still))
     assert torch.equal(frozen, torch.ones_like(frozen))
     torch.testing.assert_close(moved, torch.full_like(moved, 1 - 2 * 0.1))  # Adam's first step is its rate, at 8 and 4 rows
@@ -69,9 +68,8 @@ def test_what_has_no_rate_or_no_gradient_stays(rates: dict[str, float]) -> None:
 @pytest.mark.parametrize("shape", [(7, 14, 3), (4, 8, 3), (6, 12, 1)])
 def test_an_image_without_coarser_levels_is_left_alone(shape: tuple[int, int, int]) -> None:
     image = torch.ones(shape, requires_grad=True)
-    image.grad = torch.ones(shape)
     steps = CoarseSteps({"light": image}, BETAS)
-    steps({"light": 0.1})
+    steps({"light": 0.1}, {"light": torch.ones(shape)})
     assert torch.equal(image, torch.ones(shape))
     steps.load_state_dict(steps.state_dict())
     assert steps.form() == steps.state_dict() == {}
@@ -88,8 +86,7 @@ def test_its_state_goes_on_where_it_was() -> None:
             if step == stop:
                 state, steps = steps.state_dict(), CoarseSteps({"albedo": image}, BETAS)
                 steps.load_state_dict(state)
-            image.grad = gradient
-            steps({"albedo": 0.05})
+            steps({"albedo": 0.05}, {"albedo": gradient})
         ends.append(image.detach().clone())
     assert torch.equal(*ends)
 
@@ -111,10 +108,10 @@ def distance_left(coarse: float, steps: int = 60) -> float:
 
     for step in range(steps):
         fall = 0.05 ** (step / steps)
-        image.grad = glance()
+        image.grad = gradient = glance()
         adam.param_groups[0]["lr"] = 0.03 * fall
         adam.step()
-        beside({"albedo": coarse * fall})
+        beside({"albedo": coarse * fall}, {"albedo": gradient})
     off = (image.detach() - wanted)[..., 0].reshape(8, 8, 8, 8).mean((1, 3))
     return float(off.square().mean().sqrt())
 

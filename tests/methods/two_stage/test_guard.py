@@ -24,6 +24,7 @@ from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage import guard
 from ia_bench.methods.two_stage.guard import PATIENCE
 from ia_bench.methods.two_stage.objective import Objective
+from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import PixelRadiance, Renderer
@@ -111,6 +112,19 @@ def test_a_bad_pixel_costs_one_step_and_is_named(problem: Problem, record: Recor
         assert torch.equal(kept, after["parameters"]["tensors"][name])
     moments = [state["parameters"]["optimizer"]["state"] for state in (before, after)]
     torch.testing.assert_close(*moments, rtol=0, atol=0)
+
+
+def test_exposures_are_taken_back_with_the_rest(problem: Problem) -> None:
+    parameters = Parameters(altered(problem, scene=replace(problem.scene, exposures_differ=True)), SETTINGS)
+    assert parameters.exposures is not None
+    keeper = guard.StepGuard(problem, parameters.tensors, {"exposures": parameters.exposures.log})
+    keeper.keep()
+    with torch.no_grad():
+        parameters.exposures.log += 1
+        parameters.tensors["albedo"] += math.nan
+    keeper.back_off()
+    assert parameters.exposures.recovered.tolist() == [1] * len(problem.scene.train)
+    assert bool(torch.isfinite(parameters.tensors["albedo"]).all())
 
 
 def test_a_good_fit_counts_nothing_and_says_nothing(problem: Problem, record: Record) -> None:

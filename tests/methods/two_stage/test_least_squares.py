@@ -38,6 +38,14 @@ def photographed(problem: Problem, material: Material, light: SampledLight) -> T
     return values["radiance"]
 
 
+def taking(problem: Problem, radiance: Tensor, known: Tensor | None = None) -> Problem:
+    """The same with other photographs (P, 3)."""
+    other = replace(problem)
+    vars(other).update(gbuffer=problem.gbuffer, renderer=problem.renderer, plan=problem.plan)
+    vars(other).update(photographs=replace(problem.photographs, radiance=radiance, known=known))
+    return other
+
+
 def error(problem: Problem, albedo: Tensor, truth: Tensor) -> float:
     """Root of the mean square in the pixels that the object fills."""
     gbuffer = problem.gbuffer.at(torch.nonzero(problem.gbuffer.filled)[:, 0])
@@ -57,7 +65,7 @@ def solve(
     noise = 0.2 * torch.rand(material.albedo.shape, generator=torch.Generator().manual_seed(5)) - 0.1
     begun = replace(material, albedo=material.albedo + noise)
     images = photographs if images is None else images
-    found = solved_albedo(problem, images, valid, exposures, begun, light, torch.Generator().manual_seed(3))
+    found = solved_albedo(taking(problem, images, valid), exposures, begun, light, torch.Generator().manual_seed(3))
     return error(problem, begun.albedo, material.albedo), error(problem, found, material.albedo)
 
 
@@ -92,7 +100,7 @@ def test_renders_are_exposed_as_the_photographs_are(known: tuple[Problem, Materi
 def test_black_and_bright_lights_leave_it_finite(known: tuple[Problem, Material, SampledLight, Tensor], brightness: float) -> None:
     problem, material, light, photographs = known
     lit = SampledLight.of(brightness * light.radiance)
-    found = solved_albedo(problem, brightness * photographs, None, None, material, lit, torch.Generator())
+    found = solved_albedo(taking(problem, brightness * photographs), None, material, lit, torch.Generator())
     assert bool(((found >= 0) & (found <= 1)).all())
     torch.testing.assert_close(error(problem, found, material.albedo), 0.0, atol=0.05, rtol=0)
 
@@ -100,7 +108,7 @@ def test_black_and_bright_lights_leave_it_finite(known: tuple[Problem, Material,
 def test_nothing_known_changes_nothing(known: tuple[Problem, Material, SampledLight, Tensor]) -> None:
     problem, material, light, photographs = known
     none = torch.zeros(len(photographs), 1, dtype=torch.bool)
-    assert solved_albedo(problem, photographs, none, None, material, light, torch.Generator()) is material.albedo
+    assert solved_albedo(taking(problem, photographs, none), None, material, light, torch.Generator()) is material.albedo
 
 
 def test_conjugate_gradients_solve_each_channel() -> None:

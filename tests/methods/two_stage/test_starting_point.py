@@ -13,10 +13,10 @@ from ia_bench.methods.two_stage.targets import Targets
 
 def test_a_prior_that_was_asked_about_views_without_the_mesh_leaves_the_start_to_the_images(problem: Problem) -> None:
     parameters = Parameters(problem, SETTINGS)
-    images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]))
-    start_albedo(parameters, problem, images, 0.5, None)
+    start_albedo(parameters, problem, 0.5, None)
     expected = parameters.tensors["albedo"].detach().clone()
+    images = problem.photographs.radiance
     nothing = Targets({"albedo": torch.zeros_like(images)}, torch.zeros_like(images[:, :1]))
-    start_albedo(parameters, problem, images, 0.5, nothing)
+    start_albedo(parameters, problem, 0.5, nothing)
     assert torch.equal(parameters.tensors["albedo"], expected)
     assert float(expected.mean()) > 0.1
