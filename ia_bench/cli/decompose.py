@@ -44,6 +44,8 @@ def _decompose(wanted: argparse.Namespace) -> int:
     maker = make_prior(wanted.prior, wanted.option)
     make_writable(wanted.out, "--out")
     for path, (radiance, coverage) in zip(wanted.images, read, strict=True):
+        if bool((coverage == 1).all()):
+            say(f"{path}: no mask: the whole picture is taken as the object; --mask or its alpha says what is", sys.stdout)
         parts = decompose_with(maker, *reduced(radiance, coverage, wanted.size), samples=wanted.samples, seed=wanted.seed)
         say(f"{path}: {parts.samples} samples, {parts.network_calls} network evaluations", sys.stdout)
         for written in write_decomposition(parts, wanted.out, path.stem):

@@ -12,6 +12,7 @@ from ia_bench.common.exit_codes import OK, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
+from ia_bench.report.collect import Run, collect
 from ia_bench.report.published import read_published
 from ia_bench.report.site.against import changes, former_runs
 from ia_bench.report.site.content import RowTexts, Sources
@@ -59,13 +60,15 @@ def _report(wanted: argparse.Namespace) -> int:
     published = [run for path in wanted.runs if path not in folders for run in read_published(path)]
     former = None if wanted.against is None else former_runs(wanted.against)
     make_writable(wanted.out, "--out")
+    found = find_run_folders(*folders)
     try:
+        reference, of_captures = _reference(wanted.reference, found, published)
         report = write_report(
-            find_run_folders(*folders),
+            found,
             wanted.out,
             rows,
             scenes_order=table.scenes,
-            reference=wanted.reference or table.compared,
+            reference=reference or table.compared,
             claims=table.claims,
             papers=table.papers,
             published=[run for run in published if not wanted.only or run.row in rows],
@@ -73,7 +76,7 @@ def _report(wanted: argparse.Namespace) -> int:
     except ValueError as error:
         raise InputError(str(error)) from error
     value = write_value_of(report, table, wanted.out)
-    page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, former)
+    page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, former, of_captures)
     tell(report, table, page)
     say("".join(f"{path}\n" for path in value), sys.stdout)
     return OK
@@ -84,12 +87,33 @@ def write_value_of(report: Report, table: Table, out: Path) -> list[Path]:
     return write_value(report.findings.runs, table, out) if table.captures and table.reference else []
 
 
-def write_report_page(report: Report, table: Table, out: Path, name: str, former: Path | None = None) -> Path:
-    """Write the page of a report below ``out`` and return its index.html; ``former``: the runs.csv of an earlier report."""
+def _reference(wanted: str | None, folders: Sequence[Path], published: Sequence[Run]) -> tuple[str | None, str | None]:
+    """The row that all others are compared with, and the one that they are where it was run with their capture.
+
+    A row's name ends with its capture, "none, hull": where none is called ``wanted`` alone, a single one that begins so is meant,
+    and of several each is the reference of its own capture.
+    """
+    if wanted is None:
+        return None, None
+    rows = {run.row for run in collect(folders, published).runs}
+    captured = [row for row in rows if row.startswith(f"{wanted}, ")]
+    if wanted in rows or not captured:
+        return wanted, wanted
+    return (captured[0] if len(captured) == 1 else None), wanted
+
+
+def write_report_page(
+    report: Report, table: Table, out: Path, name: str, former: Path | None = None, reference: str | None = None
+) -> Path:
+    """Write the page of a report below ``out`` and return its index.html.
+
+    ``former``: the runs.csv of an earlier report. ``reference``: the row that others are compared with capture by capture, where
+    it is not that of the report or the table.
+    """
     found = report.findings
     texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed}
     since = None if former is None else changes(former, found.runs, found.rows, found.scenes)
-    sources = Sources(found, f"Table: {name}", texts, since, worth=maps(found.runs, table, found.reference))
+    sources = Sources(found, f"Table: {name}", texts, since, worth=maps(found.runs, table, reference or found.reference))
     return write_page(sources, out / PAGE, _pictures(report, out / PAGE / PARTS))
 
 

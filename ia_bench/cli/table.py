@@ -1,11 +1,13 @@
 """``python -m ia_bench.table``: every row x scene x seed of a table, each as a run of its own, then the report.
 
-    python -m ia_bench.table [table=paper] [seeds=0,1] [scenes=hat,ship] [jobs=auto] [SETTING=VALUE ...]
+    python -m ia_bench.table [table=paper] [rows=none,targets] [seeds=0,1] [scenes=hat,ship] [jobs=auto] [SETTING=VALUE ...]
+    python -m ia_bench.table table=FILE.yaml ...
     python -m ia_bench.table launcher=ray|submitit_slurm|submitit_local [launcher.SETTING=VALUE ...] ...
 
 A cell runs in a process of its own, so that one that crashes takes no other with it; it is started again from its last
 checkpoint, launcher.attempts=3 times in all. Finished cells are skipped, failed ones are tried again, shown and counted. All other
-overrides go to every cell. Everything is left in results/<table>/.
+overrides go to every cell, but none may set what a row sets itself. Everything is left in results/<table>/; the report there is of
+the rows, scenes and seeds that were asked for last.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from ia_bench.runs.config import resolve_scene_folder, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
 from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Cell, Request, load_table, make_cells
+from ia_bench.runs.table import Cell, Request, make_cells
 
 
 def parse(arguments: Sequence[str]) -> Request:
@@ -41,7 +43,7 @@ def parse(arguments: Sequence[str]) -> Request:
         key, separator, value = argument.partition("=")
         if not separator:
             raise InputError(f"expected SETTING=VALUE, found '{argument}'; --help says more")
-        if key == "table":
+        if key in ("table", "rows"):
             own[key] = value
         elif key == "scenes":
             own[key] = tuple(value.split(","))
@@ -52,7 +54,7 @@ def parse(arguments: Sequence[str]) -> Request:
         elif key == "jobs":
             own[key] = None if value == "auto" else _whole(key, value, 1, "a whole number")
         elif key.lstrip("+~") in ("scene", "scene.name", "scene.path", "seed", "row", "out"):
-            raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds= and table=")
+            raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds=, rows= and table=")
         else:
             overrides.append(argument)
     own["launcher"] = _launcher(launcher)
@@ -72,14 +74,14 @@ def make_table(request: Request) -> int:
     from ia_bench.report.table import counterparts
     from ia_bench.report.write import write_report
 
-    table = load_table(request.table)
+    table = request.load()
     try:
         counterparts(table.papers)
     except ValueError as error:
-        raise InputError(f"table {request.table}: {error}") from None
+        raise InputError(f"table {request.name}: {error}") from None
     launcher = request.launcher
     jobs, threads = launcher.jobs_and_threads(request.jobs, compose(request.overrides, here=launcher.here).device)
-    results = Path("results", slug(request.table))
+    results = Path("results", slug(request.name))
     broken: list[str] = []
     cells = make_cells(table, request, threads, results, broken.append)
     with Progress() as progress:
@@ -87,7 +89,8 @@ def make_table(request: Request) -> int:
         progress.note(f"{results}: {len(cells)} cells, {at_a_time}, {threads} threads each")
         for line in broken:
             progress.note(line)
-        write_cells(results, request.table, None if jobs == AS_MANY_AS_FIT else jobs, cells)
+        known_as = str(Path(request.table).resolve()) if request.table.endswith(".yaml") else request.table
+        write_cells(results, known_as, None if jobs == AS_MANY_AS_FIT else jobs, cells)
         progress.note(f"python -m ia_bench.watch {results}: the page of this table while it grows")
         failed = run_cells(cells, launcher, jobs, results / "logs", progress)
     report = write_report(
@@ -99,7 +102,7 @@ def make_table(request: Request) -> int:
         claims=table.claims,
         papers=table.papers,
     )
-    tell(report, table, write_report_page(report, table, results, request.table))
+    tell(report, table, write_report_page(report, table, results, request.name))
     pictures = _write_pictures(table.pictured, cells, results)
     say("\n".join(map(str, write_value_of(report, table, results) + pictures)), sys.stdout)
     wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])

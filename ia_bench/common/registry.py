@@ -24,7 +24,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from ia_bench.common.errors import InputError, raised
+from ia_bench.common.errors import InputError, place_of, raised
 from ia_bench.common.files import read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.settings import check_arguments
@@ -91,7 +91,7 @@ def find(kind: Kind, name: str) -> Plugin:
         return Plugin(kind, name, name, "the command line")
     known = {**built_in(kind), **installed(kind)}
     if name not in known:
-        raise InputError(f"{unknown(kind, name, known)} (or module:Class)")
+        raise InputError(f"{unknown(kind, name, known)}, those of packages that are installed here, and module:Class")
     return known[name]
 
 
@@ -180,4 +180,5 @@ def at_work(kind: Kind, name: str) -> Iterator[None]:
     except InputError:
         raise
     except (Exception, SystemExit) as error:
-        raise InputError(f"{kind} {name} raised {raised(error)}") from error
+        where = f"{place}; " if (place := place_of(error)) else ""
+        raise InputError(f"{kind} {name} raised {raised(error)} ({where}IA_BENCH_DEBUG=1 shows the traceback)") from error

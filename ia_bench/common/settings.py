@@ -40,6 +40,9 @@ EXPECTED = {
 }
 """What a kind of pydantic's errors expects, in the words of a message."""
 
+UNKNOWN = {"unexpected_keyword_argument", "extra_forbidden"}
+"""Kinds of pydantic's errors about a name that is no setting."""
+
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
@@ -130,12 +133,18 @@ def _listed(hint: Any) -> Any:  # noqa: ANN401 (whatever a plugin's author put t
 
 
 def _sentence(errors: Sequence[ErrorDetails], known: Any, content: Any, key: str) -> str:  # noqa: ANN401 (as _checked)
-    """The first thing that is wrong; errors about the same place are what its alternatives expected."""
-    place, found = _place(errors[0], content)
+    """The first thing that is wrong; errors about the same place are what its alternatives expected.
+
+    Where a value is missing and there is a name that is none, that one is told: it is likely to be meant for the other.
+    """
+    first = errors[0]
+    if first["type"] == "missing":
+        first = next((error for error in errors if error["type"] in UNKNOWN), first)
+    place, found = _place(first, content)
     name = ".".join(filter(None, (key, *place)))
     alternatives = [error for error in errors if _place(error, content)[0] == place]
     kinds = {error["type"] for error in alternatives}
-    if kinds <= {"unexpected_keyword_argument", "extra_forbidden"}:
+    if kinds <= UNKNOWN:
         names = _names(known, place[:-1])
         return unknown("setting", place[-1], names, prefix="".join(f"{part}." for part in filter(None, (key, *place[:-1]))))
     words = [word for error in alternatives for word in re.findall(r"'([^']*)'", str(error.get("ctx", {}).get("expected", "")))]
@@ -169,15 +178,19 @@ def _place(error: ErrorDetails, content: Any) -> tuple[tuple[str, ...], Any]:  #
 
 
 def _names(known: Any, place: Sequence[str]) -> list[str]:  # noqa: ANN401 (a class or names)
-    """The fields of the dataclass at a place inside ``known``."""
+    """The fields of the dataclass at a place inside ``known``; what a list holds is of one type."""
     for part in place:
-        known = get_type_hints(known)[part] if dataclasses.is_dataclass(known) else known
+        if dataclasses.is_dataclass(known):
+            known = get_type_hints(known)[part]
+        elif get_origin(known) is list:
+            (known,) = get_args(known)
     return [field.name for field in dataclasses.fields(known)] if dataclasses.is_dataclass(known) else list(known)
 
 
 def _forbidding(kind: type[T]) -> type[T]:
     """``kind``, whose tables, and those inside, take no other names and no NaN or infinity."""
-    for one in (kind, *get_type_hints(kind).values()):
+    hints = get_type_hints(kind).values()
+    for one in (kind, *hints, *(part for hint in hints if get_origin(hint) is list for part in get_args(hint))):
         if dataclasses.is_dataclass(one) and "__pydantic_config__" not in vars(one):
             setattr(one, "__pydantic_config__", STRICT)  # noqa: B010 (which no type has a name for)
             if one is not kind:

@@ -17,4 +17,13 @@ def unknown(what: str, name: str, known: Iterable[str], prefix: str = "") -> str
     names = list(known)
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"; did you mean '{prefix}{near[0]}'?" if near else "."
-    return f"unknown {what} '{prefix}{name}'{hint} There are: {', '.join(names) or 'none'}"
+    return f"unknown {what} '{prefix}{name}'{hint} There {'are' if names else 'is'}: {listed(names)}"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names with commas between; those with one in them stand in quotes. "none of them" for no name.
+
+    >>> listed(["none", "refiner, hull"])
+    "none, 'refiner, hull'"
+    """
+    return ", ".join(f"'{name}'" if "," in name else name for name in names) or "none of them"

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from ia_bench.common.suggestions import listed
 from ia_bench.report.claims import Verdict, judge
 from ia_bench.report.collect import Collection, Run
 from ia_bench.report.curves import TimeToError, Worsening, time_to_beat, time_to_error, worsening
@@ -95,10 +96,10 @@ def analyse(
     rows, scenes = _ordered(rows_order, (run.row for run in runs)), _ordered(scenes_order, (run.scene for run in runs))
     runs = tuple(sorted(runs, key=lambda run: (rows.index(run.row), scenes.index(run.scene), run.seed)))
     if reference is not None and reference not in rows:
-        raise ValueError(f"reference: expected one of the rows {', '.join(rows)}, found {reference}")
+        raise ValueError(f"reference: expected one of the rows {listed(rows)}, found {reference}")
     for row in (row for claim in claims for row in (claim.better, claim.worse)):
         if row not in rows:
-            raise ValueError(f"claims: expected rows among {', '.join(rows)}, found {row}")
+            raise ValueError(f"claims: expected rows among {listed(rows)}, found {row}")
     others = [row for row in rows if row != reference] if reference is not None else []
     return Findings(
         protocol=protocol,

@@ -9,12 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import read_yaml
+from ia_bench.common.files import read_yaml, user_path
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import flat, parsed
@@ -114,7 +111,10 @@ def crossed_name(row: str, capture: str) -> str:
 
 @dataclass(frozen=True)
 class Request:
-    """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell, and where."""
+    """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell, and where.
+
+    ``table``: a name, or a FILE.yaml. ``rows``: which of its rows, None for all (:func:`some_rows`).
+    """
 
     table: str = "paper"
     scenes: tuple[str, ...] | None = None
@@ -122,6 +122,28 @@ class Request:
     jobs: int | None = None
     overrides: tuple[str, ...] = ()
     launcher: Launcher = field(default_factory=Local)
+    rows: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What the table is called, and the folder of its results."""
+        return title_of(self.table)
+
+    def load(self) -> Table:
+        """The table with the rows that are asked for.
+
+        Raises InputError as :func:`load_table`, and for an override of what one of the rows sets itself: it would no longer be
+        that row.
+        """
+        table = load_table(self.table)
+        if self.rows is not None:
+            table = some_rows(table, self.rows)
+        for override in self.overrides:
+            key = _key_of(override)
+            for row in table.crossed:
+                if key in map(_key_of, row.overrides):
+                    raise InputError(f"{override}: expected a setting that no row has of its own, found it in row '{row.name}'")
+        return table
 
 
 @dataclass(frozen=True)
@@ -154,12 +176,17 @@ class Cell:
         return logs / f"{slug(self.config.scene.name)}-{self.folder.name}.log"
 
 
+def title_of(table: str) -> str:
+    """What a table is called that is named by a name or a FILE.yaml."""
+    return Path(table).stem if table.endswith(".yaml") else table
+
+
 def load_table(name: str) -> Table:
-    """Read ``conf/table/<name>.yaml`` and what it includes.
+    """Read the table of that name, or the FILE.yaml, and what it includes.
 
     Raises InputError naming the closest table, or the file and key at fault.
     """
-    path = conf_folder() / "table" / f"{name}.yaml"
+    path = _file_of(name)
     table = _whole(name, ())
     try:
         labels = [capture_of(settings).label for settings in table.captures]
@@ -189,19 +216,48 @@ def load_table(name: str) -> Table:
     return table
 
 
+def _file_of(name: str) -> Path:
+    """``conf/table/NAME.yaml``, or the file that ``name`` ends with .yaml to name. Raises InputError where there is none."""
+    if name.endswith(".yaml"):
+        return user_path("table", name)
+    folder = conf_folder() / "table"
+    known = sorted(path.stem for path in folder.glob("*.yaml"))
+    if name not in known:
+        raise InputError(f"{unknown('table', name, known)} (or the path of a FILE.yaml)")
+    return folder / f"{name}.yaml"
+
+
+def some_rows(table: Table, text: str) -> Table:
+    """The ``table`` of those of its rows alone that ``text`` names, with commas between; a name may have commas itself.
+
+    So are its claims, its pictured rows and its reference. Raises InputError for what is no row.
+    """
+    names, parts, chosen = [row.name for row in table.rows], [part.strip() for part in text.split(",")], list[str]()
+    while parts:
+        ends = [end for end in range(len(parts), 0, -1) if ", ".join(parts[:end]) in names]
+        if not ends:
+            raise InputError(f"rows: {unknown('row', parts[0], names)}")
+        chosen.append(", ".join(parts[: ends[0]]))
+        del parts[: ends[0]]
+    return replace(
+        table,
+        rows=[row for row in table.rows if row.name in chosen],
+        reference=table.reference if table.reference in chosen else None,
+        claims=[claim for claim in table.claims if claim.better in chosen and claim.worse in chosen],
+        pictured=[row for row in table.pictured if row in chosen],
+    )
+
+
 def _whole(name: str, within: tuple[str, ...]) -> Table:
     """A table with what it includes; ``within``: the tables that include it."""
-    path = conf_folder() / "table" / f"{name}.yaml"
-    if not path.is_file():
-        raise InputError(unknown("table", name, sorted(p.stem for p in path.parent.glob("*.yaml"))))
+    path = _file_of(name)
     if name in within:
         raise InputError(f"{path}: includes: expected tables that do not include each other, found {' in '.join((name, *within))}")
     own = read_yaml(path)
     try:
-        table = OmegaConf.to_object(OmegaConf.merge(OmegaConf.structured(Table), own))
-    except OmegaConfBaseException as error:
+        table = parsed(Table, own)
+    except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    assert isinstance(table, Table)
     parts = [_whole(other, (name, *within)) for other in table.includes]
     if not parts:
         return table
@@ -243,7 +299,7 @@ def make_cells(
                 raise
             broken(f"{row.name}: left out: {error}")
     if not cells:
-        raise InputError(f"table {request.table}: expected at least one row and one scene, found none")
+        raise InputError(f"table {request.name}: expected at least one row and one scene, found none")
     twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
     if twice:
         raise InputError(f"expected every row, scene and seed once, found {twice[0]} more than once")
@@ -260,6 +316,11 @@ def _cell(row: Row, config: RunConfig, own: list[str], request: Request, results
     folder = results / "runs" / slug(config.scene.name) / f"{slug(row.name)}-seed{config.seed}-{hash_of(content)[:8]}"
     overrides = (*row.overrides, *own, *request.overrides, f"out={_quoted(str(folder))}")
     return Cell(row, replace(config, out=str(folder)), content, overrides)
+
+
+def _key_of(override: str) -> str:
+    """Which setting it is of, in Hydra's grammar."""
+    return override.partition("=")[0].lstrip("+~")
 
 
 def _quoted(text: str) -> str:

@@ -35,6 +35,20 @@ def test_runs_of_several_folders_are_reported_together(tmp_path: Path, capsys: p
     assert "+2.00" in (tmp_path / "out" / "report.md").read_text()
 
 
+def test_a_reference_is_found_by_the_name_that_its_captures_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Runs on one's own photographs are called after their capture: none, hull."""
+    write(tmp_path / "runs" / "a", "none, hull", 20.0)
+    write(tmp_path / "runs" / "b", "ours, hull", 22.0)
+    arguments = [str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--reference", "none"]
+    assert main(arguments) == 0
+    assert "+2.00" in (tmp_path / "out" / "report.md").read_text()
+    write(tmp_path / "runs" / "c", "none, sdf", 23.0)
+    assert main(arguments) == 0  # each capture has its own
+    capsys.readouterr()
+    assert main([*arguments[:-1], "nobody"]) == 2
+    assert "expected one of the rows 'none, hull', 'none, sdf', 'ours, hull', found nobody" in capsys.readouterr().err
+
+
 def test_a_table_gives_order_reference_and_claims(tmp_path: Path) -> None:
     write(tmp_path / "runs" / "a", "none", 20.0)
     write(tmp_path / "runs" / "b", "diffusion, kernel", 22.0)

@@ -28,7 +28,7 @@ from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Request, Row, Table, load_table, make_cells
+from ia_bench.runs.table import Claim, Request, Row, Table, load_table, make_cells, some_rows
 
 HERE = Path(__file__).parent
 ABLATIONS = [f"diffusion, targets{part}" for part in ("", ", weight .01", " w/o specular", " w/o albedo", " w/o guided")]
@@ -150,9 +150,9 @@ def test_command_line_is_told_apart() -> None:
         ("jobs=999999", f"jobs=999999: expected at most {len(os.sched_getaffinity(0))}, the cores that this process may use"),
         ("preset=smok", "unknown preset 'smok'; did you mean 'smoke'?"),
         ("scenes=hatt", "unknown scene 'hatt'; did you mean 'hat'?"),
-        ("seed=1", "it has scenes=, seeds= and table="),
-        ("++seed=1", "it has scenes=, seeds= and table="),
-        ("scene.path=/tmp", "it has scenes=, seeds= and table="),
+        ("seed=1", "it has scenes=, seeds=, rows= and table="),
+        ("++seed=1", "it has scenes=, seeds=, rows= and table="),
+        ("scene.path=/tmp", "it has scenes=, seeds=, rows= and table="),
         ("seeds=0,0", "found hat / ceiling / seed 0 more than once"),
         ("seds=1", "unknown setting 'seds'; did you mean 'seed'?"),
         ("fit.pixls=1", "did you mean 'fit.pixels'?"),
@@ -204,6 +204,42 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
             load_table("bad")
 
 
+def test_a_file_of_ones_own_is_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text("scenes: [hat]\nrows: [{name: a, overrides: [prior=none]}]")
+    request = parse(["table=mine.yaml"])
+    assert request.name == "mine"
+    assert [row.name for row in request.load().rows] == ["a"]
+    with pytest.raises(InputError, match=r"table=other.yaml: no such file"):
+        parse(["table=other.yaml"]).load()
+    Path("mine.yaml").write_text("rows: [{name: a, override: [prior=none]}]")
+    with pytest.raises(InputError, match=r"mine.yaml: unknown setting 'rows.0.override'; did you mean 'rows.0.overrides'"):
+        request.load()
+
+
+def test_some_rows_of_a_table_are_named_with_the_commas_that_they_have() -> None:
+    rows = [Row(name, ["prior=none"]) for name in ("none", "targets", "refiner", "refiner, hull")]
+    claims = [Claim("targets", "none"), Claim("refiner", "none")]
+    table = Table(rows=rows, reference="none", claims=claims, pictured=["refiner", "targets"])
+    few = some_rows(table, "none,refiner, hull,targets")
+    assert [row.name for row in few.rows] == ["none", "targets", "refiner, hull"]
+    assert (few.reference, few.claims, few.pictured) == ("none", claims[:1], ["targets"])
+    assert [row.name for row in some_rows(table, "refiner").rows] == ["refiner"]
+    assert some_rows(table, "refiner").reference is None
+    with pytest.raises(InputError, match=r"rows: unknown row 'nome'; did you mean 'none'\? There are: .*refiner, 'refiner, hull'$"):
+        some_rows(table, "targets,nome")
+
+
+@pytest.mark.parametrize("override", ["prior=none", "+prior=none", "capture.views=4"])
+def test_what_a_row_sets_itself_is_not_set_for_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, override: str) -> None:
+    """Or two rows would be one, under two names."""
+    monkeypatch.chdir(tmp_path)
+    Path("t.yaml").write_text("scenes: [hat]\ncaptures: [{}, {views: 8}]\nrows: [{name: a, overrides: [prior=oracle]}]")
+    parse(["table=t.yaml", "preset=smoke"]).load()
+    with pytest.raises(InputError, match=r"expected a setting that no row has of its own, found it in row 'a"):
+        parse(["table=t.yaml", override]).load()
+
+
 def test_a_row_that_the_paper_has_not_is_told_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
     (tmp_path / "table").mkdir()
@@ -241,7 +277,7 @@ def test_what_is_wrong_in_the_last_row_is_told_before_the_first_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     table = Table(scenes=["hat"], rows=[Row("good", ["prior=none"]), Row("bad", ["prior=none", "preset=smok"])])
-    monkeypatch.setattr("ia_bench.cli.table.load_table", lambda name: table)
+    monkeypatch.setattr(module, "load_table", lambda name: table)
     assert main(["device=cpu"]) == 2
     assert "unknown preset 'smok'" in capfd.readouterr().err
     assert started() == []

@@ -12,6 +12,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.registry import at_work
 from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Refiner, Samples
 
+ABOVE = 0.01
+"""An albedo so little beyond its range is one of rounding, or of an interpolation."""
 LARGEST = 1e6
 """Linear values above this, and negative ones, are counted: no scene has them, but nothing breaks because of them."""
 
@@ -85,6 +87,18 @@ def checked(name: str, method: str, samples: Any, provides: frozenset[str], shap
         if not isinstance(what, str) or isinstance(count, bool) or not isinstance(count, int) or count < 0:
             raise InputError(f"{who}: cost: expected names with whole numbers >= 0, found {what!r}: {count!r:.100}")
     return Samples(values, ceilings, dict(samples.cost))
+
+
+def beyond_a_material(samples: Samples, masks: Tensor) -> str | None:
+    """What is wrong with an albedo by itself, in words: above 1, or where the ``masks`` (V, H, W) have no object; None: nothing."""
+    albedo = samples.values.get("albedo")
+    if albedo is None or not albedo.numel():
+        return None
+    largest = float(albedo.max())
+    if largest > 1 + ABOVE:
+        return f"an albedo up to {largest:.3g}, expected 0 to 1"
+    outside = int(((masks.to(albedo.device) == 0)[..., None] & (albedo > ABOVE)).any(-1).sum())
+    return f"an albedo in {outside} pixels outside of the masks, expected 0 there" if outside else None
 
 
 def absurd_values(samples: Samples) -> int:

@@ -12,7 +12,16 @@ from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
-from ia_bench.methods.asking.border import LARGEST, absurd_values, ask, ask_to_distill, ask_to_refine, check_prior_info, name_of
+from ia_bench.methods.asking.border import (
+    LARGEST,
+    absurd_values,
+    ask,
+    ask_to_distill,
+    ask_to_refine,
+    beyond_a_material,
+    check_prior_info,
+    name_of,
+)
 from ia_bench.methods.asking.geometry import count_sightings, view_geometry
 from ia_bench.methods.asking.views import evenly_spread
 from ia_bench.methods.contract import Problem
@@ -54,6 +63,7 @@ class PriorSampler:
         self.counters = {"prior_cached": 0, "prior_absurd_values": 0, "network_calls": 0}
         self.kept_seconds = 0.0
         self._shown: Observations | None = None
+        self._told = False
         keeps = settings.cache and isinstance(prior, Fingerprinted) and not prior.info.sees_truth  # truth is in no key
         self._cache = Cache() if keeps else None
 
@@ -71,6 +81,10 @@ class PriorSampler:
             samples = ask(self._prior, observations, seed=self._seed, guidance=guidance)
             if self._cache is not None and key is not None:
                 self._cache.put(key, *_packed(samples, time.perf_counter() - started))
+        wrong = None if self._told else beyond_a_material(samples, observations.masks)
+        if wrong is not None:
+            self._told = True
+            self._note(f"prior {name_of(self._prior)} proposes {wrong}; it is used, and ia_bench.check says more")
         return self._accounted(samples)
 
     def distill(self, renders: Images, views: tuple[int, ...], seed: int) -> Samples:

@@ -13,6 +13,7 @@ from small_fit import altered
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.methods.asking.border import beyond_a_material
 from ia_bench.methods.asking.geometry import view_geometry
 from ia_bench.methods.asking.sampling import PriorSampler
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -94,7 +95,10 @@ def test_absurd_values_are_counted_and_told_once(problem: Problem) -> None:
     spy = Spy()
     asking = sampler(problem, spy, notes=notes)
     asking.draw(None)
-    assert (asking.counters["prior_absurd_values"], notes) == (0, [])
+    assert asking.counters["prior_absurd_values"] == 0
+    largest = 0.5 * max(float(view.image.max()) for view in problem.scene.train)
+    assert notes == [f"prior Spy proposes an albedo up to {largest:.3g}, expected 0 to 1; it is used, and ia_bench.check says more"]
+    notes.clear()
     views = problem.scene.train
     spoiled = views[0].image.copy()
     spoiled[0, :5, 0], spoiled[0, :2, 1] = -1, 1e7  # in albedo, half of it, and in specular, twice of it
@@ -103,7 +107,19 @@ def test_absurd_values_are_counted_and_told_once(problem: Problem) -> None:
     asking.draw(None)
     asking.draw({"albedo": torch.zeros(16, 32, 32, 3)})
     assert asking.counters["prior_absurd_values"] == 2 * 2 * 7
-    assert notes == ["prior Spy: 14 of its values are negative or above 1e+06; they are used"]
+    assert [note for note in notes if "proposes" not in note] == [
+        "prior Spy: 14 of its values are negative or above 1e+06; they are used"
+    ]
+    assert len(notes) == 2  # of a sampler each thing is said once
+
+
+def test_an_albedo_outside_of_the_masks_is_told() -> None:
+    masks, albedo = torch.zeros(2, 4, 4), torch.zeros(2, 4, 4, 3)
+    masks[:, 1:3], albedo[:, 1:3] = 0.5, 0.9
+    assert beyond_a_material(Samples({"albedo": albedo}), masks) is None
+    albedo[0, 0, :2, 1] = 0.1
+    assert beyond_a_material(Samples({"albedo": albedo}), masks) == "an albedo in 2 pixels outside of the masks, expected 0 there"
+    assert beyond_a_material(Samples({"specular": 9 * torch.ones(2, 4, 4, 3)}), masks) is None
 
 
 def test_distillation_needs_a_distiller(problem: Problem) -> None:
