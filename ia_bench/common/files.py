@@ -1,9 +1,12 @@
-"""Files that a user gives, opened safely: JSON, YAML and paths, each mistake in one sentence that names the file."""
+"""Files that a user gives, opened safely: JSON, YAML and paths, each mistake in one sentence that names it; and their hashes."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -91,6 +94,27 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
+
+
+def hash_of_files(root: Path, files: Iterable[Path]) -> str:
+    """SHA-256 (hex) over the names below ``root`` and the bytes of ``files``, in the order in which they are given.
+
+    Kept for as long as no size and no time of change differs: a table asks once for every cell. Raises OSError for a file that
+    cannot be read.
+    """
+    states = ((file, file.stat()) for file in files)
+    return _hash_of_states(root, tuple((file, state.st_size, state.st_mtime_ns) for file, state in states))
+
+
+@cache
+def _hash_of_states(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str:
+    digest = hashlib.sha256()
+    for path, size, _ in files:
+        digest.update(f"{path.relative_to(root).as_posix()}\0{size}\n".encode())
+        with path.open("rb") as opened:
+            while block := opened.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
 
 
 def shown(name: object) -> str:

@@ -12,7 +12,6 @@ an error only for the run that asked for it.
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import importlib.util
 import sys
@@ -25,7 +24,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from ia_bench.common.errors import InputError, place_of, raised
-from ia_bench.common.files import read_yaml
+from ia_bench.common.files import hash_of_files, read_yaml
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.settings import check_arguments
 from ia_bench.common.suggestions import unknown
@@ -33,6 +32,7 @@ from ia_bench.common.suggestions import unknown
 Kind = Literal["prior", "method", "reader"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 BUILT_IN = "ia_bench"
+TESTS = "tests"  # a folder of a plugin's package, whose code decides no number
 MEMBERS = {"prior": ("sample",), "method": ("Options", "presets", "info", "fit"), "reader": ("read",)}
 """What the class of a plugin must have, by kind; the contracts say what these are."""
 
@@ -98,26 +98,33 @@ def find(kind: Kind, name: str) -> Plugin:
 def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None:
     """What tells one state of a plugin's code from another, None for a built-in one: its distribution and a hash of its modules.
 
-    These are the module itself and, where it belongs to a package, all modules beside and below it; what else it imports is told
-    by the distribution's version alone. ``target``: None for the one that ``name`` stands for. Imports no more than the packages
-    above the module.
+    These are all modules of the top-level package that it belongs to, whatever parts of that the plugin shares with others, but
+    for those in folders called ``tests``; or the one module that belongs to no package. What else it imports is told by the
+    distribution's version alone. ``target``: None for the one that ``name`` stands for. Imports nothing.
     """
     plugin = named(kind, name, target)
     if plugin.distribution == BUILT_IN:
         return None
+    hashes = [hash_of_files(root, files) for root, files in _sources(plugin.target.partition(":")[0]) if files]
+    return f"{plugin.distribution}, {' '.join(hashes) or 'no file'}"
+
+
+def _sources(module: str) -> list[tuple[Path, list[Path]]]:
+    """The files that :func:`foreign_code` hashes, as absolute paths, and the folder that each group of them lies in."""
     try:
-        module = plugin.target.partition(":")[0]
-        found = importlib.util.find_spec(module)
-    except (Exception, SystemExit):  # a package above it raises; creating the plugin will say so
-        found = None
-    path = Path(found.origin) if found is not None and found.origin else None
-    if path is None or not path.is_file():
-        return f"{plugin.distribution}, no file"
-    beside = sorted(path.parent.rglob("*.py")) if "." in module else [path]
-    digest = hashlib.sha256()
-    for source in beside:
-        digest.update(source.relative_to(path.parent).as_posix().encode() + b"\0" + source.read_bytes())
-    return f"{plugin.distribution}, {digest.hexdigest()}"
+        found = importlib.util.find_spec(module.partition(".")[0])
+    except (ImportError, ValueError):  # it has no name, or is no module of a file, as __main__
+        return []
+    if found is None:
+        return []
+    if found.submodule_search_locations is None:
+        path = Path(found.origin or "")
+        return [(path.parent, [path])] if path.is_file() else []
+    left_out, groups = {TESTS} - set(module.split(".")), []
+    for root in map(Path, found.submodule_search_locations):  # several of a package without __init__.py that lies in pieces
+        below = [path for path in sorted(root.rglob("*.py")) if path.is_file()]  # an editor's lock is a link to nowhere
+        groups.append((root, [path for path in below if not left_out & set(path.relative_to(root).parts)]))
+    return groups
 
 
 def named(kind: Kind, name: str, target: str | None) -> Plugin:

@@ -1,7 +1,8 @@
 """The file format of checkpoints: a line that says what follows, its checksum, and a state as torch writes it.
 
 Nothing is read from a file whose checksum is another one, or that other code wrote: flipped bits would be resumed to other
-numbers, and a state means what the code that wrote it meant.
+numbers, and a state means what the code that wrote it meant. That is the code of this package, of which the file has a hash, and
+of plugins, which is part of the configuration's hash (:func:`ia_bench.common.registry.foreign_code`).
 """
 
 from __future__ import annotations

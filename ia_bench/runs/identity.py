@@ -6,14 +6,13 @@ import hashlib
 import json
 import os
 from dataclasses import asdict, fields, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import is_file, shown, user_path
+from ia_bench.common.files import hash_of_files, is_file, shown, user_path
 from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -147,21 +146,9 @@ def content_of(path: Path) -> str:
     """SHA-256 (hex) over the names and bytes of a file, or of all files of a folder but its documents (a card decides nothing)."""
     try:
         files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file() and part.suffix != ".md")
-        return _hash_files(path, tuple((file, file.stat().st_size, file.stat().st_mtime_ns) for file in files))
+        return hash_of_files(path, files)
     except OSError as error:
         raise InputError(f"{shown(error.filename or path)}: expected a file that can be read, found: {error.strerror}") from None
-
-
-@cache
-def _hash_files(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str:
-    """Kept for as long as no size and no time of change differs: a table asks once for every cell."""
-    digest = hashlib.sha256()
-    for path, size, _ in files:
-        digest.update(f"{path.relative_to(root).as_posix()}\0{size}\n".encode())
-        with path.open("rb") as opened:
-            while block := opened.read(1 << 20):
-                digest.update(block)
-    return digest.hexdigest()
 
 
 def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (an option, whatever it is)

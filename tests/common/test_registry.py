@@ -182,3 +182,58 @@ def test_whatever_an_annotation_may_mean_is_let_through() -> None:
     create_typed(strength=2, names=["albedo"], patches=True, table={"a": 1}, rule="variance", sloppy=None)
     create_typed(patches="auto", table=None, strange="b", given="c")
     registry.create("prior", "third_good:Unresolved", "third_good:Unresolved", {"steps": "many"})
+
+
+# ---- the code of plugins ---------------------------------------------------------------------------------------------
+
+
+PACKAGE = {
+    "__init__.py": "from .prior import Good",
+    "prior.py": GOOD,
+    "method/__init__.py": "",
+    "method/deep.py": GOOD,
+    "common/__init__.py": "",
+    "common/tool.py": "x = 1",
+    "tests/test_it.py": "x = 1",
+    "card.md": "a",
+}
+
+
+def package(folder: Path, *, left_out: tuple[str, ...] = ()) -> Path:
+    """The package `third_package` in ``folder``: a class at its top, one deeper down, and code beside that both may use."""
+    root = folder / "third_package"
+    for name, content in PACKAGE.items():
+        if name not in left_out:
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            (root / name).write_text(content)
+    return root
+
+
+@pytest.mark.parametrize("target", ["third_package:Good", "third_package.prior:Good", "third_package.method.deep:Good"])
+@pytest.mark.parametrize("left_out", [(), tuple(name for name in PACKAGE if "__init__" in name)], ids=["package", "namespace"])
+def test_the_code_of_a_plugin_is_that_of_its_whole_package(tmp_path: Path, target: str, left_out: tuple[str, ...]) -> None:
+    root = package(tmp_path, left_out=left_out)
+    code = registry.foreign_code("prior", target)
+    assert code is not None
+    for name in sorted(PACKAGE.keys() - set(left_out)):
+        (root / name).write_text(PACKAGE[name] + "\n# another state of it")
+        changed = registry.foreign_code("prior", target) != code
+        assert changed == (name.endswith(".py") and not name.startswith("tests/")), name
+        (root / name).write_text(PACKAGE[name])
+        assert registry.foreign_code("prior", target) == code
+    (root / "common/more.py").write_text("")
+    assert registry.foreign_code("prior", target) != code, "a module that came later counts as well"
+    assert "third_package" not in sys.modules, "nothing is imported to tell what code there is"
+
+
+def test_a_plugin_among_tests_counts_with_them(tmp_path: Path) -> None:
+    root = package(tmp_path)
+    code = registry.foreign_code("prior", "third_package.tests.test_it:Good")
+    (root / "tests/test_it.py").write_text("x = 2  # another state of it")
+    assert registry.foreign_code("prior", "third_package.tests.test_it:Good") != code
+
+
+@pytest.mark.parametrize("target", ["third_nowhere:Good", "sys:path", "__main__:Good", ":Good"])
+def test_code_without_a_file_is_told_by_its_distribution(target: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    assert registry.foreign_code("prior", target) == "the command line, no file"

@@ -17,6 +17,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors import learned
 from ia_bench.runs import identity as identities
+from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import slug
 from ia_bench.runs.identity import config_hash, identity, run_folder
@@ -243,6 +244,29 @@ def test_hash_follows_the_code_of_what_is_not_built_in(
     assert hash_with(*overrides) == before
     (tmp_path / "mine.py").write_text(textwrap.dedent(body).replace("), 1", "), 2"))
     assert hash_with(*overrides) != before
+
+
+def test_no_checkpoint_is_resumed_by_other_code_that_a_plugin_shares(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    body = """
+        from ia_bench.methods.ceiling import NoOptions
+        from ia_bench.methods.info import MethodInfo
+        class Ours:
+            Options, presets, info = NoOptions, {}, MethodInfo(uses_prior=False)
+            def __init__(self, options): ...
+            def fit(self, problem, *, seed, monitor): ...
+    """
+    parts = {"one/method": textwrap.dedent(body), "common/steps": "RATE = 1"}
+    for name, content in (parts | dict.fromkeys(["__init__", "one/__init__", "common/__init__"], "")).items():
+        path = tmp_path / "shares_code" / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content)
+    file = tmp_path / "checkpoint.pt"
+    file.write_bytes(pack({"step": 3}, hash_with("method=shares_code.one.method:Ours"))[0])
+    assert unpack(file, hash_with("method=shares_code.one.method:Ours")) == {"step": 3}
+    (tmp_path / "shares_code/common/steps.py").write_text("RATE = 10")
+    with pytest.raises(BadCheckpoint, match="another configuration"):
+        unpack(file, hash_with("method=shares_code.one.method:Ours"))
 
 
 def test_hash_follows_the_content_of_lpips_weights_and_not_their_place(tmp_path: Path) -> None:
