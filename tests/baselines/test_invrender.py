@@ -133,7 +133,7 @@ def test_on_its_home_ground_it_recovers_the_material(tiny: Scene, stage: Stage) 
     extent = float((tiny.mesh.vertices.max(0) - tiny.mesh.vertices.min(0)).max())
     known = bake(stage, 128, lambda position: waves(position, extent))
     material = Material(known[..., :3].contiguous(), known[..., 3:].contiguous())
-    light = fit.fit_light(LatLongEnvironment(smooth_light())).lobes
+    light = fit.fit_light(LatLongEnvironment(smooth_light()))
     truth = reconstruction(stage, material, light, None)
     scene = photographed(tiny, truth)
     found = InvRender(options).fit(problem_of(scene), seed=0, monitor=Memory().monitor())

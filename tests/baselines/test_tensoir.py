@@ -283,7 +283,7 @@ def test_on_its_home_ground_it_recovers_the_material(at_home: tuple[Scene, Refle
 def test_with_the_true_light_it_recovers_much_more(at_home: tuple[Scene, Reflecting], monkeypatch: pytest.MonkeyPatch):
     """So what is missing above is the light, neither the forward model nor the tensor: see the card."""
     scene, truth = at_home
-    lobes = fit_light(LatLongEnvironment(smooth_light()), 128).lobes
+    lobes = fit_light(LatLongEnvironment(smooth_light()), 128)
     monkeypatch.setattr(TrainedLight, "lobes", lambda self: lobes)
     found = TensoirMethod(TensoirOptions()).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
     assert compare(found.reconstruction, truth, scene).albedo >= 26.5

@@ -32,7 +32,7 @@ def reconstruction(
     def shader(given: Environment | None, quality: Quality) -> _Shader:
         if given is None:
             return _Shader(stage, material, light, indirect)
-        return _Shader(stage, material, fit_light(given).lobes, None)
+        return _Shader(stage, material, fit_light(given), None)
 
     environment = SphericalGaussianEnvironment(light)
     return ShadedReconstruction(stage, material, renderer="spherical Gaussians", environment=environment, shader=shader)

@@ -133,7 +133,7 @@ def reconstruction(problem: Problem, model: Tensoir, size: int, options: Tensoir
     def shader(novel: Environment | None, quality: Quality) -> Shader:
         if novel is None and options.head == "radiance":
             return head
-        light = lobes if novel is None else fit_light(novel, options.lobes).lobes
+        light = lobes if novel is None else fit_light(novel, options.lobes)
         share = min(quality.samples / FULL_SAMPLES, 1)  # what is asked for in passing, as for a curve, is drawn with fewer
         count = max(1, round(share * options.rendered_directions / POINTS**2))  # of a point
         rows = max(1, round(math.sqrt(share) * options.rows))

@@ -12,7 +12,7 @@ import torch
 
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.scenes.exr import read_exr
-from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
+from ia_bench_baselines.common.spherical_gaussians.fit import ROWS, fit_light, residual
 
 
 def main() -> None:
@@ -21,7 +21,8 @@ def main() -> None:
     parser.add_argument("lights", nargs="+", type=Path)
     print("| light | irradiance, mean error | worst of 64 normals | power |\n| :--- | ---: | ---: | ---: |")
     for path in parser.parse_args().lights:
-        lost = fit_light(LatLongEnvironment(torch.from_numpy(read_exr(path, 3)))).residual
+        light = LatLongEnvironment(torch.from_numpy(read_exr(path, 3)))
+        lost = residual(light.latlong(ROWS), fit_light(light))
         print(f"| {path} | {lost.mean:.1%} | {lost.worst:.1%} | {lost.energy:+.1%} |", flush=True)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -45,24 +46,16 @@ class Residual:
     energy: float
 
 
-@dataclass(frozen=True)
-class FittedLight:
-    """A light as spherical Gaussians, and what it lost."""
-
-    lobes: SphericalGaussians
-    residual: Residual
-
-
-def fit_light(light: Environment, count: int = LOBES) -> FittedLight:
+def fit_light(light: Environment, count: int = LOBES) -> SphericalGaussians:
     """``count`` spherical Gaussians that approximate ``light`` in the least squares over solid angle.
 
-    Deterministic; kept in the cache by the light's content.
+    Deterministic; kept in the cache by the light's content, for the code of this folder. :func:`residual` says what was lost.
     """
     radiance = light.latlong(ROWS).detach()
-    key = content_key(made_on(radiance.device.type, "spherical_gaussians"), f"{count} {STEPS} {RATE} {BALANCE}", radiance.cpu())
+    code = [path.read_text(encoding="utf-8") for path in sorted(Path(__file__).parent.glob("*.py"))]
+    key = content_key(made_on(radiance.device.type, "spherical_gaussians"), *code, f"{count} {STEPS}", radiance.cpu())
     kept = Cache().kept(key, lambda: {name: part.cpu() for name, part in _fit(radiance, count)._asdict().items()})
-    lobes = SphericalGaussians(**{name: part.to(radiance.device) for name, part in kept.items()})
-    return FittedLight(lobes, residual(radiance, lobes))
+    return SphericalGaussians(**{name: part.to(radiance.device) for name, part in kept.items()})
 
 
 def residual(radiance: Tensor, lobes: SphericalGaussians) -> Residual:
