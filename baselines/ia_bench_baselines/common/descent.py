@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from ia_bench.methods.contract import Monitor
+from ia_bench.methods.books import Books
+from ia_bench.methods.contract import Monitor, Result
 from ia_bench.methods.state import check_form, form_of_adam
 from ia_bench.render.reconstruction import Reconstruction
 
@@ -48,13 +50,25 @@ class Descent:
     """A fit of all tensors of a module by one phase after the other."""
 
     def __init__(
-        self, module: nn.Module, phases: Sequence[Phase], *, seed: int, monitor: Monitor, checkpoint_seconds: float
+        self,
+        module: nn.Module,
+        phases: Sequence[Phase],
+        *,
+        seed: int,
+        monitor: Monitor,
+        books: Books,
+        checkpoint_seconds: float,
+        start: Callable[[], None] = lambda: None,
     ) -> None:
-        """``module``: holds everything that is trained, and every buffer that a resumed fit cannot make again.
+        """Ready for the first step, or for the one after the monitor's checkpoint.
 
+        ``module``: holds everything that is trained, and every buffer that a resumed fit cannot make again. ``phases``: at least
+        one of them takes steps. ``books``: of the problem; what had been made before there was a descent should be booked
+        there, as "bake". ``start``: gives the module the values that a fit starts from, booked with the first phase; a resumed
+        fit does without.
         Raises ValueError where the monitor's checkpoint is none that this fit could have written.
         """
-        self._module, self._monitor, self._every = module, monitor, checkpoint_seconds
+        self._module, self._monitor, self._books, self._every = module, monitor, books, checkpoint_seconds
         self._phases = [phase for phase in phases if phase.steps]
         device = next(module.parameters()).device
         self._generator = torch.Generator(device=device).manual_seed(seed)
@@ -64,6 +78,9 @@ class Descent:
         state = monitor.load()
         if state is not None:
             self._restore(state)
+        else:
+            with self._booked(self._phases[0]):
+                start()
         self._saved = time.monotonic()
 
     @property
@@ -71,31 +88,40 @@ class Descent:
         """How many steps all phases take."""
         return sum(phase.steps for phase in self._phases)
 
-    def run(self, recovered: Callable[[], Reconstruction]) -> None:
-        """Take the steps that are left. ``recovered``: what there is so far, for scores off the clock.
+    def run(self, recovered: Callable[[], Reconstruction]) -> Result:
+        """Take the steps that are left, and give back what was found; recovering that is booked with the last phase.
 
+        ``recovered``: what there is so far, for scores off the clock as well.
         Raises FloatingPointError where a loss is not finite; it names phase and step.
         """
         for place in range(self._phase, len(self._phases)):
             phase = self._phases[place]
             if place > self._phase:
                 self._phase, self._step, self._optimizer = place, 0, None
-            started = time.perf_counter()
-            phase.begin()
-            self.seconds[phase.name] += time.perf_counter() - started
-            self._optimizer = self._optimizer or phase.optimizer()
+            with self._booked(phase):
+                phase.begin()
+                self._optimizer = self._optimizer or phase.optimizer()
             rates = [group.setdefault("initial_lr", group["lr"]) for group in self._optimizer.param_groups]
             task = self._monitor.task(phase.name, phase.steps, self._step)
             while self._step < phase.steps:
-                started = time.perf_counter()
-                factor = phase.rate(self._step / phase.steps)
-                for group, rate in zip(self._optimizer.param_groups, rates, strict=True):
-                    group["lr"] = rate * factor
-                loss = self._descend(phase)
+                with self._booked(phase):
+                    factor = phase.rate(self._step / phase.steps)
+                    for group, rate in zip(self._optimizer.param_groups, rates, strict=True):
+                        group["lr"] = rate * factor
+                    loss = self._descend(phase)
                 self._step += 1
-                self.seconds[phase.name] += time.perf_counter() - started
                 task.advance(1, loss=loss)
                 self._pause(phase, recovered, last=self._step == phase.steps and place + 1 == len(self._phases))
+        with self._booked(self._phases[-1]):
+            found = recovered()
+        return Result(found, self.seconds, steps=self.steps)
+
+    @contextmanager
+    def _booked(self, phase: Phase) -> Iterator[None]:
+        """Add the seconds of a block to those of a phase."""
+        started = time.perf_counter()
+        yield
+        self.seconds[phase.name] += time.perf_counter() - started
 
     def _descend(self, phase: Phase) -> float:
         assert self._optimizer is not None
@@ -114,7 +140,8 @@ class Descent:
         """Off the clock: score at doubling steps, and keep the state from time to time."""
         ratio, rest = divmod(self._step, FIRST_SCORE)
         if phase.scored and not last and rest == 0 and ratio.bit_count() == 1:
-            self._monitor.score(phase.name, self._step, sum(self.seconds.values()), recovered())
+            with self._books.aside("score"):
+                self._monitor.score(phase.name, self._step, sum(self.seconds.values()), recovered())
         if not last and (time.monotonic() - self._saved >= self._every or self._monitor.stopping()):
             self._monitor.save(self._state())
             self._saved = time.monotonic()

@@ -52,8 +52,8 @@ class InvRender:
         Raises InputError where no training pixel shows the object alone.
         """
         import time
+        from dataclasses import replace
 
-        from ia_bench.methods.contract import Result
         from ia_bench_baselines.common.descent import Descent
         from ia_bench_baselines.invrender.fitting import Fitting
 
@@ -61,7 +61,7 @@ class InvRender:
         started = time.perf_counter()
         fitting = Fitting(problem, self.options, seed)
         traced = time.perf_counter() - started
-        every = self.options.checkpoint_seconds
-        descent = Descent(fitting.model, fitting.phases(), seed=seed, monitor=monitor, checkpoint_seconds=every)
-        descent.run(fitting.recovered)
-        return Result(fitting.recovered(), {"visibility": traced, **descent.seconds}, steps=descent.steps)
+        every, books = self.options.checkpoint_seconds, problem.books
+        descent = Descent(fitting.model, fitting.phases(), seed=seed, monitor=monitor, books=books, checkpoint_seconds=every)
+        found = descent.run(fitting.recovered)
+        return replace(found, seconds={"visibility": traced, **found.seconds})

@@ -102,15 +102,16 @@ class NeilfFit:
 
 def fit(problem: Problem, options: NeilfppOptions, *, seed: int, monitor: Monitor) -> Result:
     """See :class:`ia_bench_baselines.neilfpp.method.Neilfpp`."""
-    fields = NeilfFit(problem, options, seed)
+    with problem.books.aside("bake"):
+        fields = NeilfFit(problem, options, seed)
     size = problem.plan.texture
 
     def recovered() -> ShadedReconstruction:
         return reconstruction(problem, fields.neilf, size, options.rendered_directions)
 
-    descent = Descent(fields.neilf, fields.phases(), seed=seed, monitor=monitor, checkpoint_seconds=options.checkpoint_seconds)
-    descent.run(recovered)
-    return Result(recovered(), descent.seconds, steps=descent.steps)
+    every, books = options.checkpoint_seconds, problem.books
+    descent = Descent(fields.neilf, fields.phases(), seed=seed, monitor=monitor, books=books, checkpoint_seconds=every)
+    return descent.run(recovered)
 
 
 def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -> ShadedReconstruction:

@@ -25,16 +25,20 @@ LEAST_ROUGHNESS = 0.08  # below it a lobe is narrower than the texels of the lig
 def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Monitor) -> Result:
     """See :class:`ia_bench_baselines.nvdiffrec.method.Nvdiffrec`."""
     side = problem.plan.subsamples
-    pixels = TrainingPixels(problem, side)
-    scene = TexturedScene(
-        problem,
-        pixels.gbuffer,
-        roughness=options.roughness_initial,
-        metallic=options.metallic_initial,
-        least=0.0,
-        least_roughness=LEAST_ROUGHNESS,
-    )
-    with torch.no_grad():  # images are linear in the light: begin with the even, grey one under which the object is as bright
+    with problem.books.aside("bake"):
+        pixels = TrainingPixels(problem, side)
+        scene = TexturedScene(
+            problem,
+            pixels.gbuffer,
+            roughness=options.roughness_initial,
+            metallic=options.metallic_initial,
+            least=0.0,
+            least_roughness=LEAST_ROUGHNESS,
+        )
+
+    @torch.no_grad()
+    def start() -> None:
+        """Images are linear in the light: begin with the even, grey one under which the object is as bright as they are."""
         some = pixels.draw(options.pixels, torch.Generator(device=problem.device).manual_seed(seed))
         unlit = _radiance(scene.textures(), PrefilteredLight(scene.light), pixels.points(some))
         scene.log_light.add_(torch.log(pixels.radiance.mean().clamp_min(1e-8) / unlit.mean().clamp_min(1e-8)))
@@ -59,9 +63,9 @@ def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Moni
         rate=lambda share: options.final_rate**share,
         project=scene.project,
     )
-    descent = Descent(scene, [phase], seed=seed, monitor=monitor, checkpoint_seconds=options.checkpoint_seconds)
-    descent.run(recovered)
-    return Result(recovered(), descent.seconds, steps=descent.steps)
+    every, books = options.checkpoint_seconds, problem.books
+    descent = Descent(scene, [phase], seed=seed, monitor=monitor, books=books, checkpoint_seconds=every, start=start)
+    return descent.run(recovered)
 
 
 def _radiance(textures: Tensor, light: PrefilteredLight, points: SurfacePoints) -> Tensor:

@@ -25,20 +25,20 @@ class Fit:
     """State of one fit of :class:`ia_bench_baselines.nvdiffrecmc.method.Nvdiffrecmc`."""
 
     def __init__(self, problem: Problem, options: NvdiffrecmcOptions, *, seed: int, monitor: Monitor) -> None:
-        self._problem, self._options = problem, options
-        self._pixels = TrainingPixels(problem)
-        self._views = [torch.nonzero(self._pixels.view == view)[:, 0] for view in range(len(problem.scene.train))]
-        self._views = [pixels for pixels in self._views if len(pixels)]
-        self._renderer = problem.stage.renderer(shadows="traced", bounces=0, coat="added")
-        self._scene = TexturedScene(
-            problem,
-            self._pixels.gbuffer,
-            roughness=options.roughness_initial,
-            metallic=options.metallic_initial,
-            least=LEAST,
-            least_roughness=MIN_ROUGHNESS,
-        )
-        self._start(torch.Generator(device=problem.device).manual_seed(seed))
+        self._problem, self._options, self._seed = problem, options, seed
+        with problem.books.aside("bake"):
+            self._pixels = TrainingPixels(problem)
+            self._views = [torch.nonzero(self._pixels.view == view)[:, 0] for view in range(len(problem.scene.train))]
+            self._views = [pixels for pixels in self._views if len(pixels)]
+            self._renderer = problem.stage.renderer(shadows="traced", bounces=0, coat="added")
+            self._scene = TexturedScene(
+                problem,
+                self._pixels.gbuffer,
+                roughness=options.roughness_initial,
+                metallic=options.metallic_initial,
+                least=LEAST,
+                least_roughness=MIN_ROUGHNESS,
+            )
         phase = Phase(
             "fit",
             options.steps,
@@ -47,18 +47,19 @@ class Fit:
             rate=lambda share: options.final_rate**share,
             project=self._scene.project,
         )
+        every, books = options.checkpoint_seconds, problem.books
         self._descent = Descent(
-            self._scene, [phase], seed=seed, monitor=monitor, checkpoint_seconds=options.checkpoint_seconds
+            self._scene, [phase], seed=seed, monitor=monitor, books=books, checkpoint_seconds=every, start=self._start
         )
 
     def finish(self) -> Result:
         """Take the remaining steps and return what was recovered."""
-        self._descent.run(self._recovered)
-        return Result(self._recovered(), self._descent.seconds, steps=self._descent.steps)
+        return self._descent.run(self._recovered)
 
     @torch.no_grad()
-    def _start(self, generator: torch.Generator) -> None:
+    def _start(self) -> None:
         """Images are linear in the light: begin with the even, grey one under which the object is as bright as they are."""
+        generator = torch.Generator(device=self._problem.device).manual_seed(self._seed)
         some = self._pixels.draw(4096, generator)
         unlit = self._render(some, self._scene.light, generator).radiance.mean()
         self._scene.log_light.add_(torch.log(self._pixels.radiance.mean().clamp_min(1e-8) / unlit.clamp_min(1e-8)))

@@ -105,15 +105,16 @@ def relative_change(first: Tensor, second: Tensor) -> Tensor:
 
 def fit(problem: Problem, options: TensoirOptions, *, seed: int, monitor: Monitor) -> Result:
     """See :class:`ia_bench_baselines.tensoir.method.Tensoir`."""
-    trained = TensoirFit(problem, options, seed)
+    with problem.books.aside("bake"):
+        trained = TensoirFit(problem, options, seed)
     size = problem.plan.texture
 
     def recovered() -> ShadedReconstruction:
         return reconstruction(problem, trained.model, size, options)
 
-    descent = Descent(trained.model, trained.phases(), seed=seed, monitor=monitor, checkpoint_seconds=options.checkpoint_seconds)
-    descent.run(recovered)
-    return Result(recovered(), descent.seconds, steps=descent.steps)
+    every, books = options.checkpoint_seconds, problem.books
+    descent = Descent(trained.model, trained.phases(), seed=seed, monitor=monitor, books=books, checkpoint_seconds=every)
+    return descent.run(recovered)
 
 
 def reconstruction(problem: Problem, model: Tensoir, size: int, options: TensoirOptions) -> ShadedReconstruction:
