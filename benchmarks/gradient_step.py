@@ -34,6 +34,7 @@ from phases import Phase, measure_phases
 from stage import Stage
 from torch import Tensor
 
+from benchmarks.mitsuba_scene import TrackedScene
 from benchmarks.reference import TorchRenderer, can_compile
 from benchmarks.work_precision.precision import Moments, efficiency, time_in_turns
 from ia_bench.common.errors import InputError
@@ -41,7 +42,7 @@ from ia_bench.common.machine import environment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene, import_mitsuba
+from ia_bench_baselines.mitsuba_adam.scene import import_mitsuba
 
 PIXELS, SAMPLES, VIEWS, SIZE = 4096, 32, 20, 128
 LIGHT_UNIFORM = 0.2  # fit.light_uniform
@@ -96,7 +97,7 @@ def per_sample(stage: Stage, rounds: int, threads: int, mitsuba: bool) -> dict[s
         for factor in factors:
             rays = max(1, round(factor * PIXELS * SAMPLES / (covered * other.samples_per_ray)))
 
-            def step(number: int, other: MitsubaScene = other, rays: int = rays) -> None:
+            def step(number: int, other: TrackedScene = other, rays: int = rays) -> None:
                 other.track()
                 other.dr.backward(other.dr.mean(other.dr.abs(other.render(0, rays, number) - 0.3)))
                 other.evaluate_gradients()
@@ -130,13 +131,13 @@ def at_equal_variance(stage: Stage, rounds: int, threads: int, mitsuba: bool) ->
     for integrator in MITSUBA if mitsuba else ():
         other = stage.mitsuba(cameras, threads, integrator)
 
-        def step(number: int, other: MitsubaScene = other) -> MitsubaScene:
+        def step(number: int, other: TrackedScene = other) -> TrackedScene:
             other.track()
             other.dr.backward(other.dr.sum(other.render(0, SAMPLES // other.samples_per_ray, number)))
             other.evaluate_gradients()
             return other
 
-        cases[f"Mitsuba 3, {integrator}"], read[f"Mitsuba 3, {integrator}"] = step, MitsubaScene.gradients
+        cases[f"Mitsuba 3, {integrator}"], read[f"Mitsuba 3, {integrator}"] = step, TrackedScene.gradients
     moments = {name: {key: Moments() for key in ("albedo", "roughness", "light")} for name in cases}
 
     def keep(name: str, result: object) -> None:

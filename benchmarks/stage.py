@@ -19,7 +19,7 @@ from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Camera, Scene
 
 if TYPE_CHECKING:
-    from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
+    from benchmarks.mitsuba_scene import TrackedScene
 
 CPU = torch.device("cpu")
 POINTS = 2  # G-buffer points along a side of a pixel, as the plan mostly chooses
@@ -53,11 +53,11 @@ class Stage:
         """What the cameras see, POINTS x POINTS points a pixel."""
         return self.geometry.gbuffer(cameras, POINTS)
 
-    def mitsuba(self, cameras: list[Camera], threads: int, integrator: str = "direct") -> MitsubaScene:
-        """The same for Mitsuba. Raises InputError where it is missing."""
-        from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
+    def mitsuba(self, cameras: list[Camera], threads: int, integrator: str = "direct") -> TrackedScene:
+        """The same for Mitsuba, whose ``integrator`` is a key of SCENES. Raises InputError where it is missing."""
+        from benchmarks.mitsuba_scene import SCENES
 
-        return MitsubaScene(self.scene.expect_mesh(), cameras, self.material, self.light, integrator=integrator, threads=threads)
+        return SCENES[integrator](self.scene.expect_mesh(), cameras, self.material, self.light, threads=threads)
 
 
 def resized(camera: Camera, size: int) -> Camera:

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from benchmarks.mitsuba_scene import DirectScene
 from benchmarks.reference import TorchRenderer, can_compile, fetch, shade_directions
 from benchmarks.work_precision.precision import converged, log_slope, relative_rmse, time_in_turns
 from benchmarks.work_precision.techniques import TECHNIQUES, technique_directions, unit_points
@@ -24,7 +25,6 @@ from ia_bench.render.rays import make_rays
 from ia_bench.render.renderer import Renderer
 from ia_bench.render.visibility import TracedShadows
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
-from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene
 
 SAMPLES = (8, 16, 32, 64, 128, 256, 512)
 REPEATS = 4
@@ -135,7 +135,7 @@ def measure(scene: str, *, threads: int, quick: bool) -> tuple[list[dict[str, An
     references = dict.fromkeys(renders, reference)
     summary: dict[str, Any] = {"scene": scene, "reference_samples": parts * reference_samples, "floor": floor}
     try:
-        other = MitsubaScene(stage.mesh, [stage.camera], stage.material, stage.light.radiance, threads=threads)
+        other = DirectScene(stage.mesh, [stage.camera], stage.material, stage.light.radiance, threads=threads)
     except InputError as error:
         summary["left_out"] = f"{MITSUBA}: {error}"
     else:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.mitsuba_scene import TrackedScene
 from benchmarks.work_precision.forward import SIDE, ForwardStage
 from ia_bench.common.errors import InputError
 from ia_bench.render.gbuffer import trace_gbuffer
@@ -16,32 +17,32 @@ from ia_bench_baselines.mitsuba_adam.scene import MitsubaScene, import_mitsuba
 
 
 @pytest.fixture(scope="module")
-def pair() -> tuple[ForwardStage, MitsubaScene]:
+def pair() -> tuple[ForwardStage, TrackedScene]:
     stage = ForwardStage("tiny")
     try:
         import_mitsuba(1)
     except InputError as error:
         pytest.skip(str(error))
-    return stage, MitsubaScene(stage.mesh, [stage.camera], stage.material, stage.light.radiance, threads=1)
+    return stage, TrackedScene(stage.mesh, [stage.camera], stage.material, stage.light.radiance, threads=1)
 
 
-def test_images_agree_but_for_the_brdf(pair: tuple[ForwardStage, MitsubaScene]):
+def test_images_agree_but_for_the_brdf(pair: tuple[ForwardStage, TrackedScene]):
     """Correlation over pixels; a texture that is upside down gives 0.7, noise and the other BRDF leave 0.98."""
     stage, scene = pair
     ours = stage.scored(stage.render(Renderer(stage.surface, stage.visibility), 128, 0))
-    theirs = stage.scored(scene.image(0, 64, 0))
+    theirs = stage.scored(scene.image(0, 256, 0))
     assert np.corrcoef(ours.ravel(), theirs.ravel())[0, 1] > 0.95
     assert theirs.mean() == pytest.approx(ours.mean(), rel=0.1)
 
 
-def test_albedo_image_is_the_texture_at_the_points_of_the_g_buffer(pair: tuple[ForwardStage, MitsubaScene]):
+def test_albedo_image_is_the_texture_at_the_points_of_the_g_buffer(pair: tuple[ForwardStage, TrackedScene]):
     stage, scene = pair
     ours = texture_images(stage.surface, stage.gbuffer, stage.material.albedo)[0].numpy()
     theirs = np.array(scene.albedo(0))
     assert np.abs(ours - theirs)[stage.inside].max() < 2e-3
 
 
-def test_a_camera_whose_axis_is_not_in_the_middle_sees_what_ours_does(pair: tuple[ForwardStage, MitsubaScene]):
+def test_a_camera_whose_axis_is_not_in_the_middle_sees_what_ours_does(pair: tuple[ForwardStage, TrackedScene]):
     stage, _ = pair
     middle = stage.camera.centre
     camera = replace(stage.camera, centre=(middle[0] + 3.5, middle[1] - 2.0))
@@ -55,11 +56,11 @@ def test_a_camera_whose_axis_is_not_in_the_middle_sees_what_ours_does(pair: tupl
         MitsubaScene(stage.mesh, [replace(camera, focal=(40.0, 50.0))], stage.material, stage.light.radiance, threads=1)
 
 
-def test_gradients_lie_where_ours_do(pair: tuple[ForwardStage, MitsubaScene]):
+def test_gradients_lie_where_ours_do(pair: tuple[ForwardStage, TrackedScene]):
     """Of the mean radiance: cosine between both gradients, over blocks of texels that hold more than a pixel."""
     stage, scene = pair
     scene.track()
-    scene.dr.backward(scene.dr.sum(scene.render(0, 64, 0)))
+    scene.dr.backward(scene.dr.sum(scene.render(0, 256, 0)))
     scene.evaluate_gradients()
     theirs = scene.gradients()
     leaves = {

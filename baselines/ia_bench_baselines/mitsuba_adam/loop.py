@@ -45,7 +45,6 @@ class Loop:
             [view.camera for view in views],
             initial_material(problem, options, albedo),
             torch.ones(rows, 2 * rows, 3),
-            integrator="prb",
             depth=options.depth,
             threads=threads,
         )

@@ -48,7 +48,7 @@ class MitsubaReconstruction:
             material = replace(material, albedo=material.albedo * albedo_scale.to(material.albedo))
         threads = torch.get_num_threads()
         mesh, depth = self._stage.mesh, self._depth
-        scene = MitsubaScene(mesh, cameras, material, texels.cpu(), integrator="prb", depth=depth, threads=threads)
+        scene = MitsubaScene(mesh, cameras, material, texels.cpu(), depth=depth, threads=threads)
         rays = max(1, round(quality.samples / scene.samples_per_ray))
         images = [scene.image(view, rays, (quality.seed + view) % 2**32) for view in range(len(cameras))]
         coverage = [cover.cpu().numpy() for part in self._stage.gbuffers(cameras, quality.points) for cover in part.coverage()]

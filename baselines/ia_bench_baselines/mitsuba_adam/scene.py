@@ -23,10 +23,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.material.textures import Material
 from ia_bench.scenes.scene import Camera, Mesh
 
-INTEGRATORS: dict[str, tuple[int, dict[str, Any]]] = {  # samples that a camera ray takes, half of them of each technique
-    "direct": (8, {"type": "direct", "bsdf_samples": 4, "emitter_samples": 4, "hide_emitters": True}),
-    "prb": (2, {"type": "prb", "hide_emitters": True}),  # detached sampling, as ours
-}
 TRIAL = """
 import numpy, mitsuba
 mitsuba.set_variant("llvm_ad_rgb")
@@ -66,8 +62,10 @@ def _missing() -> str | None:
 class MitsubaScene:
     """One object under one light, seen by some cameras.
 
-    ``camera_rays`` of a render is what Mitsuba calls spp; each takes ``samples_per_ray`` light and BSDF samples.
+    ``camera_rays`` of a render is what Mitsuba calls spp; each takes ``samples_per_ray`` light and BSDF samples, half of each.
     """
+
+    samples_per_ray = 2
 
     def __init__(
         self,
@@ -76,24 +74,19 @@ class MitsubaScene:
         material: Material,
         light: Tensor,
         *,
-        integrator: str = "direct",
         depth: int = 2,
         threads: int | None = None,
     ) -> None:
-        """``material`` and ``light`` (H, W, 3) as our renderer takes them; ``integrator`` is a key of INTEGRATORS.
+        """``material`` and ``light`` (H, W, 3) as our renderer takes them; ``depth``: of the longest path, 2 is direct light.
 
-        ``depth``: of the longest path that "prb" follows; 2 is direct light.
         Raises InputError where Mitsuba is missing.
         """
         self.mi, self.dr = import_mitsuba(threads)
         mi = self.mi
-        self.samples_per_ray, settings = INTEGRATORS[integrator]
-        if integrator == "prb":
-            settings = settings | {"max_depth": depth}
         self.scene = mi.load_dict(
             {
                 "type": "scene",
-                "integrator": settings,
+                "integrator": self.integrator(depth),
                 "light": {
                     "type": "envmap",
                     "bitmap": mi.Bitmap(np.ascontiguousarray(light.detach().numpy(), np.float32)),
@@ -108,10 +101,13 @@ class MitsubaScene:
         found = [name for name, _ in self.parameters]
         self.names = {ours: next(n for n in found if n.endswith(f"{its}.data")) for ours, its in TEXTURES.items()}
         self.names["light"] = next(n for n in found if n == "light.data")
-        self.leaves: dict[str, Any] = {}  # what gradients are taken of: the scene may keep something derived from it
+
+    def integrator(self, depth: int) -> dict[str, Any]:
+        """What Mitsuba follows paths with: detached sampling, as ours."""
+        return {"type": "prb", "hide_emitters": True, "max_depth": depth}
 
     def render(self, camera: int, camera_rays: int, seed: int) -> Any:  # noqa: ANN401 (a Dr.Jit tensor)
-        """The (H, W, 3) image of one camera, lazily evaluated, differentiable in what :meth:`track` names."""
+        """The (H, W, 3) image of one camera, lazily evaluated, differentiable in the scene's ``parameters``."""
         return self.mi.render(self.scene, self.parameters, sensor=self.sensors[camera], spp=camera_rays, seed=seed)
 
     def image(self, camera: int, camera_rays: int, seed: int) -> np.ndarray:
@@ -133,28 +129,6 @@ class MitsubaScene:
             hit = self.scene.ray_intersect(ray)
             total += hit.bsdf().eval_diffuse_reflectance(hit, hit.is_valid()) / 4
         return mi.TensorXf(dr.ravel(total), (height, width, 3))
-
-    def track(self) -> None:
-        """Forget earlier gradients and record new ones of albedo, roughness and light."""
-        for ours, name in self.names.items():
-            self.leaves[ours] = type(self.parameters[name])(self.dr.detach(self.parameters[name]))
-            self.dr.enable_grad(self.leaves[ours])
-            self.parameters[name] = self.leaves[ours]
-        self.parameters.update()
-
-    def evaluate_gradients(self) -> None:
-        """Compute the gradients after ``dr.backward`` and wait for them."""
-        self.dr.eval(*[self.dr.grad(leaf) for leaf in self.leaves.values()])
-        self.dr.sync_thread()
-
-    def gradients(self) -> dict[str, np.ndarray]:
-        """Evaluated gradients in our shapes; Mitsuba keeps the light's last and first column once more on the other side."""
-        grads = {ours: np.array(self.dr.grad(leaf)) for ours, leaf in self.leaves.items()}
-        padded = grads["light"][..., :3]
-        light = padded[:, 1:-1].copy()
-        light[:, -1] += padded[:, 0]
-        light[:, 0] += padded[:, -1]
-        return {**grads, "light": light}
 
     def _shape(self, mesh: Mesh, material: Material) -> Any:  # noqa: ANN401 (mi.Mesh)
         mi = self.mi
