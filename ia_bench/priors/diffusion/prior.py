@@ -16,7 +16,7 @@ from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Rule, check_norm
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, PatchSettings, sample_large
+from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
 from ia_bench.priors.inputs import Device, Precision, check_views
 from ia_bench.priors.learned import Framed, LearnedPrior
@@ -116,8 +116,8 @@ class DiffusionPrior(LearnedPrior):
                 channels=config.output_channels,
                 seeds=framed.seeds,
                 settings=self.settings,
-                patches=PatchSettings(batch=self.batch),
-                foreground=framed.masks[:, None].to(self._device),
+                batch=self.batch,
+                foreground=framed.masks[:, None],
                 guidance=guidance,
                 report=report,
             )

@@ -17,7 +17,7 @@ from ia_bench.priors.diffusion.checkpoints import save_network
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.framing import MARGIN, Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.patches import PatchSettings, patch_origins
+from ia_bench.priors.diffusion.patches import patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.priors.regressor import RegressorPrior
 
@@ -291,7 +291,7 @@ def test_the_packaged_network_leaves_no_seams():
     masks = torch.ones(count, size, size)
     albedo = DiffusionPrior(patches=True).sample(Observations(images, masks), seed=0).values["albedo"].sqrt()
     frame = Frame.around(masks[0], None)
-    origins = {origin for origin, _ in patch_origins(frame.side, frame.side, 64, PatchSettings().overlap)}
+    origins = {origin for origin, _ in patch_origins(frame.side, 64)}
     lines = {line + frame.left - 1 for origin in origins for line in (origin, origin + 64)}  # their last pixel before the border
     lines = [line for line in sorted(lines) if 8 < line < size - 8]
     energy = sum((axis[:, 1:] - axis[:, :-1]).square().mean((0, 2, 3)) for axis in (albedo, albedo.transpose(1, 2)))
