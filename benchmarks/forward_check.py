@@ -22,7 +22,8 @@ import torch
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, complain
-from ia_bench.light.latlong import SampledLight, resize_light
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
@@ -89,7 +90,7 @@ class _Truth:
         if albedo is None or roughness is None:
             raise InputError(f"{scene.source}: the forward check needs the true textures")
         self._stage = Stage(scene.expect_mesh(), torch.device("cpu"))
-        self._light = scene.truth.lights["train"]
+        self._light = torch.from_numpy(scene.truth.lights["train"])
         rough = torch.from_numpy(roughness)[..., None].clamp(MIN_ROUGHNESS, 1)
         self._material = Material(torch.from_numpy(albedo).float(), rough)
         self._samples = samples
@@ -99,10 +100,10 @@ class _Truth:
     ) -> dict[str, np.ndarray]:
         """Images (V, H, W, 3) of "radiance" and its parts; ``bounces``: none or those of :data:`BOUNCES`."""
         gbuffer = self._stage.gbuffer([view.camera for view in views], side)
-        radiance = self._light if light_rows is None else resize_light(self._light, light_rows)
+        radiance = self._light if light_rows is None else LatLongEnvironment(self._light).latlong(light_rows)
         renderer = self._stage.renderer(bounces=bounces, coat=coat)
         generator = torch.Generator().manual_seed(0)
-        light = SampledLight.of(torch.from_numpy(radiance))
+        light = SampledLight.of(radiance)
         images = renderer.render_images(gbuffer, self._material, light, self._samples, generator)
         return {name: image.numpy() for name, image in images.items()}
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
@@ -40,7 +40,7 @@ class Stage:
         run_as_a_run(threads)
         scene = NativeReader(resolve_scene_folder(SceneConfig(name))).read(truth=True)
         roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
-        light = torch.from_numpy(resize_light(scene.truth.lights["train"], light_rows))
+        light = LatLongEnvironment(torch.from_numpy(scene.truth.lights["train"])).latlong(light_rows)
         material = Material(torch.from_numpy(scene.truth.albedo).float(), roughness)
         return cls(scene, material, light, GeometryStage(scene.expect_mesh(), CPU))
 

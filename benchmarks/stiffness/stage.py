@@ -14,7 +14,8 @@ from torch import Tensor
 from benchmarks.reference import TorchRenderer
 from benchmarks.stiffness.gauss_newton import Jacobian
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import SampledLight, resize_light
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import make_plan
@@ -62,7 +63,7 @@ class Stage:
         gbuffer = stage.gbuffer([view.camera for view in scene.train], plan.subsamples)
         albedo = _resized(torch.from_numpy(truth.albedo).float(), plan.texture)
         roughness = _resized(torch.from_numpy(truth.roughness).float()[..., None], plan.texture).clamp(MIN_ROUGHNESS, 1)
-        radiance = torch.from_numpy(resize_light(truth.lights["train"], plan.light_height))
+        radiance = LatLongEnvironment(torch.from_numpy(truth.lights["train"])).latlong(plan.light_height)
         floor = FLOOR * float(radiance.mean())
         floored = int((radiance < floor).any(-1).sum())
         log_light = torch.log(radiance.clamp_min(floor))

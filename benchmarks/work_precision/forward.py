@@ -16,7 +16,8 @@ from benchmarks.reference import TorchRenderer, can_compile, fetch, shade_direct
 from benchmarks.work_precision.precision import converged, log_slope, relative_rmse, time_in_turns
 from benchmarks.work_precision.techniques import TECHNIQUES, technique_directions, unit_points
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import SampledLight, resize_light
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
@@ -64,8 +65,8 @@ class ForwardStage:
         self.mesh, self.camera = scene.expect_mesh(), scene.test[0].camera
         roughness = torch.from_numpy(scene.truth.roughness)[..., None].float().clamp_min(MIN_ROUGHNESS)
         self.material = Material(torch.from_numpy(scene.truth.albedo).float(), roughness)
-        light = scene.truth.lights["train"]
-        self.light = SampledLight.of(torch.from_numpy(resize_light(light, min(MAX_LIGHT_ROWS, len(light)))))
+        light = LatLongEnvironment(torch.from_numpy(scene.truth.lights["train"]))
+        self.light = SampledLight.of(light.latlong(min(MAX_LIGHT_ROWS, len(light.texels))))
         device = torch.device("cpu")
         self.surface, self.rays = SurfaceInterpolator(scene.expect_mesh(), device), make_rays(scene.expect_mesh(), device)
         self.visibility = TracedShadows(self.rays, self.surface.offset)

@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -36,23 +35,6 @@ def texel_centres(height: int, width: int) -> Tensor:
     phi = math.pi - (torch.arange(width) + 0.5) * (2 * math.pi / width)
     sin, cos = torch.sin(theta)[:, None], torch.cos(theta)[:, None].expand(height, width)
     return torch.stack([sin * torch.cos(phi), sin * torch.sin(phi), cos], -1)
-
-
-def resize_light(radiance: np.ndarray, height: int) -> np.ndarray:
-    """Average a (H, W, 3) map down to (height, 2 height, 3), weighted by solid angle, so that power is kept.
-
-    Only whole-number reductions are exact; anything else raises ValueError.
-    """
-    rows, columns = radiance.shape[:2]
-    if rows == height and columns == 2 * height:
-        return radiance
-    if rows % height or columns % (2 * height):
-        raise ValueError(f"cannot average a {rows} x {columns} light to {height} x {2 * height}: not a whole factor")
-    weight = row_solid_angles(rows, columns).numpy()[:, None, None]
-    blocks = (height, rows // height, 2 * height, columns // (2 * height))
-    power = (radiance * weight).reshape(*blocks, -1).sum((1, 3))
-    area = np.broadcast_to(weight, (rows, columns, 1)).reshape(*blocks, 1).sum((1, 3))
-    return (power / area).astype(np.float32)
 
 
 BIN_SIDE = 8  # surface normals fall into an octahedral grid of 8 x 8 cells, each with its own sampling table

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
-from ia_bench.light.latlong import resize_light, row_solid_angles, texel_centres
+from ia_bench.light.latlong import row_solid_angles, texel_centres
 
 
 def random_map(height: int = 6, width: int = 12) -> torch.Tensor:
@@ -43,5 +43,15 @@ def test_any_height_keeps_power(height: int, shape: tuple[int, int]) -> None:
 def test_whole_factors_average_and_repeat() -> None:
     texels = random_map(8, 16)
     light = LatLongEnvironment(texels)
-    torch.testing.assert_close(light.latlong(4), torch.from_numpy(resize_light(texels.numpy(), 4)))
+    weight = np.broadcast_to(row_solid_angles(8, 16).numpy()[:, None, None], (8, 16, 3))
+    blocks = [(values.reshape(4, 2, 8, 2, 3)).sum((1, 3)) for values in (texels.numpy() * weight, weight)]
+    torch.testing.assert_close(light.latlong(4), torch.from_numpy(blocks[0] / blocks[1]).float())
     torch.testing.assert_close(light.latlong(24), texels.repeat_interleave(3, 0).repeat_interleave(3, 1))
+
+
+def test_a_smaller_map_is_bright_where_the_light_is() -> None:
+    texels = torch.zeros(16, 32, 3)
+    texels[12:14, 20:22] = torch.tensor([3.0, 2.0, 1.0])
+    small = LatLongEnvironment(texels).latlong(8)
+    torch.testing.assert_close(small[6, 10], torch.tensor([3.0, 2.0, 1.0]), rtol=1e-6, atol=0)
+    assert int((small.sum(-1) > 1e-6).sum()) == 1

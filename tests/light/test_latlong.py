@@ -1,4 +1,4 @@
-"""The lat-long map: its geometry against closed forms written out here, and resizing.
+"""The lat-long map: its geometry against closed forms written out here.
 
 What the renderer's kernels compute is called as they have it (``kernel_calls``); what torch has too is tested beside it.
 """
@@ -13,11 +13,7 @@ import pytest
 import torch
 
 from ia_bench.light import latlong
-from ia_bench.light.latlong import (
-    resize_light,
-    row_solid_angles,
-    texel_centres,
-)
+from ia_bench.light.latlong import row_solid_angles, texel_centres
 
 pytestmark = pytest.mark.verify
 
@@ -110,31 +106,3 @@ def test_mirror_ball_sees_a_single_bright_texel_where_it_is(by: str) -> None:
             assert one_hot.flatten()[texel] == 1
             centre = texel_centres(height, width)[row, column].numpy()
             np.testing.assert_allclose(centre, toward, atol=1e-6)
-
-
-# ---------------------------------------------------------------- resizing
-def power(radiance: np.ndarray) -> np.ndarray:
-    height, width, _ = radiance.shape
-    return (radiance.astype(np.float64) * row_solid_angles(height, width).numpy()[:, None, None]).sum((0, 1))
-
-
-@pytest.mark.parametrize("height", [1, 2, 8, 16])
-def test_resizing_keeps_power(height: int) -> None:
-    radiance = np.random.default_rng(0).pareto(1.0, (16, 32, 3)).astype(np.float32)
-    small = resize_light(radiance, height)
-    assert small.shape == (height, 2 * height, 3)
-    np.testing.assert_allclose(power(small), power(radiance), rtol=1e-5)
-
-
-def test_resizing_averages_where_the_light_is() -> None:
-    radiance = np.zeros((16, 32, 3), np.float32)
-    radiance[12:14, 20:22] = (3.0, 2.0, 1.0)
-    small = resize_light(radiance, 8)
-    np.testing.assert_allclose(small[6, 10], (3, 2, 1), rtol=1e-6)
-    assert np.count_nonzero(small.sum(-1)) == 1
-
-
-@pytest.mark.parametrize(("shape", "height"), [((16, 32), 5), ((16, 32), 32), ((12, 20), 6), ((1, 1), 1)])
-def test_only_whole_reductions(shape: tuple[int, int], height: int) -> None:
-    with pytest.raises(ValueError, match="not a whole factor"):
-        resize_light(np.ones((*shape, 3), np.float32), height)

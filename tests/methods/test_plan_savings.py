@@ -15,7 +15,8 @@ import pytest
 import torch
 from shapes import bowl, camera_at, plate, sphere
 
-from ia_bench.light.latlong import SampledLight, resize_light
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import LIGHT_HEIGHTS, TEXTURE_SIZES, Plan, make_plan
 from ia_bench.render.gbuffer import pixels_in_reach
@@ -192,7 +193,7 @@ def test_a_light_above_the_mirror_footprint_is_not_seen() -> None:
     plan = plan_of(mesh, cameras)
     assert plan.light_height < LIGHT_HEIGHTS[-1]
     larger = soft_light(2 * plan.light_height)
-    coarse = torch.from_numpy(resize_light(larger.numpy(), plan.light_height))
+    coarse = LatLongEnvironment(larger).latlong(plan.light_height)
     less, more = (render(mesh, cameras, material(), light, side=2, shadows="none") for light in (coarse, larger))
     quality = decibels(less, more)
     report(f"light of {plan.light_height} rows instead of {2 * plan.light_height}, texels 1 / 4", less, more, quality)

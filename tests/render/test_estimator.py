@@ -15,7 +15,8 @@ from scipy.stats import norm
 from shapes import camera_at, disk, plate, sphere, together
 from stage import Stage
 
-from ia_bench.light.latlong import SampledLight, resize_light
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render.estimator import draw_samples
 from ia_bench.render.gbuffer import SurfacePoints
@@ -157,14 +158,14 @@ def test_estimator_agrees_with_brute_force(
     tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor
 ) -> None:
     """z-test per pixel, channel and part of MIS against uniform directions over the sphere, shadows included."""
-    radiance = resize_light(soft_light.numpy(), 16)
-    light = SampledLight.of(torch.from_numpy(radiance))
+    radiance = LatLongEnvironment(soft_light).latlong(16)
+    light = SampledLight.of(radiance)
     pixels = torch.randperm(len(tiny_stage.gbuffer.pixel), generator=torch.Generator().manual_seed(6))[:PIXELS]
     flat = tiny_stage.points(pixels)
     pixels = pixels[(flat.normal * flat.view).sum(-1) > 0.05]  # brute force has no answer at grazing either
     assert len(pixels) > 0.9 * PIXELS
 
-    wanted = brute_force(tiny_stage, pixels, tiny_material, radiance.astype(np.float64))
+    wanted = brute_force(tiny_stage, pixels, tiny_material, radiance.double().numpy())
     generator = torch.Generator().manual_seed(7)
     renderer = tiny_stage.renderer()
     found = []

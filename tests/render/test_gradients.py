@@ -17,7 +17,8 @@ from stage import Stage
 from torch import Tensor
 
 from benchmarks.reference import TorchRenderer
-from ia_bench.light.latlong import SampledLight, resize_light
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.renderer import Renderer
 
@@ -41,7 +42,7 @@ def leaves(tiny_material: Material, soft_light: Tensor) -> Leaves:
         pool(texture.permute(2, 0, 1), 4).permute(1, 2, 0).contiguous()
         for texture in (tiny_material.albedo, tiny_material.roughness)
     )
-    light = torch.from_numpy(resize_light(soft_light.numpy(), 8)).clamp_min(1e-3).log()
+    light = LatLongEnvironment(soft_light).latlong(8).clamp_min(1e-3).log()
     return {"albedo": albedo, "roughness": roughness, "log_light": light}
 
 

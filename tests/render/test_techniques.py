@@ -13,7 +13,8 @@ from kernel_calls import normal_bin, sample_texel
 from means import assert_same_mean
 from stage import Stage
 
-from ia_bench.light.latlong import SampledLight, direction_to_texel, resize_light, texel_to_direction
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight, direction_to_texel, texel_to_direction
 from ia_bench.material.brdf import dot, sample_visible_ggx, specular_brdf_cosine, visible_ggx_pdf
 from ia_bench.material.textures import Material, fetch
 
@@ -92,7 +93,7 @@ def test_both_agree_with_one_alone(
 
     Left out are pixels below 2 % of the mean: what a narrow lobe mirrors there is blocked, and the rest is rare events.
     """
-    light = SampledLight.of(torch.from_numpy(resize_light(soft_light.numpy(), 16)))
+    light = SampledLight.of(LatLongEnvironment(soft_light).latlong(16))
     material = with_roughness(tiny_material, roughness)
     both = joined(tiny_stage, pixels, material, light, 128, REPEATS)[:, :, parts].mean(-1)  # channels share their samples
     one = alone(technique, tiny_stage, pixels, material, light, 256)[:, :, parts].mean(-1)

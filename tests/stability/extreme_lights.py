@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import kernel_calls
-import numpy as np
 import torch
 from kernel_calls import density, direction_to_texel, texel_to_direction
 from stability.case import Case, Measured, all_finite, deviation, refused
 from torch import Tensor
 
-from ia_bench.light.latlong import LatLongSampler, resize_light, row_solid_angles
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import LatLongSampler, row_solid_angles
 
 GROUP = "light"
 DRAWS = 200_000
@@ -83,13 +83,13 @@ def _bad_texel(value: float) -> Measured:
 
 
 def _reduced() -> Measured:
-    radiance = np.full((256, 512, 3), 0.1, np.float32)
+    radiance = torch.full((256, 512, 3), 0.1)
     radiance[100, 200] = 1e6
-    small = resize_light(radiance, 16)
+    small = LatLongEnvironment(radiance).latlong(16)
 
-    def power(light: np.ndarray) -> Tensor:
+    def power(light: Tensor) -> Tensor:
         rows = row_solid_angles(*light.shape[:2])
-        return (torch.from_numpy(light).double() * rows[:, None, None]).sum((0, 1))
+        return (light.double() * rows[:, None, None]).sum((0, 1))
 
     return Measured(deviation(power(small), power(radiance)))
 

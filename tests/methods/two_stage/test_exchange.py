@@ -12,7 +12,8 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
-from ia_bench.light.latlong import SampledLight, resize_light
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.exchange import MAX_WHITE, ColourExchange
@@ -126,7 +127,7 @@ def test_a_fit_gets_the_level_of_the_albedo_right(problem: Problem, scene: Scene
     """Images of our own renderer, so that nothing but the start is wrong: no alignment, no prior, a coloured light."""
     assert scene.truth is not None
     truth = Material(torch.from_numpy(scene.truth.albedo).float(), torch.from_numpy(scene.truth.roughness).float()[..., None])
-    light = SampledLight.of(torch.from_numpy(resize_light(scene.truth.lights["sunset"], 16)))
+    light = SampledLight.of(LatLongEnvironment(torch.from_numpy(scene.truth.lights["sunset"])).latlong(16))
     images = problem.renderer.render_images(problem.gbuffer, truth, light, 256, torch.Generator().manual_seed(1))
     coverage = problem.gbuffer.coverage().numpy()
     views = tuple(

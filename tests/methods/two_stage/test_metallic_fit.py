@@ -8,7 +8,8 @@ import pytest
 import torch
 from small_fit import Record, altered, fit, make_problem, same
 
-from ia_bench.light.latlong import SampledLight, resize_light
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
@@ -28,7 +29,7 @@ def half_metal(tiny: Scene) -> tuple[Problem, Material]:
     metallic[:, : albedo.shape[1] // 2] = 1
     albedo = torch.where(metallic > 0, torch.tensor([0.9, 0.6, 0.25]), albedo)
     material = Material(albedo, torch.full((4, 4, 1), 0.3), metallic)
-    light = SampledLight.of(torch.from_numpy(resize_light(tiny.truth.lights["studio"], 16)))
+    light = SampledLight.of(LatLongEnvironment(torch.from_numpy(tiny.truth.lights["studio"])).latlong(16))
     images = problem.renderer.render_images(problem.gbuffer, material, light, 256, torch.Generator().manual_seed(1))
     views = tuple(
         replace(view, image=image, mask=mask)

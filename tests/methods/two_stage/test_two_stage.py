@@ -13,7 +13,7 @@ import torch
 from small_fit import SETTINGS, Found, Record, fit, make_problem, oracle, same
 from torch import Tensor
 
-from ia_bench.light.latlong import resize_light
+from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.fit import FIRST_SCORE
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -67,7 +67,8 @@ def test_result_is_valid(long_fits: dict[str, Found]) -> None:
 
 def test_light_is_found_with_the_exact_oracle(scene: Scene, long_fits: dict[str, Found]) -> None:
     """Correlation with the true light in log radiance: what reflects from the object has to be where it was."""
-    truth = np.log(resize_light(scene.truth.lights["train"], 16).mean(-1) + 1e-3).ravel()
+    light = LatLongEnvironment(torch.from_numpy(scene.truth.lights["train"])).latlong(16)
+    truth = np.log(light.numpy().mean(-1) + 1e-3).ravel()
     found = np.log(long_fits["oracle"].light.numpy().mean(-1) + 1e-3).ravel()
     assert np.corrcoef(truth, found)[0, 1] > 0.5
 
