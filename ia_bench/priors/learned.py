@@ -25,7 +25,7 @@ from ia_bench.priors.diffusion.framing import Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.inputs import Device, Precision, check_views, choose_device, content_number, use_bf16
 
-VERSION = 4
+VERSION = 5
 """Part of the fingerprint; raised when a change of the code changes samples."""
 
 
@@ -116,7 +116,8 @@ class LearnedPrior(ABC):
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`.
 
-        An image's noise is seeded by ``seed`` and the image's own content, so that views differ in it.
+        An image's noise is seeded by ``seed`` and the image's own content, so that views differ in it, and by the component
+        where networks have one each.
         """
         check_views(self.kind, observations, guidance or {}, self.info.provides)
         return self._through(observations, seed, guidance or {}, self._predict)

@@ -12,7 +12,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import NotNegative, Number, Positive, Share
 from ia_bench.common.seeds import derive_seed
-from ia_bench.priors.contract import Observations, Samples
+from ia_bench.priors.contract import COMPONENTS, Observations, Samples
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Rule, check_norm
 from ia_bench.priors.diffusion.network import MaterialNetwork
@@ -114,7 +114,7 @@ class DiffusionPrior(LearnedPrior):
                 framed.condition,
                 config.size,
                 channels=config.output_channels,
-                seeds=framed.seeds,
+                seeds=_noise_seeds(network, framed),
                 settings=self.settings,
                 batch=self.batch,
                 foreground=framed.masks[:, None],
@@ -124,7 +124,9 @@ class DiffusionPrior(LearnedPrior):
         else:
             shape = (len(framed.condition), config.output_channels, *framed.condition.shape[-2:])
             denoise = model.bind(framed.condition)
-            predicted = sample(denoise, schedule, shape, framed.seeds, self.settings, guidance, device=self._device)
+            predicted = sample(
+                denoise, schedule, shape, _noise_seeds(network, framed), self.settings, guidance, device=self._device
+            )
         cost.update({"network_calls": model.calls, **report.counters})
         return predicted
 
@@ -149,12 +151,20 @@ class DiffusionPrior(LearnedPrior):
         )
 
 
+def _noise_seeds(network: MaterialNetwork, framed: Framed) -> list[int]:
+    """Seeds of the images' noise. Networks of one component each have their own, or both would draw from the same noise."""
+    components = network.config.components
+    if len(components) == len(COMPONENTS):
+        return framed.seeds
+    return [derive_seed(seed, COMPONENTS.index(components[0]), 0) for seed in framed.seeds]
+
+
 @torch.no_grad()
 def _denoise_once(model: Conditioned, framed: Framed, clean: Tensor) -> Tensor:
     """Each image noised to its own random level and denoised in one evaluation."""
     schedule = model.network.config.noise_schedule
     low, high = (round(share * len(schedule)) for share in DISTILLED_LEVELS)
-    noise = seeded_noise(framed.seeds, (clean.shape[1], clean.shape[2], clean.shape[3]))().to(clean)
+    noise = seeded_noise(_noise_seeds(model.network, framed), (clean.shape[1], clean.shape[2], clean.shape[3]))().to(clean)
     estimates = []
     for row, seed in enumerate(framed.seeds):
         one = slice(row, row + 1)

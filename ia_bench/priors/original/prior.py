@@ -29,7 +29,7 @@ from ia_bench.priors.original.preparation import Crop, decode, encode
 LATENT_RANGE = (-20.0, 20.0)
 """Clip of the estimated latents, which have unit standard deviation: no sample reaches it, runaway guidance ends there."""
 
-VERSION = 1
+VERSION = 2
 """Part of the fingerprint; raised when a change of the code changes samples."""
 
 
@@ -94,7 +94,8 @@ class IntrinsicAnythingPrior:
                 drawn = self._draw(component, squares, seeds, target, report, cost)
                 for view, square in zip(views, drawn, strict=True):
                     samples[component][view] = decode(square, masks[view], seen[view])
-        return Samples(samples, cost={**cost, **report.counters})
+        ceilings = {"specular": torch.ones(len(images))} if "specular" in samples else {}  # a square ends at white
+        return Samples(samples, ceilings, {**cost, **report.counters})
 
     def _draw(
         self,

@@ -12,13 +12,18 @@ from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import built_in, create
+from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import Observations
+from ia_bench.priors.diffusion import prior as diffusion_prior
+from ia_bench.priors.diffusion import sampler
 from ia_bench.priors.diffusion.checkpoints import save_network
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.framing import MARGIN, Frame
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
+from ia_bench.priors.diffusion.sampler import seeded_noise
+from ia_bench.priors.inputs import content_number
 from ia_bench.priors.regressor import RegressorPrior
 
 WEIGHTS = Path(ia_bench.priors.__file__).parent / "weights"
@@ -190,6 +195,30 @@ def test_geometry_that_cannot_be_used_is_refused(tmp_path, weights, ball):
     prior = DiffusionPrior(weights=weights, steps=1, geometry=True)
     with pytest.raises(InputError, match=r"normals of shape \(1, 40, 36, 3\), found \(3, 40, 36, 3\)"):
         prior.sample(replace(ball.select([0]), normals=ball.images), seed=0)
+
+
+def test_networks_of_one_component_each_draw_noise_of_their_own(tmp_path, weights, ball, monkeypatch):
+    for name in ("albedo", "specular"):
+        tiny_weights(tmp_path / name, components=(name,))
+    used = []
+
+    def noise_of(seeds, shape):
+        used.append(list(seeds))
+        return seeded_noise(seeds, shape)
+
+    for module in (diffusion_prior, sampler):
+        monkeypatch.setattr(module, "seeded_noise", noise_of)
+    apart, jointly = DiffusionPrior(weights=str(tmp_path), steps=2), DiffusionPrior(weights=weights, steps=2)
+    renders = {"albedo": ball.images, "specular": ball.images}
+    for draw in (lambda prior: prior.sample(ball, seed=3), lambda prior: prior.distill(ball, renders, seed=3)):
+        used.clear()
+        draw(apart)
+        albedo, specular = used
+        assert len({*albedo, *specular}) == 2 * len(ball.images)
+        used.clear()
+        draw(jointly)
+        contents = [content_number(*one) for one in zip(ball.images, ball.masks, strict=True)]
+        assert used == [[derive_seed(3, content) for content in contents]]
 
 
 def test_several_samples_of_an_image_share_its_condition():

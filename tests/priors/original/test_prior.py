@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS, Observations
 from ia_bench.priors.inputs import content_number
+from ia_bench.priors.original.networks import Networks
 from ia_bench.priors.original.prior import IntrinsicAnythingPrior
 
 
@@ -70,6 +72,20 @@ def test_samples_are_the_originals(weights: Path) -> None:
             expected = original_sample(model, images[view], seed, 4)
             torch.testing.assert_close(samples[component][view], expected, atol=2e-4, rtol=0)
     assert float((samples["albedo"][0] - samples["albedo"][1]).abs().mean()) > 0.05
+
+
+def test_a_sample_of_specular_shading_ends_at_white(weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = photographs(3)
+    masks = shown.masks.clone()
+    masks[1] = 0  # nothing is said of a picture without an object
+    shown = replace(shown, images=20 * shown.images * masks[..., None], masks=masks)
+    monkeypatch.setattr(Networks, "decode", lambda self, latents: torch.full((len(latents), 3, 32, 32), 7.0))
+    drawn = IntrinsicAnythingPrior(weights=str(weights), steps=1).sample(shown, seed=0)
+    assert set(drawn.ceilings) == {"specular"}, "an albedo ends at 1 by itself"
+    assert drawn.ceilings["specular"].shape == (3,)
+    assert torch.equal(drawn.values["specular"].amax((1, 2, 3))[[0, 2]], drawn.ceilings["specular"][[0, 2]])
+    alone = IntrinsicAnythingPrior(weights=str(weights), components=["albedo"], steps=1).sample(shown, seed=0)
+    assert alone.ceilings == {}
 
 
 def test_conformance(weights: Path, capsys: pytest.CaptureFixture[str]) -> None:
