@@ -15,6 +15,10 @@ from ia_bench.common.files import read_json
 from ia_bench.runs.metrics import METRICS_FILE, RecordError, check_metrics
 from ia_bench.scores.columns import CURVE_METRICS, METRICS
 
+NOT_OF_THE_ROW = ("total", "score", "pictures", "capture")
+"""Phases that are no cost of a row. The scene's preparation, ``capture``, is the same for all rows and kept between runs: it would
+count for whichever row happened to come first."""
+
 BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
 """Methods that optimise nothing and bound all others, and what they are: the truth rendered, and one grey."""
 
@@ -69,7 +73,8 @@ class Run:
             capture, such as "geometry.missed_share": whatever was recorded.
         reasons: Dotted name -> why a value is null.
         phases: Phase -> seconds, scoring and total included.
-        seconds: Of all phases without scoring, also where a run was interrupted or samples were kept.
+        seconds: Of all phases but ``NOT_OF_THE_ROW``, also where a run was interrupted or samples were kept; of a published run,
+            as its runs.csv has it.
         peak_memory_bytes: Of the process.
         about: What else runs.csv has, by column: rays, network calls, commit, processor, hash.
         sees_truth: Whether prior or method saw the ground truth.
@@ -188,7 +193,7 @@ def read_run(folder: Path) -> Run:
         variants={f"{group}.{name}": value for group, found in variants.items() for name, value in found.items()},
         reasons=data.get("reasons", {}),
         phases=data["time_s"],
-        seconds=sum(seconds for phase, seconds in data["time_s"].items() if phase not in ("total", "score", "pictures")),
+        seconds=sum(seconds for phase, seconds in data["time_s"].items() if phase not in NOT_OF_THE_ROW),
         peak_memory_bytes=data["peak_memory_bytes"],
         about=about,
         sees_truth=data["sees_truth"],

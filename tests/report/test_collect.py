@@ -36,6 +36,15 @@ def test_a_finished_run_arrives_whole(write_run: Write) -> None:
     assert not run.curve.is_level
 
 
+def test_what_prepares_the_scene_counts_for_no_row(write_run: Write) -> None:
+    """A hull is made by whichever row comes first and kept for the others: rows that took as long must say so."""
+    spent = {"total": 160.0, "bake": 5.0, "prior": 1.0, "stage1": 30.0, "score": 10.0, "pictures": 4.0}
+    first = read_run(write_run("first", "hat", time_s=spent | {"capture": 110.0}))
+    second = read_run(write_run("second", "hat", time_s=spent | {"capture": 0.01}))
+    assert first.seconds == second.seconds == 36.0
+    assert first.phases["capture"] == 110.0, "it is still told"
+
+
 def test_null_and_its_reason_arrive(write_run: Write) -> None:
     reasons = dict.fromkeys((f"{name}.psnr" for name in TRIPLES), "identical")
     run = read_run(write_run("ours", "hat", psnr=None, reasons=reasons))
