@@ -87,6 +87,7 @@ def test_every_number_of_photographs_takes_the_seeds_that_it_has() -> None:
     everything = {one.photographs: one for one in worth(runs(GAINED), TABLE) if one.metric.key == "aligned_albedo.psnr"}
     assert found[8] == everything[8], "with 8 photographs no seed is missing"
     assert found[2].needed == pytest.approx(4.0)
+    assert [(count, found[count].scenes, found[count].pairs) for count in (2, 8)] == [(2, 2, 2), (8, 2, 4)]
 
 
 def test_bounds_are_no_priors_even_where_their_rows_have_only_names() -> None:
@@ -141,6 +142,20 @@ def test_files_say_what_was_found(tmp_path: Path) -> None:
     means = np.array([-0.25, 0.45])
     t_975, t_80 = 12.7062047, 1.3763819  # of Student's distribution with one degree of freedom, from a table
     assert float(base["detectable"]) == pytest.approx((t_975 + t_80) * means.std(ddof=1) / math.sqrt(2), rel=1e-6)
+
+
+def test_the_level_of_the_reference_is_that_of_all_its_runs_whichever_row_stands_first(tmp_path: Path) -> None:
+    """The kernel, the first row, has one seed of each scene, the other row both: the reference has 10 and 20, 30 and 40 dB."""
+    table = Table(rows=[Row("none", []), Row("kernel", []), Row("other", [])], reference="none", captures=[{}, {"views": 8}])
+    levels = {("s0", 0): 10.0, ("s0", 1): 20.0, ("s1", 0): 30.0, ("s1", 1): 40.0}
+    some = [run(row, *cell, level) for cell, level in levels.items() for row in ("none", "other")]
+    some += [run("kernel", scene, 0, level + 1) for (scene, seed), level in levels.items() if seed == 0]
+    write_value(some, table, tmp_path)
+    page = (tmp_path / "value.md").read_text()
+    assert "| all views | 25.00 | +1.00 (+1.00 to +1.00)" in page.replace("**", "")
+    assert "The column `none` is its level over all of its runs" in page
+    records = {one["row"]: one for one in csv.DictReader((tmp_path / "value.csv").open()) if one["metric"] == "relighting.psnr"}
+    assert [float(records[row]["reference"]) for row in ("kernel", "other")] == [20.0, 25.0], "what each was compared with"
 
 
 def test_without_a_metric_in_decibels_there_is_no_figure(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.report.collect import BOUNDS, Run
-from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, paired
+from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, line, paired
 from ia_bench.report.value.bootstrap import Interval, interval, replicates
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
 from ia_bench.scores.columns import METRICS, Metric
@@ -32,6 +32,7 @@ class Gain:
         metric: In which it is compared.
         pairs: Its differences to the reference, turned so that more is better, by scene and seed.
         reference: Mean of the reference over the same scenes and seeds.
+        level: Mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row.
         headroom: The part of what the ceiling is above the reference that the row closes; None where no ceiling was run.
     """
 
@@ -41,6 +42,7 @@ class Gain:
     metric: Metric
     pairs: Paired
     reference: float
+    level: float
     headroom: float | None
 
     @property
@@ -99,13 +101,14 @@ def gains(runs: Sequence[Run], table: Table) -> list[Gain]:
     for settings in table.captures or [{}]:
         capture = capture_of(settings)
         reference = crossed_name(table.reference, capture.label)
+        levels = line(runs, reference).values
         for row in (row.name for row in compared(table)):
             for metric in METRICS:
-                pairs = _better(runs, crossed_name(row, capture.label), reference, metric)
-                if pairs.pairs:
-                    level = _mean_of(runs, reference, metric, pairs)
+                pairs, level = _better(runs, crossed_name(row, capture.label), reference, metric), levels[metric.key]
+                if pairs.pairs and level is not None:
+                    own = _mean_of(runs, reference, metric, pairs)
                     share = None if ceiling is None else _share(pairs, _better(runs, ceiling, reference, metric))
-                    found.append(Gain(row, capture, photographs_of(capture, table), metric, pairs, level, share))
+                    found.append(Gain(row, capture, photographs_of(capture, table), metric, pairs, own, level.mean, share))
     return found
 
 

@@ -31,6 +31,7 @@ class Worth:
             where the reference does not get there with all, 0 where its fewest are better.
         bounds: Of ``needed``, by the bootstrap over scenes and seeds; None for a single scene.
         scenes: Over how many scenes the mean is.
+        pairs: How many runs of the row it rests on, each beside those of the reference of the same scene and seed.
     """
 
     row: str
@@ -40,6 +41,7 @@ class Worth:
     needed: float
     bounds: Interval | None
     scenes: int
+    pairs: int
 
 
 def worth(runs: Sequence[Run], table: Table) -> list[Worth]:
@@ -81,7 +83,8 @@ def _worth(row: str, others: str, metric: Metric, photographs: int, curve: Seque
     """``scenes``: arrays (seeds, the reference with each number of ``curve`` and then the row with ``photographs``)."""
     means = np.mean([seeds.mean(axis=0) for seeds in scenes], axis=0)[None]
     bounds = interval(_needed(replicates(scenes), curve)) if len(scenes) > 1 else None
-    return Worth(row, others, metric, photographs, float(_needed(means, curve)[0]), bounds, len(scenes))
+    pairs = sum(map(len, scenes))
+    return Worth(row, others, metric, photographs, float(_needed(means, curve)[0]), bounds, len(scenes), pairs)
 
 
 def _needed(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:

@@ -57,6 +57,9 @@ def text(found: Sequence[Gain], photographs: Sequence[Worth], reference: str) ->
         "bootstrap over scenes and seeds. More is better in every column. **Bold**: decided, since neither that interval nor "
         "Student's over scenes holds zero; all else is undecided. "
         "Intervals over scenes, the smallest effect that would have been found, and what carries a mean are in value.csv.\n",
+        f"The column `{reference}` is its level over all of its runs of that capture: mean over scenes of the means over their "
+        "seeds. A row that has fewer scenes or seeds is compared with these alone (`reference` in value.csv), so that this column "
+        "plus a gain need not be that row's own level.\n",
     ]
     for key in SHOWN:
         mine = [gain for gain in found if gain.metric.key == key]
@@ -69,7 +72,7 @@ def text(found: Sequence[Gain], photographs: Sequence[Worth], reference: str) ->
         body = []
         for capture in captures:
             some = [cells.get((row, capture)) for row in rows]
-            level = next(gain.reference for gain in some if gain is not None)
+            level = next(gain.level for gain in some if gain is not None)
             line = [capture.label or NOTHING_LEFT_OUT, f"{level:.{digits}f}"]
             body.append([*line, *("-" if gain is None else _gain(gain, digits) for gain in some)])
         title = METRIC_OF[key].title
@@ -137,4 +140,5 @@ def _of_worth(one: Worth) -> dict[str, Any]:
         "low": one.bounds and one.bounds.low,
         "high": one.bounds and one.bounds.high,
         "scenes": one.scenes,
+        "pairs": one.pairs,
     }
