@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 
 from ia_bench.scores import metrics
-from ia_bench.scores.metrics import Undefined
+from ia_bench.scores.metrics import NoScoredPixel, Undefined
 from ia_bench.scores.perceptual import lpips
 from ia_bench.scores.predictions import Pair
 from ia_bench.scores.protocol import Encoding, Protocol
 from ia_bench.scores.reduction import Value
-from ia_bench.scores.whole_images import composed, linear_images, whole_images
+from ia_bench.scores.whole_images import composed, eroded, linear_images, whole_images
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def image_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]
         values = {name: _value(functions[name], predicted, true, view.mask) for name in names}
         return Measured(values, clipped_prediction, clipped_truth)
 
-    return _where_finite(names, of)
+    return _where_defined(names, of)
 
 
 def _whole_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...]) -> Measure:
@@ -65,30 +65,33 @@ def _whole_measure(protocol: Protocol, encoding: Encoding, names: tuple[str, ...
         }
         return Measured({name: _value(functions[name]) for name in names}, *pictures.clipped)
 
-    return _where_finite(names, of, everywhere=True)
+    return _where_defined(names, of, protocol.comparison.erosion, everywhere=True)
 
 
 def hdr_measure(protocol: Protocol) -> Measure:
     """PSNR of linear values, cut where ``protocol.comparison.hdr_clip`` says, of whole images."""
 
     def of(view: Pair) -> Measured:
-        return Measured({"psnr": _value(linear_images(view, protocol.comparison).psnr)})
+        pictures = linear_images(view, protocol.comparison)
+        return Measured({"psnr": _value(pictures.psnr)}, *pictures.clipped)
 
-    return _where_finite(("psnr",), of, everywhere=True)
+    return _where_defined(("psnr",), of, protocol.comparison.erosion, everywhere=True)
 
 
 def whole_image_measure(encoding: Encoding) -> Measure:
     """PSNR over all known pixels, background included, as most papers print it: both images lie over white by their coverage."""
 
-    def over_white(linear: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    def over_white(encoded: np.ndarray, coverage: np.ndarray) -> np.ndarray:
         share = coverage[..., None].clip(0, 1)
-        return share * metrics.encode(linear, encoding, coverage > 0)[0] + (1 - share)
+        return share * encoded + (1 - share)
 
     def of(view: Pair) -> Measured:
-        pair = over_white(view.predicted, view.coverage[0]), over_white(view.true, view.coverage[1])
-        return Measured({"psnr": _value(metrics.psnr, *pair, view.known)})
+        predicted, clipped_prediction = metrics.encode(view.predicted, encoding, view.mask)
+        true, clipped_truth = metrics.encode(view.true, encoding, view.mask)
+        pair = over_white(predicted, view.coverage[0]), over_white(true, view.coverage[1])
+        return Measured({"psnr": _value(metrics.psnr, *pair, view.known)}, clipped_prediction, clipped_truth)
 
-    return _where_finite(("psnr",), of, everywhere=True)
+    return _where_defined(("psnr",), of, everywhere=True)
 
 
 def roughness_measure(protocol: Protocol) -> Measure:
@@ -101,16 +104,27 @@ def roughness_measure(protocol: Protocol) -> Measure:
             pair, area = composed(view, protocol.comparison, pair), view.known
         return Measured({"mse": _value(metrics.squared_error, *pair, area)})
 
-    return _where_finite(("mse",), of, everywhere=not of_object)
+    return _where_defined(("mse",), of, protocol.comparison.erosion, everywhere=not of_object)
 
 
-def _where_finite(names: tuple[str, ...], of: Callable[[Pair], Measured], *, everywhere: bool = False) -> Measure:
-    """The function ``of``, but for views whose prediction is NaN or Inf in a scored pixel.
+def _where_defined(
+    names: tuple[str, ...], of: Callable[[Pair], Measured], erosion: int = 0, *, everywhere: bool = False
+) -> Measure:
+    """The function ``of``, but for views without a scored pixel, and for those whose prediction is NaN or Inf in one.
 
-    ``everywhere``: in any pixel of the whole picture, since no weight, not even 0, takes one out of a mean.
+    The first is asked first, since it is the same for every prediction: in a whole picture nothing but two equal backgrounds
+    would be left to compare.
+
+    Args:
+        names: The metrics of ``of``.
+        of: Measures one view.
+        erosion: Side of the square of pixels by which scored pixels shrink (:func:`ia_bench.scores.whole_images.eroded`).
+        everywhere: NaN or Inf in any pixel of the whole picture counts, since no weight, not even 0, takes one out of a mean.
     """
 
     def checked(view: Pair) -> Measured:
+        if not eroded(view.mask, erosion).any():
+            return Measured(dict.fromkeys(names, NoScoredPixel()))
         finite = np.isfinite(view.predicted)
         broken = int((~(finite if finite.ndim == 2 else finite.all(-1))).sum()) if everywhere else view.broken
         if not broken:

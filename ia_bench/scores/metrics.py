@@ -30,9 +30,13 @@ class NoScoredPixel(Undefined):
 
 def encode(linear: np.ndarray, encoding: Encoding, inside: np.ndarray) -> tuple[np.ndarray, int]:
     """Encode (H, W, 3) linear values and clip them to [0, 1]; also the number of values ``inside`` (H, W) clipped."""
-    values = linear_to_srgb(linear) if encoding == "srgb" else linear
-    clipped = ((values < 0) | (values > 1)) & inside[..., None]
-    return np.clip(values, 0.0, 1.0), int(clipped.sum())
+    return clipped(linear_to_srgb(linear) if encoding == "srgb" else linear, 1.0, inside)
+
+
+def clipped(values: np.ndarray, largest: float, inside: np.ndarray) -> tuple[np.ndarray, int]:
+    """Clip (H, W, 3) values to [0, largest]; also how many of those ``inside`` (H, W) that changes."""
+    beyond = ((values < 0) | (values > largest)) & inside[..., None]
+    return np.clip(values, 0.0, largest), int(beyond.sum())
 
 
 def white_outside(image: np.ndarray, inside: np.ndarray) -> np.ndarray:

@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from ia_bench.scores.components import Measure
+from ia_bench.scores.components import Measure, Measured
+from ia_bench.scores.metrics import NoScoredPixel
 from ia_bench.scores.predictions import Pair
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.reduction import explain, finite_or_none, mean_over_images
@@ -67,7 +68,7 @@ class Scores:
         everything = [one for group in measured.values() for one in group]
         self.counts[component] = {
             "views": len(pairs),
-            "views_without_scored_pixel": sum(int(not view.mask.any()) for view in pairs),
+            "views_without_scored_pixel": sum(_is_left_out(one) for one in everything),
             "scored_pixels": sum(int(view.mask.sum()) for view in pairs),
             "uncovered_pixels": sum(view.uncovered for view in pairs),
             "clipped_prediction": sum(one.clipped_prediction for one in everything),
@@ -88,3 +89,8 @@ class Scores:
             "albedo_scales": dict(self.albedo_scales),
             "geometry": dict(self.geometry),
         }
+
+
+def _is_left_out(one: Measured) -> bool:
+    """Whether a view enters no mean, whatever is predicted there."""
+    return all(isinstance(value, NoScoredPixel) for value in one.values.values())

@@ -33,7 +33,8 @@ class WholeImages:
         predicted: Encoded, over the background.
         true: The same of the truth.
         known: (H, W) bool, pixels that the truth knows.
-        grey: An object of the grey .5 in place of the prediction, where PSNR has it as its floor; else None.
+        grey: An object of the grey .5 in place of the prediction, over the same background, where PSNR has it as its floor;
+            else None.
         clipped: How many values of scored pixels were clipped, in prediction and truth.
     """
 
@@ -71,7 +72,7 @@ def whole_images(view: Pair, encoding: Encoding, comparison: ComparisonSettings)
     predicted, clipped_predicted = metrics.encode(view.predicted * scale, encoding, view.mask)
     true, clipped_true = metrics.encode(view.true, encoding, view.mask)
     pair = composed(view, comparison, (predicted, true))
-    return WholeImages(*pair, view.known, _grey(scored, comparison), (clipped_predicted, clipped_true))
+    return WholeImages(*pair, view.known, _grey(view, comparison), (clipped_predicted, clipped_true))
 
 
 def linear_images(view: Pair, comparison: ComparisonSettings) -> WholeImages:
@@ -83,9 +84,11 @@ def linear_images(view: Pair, comparison: ComparisonSettings) -> WholeImages:
     scored = eroded(view.mask, comparison.erosion)
     shown = (view.true * scored[..., None]).clip(0, 1)
     gain = linear_to_srgb(shown).mean() / shown.mean() if shown.mean() > 1e-8 else 1.0
-    predicted = (view.predicted * _scale(view, scored, comparison) * gain).clip(0, comparison.hdr_clip)
-    pair = composed(view, comparison, (predicted, (view.true * gain).clip(0, comparison.hdr_clip)))
-    return WholeImages(*pair, view.known, _grey(scored, comparison), (0, 0))
+    scale = _scale(view, scored, comparison)
+    predicted, clipped_predicted = metrics.clipped(view.predicted * scale * gain, comparison.hdr_clip, view.mask)
+    true, clipped_true = metrics.clipped(view.true * gain, comparison.hdr_clip, view.mask)
+    pair = composed(view, comparison, (predicted, true))
+    return WholeImages(*pair, view.known, _grey(view, comparison), (clipped_predicted, clipped_true))
 
 
 def composed(view: Pair, comparison: ComparisonSettings, pair: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -109,12 +112,15 @@ def eroded(mask: np.ndarray, side: int) -> np.ndarray:
 
 def _scale(view: Pair, scored: np.ndarray, comparison: ComparisonSettings) -> np.ndarray:
     """The factor of each channel (3,) that brings the prediction to the truth, or 1."""
-    if comparison.rescale == "none" or not scored.any():
+    if comparison.rescale == "none":
         return np.ones(3)
     predicted, true = view.predicted[scored].astype(np.float64), view.true[scored].astype(np.float64)
     power = (predicted**2).sum(0)
     return np.where(power > BLACK, (predicted * true).sum(0) / np.maximum(power, BLACK), 1.0)
 
 
-def _grey(scored: np.ndarray, comparison: ComparisonSettings) -> np.ndarray | None:
-    return np.repeat(GREY * scored[..., None].astype(np.float64), 3, -1) if comparison.floor else None
+def _grey(view: Pair, comparison: ComparisonSettings) -> np.ndarray | None:
+    """The prediction with GREY in all channels (H, W, 3), over the background; None where PSNR has no floor."""
+    if not comparison.floor:
+        return None
+    return composed(view, comparison, (np.full(view.predicted.shape, GREY), view.true))[0]

@@ -77,6 +77,7 @@ def test_clipped_values_are_counted(guess: Predictions, truth: Predictions) -> N
     counts = glaring.counts["view_synthesis"]
     assert counts["clipped_prediction"] == 3 * counts["scored_pixels"]
     assert counts["clipped_truth"] == 0
+    assert glaring.counts["view_synthesis_whole_image"] == counts, "the same pictures over white clip the same values"
 
 
 def test_what_is_not_predicted_is_null_and_the_rest_is_scored(guess: Predictions, truth: Predictions) -> None:
@@ -124,6 +125,8 @@ def test_a_view_without_scored_pixels_is_left_out_and_counted(guess: Predictions
     assert scores.counts["albedo"]["views_without_scored_pixel"] == 1
     assert scores.reasons["per_image.albedo.psnr"] == "no scored pixel (image 3)"
     assert "albedo.psnr" not in scores.reasons
+    assert scores.variants["albedo_whole_image"] == score(guess, truth, PAPER).variants["albedo_whole_image"]
+    assert scores.counts["albedo_whole_image"]["views_without_scored_pixel"] == 1
 
 
 def test_no_scored_pixel_anywhere(guess: Predictions, truth: Predictions) -> None:

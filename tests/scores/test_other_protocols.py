@@ -6,6 +6,7 @@ The object is a square of 20 x 20 pixels in an image of 40 x 40, with a dark par
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -132,6 +133,46 @@ def test_stanford_orb_has_a_grey_object_as_its_floor() -> None:
     assert found.metrics["view_synthesis"]["psnr"] == pytest.approx(floor)
     black = scored("stanford-orb", Predictions(view_synthesis=two_parts(0, 0)), Predictions(view_synthesis=true))
     assert black.metrics["view_synthesis"]["psnr"] == pytest.approx(floor)
+
+
+def test_the_floor_lies_over_the_same_background_as_the_prediction() -> None:
+    """Over white a black prediction is as far from the truth as the grey object, whose background costs nothing either."""
+    over_white = replace(shipped("stanford-orb"), comparison=replace(shipped("stanford-orb").comparison, background=1.0))
+    true, black = two_parts(0.2, 0.6), two_parts(0, 0)
+    found = score(Predictions(view_synthesis=black), Predictions(view_synthesis=true), over_white)
+    assert found.metrics["view_synthesis"]["psnr"] == pytest.approx(decibel((128, curve(0.2) - 0.5), (128, curve(0.6) - 0.5)))
+
+
+@pytest.mark.parametrize("name", ["stanford-orb", "tensoir", "synthetic4relight"])
+def test_a_view_of_which_no_pixel_is_scored_is_left_out(name: str) -> None:
+    """The second view has an object of four columns, which erosion by 5 x 5 leaves nothing of, or none at all."""
+    thin = np.zeros((SIDE, SIDE))
+    thin[FROM:TO, FROM : FROM + 4] = 1 if name == "stanford-orb" else 0
+    views = [(two_parts(0.2, 0.6), two_parts(0.1, 0.5)), (two_parts(0.2, 0.6, coverage=thin), two_parts(0.9, 0.0, coverage=thin))]
+    true, guess = (Images(tuple(v[i].images[0] for v in views), tuple(v[i].coverage[0] for v in views)) for i in (0, 1))
+    both = scored(name, Predictions(view_synthesis=guess), Predictions(view_synthesis=true))
+    alone = scored(name, Predictions(view_synthesis=views[0][1]), Predictions(view_synthesis=views[0][0]))
+    assert both.metrics["view_synthesis"] == alone.metrics["view_synthesis"]
+    assert both.counts["view_synthesis"]["views_without_scored_pixel"] == 1
+    assert "no scored pixel (image 1)" in both.reasons["per_image.view_synthesis.ssim"]
+    if name == "stanford-orb":
+        assert both.variants["view_synthesis_hdr"] == alone.variants["view_synthesis_hdr"]
+
+
+def test_a_view_without_a_scored_pixel_is_left_out_also_of_a_prediction_that_is_broken_there() -> None:
+    nothing = np.zeros((SIDE, SIDE))
+    true = two_parts(0.2, 0.6, coverage=nothing)
+    broken = Images((np.full((SIDE, SIDE, 3), np.nan),), (np.ones((SIDE, SIDE)),))
+    found = scored("stanford-orb", Predictions(view_synthesis=broken), Predictions(view_synthesis=true))
+    assert found.reasons["view_synthesis.psnr"] == "no scored pixel (every image)"
+
+
+def test_what_a_linear_picture_is_cut_at_is_counted() -> None:
+    """Scaled to the truth and brightened, 10 of 20 bright columns are beyond 4: three channels of 200 pixels in both pictures."""
+    true, guess = two_parts(0.2, 60.0), two_parts(0.1, 30.0)
+    found = scored("stanford-orb", Predictions(view_synthesis=guess), Predictions(view_synthesis=true))
+    counts = found.counts["view_synthesis_hdr"]
+    assert (counts["clipped_prediction"], counts["clipped_truth"]) == (600, 600)
 
 
 def test_stanford_orb_relights_without_true_albedo() -> None:
