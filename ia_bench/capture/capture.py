@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -35,7 +35,8 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         normals = given_normals(settings.sdf.normals, train)
     train = of_one_size(train)
     if settings.radiometry == "ldr" or settings.background != "none" or settings.faults != FaultSettings():
-        train = _taken(train, settings)
+        before, train = train, _taken(train, settings)
+        scene = replace(scene, saturated_share=_saturated_share(before, train))
     if settings.consistency:
         from ia_bench.geometry.consistency import consistent
 
@@ -63,10 +64,24 @@ def _taken(views: tuple[View, ...], settings: CaptureSettings) -> tuple[View, ..
     return tuple(replace(photo, camera=camera) for photo, camera in zip(photos, cameras, strict=True))
 
 
+def _saturated_share(before: Sequence[View], after: Sequence[View]) -> float:
+    """The part of the object's pixels that were known ``before`` the views were photographed, and not ``after``: clipped ones.
+
+    What else makes a pixel unknown (a reader, masks that are put right, a margin) is not counted.
+    """
+    covered = [view.mask > 0 for view in after]
+    pairs = zip(before, after, covered, strict=True)
+    lost = sum(int((_known(old) & ~_known(new) & inside).sum()) for old, new, inside in pairs)
+    return lost / max(sum(int(inside.sum()) for inside in covered), 1)
+
+
+def _known(view: View) -> np.ndarray:
+    """Which pixels of a view are known, (H, W) bool."""
+    return np.ones(view.mask.shape, bool) if view.valid is None else view.valid
+
+
 def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
     """What metrics.json says of the capture of a ``scene`` that was captured by these ``settings``."""
-    saturated = [float((~view.valid & (view.mask > 0)).sum()) for view in scene.train if view.valid is not None]
-    covered = sum(float((view.mask > 0).sum()) for view in scene.train)
     faults = {} if settings.faults == FaultSettings() else {"faults": asdict(settings.faults)}
     return {
         "views": len(scene.train),
@@ -74,6 +89,6 @@ def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
         "exposure": "per_image" if scene.exposures_differ else "fixed",
         "geometry": settings.geometry,
         "triangles": 0 if scene.mesh is None else len(scene.mesh.faces),
-        "saturated_share": float(np.sum(saturated)) / max(covered, 1.0),
+        "saturated_share": scene.saturated_share,
         **faults,
     }

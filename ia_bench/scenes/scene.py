@@ -92,6 +92,7 @@ class Scene:
         exposures_differ: Whether every training image may have been multiplied by a factor of its own, which nobody knows; the
             geometric mean of these factors is 1.
         mesh_is_made: Whether the mesh is no part of what was read, but was made for this capture.
+        saturated_share: The part of the object's pixels in the training views, from 0 to 1, that this capture has clipped.
     """
 
     name: str
@@ -105,6 +106,7 @@ class Scene:
     metallic: bool = False
     exposures_differ: bool = False
     mesh_is_made: bool = False
+    saturated_share: float = 0.0
 
     def blind(self) -> Scene:
         """The scene as methods and priors see it: the mesh, and the training images, masks and cameras.
