@@ -26,6 +26,7 @@ from ia_bench.runs.metrics import METRICS_FILE
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
+from ia_bench.scores.result import drawn_scale
 
 READER = {"name": str, "target": str, "options": dict}
 
@@ -58,7 +59,7 @@ class Recovered:
         metrics: Its metrics.json.
         config: Its config.json.
         reader: Which reader read its scene.
-        scale: (3,), what aligned the albedo in its scores; ones where it cannot be aligned.
+        scale: (3,), what aligned the albedo of its textures in its scores; ones where it cannot be aligned.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -68,7 +69,7 @@ class Recovered:
         if status != "ok":
             raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {status!r}")
         alignment = self.metrics.get("protocol_description.alignment", str)
-        self.scale = torch.tensor(self.metrics.get("albedo_scales", dict).get(alignment) or [1.0] * 3)
+        self.scale = torch.tensor(drawn_scale(self.metrics.get("albedo_scales", dict), alignment) or [1.0] * 3)
         if "geometry" in self.config.get("config", dict):  # before there were readers, there was one
             self.reader = ReaderConfig(options={"uv": self.config.get("config.geometry.uv", str)})
         else:

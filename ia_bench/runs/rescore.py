@@ -18,6 +18,7 @@ from ia_bench.runs.metrics import SCHEMA, RecordError
 from ia_bench.runs.pictures.bundle import write_pictures
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.result import drawn_scale
 from ia_bench.scores.scorer import Scorer
 
 ASSETS = ("albedo.exr", "roughness.exr", "metallic.exr", "light.exr", "asset.glb")
@@ -57,7 +58,8 @@ class Rescorer:
                 return place
             stage, scorer = self._scene_of(run)
             scores = scorer.full(run.reconstruction(stage)).as_dict()
-            write_pictures(kept, self._scene, scorer.drawn, scores["albedo_scales"].get(self.protocol.alignment), print)
+            scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
+            write_pictures(kept, self._scene, scorer.drawn, scale, print)
             for name in ASSETS:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:

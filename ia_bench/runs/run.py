@@ -32,6 +32,7 @@ from ia_bench.runs.pictures.bundle import write_pictures
 from ia_bench.runs.scene import read_scene, tell
 from ia_bench.runs.truth import tell_truth
 from ia_bench.scenes.scene import Scene
+from ia_bench.scores.result import drawn_scale
 from ia_bench.scores.scorer import Scorer
 
 
@@ -60,7 +61,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         scores = scorer.full(result.reconstruction)
     write_assets(folder, result.reconstruction)
     with books.aside("pictures"):
-        write_pictures(folder, scene, scorer.drawn, scores.albedo_scales.get(config.protocol.alignment), progress.note)
+        scale = drawn_scale(scores.albedo_scales, config.protocol.alignment)
+        write_pictures(folder, scene, scorer.drawn, scale, progress.note)
     asked = method.info.uses_prior and problem.prior.info.sees_truth
     metrics = {
         "schema": SCHEMA,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +14,9 @@ from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.reduction import explain, finite_or_none, mean_over_images
 
 COMPONENTS = ("albedo", "aligned_albedo", "view_synthesis", "relighting", "roughness")
+
+REDRAWN = "_reference"
+"""How the names of scores end that are of exported textures, drawn by the reference renderer beside a method's own pictures."""
 
 Views = list[Pair] | dict[str, list[Pair]] | str  # of one component (per light for relighting), or why there are none
 
@@ -89,6 +93,19 @@ class Scores:
             "albedo_scales": dict(self.albedo_scales),
             "geometry": dict(self.geometry),
         }
+
+
+def drawn_scale(scales: Mapping[str, list[float] | None], alignment: str) -> list[float] | None:
+    """The RGB scale (3,) of the textures that pictures show: their own where they were exported, else that of the method's maps.
+
+    Args:
+        scales: ``albedo_scales`` of the scores.
+        alignment: The protocol's.
+
+    Returns:
+        None where there is neither: the albedo could not be aligned.
+    """
+    return scales.get(alignment + REDRAWN) or scales.get(alignment)
 
 
 def _is_left_out(one: Measured) -> bool:

@@ -21,7 +21,7 @@ from ia_bench.scores.evaluate import albedo_scale, score, score_again, score_qui
 from ia_bench.scores.geometry import score_geometry
 from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import Protocol
-from ia_bench.scores.result import Scores
+from ia_bench.scores.result import REDRAWN, Scores
 
 MAPS = ("albedo", "roughness")
 
@@ -67,7 +67,7 @@ class Scorer:
             self.drawn = (reconstruction, own) if isinstance(reconstruction, TexturedReconstruction) else None
         scores = score(own, truth, self._protocol, renderer=renderer)
         if redrawn is not None:
-            score_again(scores, redrawn, truth, "_reference")
+            score_again(scores, redrawn, truth, REDRAWN)
         scores.geometry.update(self._geometry())
         for name in self._novel:
             if name != "train" and name not in self._lights:

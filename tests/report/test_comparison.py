@@ -97,6 +97,14 @@ def test_scale_of_the_run_is_applied(perfect_run: Path, scene_folder: Path, tmp_
     assert (truth - found).mean() > 0.01
 
 
+def test_the_scale_of_a_run_is_that_of_the_textures_in_its_folder(perfect_run: Path) -> None:
+    """A method with a renderer of its own has maps beside them, which may be brighter or darker."""
+    metrics = json.loads((perfect_run / "metrics.json").read_text())
+    metrics["albedo_scales"] = {"mean_rgb": [3.0] * 3, "mean_rgb_reference": [1.5] * 3}
+    (perfect_run / "metrics.json").write_text(json.dumps(metrics))
+    assert Recovered(perfect_run).scale.tolist() == [1.5] * 3
+
+
 def test_mistakes(
     perfect_run: Path, spoiled_run: Path, scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

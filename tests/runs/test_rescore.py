@@ -14,13 +14,18 @@ from PIL import Image
 
 from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
+from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.report.collect import collect
 from ia_bench.report.site.pictures.store import hang
+from ia_bench.runs import rescore
+from ia_bench.runs import run as running
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.rescore import Rescorer
 from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.result import Scores
+from ia_bench.scores.scorer import Scorer
 
 SCORES = ("metrics", "variants", "per_image", "reasons", "counts", "albedo_scales", "protocol", "protocol_description", "renderer")
 SMALL = ["protocol.map_points=2", "protocol.render_points=2", "protocol.samples_per_pixel=8"]
@@ -76,6 +81,23 @@ def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> N
     written = (again / "metrics.json").stat().st_mtime_ns
     assert rescorer.rescore(run) == again
     assert (again / "metrics.json").stat().st_mtime_ns == written  # nothing is scored twice
+
+
+def test_pictures_are_handed_the_scale_of_what_was_exported(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a run and by its new score: both of a method that is made to have exported textures beside maps of its own."""
+    full, handed = Scorer.full, []
+
+    def with_export(self: Scorer, reconstruction: Reconstruction) -> Scores:
+        scores = full(self, reconstruction)
+        scores.albedo_scales["mean_rgb_reference"] = [2.0, 3.0, 4.0]
+        return scores
+
+    monkeypatch.setattr(Scorer, "full", with_export)
+    for module in (rescore, running):
+        monkeypatch.setattr(module, "write_pictures", lambda *given: handed.append(given[3]))
+    Rescorer(small(), tmp_path / "new").rescore(run)
+    execute(compose(["scene=tiny", "method=ceiling", "device=cpu", "threads=1", *SMALL, f"out={tmp_path / 'run'}"]))
+    assert handed == [[2.0, 3.0, 4.0]] * 2
 
 
 def test_a_run_of_older_code_is_scored_and_reported(run: Path, old_run: Path, tmp_path: Path) -> None:
