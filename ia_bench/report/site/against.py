@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
 from ia_bench.report.collect import Run
 from ia_bench.report.published import read_published
-from ia_bench.report.statistics import Estimate, line
+from ia_bench.report.statistics import Estimate, over_scenes
 from ia_bench.scores.columns import METRICS, Metric
 
 RUNS = "runs.csv"
+Cell = tuple[str, int]  # scene, seed
 
 
 @dataclass(frozen=True)
 class Change:
-    """A mean that is another one now. ``scope``: a scene, or all that both reports share."""
+    """A mean over the scenes and seeds that finished in both reports, and is another one now. ``scope``: a scene, or all of them."""
 
     scope: str
     row: str
@@ -78,9 +79,9 @@ def changes(former: Path, runs: Sequence[Run], rows: Sequence[str], scenes: Sequ
     for scope in (*shared, *(["mean over scenes"] if len(shared) > 1 else [])):
         wanted = [scope] if scope in shared else shared
         for row in rows:
-            old, new = (line([run for run in found if run.scene in wanted], row) for found in (before, runs))
+            cells = {cell: pair for cell, pair in _in_both(before, runs, row).items() if cell[0] in wanted}
             for metric in METRICS:
-                one, other = old.values[metric.key], new.values[metric.key]
+                one, other = _means(cells, metric)
                 if one is None or other is None:
                     continue
                 if metric.text(one.mean) == metric.text(other.mean):
@@ -98,6 +99,25 @@ def changes(former: Path, runs: Sequence[Run], rows: Sequence[str], scenes: Sequ
         drifted=tuple(_drifted(before, runs)),
         protocols=tuple(sorted(protocols)) if len(protocols) > 1 else (),
     )
+
+
+def _in_both(before: Sequence[Run], after: Sequence[Run], row: str) -> dict[Cell, tuple[Run, Run]]:
+    """The scenes and seeds of a row that have finished in both reports, with both runs: means over other cells are no change."""
+    old, new = (
+        {(run.scene, run.seed): run for run in found if run.row == row and run.problem is None} for found in (before, after)
+    )
+    return {cell: (old[cell], new[cell]) for cell in old if cell in new}
+
+
+def _means(cells: Mapping[Cell, tuple[Run, Run]], metric: Metric) -> tuple[Estimate | None, Estimate | None]:
+    """The mean of the former report and that of this one, over the cells that have a value in both; None where none has."""
+    scenes: dict[str, list[tuple[float, float]]] = {}
+    for (scene, _), (old, new) in cells.items():
+        values = old.metrics[metric.key], new.metrics[metric.key]
+        if values[0] is not None and values[1] is not None:
+            scenes.setdefault(scene, []).append((values[0], values[1]))
+    former, later = (over_scenes([[pair[side] for pair in pairs] for pairs in scenes.values()]) for side in (0, 1))
+    return former, later
 
 
 def _drifted(before: Sequence[Run], after: Sequence[Run]) -> list[str]:

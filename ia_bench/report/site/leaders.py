@@ -21,6 +21,7 @@ class Leader:
         value: Its mean and interval.
         second: The next one; None where it is alone.
         lead: Best minus second, by scene and seed, positive where the best is better.
+        scenes: How many scenes both rows have.
     """
 
     metric: Metric
@@ -28,14 +29,19 @@ class Leader:
     value: Estimate
     second: str | None
     lead: Paired
+    scenes: int
 
     @property
     def sure(self) -> str:
-        """Whether the lead's interval over seeds holds zero, in words."""
+        """Whether the lead's interval over seeds holds zero, in words; nothing is decided where a scene has no pair of runs."""
         found = self.lead.over_seeds
         if self.second is None:
             return "the only row"
-        if found is None or found.half_width is None:
+        if found is None:
+            return "no seed in common: how sure is unknown"
+        if len(self.lead.pairs) < self.scenes:
+            return "no seed in common on some scene: how sure is unknown"
+        if found.half_width is None:
             return "one seed: how sure is unknown"
         if abs(found.mean) <= found.half_width:
             return "undecided: other seeds may turn it"
@@ -57,5 +63,5 @@ def leaders(runs: Sequence[Run], block: Block, metrics: Sequence[Metric]) -> lis
         row, value = ranked[0][1:]
         second = ranked[1][1] if len(ranked) > 1 else None
         pair = (row, second or row) if metric.higher_is_better else (second or row, row)
-        found.append(Leader(metric, row, value, second, paired(runs, *pair, metric)))
+        found.append(Leader(metric, row, value, second, paired(runs, *pair, metric), block.scenes))
     return found

@@ -64,6 +64,23 @@ def test_the_leader_sees_no_truth_and_its_lead_is_taken_seed_by_seed(folders: li
     assert first.sure == "decided over seeds"  # 6.5 +- 12.7 * .707 / sqrt 2 = 6.35
 
 
+@pytest.mark.parametrize(
+    ("seeds", "words"),
+    [
+        ({"hat": (0, 1), "ship": (0, 1)}, "decided over seeds"),
+        ({"hat": (0, 1), "ship": (2, 3)}, "no seed in common on some scene: how sure is unknown"),
+        ({"hat": (2, 3), "ship": (2, 3)}, "no seed in common: how sure is unknown"),
+        ({"hat": (0, 1), "ship": (1, 2)}, "one seed: how sure is unknown"),
+    ],
+)
+def test_a_lead_is_decided_by_pairs_in_every_scene(write_run: Write, seeds: dict[str, tuple[int, int]], words: str) -> None:
+    folders = [write_run("none", scene, seed, psnr=15.0 + seed) for scene in seeds for seed in (0, 1)]
+    folders += [write_run("ours", scene, seed, psnr=25.0 + seed) for scene, mine in seeds.items() for seed in mine]
+    mean = scopes(analyse(collect(folders), (), (), None))[0]
+    assert mean.name == MEAN
+    assert (mean.leaders[0].row, mean.leaders[0].second, mean.leaders[0].sure) == ("ours", "none", words)
+
+
 def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: Path) -> None:
     page = write_page(Sources(analyse(collect(folders), (), (), None), "<i>title</i>"), tmp_path / "page")
     text = page.read_text(encoding="utf-8")
@@ -150,6 +167,25 @@ def test_changes_tell_what_is_beyond_seeds_what_came_and_what_drifted(write_run_
     assert found.drifted == ("drifted, hat, seed 0",)
     with pytest.raises(InputError, match="--against: .* expected the folder of a report"):
         former_runs(tmp_path / "before" / "runs")
+
+
+def test_changes_compare_the_cells_that_finished_in_both(write_run_below: Write, tmp_path: Path) -> None:
+    """Before: hat 20 and 30, ship 10. Now: hat 22 with one seed, for the other failed, and drum 50. Only hat, seed 0, is in both."""
+    cells = {"before": {("hat", 0): 20.0, ("hat", 1): 30.0, ("ship", 0): 10.0}, "after": {("hat", 0): 22.0, ("drum", 0): 50.0}}
+    for folder, values in cells.items():
+        write_run = partial(write_run_below, tmp_path / folder)
+        for (scene, seed), psnr in values.items():
+            write_run("ours", scene, seed, psnr=psnr)
+        for scene in ("hat", "ship", "drum"):
+            write_run("other", scene, psnr=15.0)
+    write_run("ours", "hat", 1, status="failed", metrics={}, error="out of memory")
+    write_report(find_run_folders(tmp_path / "before" / "runs"), tmp_path / "before" / "out")
+    now = collect(find_run_folders(tmp_path / "after" / "runs")).runs
+    found = changes(former_runs(tmp_path / "before" / "out"), now, ("ours", "other"), ("hat", "ship", "drum"))
+    albedo = {one.scope: one for one in found.changed if one.metric.key == "albedo.psnr"}
+    assert {scope: (one.row, one.before.mean, one.after.mean) for scope, one in albedo.items()} == dict.fromkeys(
+        ("hat", "mean over scenes"), ("ours", 20.0, 22.0)
+    )
 
 
 @pytest.mark.usefixtures("folders")
