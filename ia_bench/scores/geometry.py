@@ -19,6 +19,8 @@ OF_MASKS, OF_SHAPE = ("mask_iou", "missed_share"), ("normals_degrees", "depth", 
 POINTS = 100_000  # of each shape that the chamfer distance is taken between, at most
 NO_MESH = "the scene has no true mesh"
 NO_VIEW = "the scene has no held-out view"
+NO_MASK = "no held-out view has a mask that shows the object"
+NO_PIXEL = "no scored pixel"
 
 
 @dataclass(frozen=True)
@@ -30,9 +32,9 @@ class GeometryScores:
         depth: Mean absolute difference of the distances along these rays, over the diagonal of the true mesh's box.
         chamfer: Mean distance from a point of either shape that the cameras see to the nearest such point of the other one,
             averaged over both directions, over the same diagonal.
-        mask_iou: Sum of the smaller over sum of the larger of mask and coverage, over all pixels.
+        mask_iou: Sum of the smaller over sum of the larger of mask and coverage, over all pixels; None where all masks are empty.
         missed_share: Share of the pixels with a mask above the threshold that the shape does not cover at all; they count as
-            black in every score.
+            black in every score. None where no pixel is above it.
         reasons: Name -> why it is None.
     """
 
@@ -54,17 +56,19 @@ def score_geometry(found: Stage, true: Mesh | None, views: Sequence[View], mask_
     seen = [_Seen.of(found, view) for view in distinct.values()]
     if not seen:
         return GeometryScores(None, None, None, None, None, dict.fromkeys(OF_MASKS, NO_VIEW) | _without(NO_VIEW))
-    both = either = missed = scored = 0.0
+    both = either = masked = missed = scored = 0.0
     for view, one in zip(distinct.values(), seen, strict=True):
         coverage = one.hit.reshape(*view.mask.shape, -1).double().mean(-1).numpy()
         both += float(np.minimum(view.mask, coverage).sum())
         either += float(np.maximum(view.mask, coverage).sum())
+        masked += float(view.mask.sum())
         inside = view.mask > mask_threshold
         missed += float((inside & (coverage == 0)).sum())
         scored += float(inside.sum())
-    masks = both / max(either, 1e-12), missed / max(scored, 1)
+    masks = both / either if masked else None, missed / scored if scored else None
+    reasons = {name: why for name, value, why in zip(OF_MASKS, masks, (NO_MASK, NO_PIXEL), strict=True) if value is None}
     if true is None:
-        return GeometryScores(None, None, None, *masks, _without(NO_MESH))
+        return GeometryScores(None, None, None, *masks, reasons | _without(NO_MESH))
     stage = Stage(true, found.device)
     truth = [_Seen.of(stage, view) for view in distinct.values()]
     diagonal = float(np.linalg.norm(np.ptp(true.vertices, axis=0)))
@@ -75,14 +79,14 @@ def score_geometry(found: Stage, true: Mesh | None, views: Sequence[View], mask_
         angles.append(torch.rad2deg(torch.acos(cosine)))
         depths.append((one.distance[shared] - other.distance[shared]).abs())
     if not sum(map(len, angles)):
-        return GeometryScores(None, None, None, *masks, _without("no ray hits both shapes"))
+        return GeometryScores(None, None, None, *masks, reasons | _without("no ray hits both shapes"))
     clouds = [_thinned(torch.cat([part.position[part.hit] for part in parts])) for parts in (seen, truth)]
     from scipy.spatial import cKDTree  # only where a mesh was made
 
     trees = [cKDTree(cloud) for cloud in clouds]
     chamfer = 0.5 * sum(float(trees[1 - side].query(clouds[side])[0].mean()) for side in (0, 1))
     means = (float(torch.cat(values).double().mean()) for values in (angles, depths))
-    return GeometryScores(next(means), next(means) / diagonal, chamfer / diagonal, *masks, {})
+    return GeometryScores(next(means), next(means) / diagonal, chamfer / diagonal, *masks, reasons)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ Cell = tuple[str, int]  # scene, seed
 
 @dataclass(frozen=True)
 class Change:
-    """A mean over the scenes and seeds that finished in both reports, and is another one now. ``scope``: a scene, or all of them."""
+    """A mean over the scenes and seeds that finished in both reports, when it differs. ``scope``: a scene, or all of them."""
 
     scope: str
     row: str

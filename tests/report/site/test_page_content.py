@@ -170,7 +170,7 @@ def test_changes_tell_what_is_beyond_seeds_what_came_and_what_drifted(write_run_
 
 
 def test_changes_compare_the_cells_that_finished_in_both(write_run_below: Write, tmp_path: Path) -> None:
-    """Before: hat 20 and 30, ship 10. Now: hat 22 with one seed, for the other failed, and drum 50. Only hat, seed 0, is in both."""
+    """Before: hat 20 and 30, ship 10. Now: hat 22 with one seed, as the other failed, and drum 50. So hat, seed 0, is in both."""
     cells = {"before": {("hat", 0): 20.0, ("hat", 1): 30.0, ("ship", 0): 10.0}, "after": {("hat", 0): 22.0, ("drum", 0): 50.0}}
     for folder, values in cells.items():
         write_run = partial(write_run_below, tmp_path / folder)
