@@ -13,6 +13,7 @@ import torch
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import RayCaster, make_rays
+from ia_bench.runs.pictures.panels import displayed, exposure
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene, View
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 COLUMNS, PHOTOS = 8, 16
 POINTS = 4000  # of the mesh that are drawn
 COLOURS = {"train": "tab:blue", "test": "tab:orange", "novel": "tab:green"}
-GREY = 0.5  # behind objects, display-encoded
 DIRECTIONS = {"above (x right, y up)": (0, 1), "the front (x right, z up)": (0, 2), "the side (y right, z up)": (1, 2)}
 
 
@@ -35,7 +35,8 @@ def write_sheet(scene: Scene, path: Path) -> None:
     held_out = _spread(scene.novel or scene.test, COLUMNS)
     true = [(view.name, view.albedo, view.mask) for view in _spread(scene.test, COLUMNS) if view.albedo is not None]
     lights = [] if scene.truth is None else list(scene.truth.lights.items())[: COLUMNS // 2]
-    bright, rays = _exposure(train), None if scene.mesh is None else make_rays(scene.mesh, torch.device("cpu"))
+    bright = exposure([view.image for view in train], [view.mask for view in train])
+    rays = None if scene.mesh is None else make_rays(scene.mesh, torch.device("cpu"))
 
     def photo(kind: str, view: View) -> Callable[[Axes], None]:
         return lambda axes: _photo(axes, view, bright, f"{kind} {view.name}", rays)
@@ -73,12 +74,6 @@ def _spread(views: Sequence[View], count: int) -> list[View]:
     return [views[place] for place in np.unique(np.linspace(0, len(views) - 1, min(count, len(views))).astype(int))]
 
 
-def _exposure(views: Sequence[View]) -> float:
-    """The factor that brings all but the brightest hundredth of the photographs to a display."""
-    brightest = np.concatenate([view.image[view.mask > 0.5].max(-1) for view in views])
-    return 1 / max(float(np.quantile(brightest, 0.99)), 1e-12)
-
-
 def _plan(axes: Axes, scene: Scene, name: str, pair: tuple[int, int]) -> None:
     """Mesh and cameras without perspective; each camera with the way that it looks."""
     across, up = pair
@@ -105,9 +100,7 @@ def _plan(axes: Axes, scene: Scene, name: str, pair: tuple[int, int]) -> None:
 
 
 def _picture(axes: Axes, image: np.ndarray, mask: np.ndarray, title: str) -> None:
-    share = mask[..., None].clip(0, 1)
-    shown = linear_to_srgb((image / np.maximum(share, 1e-3)).clip(0, 1))
-    axes.imshow(share * shown + (1 - share) * GREY, interpolation="nearest")
+    axes.imshow(displayed(image, mask), interpolation="nearest")
     axes.set_title(title if len(title) < 28 else f"...{title[-25:]}", fontsize=8)
     axes.set_axis_off()
 

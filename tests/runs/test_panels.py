@@ -16,6 +16,14 @@ def test_exposure_shows_all_but_the_brightest_hundredth_of_the_foreground() -> N
 
 def test_exposure_of_no_foreground_is_one() -> None:
     assert exposure(np.full((1, 4, 4, 3), 3.0, np.float32), np.zeros((1, 4, 4), np.float32)) == 1
+    assert exposure([], []) == 1
+
+
+def test_one_exposure_serves_images_of_different_sizes() -> None:
+    """199 pixels of 4 and two of 10, in two pictures: the brightest hundredth is left out."""
+    images = [np.full((10, 10, 3), 4.0), np.full((1, 101, 3), 4.0)]
+    images[1][0, :2] = 10.0
+    assert exposure(images, [np.ones(image.shape[:2]) for image in images]) == pytest.approx(1 / 4)
 
 
 @pytest.mark.parametrize("corner", [(0, 0), (3, 5), (12, 8)])

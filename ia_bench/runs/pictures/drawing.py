@@ -65,7 +65,10 @@ class Easel:
         self.turned = self.relit[self.lights[0]][len(self.relit[self.lights[0]]) // 2]
         self._side = max(extent(view.mask) for view in (*self.test, *self.views, *novel))
         self.scene, self._truth = scene, truth
-        self._gains = {name: _gain(views) for name, views in {"train": (*self.views, *self.test), **self.relit}.items() if views}
+        lit = {"train": (*self.views, *self.test), **self.relit}
+        self._gains = {
+            name: exposure([view.image for view in views], [view.mask for view in views]) for name, views in lit.items() if views
+        }
         self.masks = {
             "albedo": self._masks(self.test),
             "roughness": self._masks(self.test),
@@ -175,9 +178,3 @@ def _every(images: Images, stride: int) -> Images:
 
 def _of(views: Sequence[View], name: str) -> Images:
     return Images(tuple(getattr(view, name) for view in views), tuple(view.mask for view in views))
-
-
-def _gain(views: Sequence[View]) -> float:
-    """One exposure for views of one light, which may differ in size."""
-    images = np.concatenate([view.image.reshape(-1, 3) for view in views])
-    return exposure(images[None], np.concatenate([view.mask.reshape(-1) for view in views])[None])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from PIL import Image
 
@@ -11,10 +13,15 @@ GREY = 0.5  # behind objects, display-encoded: white paint and sails are seen on
 CUT_MARGIN = 2  # pixels around an object that is cut out
 
 
-def exposure(images: np.ndarray, masks: np.ndarray) -> float:
-    """The factor that brings all but the brightest hundredth of the foreground into [0, 1]; 1 without a foreground."""
-    brightest = images[masks > 0.5].max(-1, initial=0.0)
-    return 1 / max(float(np.quantile(brightest, 0.99)), 1e-12) if len(brightest) else 1.0
+def exposure(images: Iterable[np.ndarray], masks: Iterable[np.ndarray]) -> float:
+    """The factor that brings all but the brightest hundredth of the foreground into [0, 1]; 1 without a foreground.
+
+    One for all ``images`` (H, W, 3) with their ``masks`` (H, W), which may differ in size.
+    """
+    parts = [image[mask > 0.5].max(-1, initial=0.0) for image, mask in zip(images, masks, strict=True)]
+    if not any(map(len, parts)):
+        return 1.0
+    return 1 / max(float(np.quantile(np.concatenate(parts), 0.99)), 1e-12)
 
 
 def unmultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:

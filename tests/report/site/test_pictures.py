@@ -157,6 +157,7 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
     assert notes == ["pictures of tiny: the truth", "pictures of tiny: perfect"]
     assert gallery.missing == ["no textures, tiny: it has exported no textures"]
     assert gallery.scenes["tiny"]["rows"]["perfect"]["sheets"]["albedo"] == [4, 4]
+    assert gallery.scenes["tiny"]["rows"]["perfect"].keys() == {"folder", "sheets", "scores"}, "nothing that no script reads"
     scores = gallery.scenes["tiny"]["rows"]["perfect"]["scores"]
     assert (scores["albedo"], scores["roughness"], len(scores["relit"])) == ([1.0, 2.0, None, 4.0], [None] * 4, 3)
     files = {path: path.read_bytes() for path in (tmp_path / "parts").rglob("*") if path.is_file()}

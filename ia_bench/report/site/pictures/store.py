@@ -77,7 +77,8 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
         known = [*_scene_of(run_), *(files.get(name) for name in names), run_.scale.tolist()]
         try:
             one = dict(_kept(folder / slug(row), known, partial(wall.write_row, run_, kept[row])))
-            described["rows"][row] = {**one, "scores": _scores(one.pop("views"), run_)}
+            scores = _scores(one.pop("views"), run_)  # how many views there are is told by the scores
+            described["rows"][row] = {**one, "scores": scores}
         except InputError as error:
             missing.append(f"{row}, {folder.name}: {error}")
     wanted = {TRUTH, *(one["folder"] for one in described["rows"].values())}
