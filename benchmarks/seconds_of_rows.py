@@ -2,8 +2,8 @@
 
     python -m benchmarks.seconds_of_rows prior=none "prior=none render.samples=64" prior=refiner "prior=refiner render.samples=64"
 
-Each argument is the overrides of one row. All phases of a run count but scores and pictures, which are made small. Prints median,
-and least and largest in brackets, over scenes and rounds; a round has a seed of its own.
+Each argument is the overrides of one row. All phases of a run count but scores and pictures, which are made small, and the capture.
+Prints median, and least and largest in brackets, over scenes and rounds; a round has a seed of its own.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.former_commit import RUN, shown
+from ia_bench.report.collect import NOT_OF_THE_ROW
 
-AROUND = ("score", "pictures", "total")
 SMALL = ("protocol.map_points=1", "protocol.render_points=1", "protocol.samples_per_pixel=4")
 
 
@@ -37,7 +37,7 @@ def main() -> None:
                 overrides = ["threads=1", f"scene={scene}", f"seed={number}", f"out={out}", *SMALL, *row.split()]
                 subprocess.run([sys.executable, "-c", RUN, *overrides], check=True, stdout=subprocess.DEVNULL)
                 times = json.loads((out / "metrics.json").read_text(encoding="utf-8"))["time_s"]
-                found.append(sum(taken for phase, taken in times.items() if phase not in AROUND))
+                found.append(sum(taken for phase, taken in times.items() if phase not in NOT_OF_THE_ROW))
     first = next(iter(seconds.values()))
     print("| row | CPU seconds | times the first |\n| :--- | ---: | ---: |")
     for row, found in seconds.items():
