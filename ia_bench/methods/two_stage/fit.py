@@ -51,8 +51,10 @@ class Fit:
             if taken != problem.plan.samples:
                 monitor.note(f"render.samples={problem.plan.samples}: steps take {taken} a pixel, by its points")
             self.dialogue.draw(None, self.generator)
+            started = time.perf_counter()
             start_albedo(self.parameters, problem, settings.albedo_initial, self.dialogue.start)
             start_light(self.parameters, problem, self.guard, self.generator)
+            self.seconds["stage1"] += time.perf_counter() - started
         self.saved = time.monotonic()
 
     def finish(self) -> Result:
