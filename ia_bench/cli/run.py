@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from typing import Any
 
 import hydra
@@ -16,10 +16,11 @@ from omegaconf.errors import OmegaConfBaseException
 
 from ia_bench.cli.usage import usage
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, INTERRUPTED, OK, TERMINATED, status_of
+from ia_bench.common.exit_codes import FAULT, INTERRUPTED, OK, TERMINATED, complain, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import conf_folder
 from ia_bench.runs.composition import CONFIG_NAME, HYDRA_VERSION, compose, explain, register, to_run_config, written_out
+from ia_bench.runs.config import RunConfig
 from ia_bench.runs.execute import execute
 
 
@@ -56,6 +57,9 @@ def main(arguments: list[str] | None = None) -> int:
     if not {"-h", "--help"}.isdisjoint(arguments):
         say(usage().rstrip(), sys.stdout)
         return OK
+    mistaken = _no_setting(arguments)
+    if mistaken is not None:
+        return complain(mistaken)
     if arguments[-2:] == ["--cfg", "job"]:  # as it will be checked, with the options of the method and its preset in it
         return status_of(lambda: _show(arguments[:-2]))
     if not any(text.lstrip("+~").startswith(("-", "hydra")) for text in arguments):  # Hydra's own way to one run composes it twice
@@ -64,6 +68,18 @@ def main(arguments: list[str] | None = None) -> int:
     # argparse wants its own options together, wherever among the overrides -m was written
     sys.argv[1:] = sorted(arguments, key=lambda text: "=" in text and not text.startswith("-"))
     return status_of(lambda: _compose_and_run(arguments))
+
+
+def _no_setting(arguments: list[str]) -> str | None:
+    """What to write in place of a setting without its =, ``scene hat`` or ``--scene hat``; None where there is none."""
+    known = {field.name for field in fields(RunConfig)}
+    for place, text in enumerate(arguments):
+        name = text.lstrip("-")
+        if "=" in name or name.split(".")[0] not in known or (text.startswith("-") and not text.startswith("--")):
+            continue
+        value = next((after for after in arguments[place + 1 : place + 2] if "=" not in after), "VALUE")
+        return f"{text}: expected SETTING=VALUE, such as {name}={value}, found no ="
+    return None
 
 
 def _run(arguments: list[str]) -> int:
