@@ -11,6 +11,13 @@ from ia_bench.report.statistics import Estimate, Paired, paired
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRIC_OF, Metric
 
+HOW_JUDGED = """\
+A row is claimed to be above another one. The difference is positive where it is, seed by seed on the same scenes, ± the 95 %
+interval over seeds / over scenes. Reproduced: the interval over seeds lies above zero; not reproduced: below it; undecided: around
+it, or there is none. Carried by: the run without which the mean is zero or has the other sign; ‡ the same within a scene. Every
+line is judged alone, without a correction for their number."""
+"""What a reader has to know of the table of claims; the same words stand in report.md and on the page."""
+
 
 class Outcome(Enum):
     """What the 95 % interval over seeds of a difference says: it lies above zero, below zero, or holds it."""

@@ -12,6 +12,7 @@ from itertools import groupby
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ia_bench.report import table
+from ia_bench.report.claims import HOW_JUDGED
 from ia_bench.report.curves import WORSE_DB
 from ia_bench.report.findings import Findings
 from ia_bench.report.table import Block, Entry, Printed
@@ -31,7 +32,7 @@ LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
 
 def report_text(findings: Findings, pictures: Sequence[str]) -> str:
     """The report to read. ``pictures`` are the figures' paths relative to it."""
-    return _filled("report.md", findings, pictures=pictures, worse_db=WORSE_DB)
+    return _filled("report.md", findings, pictures=pictures, worse_db=WORSE_DB, how_judged=HOW_JUDGED)
 
 
 def latex(findings: Findings) -> str:

@@ -14,8 +14,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from ia_bench.common.atomic_file import whole_file
+from ia_bench.report.claims import HOW_JUDGED, Outcome
 from ia_bench.report.site import content, definitions
 from ia_bench.report.site.gallery import Gallery
+from ia_bench.report.table import claims_table
 from ia_bench.runs.pictures.packing import compact
 from ia_bench.scores.columns import METRICS
 
@@ -63,6 +65,9 @@ def _page(sources: content.Sources, data: dict[str, Any], gallery: Gallery) -> s
             gallery=gallery,
             findings=sources.findings,
             scopes=content.scopes(sources.findings),
+            claims=claims_table(sources.findings.verdicts, sources.findings.scenes),
+            outcomes=Outcome,
+            how_judged=HOW_JUDGED,
             metrics=METRICS,
             is_headline=content.is_headline,
             rows={row["name"]: row for row in data["rows"]},

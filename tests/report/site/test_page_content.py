@@ -14,6 +14,7 @@ import pytest
 from ia_bench.cli.report import main
 from ia_bench.common.errors import InputError
 from ia_bench.common.settings import flat
+from ia_bench.report.claims import HOW_JUDGED
 from ia_bench.report.collect import Collection, collect
 from ia_bench.report.findings import analyse
 from ia_bench.report.published import read_published
@@ -25,6 +26,7 @@ from ia_bench.report.write import write_report
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.identity import config_hash, given, identity
+from ia_bench.runs.table import Claim
 
 Write = Callable[..., Path]
 CURVE = "stage1,0,1,10,10,10,10,0.1\nstage1,50,5,16,16,16,16,0.05\n"
@@ -79,6 +81,31 @@ def test_a_lead_is_decided_by_pairs_in_every_scene(write_run: Write, seeds: dict
     mean = scopes(analyse(collect(folders), (), (), None))[0]
     assert mean.name == MEAN
     assert (mean.leaders[0].row, mean.leaders[0].second, mean.leaders[0].sure) == ("ours", "none", words)
+
+
+def test_claims_stand_on_the_page_in_the_words_of_the_report(folders: list[Path], tmp_path: Path) -> None:
+    """ours - none: 5 and 6 on hat, 6 and 7 on ship. Over seeds 4.303 * sqrt(.125), over scenes 12.706 * .5."""
+    made = write_report(
+        folders, tmp_path / "out", claims=[Claim(*pair, ["albedo.psnr"]) for pair in (("ours", "none"), ("none", "ours"))]
+    )
+    text = write_page(Sources(made.findings, "t"), tmp_path / "page").read_text(encoding="utf-8")
+    section = re.search(r'<section id="claims".*?</section>', text, re.DOTALL)
+    assert section
+    lines = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", line) for line in re.findall(r"<tr.*?</tr>", section[0], re.DOTALL)]
+    assert lines[1][:4] == ["ours above none", "Albedo PSNR ↑", "+6.00 ± 1.52 / 6.35", "reproduced"]
+    assert lines[2][:4] == ["none above ours", "Albedo PSNR ↑", "-6.00 ± 1.52 / 6.35", "not reproduced"]
+    report = (tmp_path / "out" / "report.md").read_text(encoding="utf-8")
+    assert all(f"| {' | '.join(line)} |" in report for line in lines)
+    assert HOW_JUDGED in section[0]
+    assert HOW_JUDGED in report
+    assert "1 reproduced, 1 not reproduced, 0 undecided" in section[0]
+    assert 'href="#claims"' in text
+
+
+def test_a_table_without_claims_has_no_part_for_them(folders: list[Path], tmp_path: Path) -> None:
+    text = write_page(Sources(analyse(collect(folders), (), (), None), "t"), tmp_path / "page").read_text(encoding="utf-8")
+    assert 'id="claims"' not in text
+    assert 'href="#claims"' not in text
 
 
 def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: Path) -> None:
