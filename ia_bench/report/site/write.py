@@ -27,7 +27,7 @@ VIEWER = "model-viewer-umd.min.js"
 PICTURES = "pictures.js"
 STYLES = ("vendor/uPlot.min.css", "vendor/img-comparison-slider.css", "assets/page.css", "assets/parts.css", "assets/print.css")
 SCRIPT_NAMES = (
-    *("common", "theme", "tips", "table", "live", "copy", "evidence", "levels", "curves"),
+    *("common", "theme", "tips", "table", "live", "copy", "evidence", "levels", "scales", "curves"),
     *("parts", "heat", "look", "relight", "turn", "worth"),
 )
 SCRIPTS = (

@@ -6,7 +6,19 @@ everything here is skipped, visibly: conftest.py says what brings them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import Any
+
+import pytest
+
+from ia_bench.report.collect import collect
+from ia_bench.report.findings import analyse
+from ia_bench.report.site.content import Sources
+from ia_bench.report.site.write import write_page
+
+AIR = 5  # pixels between a mark's middle and the frame, so that the largest mark is whole
 
 
 def curves(page: Any) -> None:
@@ -72,3 +84,79 @@ def test_rows_with_curves_differ_in_colour(page: Any) -> None:
     colours = page.evaluate("bench.drawn.map((row) => bench.styleOf(row).colour)")
     assert len(colours) == len(set(colours)) == 2
     assert page.evaluate("bench.styleOf(bench.drawn[0]).colour === bench.colours[0]")
+
+
+@pytest.fixture
+def short_page(open_page: Callable[[Path], Any], write_run: Callable[..., Path], tmp_path: Path) -> Any:
+    """A page of one row that was measured once, at the very start, and another one that takes less than a decade of time."""
+    write = partial(write_run, scene="hat")
+    folders = [write("none", curve="final,1,1.5,20,20,20,20,0.1\n")]
+    folders.append(write("ours", curve="final,1,2,21,21,21,21,0.09\nfinal,2,4.5,22,22,22,22,0.08\n"))
+    folder = write_page(Sources(analyse(collect(folders), (), (), None), "short"), tmp_path / "page").parent
+    opened = open_page(folder)
+    curves(opened)
+    return opened
+
+
+@pytest.mark.parametrize("time", ["log", "linear"])
+@pytest.mark.parametrize("name", ["page", "short_page"])
+def test_the_frame_cuts_no_mark(name: str, time: str, request: pytest.FixtureRequest) -> None:
+    opened = request.getfixturevalue(name)
+    curves(opened)
+    opened.locator("#curve-time").select_option(time)
+    room = opened.evaluate("""() => bench.plots.plots.flatMap((plot, place) => bench.data.runs
+      .filter((run) => run.scene === bench.plots.scene && run.curve && !run.curve.level)
+      .flatMap(({ curve }) => curve.seconds.flatMap((seconds, at) => {
+        const [x, y] = [plot.valToPos(seconds, "x"), plot.valToPos(curve.values[place][at], "y")];
+        return [x, plot.over.clientWidth - x, y, plot.over.clientHeight - y];
+      })))""")
+    assert len(room) >= 5 * 3 * 4  # plots, points, sides
+    assert min(room) >= AIR
+
+
+def test_a_row_that_was_measured_once_is_seen(short_page: Any) -> None:
+    """Its only mark covers what a disc of 9 pixels does, all over: 64 pixels, in the colour of its chip."""
+    pixels = short_page.evaluate("""() => {
+      const { ctx } = bench.plots.plots[0];
+      const [red, green, blue] = bench.colours[0].match(/[0-9a-f]{2}/g).map((part) => parseInt(part, 16));
+      const { data } = ctx.getImageData(0, 0, ctx.canvas.width, ctx.canvas.height);
+      let count = 0;
+      for (let at = 0; at < data.length; at += 4) {
+        const near = Math.max(Math.abs(data[at] - red), Math.abs(data[at + 1] - green), Math.abs(data[at + 2] - blue)) < 8;
+        if (near && data[at + 3] > 150) count++;
+      }
+      return count;
+    }""")
+    assert 40 < pixels < 90
+    assert short_page.eval_on_selector("#curve-rows .chip i", "mark => mark.className") == "circle"
+
+
+def test_a_time_axis_of_less_than_a_decade_has_labels(short_page: Any) -> None:
+    labels = "bench.plots.plots[0].axes[0]._values"
+    assert short_page.evaluate(labels) == ["2", "3", "4", "5"]  # from 1.3 to 5.2 there are 2 and 5 alone: so steps of 1
+    short_page.evaluate("bench.plots.plots[0].setScale('x', { min: 2.1, max: 2.9 })")
+    assert short_page.wait_for_function(f"{labels}[0] === '2.2'")
+    assert short_page.evaluate(labels) == ["2.2", "2.4", "2.6", "2.8"]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "log", "ticks"),
+    [
+        (0.9, 120, True, ["1", "2", "5", "10", "20", "50", "100"]),
+        (0.4, 4.6, True, ["0.5", "1", "2"]),
+        (0.9, 1.3, True, ["0.9", "1", "1.1", "1.2", "1.3"]),
+        (0.0004, 300, True, ["0.001", "0.01", "0.1", "1", "10", "100"]),
+        (19.46, 20.3, False, ["19.6", "19.8", "20", "20.2"]),
+        (-3, 31, False, ["0", "5", "10", "15", "20", "25", "30"]),
+        (0, 1200, False, ["0", "200", "400", "600", "800", "1000", "1200"]),
+    ],
+)
+def test_ticks_stand_at_one_two_and_five(page: Any, low: float, high: float, log: bool, ticks: list[str]) -> None:
+    assert page.evaluate("([low, high, log]) => bench.ticks(low, high, log).map(bench.tickText)", [low, high, log]) == ticks
+
+
+def test_nothing_is_dashed_once_all_runs_have_finished(page: Any, dashes: Callable[[Any], list[list[float]]]) -> None:
+    """Not even the second row, nor ceiling and floor: dashes are for runs that go on (test_live_page)."""
+    curves(page)
+    assert page.locator(".chip").count() == 2
+    assert dashes(page) == []

@@ -53,12 +53,20 @@
     probe.style.color = `var(${name})`;
     return getComputedStyle(probe).color;
   };
-  const plain = (value, digits) => String(Number(value.toPrecision(digits)));
-  // Where many rows are drawn, dots and bands would cover them all: then they come with the row that is pointed at.
+  // Where many rows are drawn, marks and bands would cover them all: then a row has them when it is pointed at, and else the last mark.
   const crowded = (rows) => rows.filter((one) => !state.off.has(one.row)).length > 8;
   const faint = (row) => state.lit !== null && state.lit !== row;
 
-  // ---- what uPlot does not draw: dots where something was measured, and the levels of ceiling and floor -------------
+  // ---- what uPlot does not draw: marks where something was measured, and the levels of ceiling and floor ------------
+  const MARK = 3, LONE = 4.5, RING = 5.5; // radii: of a mark on a line, of one that is all there is of its seed, of a run's end that goes on
+  const TRIANGLE = [[0, -1.25], [1.15, 0.8], [-1.15, 0.8]]; // as large as the circle of radius 1
+  const mark = (ctx, shape, x, y, radius) => {
+    ctx.beginPath();
+    if (shape === "circle") ctx.arc(x, y, radius, 0, 2 * Math.PI);
+    else if (shape === "square") ctx.rect(x - 0.9 * radius, y - 0.9 * radius, 1.8 * radius, 1.8 * radius);
+    else for (const [right, down] of TRIANGLE) ctx.lineTo(x + right * radius, y + down * radius);
+    ctx.fill();
+  };
   const overlay = (plot, rows, { dots, growing }, place) => {
     const { ctx, bbox } = plot, ratio = devicePixelRatio;
     ctx.save();
@@ -67,12 +75,13 @@
     ctx.clip();
     rows.forEach((one, at) => {
       if (state.off.has(one.row)) return;
-      ctx.globalAlpha = faint(one.row) ? 0.06 : crowded(rows) && state.lit !== one.row ? 0 : 0.75;
-      ctx.fillStyle = ctx.strokeStyle = bench.styleOf(one.row).colour;
-      for (const [seconds, value] of dots[at].flat()) {
-        ctx.beginPath();
-        ctx.arc(plot.valToPos(seconds, "x", true), plot.valToPos(value, "y", true), 1.8 * ratio, 0, 2 * Math.PI);
-        ctx.fill();
+      const { colour, shape } = bench.styleOf(one.row);
+      ctx.globalAlpha = faint(one.row) ? 0.06 : 0.8;
+      ctx.fillStyle = ctx.strokeStyle = colour;
+      for (const points of dots[at]) {
+        const shown = crowded(rows) && state.lit !== one.row ? points.slice(-1) : points;
+        const radius = (points.length > 1 ? MARK : LONE) * ratio;
+        for (const [seconds, value] of shown) mark(ctx, shape, plot.valToPos(seconds, "x", true), plot.valToPos(value, "y", true), radius);
       }
       for (const points of growing[at]) {
         const [x, y] = points.map(([seconds, value]) => [plot.valToPos(seconds, "x", true), plot.valToPos(value, "y", true)]).reduce((from, to) => {
@@ -84,7 +93,7 @@
         if (points.length > 1) ctx.stroke();
         ctx.setLineDash([]);
         ctx.beginPath();
-        ctx.arc(x, y, 4 * ratio, 0, 2 * Math.PI);
+        ctx.arc(x, y, RING * ratio, 0, 2 * Math.PI);
         ctx.stroke();
       }
       const levels = one.curves.filter((curve) => curve.level).map((curve) => curve.values[place].at(-1)).filter((value) => value !== null);
@@ -92,14 +101,15 @@
       const y = plot.valToPos(bench.mean(levels), "y", true);
       ctx.strokeStyle = ctx.fillStyle = style("--muted");
       ctx.globalAlpha = 0.9;
-      ctx.setLineDash([2 * ratio, 3 * ratio]);
+      ctx.lineWidth = ratio;
       ctx.beginPath();
       ctx.moveTo(bbox.left, y);
       ctx.lineTo(bbox.left + bbox.width, y);
       ctx.stroke();
       ctx.font = `${11 * ratio}px ${style("--sans")}`;
       [ctx.textAlign, ctx.textBaseline] = ["left", "alphabetic"]; // uPlot's axes leave others
-      ctx.fillText(data.rows[one.row].bound, bbox.left + 4 * ratio, y - 3 * ratio);
+      const below = y - bbox.top < 14 * ratio; // no place for the word above the line
+      ctx.fillText(data.rows[one.row].bound, bbox.left + 4 * ratio, y + (below ? 12 : -3) * ratio);
     });
     ctx.restore();
   };
@@ -114,7 +124,7 @@
       .filter((one) => one.value !== null && !state.off.has(one.row))
       .sort((a, b) => (metric.higher ? b.value - a.value : a.value - b.value));
     readout.replaceChildren(make("b", { text: `${metric.group} ${metric.label} after ${bench.secondsText(plot.data[0][idx])}` }),
-      ...seen.map((one) => make("div", {}, make("i", { style: `background:${bench.styleOf(one.row).colour}` }), make("span", { text: data.rows[one.row].name }),
+      ...seen.map((one) => make("div", {}, bench.swatch(one.row), make("span", { text: data.rows[one.row].name }),
         make("span", { class: "n", text: one.value.toFixed(metric.digits) }))));
     readout.hidden = false;
     const over = plot.over.getBoundingClientRect(), own = readout.getBoundingClientRect();
@@ -162,10 +172,7 @@
   const rangeOf = (rows, dots, log) => {
     const values = rows.flatMap((one, at) => (state.off.has(one.row) ? [] : dots[at].flat().map(([, value]) => value)));
     if (!values.length) return [log ? 0.01 : 0, 1];
-    const [low, high] = [Math.min(...values), Math.max(...values)];
-    if (log) return [low / 1.15, high * 1.15];
-    const air = 0.06 * (high - low) || 0.5;
-    return [low - air, high + air];
+    return bench.reach(Math.min(...values), Math.max(...values), log);
   };
 
   // ---- one plot ---------------------------------------------------------------------------------------------------
@@ -174,22 +181,26 @@
     if (!found) { holder.append(make("p", { class: "fine", text: "not measured" })); return null; }
     const stroke = (row) => () => bench.styleOf(row).colour + (faint(row) ? "22" : "");
     const lines = rows.flatMap((one) => {
-      const { dash } = bench.styleOf(one.row), show = !state.off.has(one.row);
+      const show = !state.off.has(one.row);
       const edge = { show, stroke: "transparent", width: 0, points: { show: false } };
-      return [{ show, stroke: stroke(one.row), dash, width: state.lit === one.row ? 3 : 1.6, points: { show: false } }, { ...edge }, { ...edge }];
+      return [{ show, stroke: stroke(one.row), width: state.lit === one.row ? 3 : 1.6, points: { show: false } }, { ...edge }, { ...edge }];
     });
     const bands = rows.map((one, at) => ({ series: [3 * at + 3, 3 * at + 2], fill: () => bench.styleOf(one.row).colour + (faint(one.row) ? "08" : state.lit === one.row ? "44" : crowded(rows) ? "0e" : "22") }));
-    const logY = metric.label === "MSE" && state.value === "log";
-    const axis = { stroke: () => style("--muted"), grid: { stroke: () => style("--line"), width: 1 }, ticks: { show: false }, font: `11px ${style("--sans")}` };
-    const ticks = (log) => (_, splits) => splits.map((value) => (value === null ? "" : plain(value, log ? 2 : 3)));
+    const logX = state.time === "log", logY = metric.label === "MSE" && state.value === "log";
+    const [first, last] = [found.columns[0][0], found.columns[0].at(-1)];
+    const axis = { stroke: () => style("--muted"), grid: { stroke: () => style("--line"), width: 1 }, ticks: { show: false }, font: `11px ${style("--sans")}`,
+      filter: (_, ticks) => ticks, // uPlot's own leaves powers of ten alone with a label
+      values: (_, ticks) => ticks.map(bench.tickText) };
+    const ticks = (log) => (_, at, low, high) => bench.ticks(low, high, log);
     const plot = new uPlot({
       width: Math.max(240, holder.clientWidth), height: 250, legend: { show: false }, padding: [10, 12, 0, 0],
       scales: {
-        x: { time: false, distr: state.time === "log" ? 3 : 1, range: (_, low, high) => (low === high ? [low / 1.2, high * 1.2] : [low, high]) },
+        // A part that somebody has chosen by dragging is shown as it was chosen.
+        x: { time: false, distr: logX ? 3 : 1, range: (_, low, high) => (low === first && high === last ? bench.reach(low, high, logX) : [low, high]) },
         y: { distr: logY ? 3 : 1, range: () => rangeOf(rows, found.dots, logY) },
       },
       cursor: { sync: { key: "curves", scales: ["x", null] }, points: { show: false }, y: false, drag: { x: true, y: false } },
-      axes: [{ ...axis, values: ticks(state.time === "log"), size: 32 }, { ...axis, values: ticks(logY), size: 48 }],
+      axes: [{ ...axis, splits: ticks(logX), size: 32 }, { ...axis, splits: ticks(logY), size: 48 }],
       series: [{}, ...lines], bands,
       hooks: {
         draw: [(self) => overlay(self, rows, found, place)],
@@ -213,8 +224,7 @@
   const chips = () => {
     const rows = curvesOf(state.scene).filter((one) => !data.rows[one.row].bound);
     bench.find("#curve-rows").replaceChildren(...rows.map(({ row }) => {
-      const { colour } = bench.styleOf(row);
-      const chip = make("button", { type: "button", class: "chip", "aria-pressed": !state.off.has(row) }, make("i", { style: `background:${colour}` }), data.rows[row].name);
+      const chip = make("button", { type: "button", class: "chip", "aria-pressed": !state.off.has(row) }, bench.swatch(row), data.rows[row].name);
       const light = (lit) => { state.lit = lit; state.plots.forEach((plot) => plot.redraw()); };
       chip.addEventListener("click", () => {
         if (!state.off.delete(row)) state.off.add(row);
