@@ -69,5 +69,6 @@ def test_a_folder_of_photographs_gives_an_asset_a_light_and_scores(tiny: Scene, 
     ):
         assert line in told
     written = {path.name for path in out.iterdir()}
-    assert "asset.glb" in written
+    assert {"asset.glb", "pictures.zip"} <= written
+    assert "no pictures" not in told
     assert any("light" in name for name in written), written

@@ -138,8 +138,12 @@ def test_scene_without_novel_lights(
     novel["frames"] = [frame for frame in novel["frames"] if frame.get("light", "train") == "train"]
     (copy / "transforms_novel.json").write_text(json.dumps(novel))
     put_on_scene(perfect_run, copy)
-    with pytest.raises(InputError, match="expected a test view with true albedo and roughness, its light, and a novel light"):
-        write_comparison({"perfect": perfect_run}, copy, tmp_path / "sheet.png")
+    write_comparison({"perfect": perfect_run}, copy, tmp_path / "sheet.png")
+    photograph, truth, perfect = (pictures(tmp_path / "sheet.png", column) for column in range(3))
+    assert (truth[0] == 1).all()  # what a run renders is beside the photograph
+    assert np.abs(photograph[0] - perfect[0]).mean() < 0.03
+    for line in (1, 2):
+        assert np.abs(truth[line] - perfect[line]).mean() < 0.02  # aligned albedo, roughness
 
 
 def test_results_that_are_missing(
@@ -218,12 +222,16 @@ def test_scene_without_truth(
 ) -> None:
     copy = shutil.copytree(scene_folder, tmp_path / "scene", ignore=shutil.ignore_patterns("transforms_[!t]*", "transforms_test*"))
     description = json.loads((scene_folder / "scene.json").read_text())
-    kept = {key: value for key, value in description.items() if key not in ("truth_textures", "splits")}
+    kept = {key: value for key, value in description.items() if key not in ("truth_textures", "lights", "splits")}
     (copy / "scene.json").write_text(json.dumps(kept))
     train = json.loads((scene_folder / "transforms_train.json").read_text())
     for frame in train["frames"]:
         frame.pop("albedo_path"), frame.pop("specular_path")
     (copy / "transforms_train.json").write_text(json.dumps(train))
     put_on_scene(perfect_run, copy)
-    with pytest.raises(InputError, match="expected a test view with true albedo and roughness"):
-        write_comparison({"run": perfect_run}, copy, tmp_path / "sheet.png")
+    write_comparison({"run": perfect_run}, copy, tmp_path / "sheet.png")
+    photograph, run = (pictures(tmp_path / "sheet.png", column) for column in range(2))
+    width = Image.open(tmp_path / "sheet.png").width
+    assert width == LEGEND + 2 * (CELL + MARGIN) + MARGIN  # no column for a truth that nobody knows
+    assert np.abs(photograph[0] - run[0]).mean() < 0.03  # the perfect run's render of a photograph
+    assert all(picture.std() > 0.02 for picture in run)

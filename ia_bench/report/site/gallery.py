@@ -17,3 +17,8 @@ class Gallery:
 
     scenes: dict[str, dict[str, Any]] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
+
+    @property
+    def relit(self) -> bool:
+        """Whether any scene has a light that no method has seen."""
+        return any(scene["lights"] for scene in self.scenes.values())

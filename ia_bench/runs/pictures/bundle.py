@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from ia_bench.common.errors import InputError
+from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.pictures import packing, solid
@@ -35,8 +36,10 @@ class Bundle:
         sheets: Name -> a WebP with its pictures in rows.
         shapes: Name -> number of pictures and of columns on its sheet.
         errors: What the page's error maps are read from (JSON types).
-        solid: Textures for the 3-D viewer, and the mesh where it is not the scene's (JSON types).
-        views: How many there are of "test", of "view", and "relit" by light.
+        solid: Textures for the 3-D viewer, the mesh where it is not the scene's, and the recovered light where no true one is known
+            (JSON types).
+        views: How many there are of "test", of "view", and "relit" by light; "fitted": the names of those that are no held-out
+            ones, if they are not.
     """
 
     sheets: dict[str, bytes]
@@ -59,24 +62,30 @@ class Bundle:
 
 
 def bundle(
-    easel: Easel, true: Pictures, found: TexturedReconstruction, scale: torch.Tensor, drawn: Predictions | None = None
+    easel: Easel, true: Pictures, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None
 ) -> Bundle:
-    """Draw and pack what was recovered. ``true``: the same views of the truth; ``drawn`` as in :meth:`Easel.recovered`."""
-    pictures = easel.recovered(found, scale, drawn)
+    """Draw and pack what was recovered. ``true``: the same views of the truth; ``scored`` as in :meth:`Easel.drawn`."""
+    pictures = easel.recovered(found, scale, scored)
     errors, tile = {}, 0
     for name, original in COMPARED.items():
-        if name in pictures.values:
+        if name in pictures.values and original in true.values:
             compared = zip(pictures.values[name], true.values[original], easel.masks[original], strict=True)
             maps = [packing.error_map(*three) for three in compared]
             errors[name], tile = packing.error_sheet(maps), len(maps[0])
     textures = found.material.albedo.detach().cpu().numpy(), found.material.roughness.detach().cpu().numpy()[..., 0]
-    views = {"test": len(easel.test), "view": len(easel.views), "relit": {name: len(views) for name, views in easel.relit.items()}}
-    return Bundle(
+    relit = {name: len(views) for name, views in easel.relit.items()}
+    views: dict[str, Any] = {"test": len(easel.test), "view": len(easel.views), "relit": relit}
+    if easel.fitted:
+        views["fitted"] = easel.fitted
+    packed = Bundle(
         *sheets(pictures),
         errors={"tile": tile, "sheets": errors, "levels": packing.LEVELS, "largest": packing.LARGEST},
         solid=textures_of(*textures),
         views=views,
     )
+    if "light" not in true.sheets and found.environment is not None:
+        packed.solid["light"] = solid.light(LatLongEnvironment(found.environment.texels.detach().cpu()))
+    return packed
 
 
 def sheets(pictures: Pictures) -> tuple[dict[str, bytes], dict[str, list[int]]]:
@@ -106,7 +115,7 @@ def write_pictures(
     found, predictions = drawn
     try:
         easel = Easel(scene)
-        packed = bundle(easel, easel.truth(turned=False), found, torch.tensor(scale or [1.0] * 3), easel.chosen(predictions))
+        packed = bundle(easel, easel.truth(turned=False), found, torch.tensor(scale or [1.0] * 3), predictions)
     except InputError as error:
         note(f"no pictures for the report: {error}")
     else:

@@ -1,7 +1,8 @@
 """Draw what a page shows of one scene: its truth, and what runs recovered of it, always by the reference renderer.
 
-Every picture is cut out around the object, at one exposure per light, which is the truth's. Errors are those that the protocol
-measures: encoded values clipped to [0, 1], divided by coverage, inside the true mask.
+Every picture is cut out around the object, at one exposure per light, which is that of the photographs; a recovered light beside
+no true one has an exposure of its own. Errors are those that the protocol measures: encoded values clipped to [0, 1], divided by
+coverage, inside the true mask. What a scene has no truth of (photographs of one's own have none at all) is drawn of runs alone.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.runs.pictures.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey, unmultiplied
+from ia_bench.runs.pictures.views import every_has, fitted_views, views_of_maps
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.images import Images
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.scenes.scene import Scene, Truth, View
 from ia_bench.scores.predictions import Predictions
 
 QUALITY = Quality(points=2, samples=64)
@@ -46,35 +48,44 @@ class Pictures:
 
 
 class Easel:
-    """One scene, traced once, and the views of it that are drawn."""
+    """One scene, traced once, and the views of it that are drawn.
 
-    def __init__(self, scene: Scene) -> None:
-        """Raises InputError for a scene without truth that could be compared: no light, no test view with its albedo."""
-        truth = scene.truth
-        if truth is None or "train" not in truth.lights:
-            raise InputError(f"{scene.source}: expected the true light of its photographs")
-        self.test = [view for view in scene.test if view.albedo is not None and view.roughness is not None]
+    Attributes:
+        scene: The scene.
+        test: The views that maps are drawn in, as :func:`ia_bench.runs.pictures.views.views_of_maps` chooses them.
+        views: The views that are rendered under the recovered light: novel ones of the training light, else ``test``.
+        lights: Names of the novel lights whose maps are known.
+        relit: The views of each of these lights that are drawn.
+        fitted: Names of the drawn views that runs have fitted; none unless the scene holds no view out.
+        masks: What is compared, by its name in the truth -> (S, S) bool of every view, True where it is scored.
+    """
+
+    def __init__(self, scene: Scene, fitted: Sequence[str] = ()) -> None:
+        """``fitted``: the training views to draw of a scene that holds none out, in place of those that are chosen here.
+
+        Raises InputError for a scene without any view, or without one of ``fitted``.
+        """
+        self.scene, self._truth = scene, scene.truth or Truth({})
+        self.test = fitted_views(scene, fitted) if fitted else views_of_maps(scene)
+        if not self.test:
+            raise InputError(f"{scene.source}: expected a view that can be shown, found none")
         self.lights = [
-            name for name in dict.fromkeys(view.light for view in scene.novel) if name != "train" and name in truth.lights
+            name for name in dict.fromkeys(view.light for view in scene.novel) if name != "train" and name in self._truth.lights
         ]
-        self.views = [view for view in scene.novel if view.light == "train"][::VIEW_STRIDE]
+        seen = [view for view in scene.novel if view.light == "train"][::VIEW_STRIDE]
+        self.fitted = [] if scene.test or seen else [view.name for view in self.test]
+        self.views = seen or self.test
         self.relit = {name: [view for view in scene.novel if view.light == name][::RELIT_STRIDE] for name in self.lights}
-        if not self.test or not self.lights:
-            raise InputError(f"{scene.source}: expected test views with true albedo and roughness, and a novel light")
         novel = [view for name in self.lights for view in self.relit[name]]
-        self.turned = self.relit[self.lights[0]][len(self.relit[self.lights[0]]) // 2]
+        self.turned = self.relit[self.lights[0]][len(self.relit[self.lights[0]]) // 2] if self.lights else None
         self._side = max(extent(view.mask) for view in (*self.test, *self.views, *novel))
-        self.scene, self._truth = scene, truth
         lit = {"train": (*self.views, *self.test), **self.relit}
         self._gains = {
             name: exposure([view.image for view in views], [view.mask for view in views]) for name, views in lit.items() if views
         }
-        self.masks = {
-            "albedo": self._masks(self.test),
-            "roughness": self._masks(self.test),
-            "view": self._masks(self.views),
-            "relit": self._masks(novel),
-        }
+        compared = {"view": self.views, "relit": novel}
+        compared |= {name: self.test for name in ("albedo", "roughness") if every_has(self.test, name)}
+        self.masks = {name: self._masks(views) for name, views in compared.items() if views}
 
     @cached_property
     def stage(self) -> Stage:
@@ -82,65 +93,83 @@ class Easel:
         return Stage(self.scene.expect_mesh(), torch.device("cpu"))
 
     def truth(self, *, turned: bool = True) -> Pictures:
-        """The photographs and the truth behind them; the turning light shows the true textures, if that is wanted."""
+        """The photographs and what is known behind them; the turning light shows the true textures, if that is wanted."""
         pictures = Pictures()
         self._add(pictures, "photograph", self.test, _of(self.test, "image"), self._gains["train"])
-        self._add_maps(pictures, _of(self.test, "albedo"), _of(self.test, "roughness"), None)
+        maps = {name: _of(self.test, name) if name in self.masks else None for name in ("albedo", "roughness")}
+        self._add_maps(pictures, maps["albedo"], maps["roughness"], None)
         self._add(pictures, "view", self.views, _of(self.views, "image"), self._gains["train"])
         for light, views in self.relit.items():
             self._add(pictures, "relit", views, _of(views, "image"), self._gains[light])
         textures = self._truth.albedo, self._truth.roughness
-        if turned and textures[0] is not None and textures[1] is not None:
+        if turned and self.turned is not None and textures[0] is not None and textures[1] is not None:
             material = Material(torch.from_numpy(textures[0]).float(), torch.from_numpy(textures[1]).float()[..., None])
             self._add_turns(pictures, TexturedReconstruction(self.stage, material, None), None)
-        pictures.sheets["light"] = [light_map(self._truth.lights["train"], light_exposure(self._truth.lights["train"]))]
+        if "train" in self._truth.lights:
+            true_light = self._truth.lights["train"]
+            pictures.sheets["light"] = [light_map(true_light, light_exposure(true_light))]
         return pictures
 
-    def drawn(self, found: TexturedReconstruction, scale: torch.Tensor) -> Predictions:
-        """Draw the chosen views of what was recovered; ``scale`` aligns its albedo where it is relit."""
-        maps = found.maps([view.camera for view in self.test], ("albedo", "roughness"), points=MAP_POINTS)
-        lights = {name: LatLongEnvironment(torch.from_numpy(self._truth.lights[name]).to(found.device)) for name in self.lights}
-        relit = {name: self._drawn(found, self.relit[name], light, scale) for name, light in lights.items()}
-        views = None if found.environment is None else self._drawn(found, self.views, None, None)
+    def drawn(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None) -> Predictions:
+        """The chosen views of what was recovered; ``scale`` aligns its albedo where it is relit.
+
+        Views that a scorer has drawn of it already are taken from ``scored``; all others are drawn here.
+        """
+        scored = scored or Predictions()
+        maps = {name: self._scored_map(getattr(scored, name)) for name in ("albedo", "roughness")}
+        lacking = [name for name, images in maps.items() if images is None]
+        if lacking:
+            maps |= found.maps([view.camera for view in self.test], lacking, points=MAP_POINTS)
+        views = self._scored_views(scored.view_synthesis)
+        if views is None and found.environment is not None:
+            views = self._drawn(found, self.views, None, None)
+        relit = {name: _every(images, RELIT_STRIDE) for name, images in (scored.relighting or {}).items() if name in self.lights}
+        for name in self.lights:
+            if name not in relit:
+                light = LatLongEnvironment(torch.from_numpy(self._truth.lights[name]).to(found.device))
+                relit[name] = self._drawn(found, self.relit[name], light, scale)
         return Predictions(maps["albedo"], maps["roughness"], views, relit)
 
-    def chosen(self, scored: Predictions) -> Predictions:
-        """The chosen views of those that a scorer has drawn. Raises InputError where textures or relit views were not drawn."""
-        if scored.albedo is None or scored.roughness is None or scored.relighting is None:
-            raise InputError("not every component was drawn")
-        relit = {name: _every(scored.relighting[name], RELIT_STRIDE) for name in self.lights}
-        views = None if scored.view_synthesis is None else _every(scored.view_synthesis, VIEW_STRIDE)  # no light was recovered
-        return Predictions(scored.albedo, scored.roughness, views, relit)
+    def recovered(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None) -> Pictures:
+        """The same of what was recovered: its albedo also aligned by ``scale`` where a true one is known, and relit with that.
 
-    def recovered(self, found: TexturedReconstruction, scale: torch.Tensor, drawn: Predictions | None = None) -> Pictures:
-        """The same of what was recovered: its albedo also aligned by ``scale``, relit with the aligned one.
-
-        ``drawn``: the chosen views, where somebody has drawn them already.
+        ``scored`` as in :meth:`drawn`.
         """
-        pictures, drawn = Pictures(), drawn or self.drawn(found, scale)
-        assert drawn.albedo is not None
-        assert drawn.roughness is not None
-        self._add_maps(pictures, drawn.albedo, drawn.roughness, scale.cpu().numpy())
+        pictures, drawn = Pictures(), self.drawn(found, scale, scored)
+        self._add_maps(pictures, drawn.albedo, drawn.roughness, scale.cpu().numpy() if "albedo" in self.masks else None)
         if drawn.view_synthesis is not None:
-            self._add(pictures, "view", self.views, drawn.view_synthesis, self._gains.get("train", 1.0))
-        for light, images in (drawn.relighting or {}).items():
-            self._add(pictures, "relit", self.relit[light], images, self._gains[light])
+            self._add(pictures, "view", self.views, drawn.view_synthesis, self._gains["train"])
+        for light, views in self.relit.items():
+            self._add(pictures, "relit", views, (drawn.relighting or {})[light], self._gains[light])
         self._add_turns(pictures, found, scale)
         if found.environment is not None:
-            true_light = self._truth.lights["train"]
-            radiance = found.environment.latlong(true_light.shape[0]).cpu() / scale.cpu()
-            pictures.sheets["light"] = [light_map(radiance.numpy(), light_exposure(true_light))]
+            true_light = self._truth.lights.get("train")
+            rows = found.environment.texels.shape[0] if true_light is None else true_light.shape[0]
+            radiance = (found.environment.latlong(rows).cpu() / scale.cpu()).numpy()
+            pictures.sheets["light"] = [light_map(radiance, light_exposure(radiance if true_light is None else true_light))]
         return pictures
 
-    def _add_maps(self, pictures: Pictures, albedo: Images, roughness: Images, scale: np.ndarray | None) -> None:
-        self._add(pictures, "albedo", self.test, albedo, 1.0)
-        if scale is not None:
+    def _scored_map(self, scored: Images | None) -> Images | None:
+        """What a scorer has drawn of all held-out views, if these are the chosen ones."""
+        return scored if scored is not None and len(scored) == len(self.scene.test) == len(self.test) else None
+
+    def _scored_views(self, scored: Images | None) -> Images | None:
+        """The same of the novel views under the training light, of which some are chosen."""
+        return None if scored is None else _every(scored, VIEW_STRIDE)
+
+    def _add_maps(self, pictures: Pictures, albedo: Images | None, roughness: Images | None, scale: np.ndarray | None) -> None:
+        if albedo is not None:
+            self._add(pictures, "albedo", self.test, albedo, 1.0)
+        if albedo is not None and scale is not None:
             aligned = Images(tuple(scale * image for image in albedo.images), albedo.coverage)
             self._add(pictures, "aligned", self.test, aligned, 1.0)
-        for view, image, coverage in zip(self.test, roughness.images, roughness.coverage, strict=True):
-            self._put(pictures, "roughness", view, unmultiplied(image[..., None], coverage), None, coverage)
+        if roughness is not None:
+            for view, image, coverage in zip(self.test, roughness.images, roughness.coverage, strict=True):
+                self._put(pictures, "roughness", view, unmultiplied(image[..., None], coverage), None, coverage)
 
     def _add_turns(self, pictures: Pictures, found: TexturedReconstruction, scale: torch.Tensor | None) -> None:
+        if self.turned is None:
+            return
         view, light = self.turned, self._truth.lights[self.lights[0]]
         for turn in range(TURNS):
             turned = np.roll(light, round(turn * light.shape[1] / TURNS), axis=1)

@@ -7,11 +7,16 @@ everything here is skipped, visibly: conftest.py says what brings them.
 from __future__ import annotations
 
 import io
+import json
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
+
+from ia_bench.cli.report import main
 
 ALBEDO = 0.25  # of the row "grey", everywhere
 
@@ -135,3 +140,48 @@ def test_the_object_turns_and_shows_one_channel_under_another_light(page: Any) -
     for name, choice in (("row", "grey"), ("channel", "roughness"), ("light", "studio"), ("channel", "lit")):
         page.locator(f"#turn-{name}").select_option(choice)
         page.wait_for_function(f"document.querySelector('#turn-stage').dataset.shown.includes('{choice}')", timeout=20_000)
+
+
+def test_photographs_of_ones_own_are_shown_without_a_truth(
+    open_page: Callable[[Path], Any],
+    perfect_run: Path,
+    tiny_copy: Path,
+    put_on_scene: Callable[[Path, Path], None],
+    write_run: Callable[..., Path],
+    tmp_path: Path,
+) -> None:
+    """No map of the light, no textures, no maps of held-out views: what is left is offered, and nothing that is not there."""
+    description = json.loads((tiny_copy / "scene.json").read_text())
+    kept = {key: value for key, value in description.items() if key not in ("truth_textures", "lights", "splits")}
+    (tiny_copy / "scene.json").write_text(json.dumps(kept))
+    for split in ("train", "test", "novel"):
+        path = tiny_copy / f"transforms_{split}.json"
+        transforms = json.loads(path.read_text())
+        frames = [frame for frame in transforms["frames"] if frame.get("light", "train") == "train"]
+        bare = [{key: frame[key] for key in ("file_path", "transform_matrix")} for frame in frames]
+        path.write_text(json.dumps(transforms | {"frames": bare}))
+    put_on_scene(perfect_run, tiny_copy)
+    run = write_run("perfect", "tiny", files={f"{name}.exr": name for name in ("albedo", "roughness", "light")}, albedo_scales={},
+        protocol_description={"lpips": {"net": "alex"}, "alignment": "mean_rgb"})  # fmt: skip
+    for name in ("albedo.exr", "roughness.exr", "light.exr"):
+        (run / name).write_bytes((perfect_run / name).read_bytes())
+    config = json.loads((perfect_run / "config.json").read_text())
+    (run / "config.json").write_text(json.dumps(config | {"given": {"scene.path": str(tiny_copy)}}))
+    assert main([str(run), "--out", str(tmp_path / "out")]) == 0
+    page = open_page(tmp_path / "out" / "page")
+    look(page, "View synthesis")
+    tabs = [tab.inner_text() for tab in page.locator("#look-kinds button").all() if tab.is_visible()]
+    assert tabs == ["Albedo", "Roughness", "View synthesis", "Light"]
+    assert page.locator("#look-left").inner_text().split() == ["photograph", "perfect"]
+    assert page.locator("#look-error").is_visible()
+    page.locator("#look-kinds").get_by_role("button", name="Albedo", exact=True).click()
+    page.get_by_role("button", name="Next view").click()
+    assert page.locator("#look-view").inner_text().startswith("2 of 4")
+    assert page.locator("#look-error").is_hidden()
+    page.locator("#look-kinds").get_by_role("button", name="Light", exact=True).click()
+    assert page.locator("#look-rows figure").count() == 1
+    assert page.locator("#relight").count() == 0
+    page.locator("#turn").scroll_into_view_if_needed()
+    page.wait_for_function("document.querySelector('#turn-stage').dataset.shown", timeout=60_000)
+    assert page.locator("#turn-row").inner_text().split() == ["perfect"]
+    assert page.locator("#turn-light").inner_text().split() == ["recovered"]

@@ -21,6 +21,7 @@ from ia_bench.report.published import read_published
 from ia_bench.report.site.against import changes, former_runs
 from ia_bench.report.site.content import MEAN, Sources, scopes
 from ia_bench.report.site.evidence import Commands, common
+from ia_bench.report.site.gallery import Gallery
 from ia_bench.report.site.write import write_page
 from ia_bench.report.write import write_report
 from ia_bench.runs.composition import compose
@@ -114,6 +115,15 @@ def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: 
     assert "<b>not finite" not in text
     assert "<i>title" not in text
     assert [run["problem"] for run in page_data(page)["runs"] if "problem" in run] == ["</script><b>not finite</b>"]
+
+
+def test_a_page_without_pictures_says_why(folders: list[Path], tmp_path: Path) -> None:
+    sources = Sources(analyse(collect(folders), (), (), None), "title")
+    none = write_page(sources, tmp_path / "none").read_text(encoding="utf-8")
+    assert "There are no pictures: no run folder with exported textures was there." in none
+    told = write_page(sources, tmp_path / "told", Gallery(missing=["ours, hat: a reason"])).read_text(encoding="utf-8")
+    assert "no run folder with exported textures" not in told
+    assert re.search(r"There are no pictures:</p>\s*<details open>.*<li>ours, hat: a reason</li>", told, re.DOTALL)
 
 
 def test_the_same_runs_give_the_same_bytes_and_no_address_to_fetch(folders: list[Path], tmp_path: Path) -> None:

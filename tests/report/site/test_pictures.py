@@ -15,6 +15,7 @@ import torch
 import trimesh
 from PIL import Image
 
+from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folder
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel
@@ -25,6 +26,7 @@ from ia_bench.runs.pictures import packing, solid
 from ia_bench.runs.pictures.bundle import bundle
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Easel, Pictures
 from ia_bench.runs.recovered import Recovered
+from ia_bench.scenes.scene import Scene, Truth
 
 
 def decoded(levels: np.ndarray) -> np.ndarray:
@@ -130,6 +132,67 @@ def test_a_run_that_recovered_no_light_is_pictured_without_what_needs_one(drawn:
     assert set(packed.errors["sheets"]) == {"albedo", "aligned", "roughness", "relit"}
 
 
+def lacking(scene: Scene, *parts: str) -> Scene:
+    """The scene without some of its truth, or of its views."""
+    maps = {name: None for name in ("albedo", "roughness") if name in parts}
+    textures = {**vars(scene.truth), **maps}
+    lights = {} if "lights" in parts else textures.pop("lights")
+    textures.pop("lights", None)
+    return replace(
+        scene,
+        truth=Truth(lights, **textures),
+        mesh=None if "mesh" in parts else scene.mesh,
+        test=() if "test" in parts else tuple(replace(view, **maps) for view in scene.test),
+        novel=() if "novel" in parts else tuple(view for view in scene.novel if "lights" not in parts or view.light == "train"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("parts", "left_out"),
+    [
+        (["albedo"], {"truth": {"albedo", "turned"}, "found": {"aligned"}}),
+        (["roughness"], {"truth": {"roughness", "turned"}, "found": set()}),
+        (["novel"], {"truth": {"relit", "turned"}, "found": {"relit", "turned"}}),
+        (["albedo", "roughness", "lights"], {
+            "truth": {"albedo", "roughness", "light", "relit", "turned"}, "found": {"aligned", "relit", "turned"},
+        }),
+    ],
+)  # fmt: skip
+def test_only_what_needs_a_truth_that_is_missing_is_left_out(
+    tiny: Scene, perfect_run: Path, parts: list[str], left_out: dict[str, set[str]]
+) -> None:
+    """What is drawn without it is still right: the run is the perfect one, whose render is the photograph."""
+    easel, run = Easel(lacking(tiny, *parts)), Recovered(perfect_run)
+    found = run.reconstruction(easel.stage)
+    truth, pictures = easel.truth(), easel.recovered(found, run.scale)
+    assert set(truth.sheets) == {"photograph", "albedo", "roughness", "view", "relit", "turned", "light"} - left_out["truth"]
+    assert set(pictures.sheets) == {"albedo", "aligned", "roughness", "view", "relit", "turned", "light"} - left_out["found"]
+    for rendered, photograph, mask in zip(pictures.values["view"], truth.values["view"], easel.masks["view"], strict=True):
+        assert np.abs(rendered - photograph)[mask].mean() < 0.05  # Monte Carlo noise at 64 samples a pixel
+    assert len(pictures.sheets["albedo"]) == len(truth.sheets["photograph"]) == 4
+    packed = bundle(easel, truth, found, run.scale)
+    of_albedo = {"albedo", "aligned"} if "albedo" in truth.sheets else set()
+    comparable = {"view", "relit"} | of_albedo | set(truth.sheets) & {"roughness"}
+    assert set(packed.errors["sheets"]) == set(pictures.sheets) & comparable
+    assert ("light" in packed.solid) == ("lights" in parts)
+
+
+def test_training_photographs_stand_for_a_scene_that_holds_none_out(tiny: Scene, perfect_run: Path) -> None:
+    """Their names are kept, and a page draws those, of however many photographs it reads."""
+    easel, run = Easel(lacking(tiny, "albedo", "roughness", "lights", "test", "novel")), Recovered(perfect_run)
+    packed = bundle(easel, easel.truth(), run.reconstruction(easel.stage), run.scale)
+    names = [view.name for view in tiny.train]
+    assert packed.views["fitted"] == easel.fitted
+    assert (easel.fitted[0], easel.fitted[-1], len(set(easel.fitted))) == (names[0], names[-1], 6)
+    assert packed.shapes["view"] == packed.shapes["albedo"] == [6, 5]
+    again = Easel(lacking(tiny, "test", "novel"), easel.fitted[1:3])
+    assert [view.name for view in again.views] == easel.fitted[1:3]
+    with pytest.raises(InputError, match="expected the training views that are pictured, found none named nobody"):
+        Easel(tiny, ["nobody"])
+    with pytest.raises(InputError, match="expected a view that can be shown, found none"):
+        Easel(replace(tiny, train=(), test=(), novel=()))
+
+
 def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[Easel, Pictures]) -> None:
     easel, truth = drawn
     views = easel.relit[easel.lights[0]]
@@ -182,5 +245,5 @@ def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) 
     record["config"]["scene"]["content"] = "0" * 64
     (perfect_run / "config.json").write_text(json.dumps(record))
     gallery = hang([Run(perfect_run, "perfect", "tiny", 0)], tmp_path / "parts", print)
-    assert gallery.scenes == {}
+    assert (gallery.scenes, gallery.relit) == ({}, False)
     assert "a file of the scene has changed since" in gallery.missing[0]

@@ -29,7 +29,7 @@
 
   bench.drawError = async () => {
     const { scene, kind, view } = bench.look, row = bench.find("#look-of").value;
-    if (kind === "light" || !row) return;
+    if (bench.find("#look-error").hidden || !row) return; // nothing to compare with
     const token = canvas.token = {};
     const map = await mapOf(bench.data.pictures[scene], row, kind, view);
     if (canvas.token !== token) return;

@@ -12,18 +12,28 @@
 
   // ---- which picture ----------------------------------------------------------------------------------------------
   const sheetOf = (source, kind, scene = here()) => {
-    if (source === "photograph") return { place: `${scene.folder}/truth/${kind === "view" || kind === "relit" ? kind : "photograph"}`, shape: scene.sheets.photograph };
+    if (source === "photograph") {
+      const sheet = kind === "view" || kind === "relit" ? kind : "photograph";
+      return { place: `${scene.folder}/truth/${sheet}`, shape: scene.sheets[sheet] };
+    }
     const name = source === "truth" && kind === "aligned" ? "albedo" : kind;
     const [folder, sheets] = source === "truth" ? ["truth", scene.sheets] : [scene.rows[source].folder, scene.rows[source].sheets];
     return sheets[name] ? { place: `${scene.folder}/${folder}/${name}`, shape: sheets[name] } : null;
   };
-  const count = () => (look.kind === "light" ? 1 : (sheetOf("truth", look.kind) || { shape: [1] }).shape[0]);
+  const count = () => (look.kind === "light" ? 1 : sheetOf(original(), look.kind).shape[0]);
   // Rows with a picture of a kind: some methods recover no light of the whole scene, and no view under it.
   const rowsWith = (kind) => Object.keys(here().rows).filter((row) => here().rows[row].sheets[kind]);
-  const sources = () => [...(["view", "relit", "light"].includes(look.kind) ? [] : ["photograph"]), "truth", ...rowsWith(look.kind)];
+  // A photograph is the truth of its own view; in a scene without any other truth it is called by its name.
+  const sources = () => {
+    const known = ["albedo", "roughness", "light"].some((kind) => here().sheets[kind]);
+    const itself = ["view", "relit"].includes(look.kind), photograph = itself ? !known : look.kind !== "light";
+    return [...(photograph ? ["photograph"] : []), ...(sheetOf("truth", look.kind) && (known || !itself) ? ["truth"] : []), ...rowsWith(look.kind)];
+  };
+  const original = () => (sheetOf("truth", look.kind) ? "truth" : sources()[0]);
+  const offered = () => Object.keys(kinds).filter((kind) => sheetOf("truth", kind) || rowsWith(kind).length);
   const viewName = () => {
     const scene = here();
-    if (look.kind === "light") return "as it was recovered, over the alignment";
+    if (look.kind === "light") return `as it was recovered, ${here().sheets.light ? "over the alignment" : "each at an exposure of its own"}`;
     if (look.kind === "relit") return `${scene.relit[look.view][1]} under ${scene.relit[look.view][0]}`;
     return scene.views[look.kind === "view" ? "view" : "albedo"][look.view];
   };
@@ -70,7 +80,7 @@
     bench.all("#look-views button").forEach((button, at) => button.setAttribute("aria-pressed", at === look.view));
   };
   const thumbs = () => {
-    const { place, shape: [number, columns] } = sheetOf("truth", look.kind), lines = Math.ceil(number / columns);
+    const { place, shape: [number, columns] } = sheetOf(original(), look.kind), lines = Math.ceil(number / columns);
     const part = (at, all) => (all > 1 ? `${(100 * at) / (all - 1)}%` : "0");
     const url = `parts/${place.split("/").map(encodeURIComponent).join("/")}.webp`;
     bench.find("#look-views").replaceChildren(...Array.from({ length: look.kind === "light" ? 0 : number }, (_, at) => {
@@ -86,7 +96,7 @@
     bench.fill(left, names, left.value || "truth");
     bench.fill(right, names, right.value || usual);
     bench.fill(bench.find("#look-of"), rows, bench.find("#look-of").value || usual);
-    bench.find("#look-error").hidden = look.kind === "light";
+    bench.find("#look-error").hidden = look.kind === "light" || !sheetOf("truth", look.kind);
     thumbs();
     gallery();
     bench.drawLook();
@@ -121,19 +131,20 @@
 
   const tabs = Object.entries(kinds).map(([kind, name]) => make("button", { type: "button", "aria-pressed": kind === look.kind, text: name, "data-kind": kind }));
   const chooseKind = (kind) => {
-    look.kind = kind;
-    tabs.forEach((tab) => tab.setAttribute("aria-pressed", tab.dataset.kind === kind));
+    look.kind = offered().includes(kind) ? kind : offered()[0];
+    tabs.forEach((tab) => { tab.hidden = !offered().includes(tab.dataset.kind); });
+    tabs.forEach((tab) => tab.setAttribute("aria-pressed", tab.dataset.kind === look.kind));
     choose();
   };
   tabs.forEach((tab) => tab.addEventListener("click", () => chooseKind(tab.dataset.kind)));
   bench.find("#look-kinds").append(...tabs);
-  const chooseScene = bench.sceneTabs(bench.find("#look-scenes"), (scene) => { look.scene = scene; choose(); });
+  const chooseScene = bench.sceneTabs(bench.find("#look-scenes"), (scene) => { look.scene = scene; chooseKind(look.kind); });
   // From elsewhere on the page: a row of a scene beside the truth, or beside another row.
   bench.lookAt = (scene, row, kind, other = "truth") => {
     chooseScene(scene);
     if (!here().rows[row]) return;
     chooseKind(here().rows[row].sheets[kind] ? kind : "relit");
-    [left.value, right.value, bench.find("#look-of").value] = [rowsWith(look.kind).includes(other) ? other : "truth", row, row];
+    [left.value, right.value, bench.find("#look-of").value] = [rowsWith(look.kind).includes(other) ? other : original(), row, row];
     bench.drawLook();
     bench.find("#look").scrollIntoView();
   };

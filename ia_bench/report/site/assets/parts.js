@@ -37,8 +37,7 @@
   };
 
   // Scenes that have pictures, as buttons of which one is pressed.
-  bench.sceneTabs = (holder, choose) => {
-    const scenes = Object.keys(bench.data.pictures);
+  bench.sceneTabs = (holder, choose, scenes = Object.keys(bench.data.pictures)) => {
     const tabs = scenes.map((scene) => bench.make("button", { type: "button", "aria-pressed": false, text: scene }));
     const press = (at) => { tabs.forEach((tab, place_) => tab.setAttribute("aria-pressed", place_ === at)); choose(scenes[at]); };
     tabs.forEach((tab, at) => tab.addEventListener("click", () => press(at)));

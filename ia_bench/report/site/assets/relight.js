@@ -18,7 +18,7 @@
     bench.fill(selects[0], rows, selects[0].value || plain[0]);
     bench.fill(selects[1], rows, selects[1].value || plain[1]);
     draw();
-  });
+  }, Object.keys(bench.data.pictures).filter((name) => bench.data.pictures[name].lights.length));
   [slider, ...selects].forEach((control) => control.addEventListener("input", draw));
   canvases.forEach((canvas) => canvas.addEventListener("pointerdown", (event) => {
     const start = Number(slider.value), wide = canvas.getBoundingClientRect().width;

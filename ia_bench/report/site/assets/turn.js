@@ -32,16 +32,18 @@
     }
     stage.dataset.shown = `${scene}, ${row.value}, ${channel.value}, ${light.value}`;
   };
+  // The true lights, and of photographs whose light nobody knows the one that the row has recovered.
   const illuminate = async () => {
-    const { lights } = await bench.part(`${place()}/truth/solid`);
-    viewer.environmentImage = `${URL.createObjectURL(new Blob([bytes(lights[light.value])]))}#.hdr`;
+    const [{ lights: known }, { light: recovered }] = [await solidOf("truth"), await solidOf(row.value)];
+    const lights = { ...(recovered && { recovered }), ...known };
+    bench.fill(light, Object.keys(lights), light.value);
+    const chosen = lights[light.value]; // without any the viewer has a neutral one
+    viewer.environmentImage = chosen ? `${URL.createObjectURL(new Blob([bytes(chosen)]))}#.hdr` : null;
   };
   const show = async () => {
     if (!viewer) return;
     const mine = (shown = {});
-    const { lights } = await bench.part(`${place()}/truth/solid`);
     const mesh = await meshOf();
-    bench.fill(light, Object.keys(lights), light.value);
     await illuminate();
     const model = await inflated(bytes(mesh));
     if (mine !== shown) return;
@@ -52,10 +54,10 @@
   const choose = bench.sceneTabs(bench.find("#turn-scenes"), (name) => {
     scene = name;
     const rows = Object.keys(bench.data.pictures[name].rows);
-    bench.fill(row, ["truth", ...rows], row.value || rows.find((one) => !bench.data.rows.find((other) => other.name === one).bound));
+    bench.fill(row, [...(bench.data.pictures[name].textured ? ["truth"] : []), ...rows], row.value || rows.find((one) => !bench.data.rows.find((other) => other.name === one).bound));
     show();
   });
-  row.addEventListener("change", async () => ((await meshOf()) === seen ? paint() : show()));
+  row.addEventListener("change", async () => ((await meshOf()) === seen ? illuminate().then(paint) : show()));
   channel.addEventListener("change", paint);
   light.addEventListener("change", async () => { await illuminate(); await paint(); });
   bench.whenNear(section, async () => {

@@ -26,9 +26,12 @@ from ia_bench.runs.pictures import packing, solid
 from ia_bench.runs.pictures.bundle import PICTURES, Bundle, bundle, read_bundle, sheets, textures_of
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, Easel, Pictures
 from ia_bench.runs.recovered import Recovered
+from ia_bench.scenes.scene import Truth
 
 KEY = "drawn.json"
 TRUTH = "truth"
+LAYOUT = 2
+"""Part of what a laid-out folder is known by; raised when the page has to know other things of unchanged pictures."""
 
 
 def hang(runs: Sequence[Run], parts: Path, note: Callable[[str], None]) -> Gallery:
@@ -65,8 +68,9 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
     if not recovered:
         raise InputError("no run has exported textures")
     reference = next(iter(recovered.values()))
-    wall = _Wall(reference, note)
-    described = _kept(folder / TRUTH, _scene_of(reference), wall.write_truth)
+    fitted: list[str] = next((one.views.get("fitted", []) for one in kept.values() if one is not None), [])
+    wall = _Wall(reference, fitted, note)
+    described = _kept(folder / TRUTH, [*_scene_of(reference), *fitted], wall.write_truth)
     described["rows"] = {}
     for row, run_ in recovered.items():
         if _scene_of(run_) != _scene_of(reference):
@@ -74,6 +78,9 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
             continue
         files = run_.metrics.get("files", dict)
         names = (PICTURES, *(f"{name}.exr" for name in ("albedo", "roughness", "light")))
+        if (own := kept[row]) is not None and own.views.get("fitted", []) != fitted:
+            missing.append(f"{row}, {folder.name}: no view was held out, and it is pictured in other training views")
+            continue
         known = [*_scene_of(run_), *(files.get(name) for name in names), run_.scale.tolist()]
         try:
             one = dict(_kept(folder / slug(row), known, partial(wall.write_row, run_, kept[row])))
@@ -89,21 +96,24 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
 
 
 class _Wall:
-    """One scene while it is drawn: it is read and traced when the first picture is missing, and once."""
+    """One scene while it is drawn: it is read and traced when the first picture is missing, and once.
 
-    def __init__(self, run: Recovered, note: Callable[[str], None]) -> None:
-        self._run, self._note = run, note
+    ``fitted``: the training views that runs are pictured in, where the scene holds none out.
+    """
+
+    def __init__(self, run: Recovered, fitted: Sequence[str], note: Callable[[str], None]) -> None:
+        self._run, self._fitted, self._note = run, fitted, note
 
     @cached_property
     def _easel(self) -> Easel:
-        return Easel(self._run.read_scene(whole=True))
+        return Easel(self._run.read_scene(whole=True), self._fitted)
 
     @cached_property
     def _truth(self) -> Pictures:
         return self._easel.truth()
 
     def write_truth(self, folder: Path) -> dict[str, Any]:
-        """Write the truth into ``folder`` and return what the page has to know of it."""
+        """Write photographs and truth into ``folder`` and return what the page has to know of them."""
         self._note(f"pictures of {folder.parent.name}: the truth")
         return _write_truth(self._easel, self._truth, folder)
 
@@ -124,7 +134,7 @@ def _scene_of(run: Recovered) -> list[Any]:
 
 def _kept(folder: Path, known: list[Any], write: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
     """What ``write`` returns, or what it returned when it last wrote into ``folder`` for the same ``known`` content."""
-    key = hashlib.sha256(json.dumps([VERSION, *known]).encode()).hexdigest()
+    key = hashlib.sha256(json.dumps([VERSION, LAYOUT, *known]).encode()).hexdigest()
     path = folder / KEY
     with suppress(InputError):  # none, or a damaged one: drawn anew
         held = read_json(path)
@@ -137,21 +147,24 @@ def _kept(folder: Path, known: list[Any], write: Callable[[Path], dict[str, Any]
 
 
 def _write_truth(easel: Easel, pictures: Pictures, folder: Path) -> dict[str, Any]:
-    scene = easel.scene
-    assert scene.truth is not None
-    lights = {name: scene.truth.lights[name] for name in ("train", *easel.lights)}
-    content: dict[str, Any] = {
-        "mesh": solid.solid(scene.expect_mesh()),
-        "lights": {name: solid.light(LatLongEnvironment(torch.from_numpy(map_).float())) for name, map_ in lights.items()},
-    }
-    if scene.truth.albedo is not None and scene.truth.roughness is not None:
-        content |= textures_of(scene.truth.albedo, scene.truth.roughness)
+    scene, truth = easel.scene, easel.scene.truth or Truth({})
+    lights = {name: truth.lights[name] for name in ("train", *easel.lights) if name in truth.lights}
+    maps = {name: solid.light(LatLongEnvironment(torch.from_numpy(map_).float())) for name, map_ in lights.items()}
+    content: dict[str, Any] = {"lights": maps}
+    if scene.mesh is not None:  # else every run has one of its own
+        content["mesh"] = solid.solid(scene.mesh)
+        if truth.albedo is not None and truth.roughness is not None:
+            content |= textures_of(truth.albedo, truth.roughness)
     _write(folder / "solid.js", packing.script(f"{folder.parent.name}/truth/solid", content))
     found, shapes = sheets(pictures)
     _write_sheets(found, folder)
     relit = [[light, view.name] for light, views in easel.relit.items() for view in views]
-    names = {"albedo": [view.name for view in easel.test], "view": [view.name for view in easel.views]}
-    return {"folder": f"{folder.parent.name}", "sheets": shapes, "lights": easel.lights, "relit": relit, "views": names}
+    names = {
+        kind: [f"{view.name}, which was fitted" if view.name in easel.fitted else view.name for view in views]
+        for kind, views in {"albedo": easel.test, "view": easel.views}.items()
+    }
+    about = {"folder": folder.parent.name, "sheets": shapes, "textured": "albedo" in content}
+    return {**about, "lights": easel.lights, "relit": relit, "views": names}
 
 
 def _write_row(kept: Bundle, folder: Path) -> dict[str, Any]:
