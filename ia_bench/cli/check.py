@@ -41,7 +41,7 @@ and resumes to the bit (on the CPU), predicts what it says it does, and is score
 
 A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; what was found, what is missing and what
 will be scored. A picture of it all, cameras around the mesh and photographs with its outline, is written to sheet=FILE.png
-(runs/SCENE/contact_sheet.png): look at it first.
+(runs/contact_sheets/SCENE.png): look at it first.
 
 Priors
 {prior}
@@ -150,7 +150,7 @@ def _check_reader(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
         return open_scene(config.scene, config.reader)
 
     make()
-    place = Path(sheet) if sheet else Path("runs", slug(config.scene.name), "contact_sheet.png")
+    place = Path(sheet) if sheet else Path("runs", "contact_sheets", f"{slug(config.scene.name)}.png")
     return f"reader {config.reader.name} ({config.reader.target}) on scene {config.scene.name}", check_reader(make, place)
 
 

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.exit_codes import OK, complain, status_of
 from ia_bench.common.output import say
+from ia_bench.runs.folder import folders_among
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,7 +26,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _draw(wanted: argparse.Namespace) -> int:
     from ia_bench.report.comparison import write_comparison  # brings in torch
 
-    pairs = [text.split("=", 1) if "=" in text else (Path(text).name, text) for text in wanted.runs]
+    unnamed = folders_among([Path(text) for text in wanted.runs if "=" not in text], complain)
+    pairs = [tuple(text.split("=", 1)) for text in wanted.runs if "=" in text] + [(path.name, path) for path in unnamed]
     names = [name for name, _ in pairs]
     if len(set(names)) < len(names):
         raise InputError(f"expected different names of the runs, found {', '.join(names)}; write NAME=RUN_FOLDER")

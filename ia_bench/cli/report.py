@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.exit_codes import OK, complain, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
@@ -22,7 +22,7 @@ from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.texts import markdown_block
 from ia_bench.report.value.write import write_value
 from ia_bench.report.write import Report, write_report
-from ia_bench.runs.folder import find_run_folders
+from ia_bench.runs.folder import find_run_folders, folders_among
 from ia_bench.runs.table import Table, load_table
 
 PAGE = "page"
@@ -49,15 +49,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _report(wanted: argparse.Namespace) -> int:
-    folders = [path for path in wanted.runs if path.suffix != ".csv"]
-    for folder in folders:
-        if not folder.is_dir():
-            raise InputError(f"{folder}: expected a folder with runs, found none")
+    tables = [path for path in wanted.runs if path.suffix == ".csv"]
+    folders = folders_among([path for path in wanted.runs if path not in tables], complain)
     if wanted.only and not wanted.table:
         raise InputError("--only: expected --table NAME beside it, found none")
     table = load_table(wanted.table) if wanted.table else Table()
     rows = [row.name for row in table.crossed]
-    published = [run for path in wanted.runs if path not in folders for run in read_published(path)]
+    published = [run for path in tables for run in read_published(path)]
     former = None if wanted.against is None else former_runs(wanted.against)
     make_writable(wanted.out, "--out")
     found = find_run_folders(*folders)

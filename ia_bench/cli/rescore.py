@@ -14,6 +14,7 @@ from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
+from ia_bench.runs.folder import folders_among
 from ia_bench.runs.metrics import METRICS_FILE
 
 
@@ -34,10 +35,8 @@ def _rescore(wanted: argparse.Namespace) -> int:
     from ia_bench.runs.composition import compose
     from ia_bench.runs.rescore import Rescorer  # brings in the renderer
 
-    missing = [str(root) for root in wanted.runs if not root.is_dir()]
-    if missing:
-        raise InputError(f"{', '.join(missing)}: expected a folder with runs, found none")
-    found = sorted({path.parent for root in wanted.runs for path in root.rglob(METRICS_FILE)})
+    roots = folders_among(wanted.runs, complain)
+    found = sorted({path.parent for root in roots for path in root.rglob(METRICS_FILE)})
     folders = [folder for folder in found if wanted.out.resolve() not in folder.resolve().parents] or found  # not its own again
     if not folders:
         raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's {METRICS_FILE} below, found none")

@@ -255,6 +255,21 @@ class RunFolder:
                 leftover.unlink()
 
 
+def folders_among(paths: Sequence[Path], note: Callable[[str], object]) -> list[Path]:
+    """Those of the ``paths`` that are folders. A file beside folders, which a shell's ``*`` has named, is told to ``note`` alone.
+
+    Raises InputError for a path where nothing is, and for files without any folder.
+    """
+    folders = [path for path in paths if path.is_dir()]
+    files = [path for path in paths if path.is_file()] if folders else []
+    wrong = [str(path) for path in paths if path not in (*folders, *files)]
+    if wrong:
+        raise InputError(f"{', '.join(wrong)}: expected a folder with runs, found none")
+    for path in files:
+        note(f"{path}: passed over, since it is a file and no folder with runs")
+    return folders
+
+
 def find_run_folders(*roots: Path) -> list[Path]:
     """Every folder below ``roots`` that holds a metrics.json, or the config.json of a run that has not finished, sorted."""
     recorded = {path.parent for root in roots for path in root.rglob(METRICS_FILE)}

@@ -184,7 +184,8 @@ def test_the_command(
     monkeypatch.chdir(tmp_path)  # where the picture of the scene is left
     assert main(["reader=native", f"scene.path={tiny_folder}"]) == 0
     assert capsys.readouterr().out.splitlines()[-1].endswith(" passed, 0 failed, 0 skipped")
-    assert (tmp_path / "runs" / "tiny" / "contact_sheet.png").is_file()
+    assert (tmp_path / "runs" / "contact_sheets" / "tiny.png").is_file()
+    assert not (tmp_path / "runs" / "tiny").exists()  # where runs of the scene lie, and nothing else
     assert main(["reader=native", f"scene.path={tmp_path}"]) == 1
     assert "scene.json: no such file" in capsys.readouterr().out
     for words, message in [

@@ -49,6 +49,20 @@ def test_a_reference_is_found_by_the_name_that_its_captures_end(tmp_path: Path, 
     assert "expected one of the rows 'none, hull', 'none, sdf', 'ours, hull', found nobody" in capsys.readouterr().err
 
 
+def test_a_file_beside_the_runs_that_a_shell_has_named_is_passed_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path / "runs" / "a", "none", 20.0)
+    (tmp_path / "runs" / "contact_sheet.png").touch()
+    named = [str(path) for path in (tmp_path / "runs").iterdir()]
+    assert main([*named, "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr()
+    assert "contact_sheet.png: passed over, since it is a file" in told.err
+    assert "| none |" in told.out
+    assert main([str(tmp_path / "runs" / "contact_sheet.png"), "--out", str(tmp_path / "out")]) == 2
+    assert "contact_sheet.png: expected a folder with runs, found none" in capsys.readouterr().err
+    assert main([*named, str(tmp_path / "nowhere"), "--out", str(tmp_path / "out")]) == 2
+    assert "nowhere: expected a folder with runs, found none" in capsys.readouterr().err
+
+
 def test_a_table_gives_order_reference_and_claims(tmp_path: Path) -> None:
     write(tmp_path / "runs" / "a", "none", 20.0)
     write(tmp_path / "runs" / "b", "diffusion, kernel", 22.0)

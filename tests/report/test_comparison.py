@@ -54,6 +54,18 @@ def test_runs_beside_the_truth(perfect_run: Path, spoiled_run: Path, scene_folde
     assert (spoiled[0] - truth[0]).mean((0, 1)).argmax() == 1  # green
 
 
+def test_a_file_beside_the_runs_that_a_shell_has_named_is_passed_over(
+    perfect_run: Path, scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "sheet.png").touch()
+    out = tmp_path / "out.png"
+    assert main([str(perfect_run), str(tmp_path / "sheet.png"), "--scene", str(scene_folder), "--out", str(out)]) == 0
+    assert f"{tmp_path / 'sheet.png'}: passed over" in capsys.readouterr().err
+    assert Image.open(out).width == LEGEND + 3 * (CELL + MARGIN) + MARGIN
+    assert main([str(tmp_path / "sheet.png"), "--scene", str(scene_folder), "--out", str(out)]) == 2
+    assert "sheet.png: expected a folder with runs, found none" in capsys.readouterr().err
+
+
 def test_each_run_is_drawn_on_the_mesh_that_it_had(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
     blurred = shutil.copytree(perfect_run, tmp_path / "blurred")
     config = json.loads((blurred / "config.json").read_text())
@@ -110,7 +122,7 @@ def test_mistakes(
 ) -> None:
     out = tmp_path / "sheet.png"
     assert main([str(tmp_path / "nowhere"), "--scene", str(scene_folder), "--out", str(out)]) == 2
-    assert "nowhere/metrics.json: no such file" in capsys.readouterr().err
+    assert "nowhere: expected a folder with runs, found none" in capsys.readouterr().err
     assert main([str(perfect_run), f"{perfect_run.name}={spoiled_run}", "--scene", str(scene_folder), "--out", str(out)]) == 2
     assert "expected different names of the runs, found run, run" in capsys.readouterr().err
     for name in ("truth", "photograph"):
