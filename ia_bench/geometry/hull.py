@@ -84,6 +84,7 @@ def _bounds(views: Sequence[View], outlines: Sequence[Silhouette], tolerated: in
             raise InputError(
                 "masks: expected them to show one object from all sides, found no point that is inside of all of them; "
                 "cameras in another convention are the usual cause, or one wrong mask, which capture.tolerated=1 survives"
+                + _perhaps_inverted(views)
             )
         low, high = touched.amin(0) - cell, touched.amax(0) + cell
         if (low > points[0] - 0.5 * cell).all() and (high < points[-1] + 0.5 * cell).all():
@@ -91,8 +92,15 @@ def _bounds(views: Sequence[View], outlines: Sequence[Silhouette], tolerated: in
         half *= 1.5
     raise InputError(
         f"masks: expected views from enough sides to bound the object, found none from {len(views)} views; "
-        "capture.geometry=hull and sdf need views from all around"
+        "capture.geometry=hull and sdf need views from all around" + _perhaps_inverted(views)
     )
+
+
+def _perhaps_inverted(views: Sequence[View]) -> str:
+    """A question, where most pixels along the borders of the pictures belong to the object: beyond objects there is background."""
+    sides = [side for view in views for side in (view.mask[0], view.mask[-1], view.mask[:, 0], view.mask[:, -1])]
+    share = float((np.concatenate(sides) > HALF).mean())
+    return f"; masks are white along {share:.0%} of the pictures' borders: is white the object in them?" if share > 0.5 else ""
 
 
 def _reach(view: View, centre: np.ndarray) -> float:

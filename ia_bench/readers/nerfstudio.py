@@ -84,7 +84,7 @@ class NerfstudioReader:
     def _view(self, where: str, frame: Mapping[str, Any], notes: list[str]) -> View:
         folder = self._intake.folder
         path = picture_below(folder, frame.get("file_path"), f"{where}: file_path")
-        photo = photograph(path, self._mask(where, path, frame), notes)
+        photo = photograph(path, self._mask(where, path, frame), notes, self._places(path)[0])
         height, width = photo.mask.shape
         for key, size in (("w", width), ("h", height)):
             if key in frame and number(where, frame, key) != size:
@@ -111,10 +111,8 @@ class NerfstudioReader:
         folder = self._intake.folder
         if "mask_path" in frame:
             return file_below(folder, frame["mask_path"], f"{where}: mask_path")
-        photo, masks = Path(os.path.normpath(path.relative_to(folder))), folder / self._masks
-        places = (masks.joinpath(*photo.parent.parts[1:]), masks)
-        names = (f"{path.stem}.png", f"{path.name}.png")  # COLMAP's own masks keep the suffix of the photograph
-        found = next((mask for place in places for name in names if (mask := place / name).is_file()), None)
+        photo = Path(os.path.normpath(path.relative_to(folder)))
+        found = next((mask for mask in self._places(path) if mask.is_file()), None)
         if found is not None and (other := self._masked.setdefault(found, photo)) != photo:
             both = f"{other.as_posix()} and {photo.as_posix()}"
             raise InputError(
@@ -122,6 +120,13 @@ class NerfstudioReader:
                 f"put masks into folders ({self._masks}/left for images/left), or name each by mask_path"
             )
         return found
+
+    def _places(self, path: Path) -> list[Path]:
+        """Where the mask of a photograph may lie, first the place that messages name."""
+        folder = self._intake.folder
+        photo, masks = Path(os.path.normpath(path.relative_to(folder))), folder / self._masks
+        names = (f"{path.stem}.png", f"{path.name}.png")  # COLMAP's own masks keep the suffix of the photograph
+        return [place / name for place in (masks.joinpath(*photo.parent.parts[1:]), masks) for name in names]
 
 
 def _named(path: Path, content: Mapping[str, Any], key: str) -> list[str] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 from typing import Literal
 
@@ -50,18 +51,26 @@ class Photo:
         return View(name, camera, self.image, self.mask, light, valid=self.valid)
 
 
-def photograph(path: Path, mask: Path | None, notes: list[str]) -> Photo:
+def photograph(path: Path, mask: Path | None, notes: list[str], sought: Path | None = None) -> Photo:
     """A photograph, linear as OpenEXR or 8-bit sRGB as anything else.
 
-    ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither.
+    ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither; it names
+    the file that a reader has ``sought`` in vain.
     """
     image, coverage = read_photograph(path, mask, notice=notes.append)
     if mask is None and coverage.min() >= 1:
-        raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and no mask")
+        lacking = "no mask" if sought is None else f"no {sought}{_lookalike(sought)}"
+        raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and {lacking}")
     image[coverage <= 0] = 0  # what lossy files leave there
     clipped = (image >= CLIPPED * coverage[..., None]).any(-1) & (coverage > 0)
     saturated = path.suffix.lower() != ".exr" and bool(clipped.any())
     return Photo(np.ascontiguousarray(image), coverage, ~clipped if saturated else None)
+
+
+def _lookalike(sought: Path) -> str:
+    """What to say of a file with another suffix in the place of a mask."""
+    others = sorted(sought.parent.glob(f"{escape(sought.stem)}.*"))
+    return f"; {others[0].name}, which lies there, is no {sought.suffix} file" if others else ""
 
 
 def tone_mapped(path: Path, mask: Path, decode: Callable[[np.ndarray], np.ndarray]) -> Photo:

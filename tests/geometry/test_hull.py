@@ -96,6 +96,15 @@ def test_a_box_that_no_view_bounds_is_refused() -> None:
         visual_hull([views[0]], 40)
 
 
+def test_masks_that_are_white_where_the_object_is_not_are_asked_about() -> None:
+    views = ball_views(30)
+    with pytest.raises(InputError, match=r"^masks: .*; masks are white along 100% of the pictures' borders: is white the object"):
+        visual_hull([replace(view, mask=1 - view.mask) for view in views], 40)
+    with pytest.raises(InputError) as one_sided:
+        visual_hull([views[0]], 40)
+    assert "white" not in str(one_sided.value)
+
+
 def test_cameras_look_at_the_middle_of_the_masks() -> None:
     views = ball_views(12)
     assert np.abs(centre_of(views)).max() < 1e-2

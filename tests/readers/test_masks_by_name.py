@@ -51,6 +51,22 @@ def test_one_mask_is_of_one_photograph(folder: Path) -> None:
         NerfstudioReader(folder).read(truth=False)
 
 
+@pytest.mark.parametrize("name", [None, "0001.jpg", "0001.tif"])
+def test_a_mask_that_is_missing_is_named(folder: Path, name: str | None) -> None:
+    """Also where it is there under another suffix."""
+    mask = folder / "masks" / "right" / "0001.png"
+    if name is None:
+        mask.unlink()
+        said = ""
+    else:
+        mask.rename(mask.with_name(name))
+        said = f"; {name}, which lies there, is no .png file"
+    with pytest.raises(InputError) as error:
+        NerfstudioReader(folder).read(truth=False)
+    assert str(error.value).startswith(f"{folder / 'images' / 'right' / '0001.png'}: expected a mask")
+    assert str(error.value).endswith(f"found an opaque picture and no {mask}{said}")
+
+
 def test_a_photograph_may_be_in_two_splits_and_read_twice(folder: Path) -> None:
     content = json.loads((folder / "transforms.json").read_text())
     content["test_filenames"] = content["train_filenames"][:3]
