@@ -54,7 +54,7 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
     twice = [view.name for view in (*scene.test, *scene.novel) if view.image.tobytes() in seen]
     yield judge(not twice, "held-out views", "no training image among them", ", ".join(twice) or "none")
     yield from _agreement(scene)
-    yield from check_views(scene.train)
+    yield from check_views(scene.train, meshless=scene.mesh is None)
     if sheet is not None:
         yield _drawn(scene, sheet)
     lacking = unscored(scene)

@@ -12,12 +12,14 @@ import numpy as np
 from scipy.linalg import rq
 
 from ia_bench.common.errors import InputError
+from ia_bench.scenes.conventions import CONVENTIONS, OPENCV_AXES
 from ia_bench.scenes.scene import Camera, View
 
-OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 HALF_PIXEL = 0.5  # from an origin at the centre of the first pixel to one at its corner
 SKEW = 1e-3  # of the focal length: what a calibration may leave and no image shows
 PARALLEL = 1e-3  # share of the largest eigenvalue below which the axes of cameras do not fix a point
+SOME_AWAY = 0.1  # share of cameras that look away, beyond which another convention is tried, even if most look right
+CLEARLY, NEAR = 4.0, 0.3  # another convention is right if its angle to what masks show is so many times smaller, and below that
 
 
 def from_opencv(to_world: np.ndarray) -> np.ndarray:
@@ -64,22 +66,59 @@ def share_looking_away(to_world: Sequence[np.ndarray]) -> float | None:
     and behind them where OpenCV's axes are taken for OpenGL's.
     """
     matrices = np.stack(to_world)
-    ahead, places = -matrices[:, :3, 2], matrices[:, :3, 3]
+    found = _nearest(matrices[:, :3, 3], -matrices[:, :3, 2])
+    return None if found is None else float((found < 0).mean())
+
+
+def _nearest(places: np.ndarray, ahead: np.ndarray) -> np.ndarray | None:
+    """The cosines (V,) of the angles between rays and the way to the point that is nearest to all of them; None for parallel rays.
+
+    The rays start at ``places`` (V, 3) and go along ``ahead`` (V, 3).
+    """
     ahead = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
     across = np.eye(3) - ahead[:, :, None] * ahead[:, None, :]
     normal = across.sum(0)
     spread = np.linalg.eigvalsh(normal)
     if spread[0] < PARALLEL * spread[-1]:
         return None
-    point = np.linalg.solve(normal, (across @ places[:, :, None]).sum(0)[:, 0])
-    return float((((point - places) * ahead).sum(1) < 0).mean())
+    towards = np.linalg.solve(normal, (across @ places[:, :, None]).sum(0)[:, 0]) - places
+    cosines: np.ndarray = (towards * ahead).sum(1) / np.maximum(np.linalg.norm(towards, axis=1), 1e-12)
+    return cosines
+
+
+def _aim(views: Sequence[View], matrices: Sequence[np.ndarray]) -> float:
+    """The mean angle between where masks say that the object is and the point where it would be for all views, radians.
+
+    ``matrices`` are the cameras' (4, 4), camera-to-world. Near 0 for the right ones; pi where no such point is.
+    """
+    rays = []
+    for view, matrix in zip(views, matrices, strict=True):
+        camera, (rows, columns) = view.camera, np.nonzero(view.mask > 0.5 * view.mask.max())
+        right, down = columns.mean() + HALF_PIXEL - camera.centre[0], rows.mean() + HALF_PIXEL - camera.centre[1]
+        rays.append(matrix[:3, :3] @ [right / camera.focal[0], -down / camera.focal[1], -1.0])
+    cosines = _nearest(np.stack([matrix[:3, 3] for matrix in matrices]), np.stack(rays))
+    return float(np.pi if cosines is None else np.arccos(cosines.clip(-1, 1)).mean())
 
 
 def expect_looking_at_object(source: str, views: Sequence[View]) -> None:
-    """Raise InputError where most cameras look away from what they surround: their axes are not those that the format has."""
-    away = share_looking_away([view.camera.to_world for view in views])
-    if away is not None and away > 0.5:
-        raise InputError(
-            f"{source}: expected cameras that look at the object which they surround, found that {away:.0%} look away from it; "
-            "OpenCV's axes (+z forward, +y down) and OpenGL's (-z forward, +y up) are exchanged"
-        )
+    """Raise InputError where most cameras look away from what they surround, or some do that would not in another convention.
+
+    The convention is named under which the masks of the views show one object.
+    """
+    matrices = [view.camera.to_world for view in views]
+    away = share_looking_away(matrices)
+    if away is None or away <= SOME_AWAY:
+        return
+    otherwise = {what: _aim(views, [mended(matrix) for matrix in matrices]) for what, mended in CONVENTIONS.items()}
+    best = min(otherwise, key=lambda what: otherwise[what])
+    clearly = otherwise[best] < min(NEAR, _aim(views, matrices) / CLEARLY)
+    if away <= 0.5 and not clearly:
+        return
+    cause = "OpenCV's axes (+z forward, +y down) and OpenGL's (-z forward, +y up) are exchanged"
+    if clearly and "world-to-camera" in best:
+        cause = f"the matrices seem to be {best}: their inverses, which are camera-to-world, look at it"
+    elif not clearly:
+        cause = "they do in no other known convention either, so the poses or the masks are wrong"
+    raise InputError(
+        f"{source}: expected cameras that look at the object which they surround, found that {away:.0%} look away from it; {cause}"
+    )

@@ -15,17 +15,15 @@ import torch
 from ia_bench.common.errors import InputError
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import RayCaster, make_rays
+from ia_bench.scenes.conventions import CONVENTIONS
 from ia_bench.scenes.scene import Scene, View
 
 VIEWS = 8
 SIDE = 64  # pixels of the larger side, at most: larger images are looked at in blocks
 GOOD, LEAST = 0.9, 0.3
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # turns +y into +z
-FLIPPED = np.diag([1.0, -1, -1, 1])
 MISTAKES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "transform_matrix taken as OpenCV's (+z forward, +y down)": lambda matrix: matrix @ FLIPPED,
-    "transform_matrix taken as world-to-camera": np.linalg.inv,
-    "transform_matrix taken as OpenCV's world-to-camera": lambda matrix: np.linalg.inv(matrix) @ FLIPPED,
+    **{f"transform_matrix taken as {what}": mended for what, mended in CONVENTIONS.items()},
     "the mesh taken as one with +y up": lambda matrix: Y_UP.T @ matrix,
     "the cameras taken as those of a world with +y up": lambda matrix: Y_UP @ matrix,
 }

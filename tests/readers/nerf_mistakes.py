@@ -104,7 +104,7 @@ MISTAKES: dict[str, Mistakes] = {
         "3 x 4": (frame(WHOLE, matrix(lambda m: m[:3])), r"transform_matrix: expected 4 x 4 finite numbers, found shape \(3, 4\)"),
         "mirrored": (frame(WHOLE, matrix(lambda m: m * [-1, 1, 1, 1])), "transform_matrix: expected a rotation.*det = -1"),
         "OpenCV axes": (frame(WHOLE, matrix(other_axes), every=True), AXES),
-        "world-to-camera": (frame(WHOLE, matrix(np.linalg.inv), every=True), "world-to-camera|look away"),
+        "world-to-camera": (frame(WHOLE, matrix(np.linalg.inv), every=True), "the matrices seem to be world-to-camera: their"),
         "another scale": (frame(WHOLE, matrix(farther), every=True), MESH),
         "unknown split": (
             edit(WHOLE, lambda c: c["train_filenames"].append("no.png")),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.poses import from_projection, from_world_to_camera, share_looking_away
+from ia_bench.readers.poses import expect_looking_at_object, from_projection, from_world_to_camera, share_looking_away
 from ia_bench.readers.sizes import evenly
 from ia_bench.scenes.scene import Camera, Scene
 
@@ -53,6 +56,39 @@ def test_where_cameras_look(tiny: Scene) -> None:
     assert share_looking_away(poses) == 0
     assert share_looking_away([pose @ np.diag([1, -1, -1, 1]) for pose in poses]) == 1
     assert share_looking_away([poses[0]] * 5) is None  # parallel axes meet nowhere
+
+
+FLIPPED = np.diag([1.0, -1, -1, 1])
+
+
+@pytest.mark.parametrize(
+    ("written", "named"),
+    [
+        (lambda matrix: matrix @ FLIPPED, "100% look away from it; OpenCV's axes .* are exchanged$"),
+        (np.linalg.inv, "look away from it; the matrices seem to be world-to-camera: their inverses"),
+        (lambda matrix: np.linalg.inv(matrix @ FLIPPED), "look away from it; the matrices seem to be OpenCV's world-to-camera:"),
+    ],
+)
+def test_the_convention_is_named_in_which_cameras_look_at_what_masks_show(
+    tiny: Scene, written: Callable[[np.ndarray], np.ndarray], named: str
+) -> None:
+    expect_looking_at_object("it", tiny.train)
+    wrong = [replace(view, camera=replace(view.camera, to_world=written(view.camera.to_world))) for view in tiny.train]
+    with pytest.raises(InputError, match=named):
+        expect_looking_at_object("it", wrong)
+
+
+def test_cameras_that_look_away_in_every_convention_are_told_so(tiny: Scene) -> None:
+    """They are turned round about themselves by another angle each, around an axis that leans as much."""
+    poses = []
+    for place, view in enumerate(tiny.train):
+        turn = np.eye(4)
+        angles = [180 + 10 * place % 70, 37 * place % 50 - 25, 70 * place]
+        turn[:3, :3] = Rotation.from_euler("yxz", angles, degrees=True).as_matrix()
+        poses.append(view.camera.to_world @ turn)
+    wrong = [replace(v, camera=replace(v.camera, to_world=pose)) for v, pose in zip(tiny.train, poses, strict=True)]
+    with pytest.raises(InputError, match="no other known convention either, so the poses or the masks are wrong"):
+        expect_looking_at_object("it", wrong)
 
 
 @pytest.mark.parametrize("total", [1, 2, 7, 16, 100])
