@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from ia_bench.checks.splits import HELD_OUT, counted, splits
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import RayCaster, make_rays
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 COLUMNS, PHOTOS = 8, 16
 POINTS = 4000  # of the mesh that are drawn
-COLOURS = {"train": "tab:blue", "test": "tab:orange", "novel": "tab:green"}
+COLOURS = {"train": "tab:blue", "test": "tab:orange", HELD_OUT: "tab:orange", "novel": "tab:green"}
 DIRECTIONS = {"above (x right, y up)": (0, 1), "the front (x right, z up)": (0, 2), "the side (y right, z up)": (1, 2)}
 
 
@@ -57,16 +58,28 @@ def write_sheet(scene: Scene, path: Path) -> None:
         wide = 6 if row is rows[-1] else 3
         for place, draw in enumerate(row):
             draw(figure.add_subplot(grid[number, place * wide : place * wide + wide]))
-    _title(figure, scene)
+    of_held_out = next((name for name in (HELD_OUT, "novel", "test") if name in splits(scene)), HELD_OUT)
+    _title(figure, scene, {"train": len(train), of_held_out: len(held_out)})
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as unfinished:
         figure.savefig(unfinished, format="png", dpi=70)
 
 
-def _title(figure: Figure, scene: Scene) -> None:
-    counts = ", ".join(f"{len(getattr(scene, split))} {split}" for split in COLOURS)
+def _title(figure: Figure, scene: Scene, shown: Mapping[str, int]) -> None:
     mesh = "no mesh" if scene.mesh is None else "red: outline of the mesh"
-    figure.suptitle(f"{scene.source}: {counts} views; {mesh}")
+    figure.suptitle(f"{scene.source}: {counted(scene, shown)}; {mesh}")
+
+
+def _cameras(scene: Scene) -> dict[str, np.ndarray]:
+    """Camera-to-world matrices (V, 4, 4) of each split; a camera of several views stands once, in the first split that has it."""
+    places: dict[bytes, tuple[str, np.ndarray]] = {}
+    for split, views in splits(scene).items():
+        for view in views:
+            places.setdefault(view.camera.to_world.tobytes(), (split, view.camera.to_world))
+    found: dict[str, list[np.ndarray]] = {}
+    for split, matrix in places.values():
+        found.setdefault(split, []).append(matrix)
+    return {split: np.stack(matrices) for split, matrices in found.items()}
 
 
 def _spread(views: Sequence[View], count: int) -> list[View]:
@@ -77,7 +90,7 @@ def _spread(views: Sequence[View], count: int) -> list[View]:
 def _plan(axes: Axes, scene: Scene, name: str, pair: tuple[int, int]) -> None:
     """Mesh and cameras without perspective; each camera with the way that it looks."""
     across, up = pair
-    cameras = {split: np.stack([v.camera.to_world for v in getattr(scene, split)]) for split in COLOURS if getattr(scene, split)}
+    cameras = _cameras(scene)
     places = np.concatenate([matrices[:, :3, 3] for matrices in cameras.values()])
     length = 0.12 * float(np.abs(places - places.mean(0)).max())
     if scene.mesh is not None:

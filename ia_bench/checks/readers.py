@@ -11,9 +11,10 @@ import numpy as np
 
 from ia_bench.checks.contact_sheet import write_sheet
 from ia_bench.checks.finding import Finding, judge
+from ia_bench.checks.splits import counted
 from ia_bench.checks.views import check_views
 from ia_bench.common.errors import raised
-from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS, SceneReader, check_scene, unscored
+from ia_bench.readers.contract import TRUTH_OF_VIEWS, SceneReader, check_scene, unscored
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.scenes.scene import Scene
 
@@ -32,9 +33,8 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
         yield Finding("fail", "scene", "a Scene as its description says", raised(error))
         yield Finding("skip", "everything else", "", "it needs a sound scene")
         return
-    counts = ", ".join(f"{len(getattr(scene, split))} {split}" for split in SPLITS)
     mesh = "no mesh" if scene.mesh is None else f"a mesh of {len(scene.mesh.faces)} triangles"
-    yield Finding("pass", "scene", "", f"{counts} views, {mesh}")
+    yield Finding("pass", "scene", "", f"{counted(scene)}, {mesh}")
     yield from _contents(scene)
     yield from (Finding("pass", "note of the reader", "", note) for note in scene.notes)
     try:
