@@ -10,16 +10,18 @@ import numpy as np
 
 from ia_bench.capture.radiometry import photographed
 from ia_bench.capture.settings import CaptureSettings, FaultSettings, without_effect
+from ia_bench.common.progress import Begin, unseen
 from ia_bench.scenes.padding import of_one_size
 from ia_bench.scenes.scene import Scene, View
 
 DOUBTED = 3  # views that may be wrong about a point of the hull by which poses and masks are judged, at least
 
 
-def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None]) -> Scene:
+def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None], begin: Begin = unseen) -> Scene:
     """The scene with fewer views, other images, cameras and masks, or another mesh; held-out views and truth stay what they were.
 
-    ``note`` is told what takes time, and which settings change nothing. Raises InputError for what the scene cannot give.
+    ``note`` is told what takes time, and which settings change nothing; ``begin`` shows how far work of minutes is. Raises
+    InputError for what the scene cannot give.
     """
     for line in without_effect(settings):
         note(line)
@@ -47,7 +49,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     if settings.geometry != "given" or scene.mesh is None:
         from ia_bench.capture.shapes import with_geometry
 
-        shaped = with_geometry(shaped, settings, note, normals)
+        shaped = with_geometry(shaped, settings, note, normals, begin)
     if not settings.margin:
         return shaped
     from ia_bench.capture.margin import inside

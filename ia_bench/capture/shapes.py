@@ -12,6 +12,7 @@ import torch
 from ia_bench.capture.settings import MADE, CaptureSettings
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.alignment import Photographs
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
@@ -26,12 +27,18 @@ CAMERAS = "cameras"  # of the training views, where they have moved
 
 
 def with_geometry(
-    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray]
+    scene: Scene,
+    settings: CaptureSettings,
+    note: Callable[[str], None],
+    normals: Sequence[np.ndarray],
+    begin: Begin = unseen,
 ) -> Scene:
     """The scene with the mesh that ``capture.geometry`` names; the true one, where there is one, stays in the truth.
 
     ``normals`` of each training view, or of none, are what an "sdf" follows besides its image. Meshes that are made of
-    images and masks are kept in the cache, by the content of all. Raises InputError where there is nothing to make one of.
+    images and masks are kept in the cache once they are finished, by the content of all; ``begin`` shows how far they are.
+
+    Raises InputError where there is nothing to make one of.
     """
     kind = settings.geometry
     if kind not in MADE and scene.mesh is None:
@@ -46,7 +53,7 @@ def with_geometry(
         mesh = smoothed(given, settings.smoothing * float(np.linalg.norm(np.ptp(given.vertices, axis=0))))
     else:
         seen = replace(scene, mesh=None).blind()  # nothing that is made may know the truth
-        made = Cache().kept(_key(seen, settings, normals), lambda: _made(seen, settings, note, normals))
+        made = Cache().kept(_key(seen, settings, normals), lambda: _made(seen, settings, note, normals, begin))
         mesh = Mesh(*(made[part].numpy() for part in PARTS))
         if CAMERAS in made:
             poses = zip(scene.train, made[CAMERAS].numpy(), strict=True)
@@ -57,13 +64,13 @@ def with_geometry(
 
 
 def _made(
-    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray]
+    scene: Scene, settings: CaptureSettings, note: Callable[[str], None], normals: Sequence[np.ndarray], begin: Begin
 ) -> dict[str, torch.Tensor]:
     cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
     moving = Photographs(scene.train) if settings.geometry == "sdf" and settings.sdf.align else None
     with _to_the_bit():
-        mesh = mesh_of(_distances(scene, settings, normals, moving), settings.triangles)
+        mesh = mesh_of(_distances(scene, settings, normals, moving, begin), settings.triangles)
     made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
     if moving is not None:
         made[CAMERAS] = torch.from_numpy(np.stack([camera.to_world for camera in moving.cameras(scene.train)]))
@@ -85,7 +92,7 @@ def _to_the_bit() -> Iterator[None]:
 
 
 def _distances(
-    scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray], moving: Photographs | None
+    scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray], moving: Photographs | None, begin: Begin
 ) -> DistanceGrid:
     if settings.geometry == "hull":
         return visual_hull(scene.train, settings.cells, settings.tolerated)
@@ -99,6 +106,7 @@ def _distances(
         normals=normals,
         photographs=moving,
         seed=sdf.seed,
+        begin=begin,
     )
 
 

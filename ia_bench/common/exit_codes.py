@@ -36,7 +36,7 @@ def status_of(work: Callable[[], int]) -> int:
     """Do a command's work and return its exit status; what ended it early is said in one line.
 
     A fault of the program has its traceback, and so has everything else under IA_BENCH_DEBUG=1. A command that is interrupted
-    leaves everything such that the same command goes on.
+    leaves everything such that the same command goes on, unless the KeyboardInterrupt says otherwise.
     """
     in_main_thread = threading.current_thread() is threading.main_thread()  # nobody else may set what a signal does
     before = signal.signal(signal.SIGTERM, _terminate) if in_main_thread else None
@@ -44,7 +44,7 @@ def status_of(work: Callable[[], int]) -> int:
         return work()
     except KeyboardInterrupt as stop:
         status = TERMINATED if isinstance(stop, Terminated) else INTERRUPTED
-        return complain("interrupted; the same command resumes", status)
+        return complain(f"interrupted{stop.args[0] if stop.args else '; the same command resumes'}", status)
     except (InputError, Fault, FloatingPointError, OSError) as error:  # the last two say themselves which numbers, or which file
         return complain(str(error), MISTAKE if isinstance(error, InputError) else FAULT)
     except Exception:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from types import TracebackType
 from typing import TextIO
@@ -110,6 +112,15 @@ class Progress:
         if task.done >= task.total or now - self._last_line >= LINE_SECONDS:
             self._last_line = now
             self.note(f"{task.name}: {task.done}/{task.total}, {task.status}")
+
+
+Begin = Callable[[str, int], Task]
+"""Begins a task of a name and so many steps, as :meth:`Progress.task` does."""
+
+
+def unseen(name: str, total: int) -> Task:
+    """A task that nobody is shown, for work that is asked for without a :class:`Progress`."""
+    return Progress(io.StringIO()).task(name, total)
 
 
 def duration(seconds: float) -> str:

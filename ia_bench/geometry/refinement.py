@@ -26,6 +26,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample, interpolate, normalize, pad
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Begin, Task, unseen
 from ia_bench.geometry.alignment import Photographs
 from ia_bench.geometry.appearance import Appearance
 from ia_bench.geometry.fusion import fused
@@ -61,13 +62,14 @@ def surface_from_images(
     normals: Sequence[np.ndarray] = (),
     photographs: Photographs | None = None,
     seed: int = 0,
+    begin: Begin = unseen,
 ) -> DistanceGrid:
     """Signed distances to the surface that the images and masks of ``views`` show.
 
     ``cells`` along the longest side of the object; ``steps`` of the fit, 0 for what stereo finds; ``tolerated`` as for
     :func:`visual_hull`; ``exposures_differ`` where each image has a factor that nobody knows, which is then fitted;
     ``normals`` (H, W, 3) of each view in its camera's axes, 0 where unknown, where there are any; ``photographs`` of the views
-    where these may move on their picture planes, and have moved when this returns.
+    where these may move on their picture planes, and have moved when this returns. ``begin`` shows how far it is.
 
     Raises InputError for fewer views than tell a surface.
     """
@@ -79,13 +81,13 @@ def surface_from_images(
     if not any((view.image > 0).any() for view in views):
         raise InputError("capture.geometry=sdf: expected images that show something, found all of them black")
     hull = visual_hull(views, cells, tolerated)
-    start = fused(hull, depth_maps(views, hull))
+    start = fused(hull, depth_maps(views, hull, begin))
     if steps == 0:
         return start
     fit = _Fit(pixels_of(views, hull, normals), len(views) if exposures_differ else 0, photographs, seed)
     torch.set_flush_denormal(True)  # features that no ray meets decay to numbers that are slow to compute with
     try:
-        values = fit.refined(start.values / hull.step, hull.values / hull.step - BEYOND, steps)
+        values = fit.refined(start.values / hull.step, hull.values / hull.step - BEYOND, begin("surface from images", steps))
     finally:
         torch.set_flush_denormal(False)
     return DistanceGrid(values * hull.step, hull.low, hull.step)
@@ -128,8 +130,9 @@ class _Fit:
         mean = float(pixels.colour[shown].mean()) if shown.any() else 1.0
         self._mean = max(mean, 1e-12)
 
-    def refined(self, start: Tensor, least: Tensor, steps: int) -> Tensor:
-        """Distances (X, Y, Z) in cells after ``steps`` from ``start``, never below ``least``."""
+    def refined(self, start: Tensor, least: Tensor, task: Task) -> Tensor:
+        """Distances (X, Y, Z) in cells after the steps of ``task`` from ``start``, never below ``least``."""
+        steps = task.total
         sizes = [[-(-(count - 1) // 2**level) + 1 for count in start.shape] for level in range(LEVELS)]
         moves = [torch.zeros(size, requires_grad=True) for size in sizes]
         features = torch.zeros(*start.shape, CHANNELS)
@@ -154,6 +157,7 @@ class _Fit:
             optimiser.zero_grad(set_to_none=False)
             loss.backward()
             optimiser.step()
+            task.advance(loss=float(loss.detach()))
             if len(self._gains):
                 with torch.no_grad():
                     self._gains -= self._gains.mean()  # what all factors have in common, the colours have

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
+from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.silhouettes import centre_of, project, rays_through
 from ia_bench.scenes.scene import Camera, View
@@ -46,14 +47,16 @@ class DepthMap:
     trust: Tensor
 
 
-def depth_maps(views: Sequence[View], hull: DistanceGrid) -> list[DepthMap]:
-    """The depth map of every view that has neighbours enough; an empty list where none has."""
+def depth_maps(views: Sequence[View], hull: DistanceGrid, begin: Begin = unseen) -> list[DepthMap]:
+    """The depth map of every view that has neighbours enough; an empty list where none has. ``begin`` shows how far it is."""
     pictures = [torch.from_numpy(view.image.clip(0) ** POWER).permute(2, 0, 1).float() for view in views]
     found = []
+    task = begin("depth maps", len(views))
     for number, near in enumerate(neighbours(views)):
         if near:
             others = [(views[other].camera, pictures[other]) for other in near]
             found.append(_depth_map(views[number], pictures[number], others, hull))
+        task.advance()
     return found
 
 

@@ -10,7 +10,7 @@ from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import RunConfig, labels
-from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.folder import CHECKPOINT, RunFolder
 from ia_bench.runs.identity import given, hash_of, identity, run_folder
 from ia_bench.runs.interruption import deferred
 from ia_bench.runs.metrics import METRICS_FILE
@@ -33,6 +33,10 @@ def execute(config: RunConfig) -> dict[str, Any]:
             with deferred():
                 limit_threads(config.threads or 1)
                 metrics = _resume_or_start(config, folder, progress)
+        except KeyboardInterrupt as stop:
+            if not (folder.path / CHECKPOINT).is_file():  # while a mesh was made of photographs, for instance
+                stop.args = (" before the run had saved anything; the same command starts over",)
+            raise
         except (Exception, SystemExit) as error:
             failure = _named(error, config)
             try:

@@ -43,7 +43,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     # ---- load ------------------------------------------------------------------------------------------------
     scene = read_scene(config.scene, config.reader, truth=True)
     with books.aside("capture"):
-        scene = captured(scene, config.capture, progress.note)
+        scene = captured(scene, config.capture, progress.note, progress.task)
     tell(scene, progress.note, aligned=config.protocol.alignment != "none")
     method: Method = method_of(config)
 

@@ -8,6 +8,7 @@ from ia_bench.capture.capture import captured
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import at_work, create
 from ia_bench.readers.contract import SceneReader, check_scene, unscored
+from ia_bench.readers.intake import NO_MESH
 from ia_bench.render.agreement import check_agreement
 from ia_bench.runs.config import NATIVE_READER, ReaderConfig, RunConfig, SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene
@@ -46,7 +47,8 @@ def tell(scene: Scene, note: Callable[[str], None], *, aligned: bool = True) -> 
     ``aligned``: whether the protocol aligns albedo to the truth before it is relit.
     """
     for line in scene.notes:
-        note(line)
+        if not (scene.mesh_is_made and line == NO_MESH):  # which is why one was made
+            note(line)
     if scene.mesh is not None:
         check_agreement(scene, note)
     for component, reason in unscored(scene, aligned=aligned).items():

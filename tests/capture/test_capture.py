@@ -16,6 +16,7 @@ from ia_bench.capture.radiometry import eight_bits, photographed
 from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings, shipped, without_effect
 from ia_bench.capture.views import farthest_first, spread
 from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Task, unseen
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.scenes.scene import Mesh, Scene, View
 
@@ -182,6 +183,21 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     captured(tiny, hull, notes.append)
     captured(other, hull, notes.append)
     assert sum("from 16 training views" in note for note in notes) == 3
+
+
+def test_an_sdf_shows_how_far_it_is(tiny: Scene) -> None:
+    """All views and all steps are counted, and nothing comes from the cache silently: then there is nothing to wait for."""
+    settings = CaptureSettings(geometry="sdf", sdf=SdfSettings(cells=32, steps=3), triangles=1500)
+    tasks: list[Task] = []
+
+    def begin(name: str, total: int) -> Task:
+        tasks.append(unseen(name, total))
+        return tasks[-1]
+
+    for _ in range(2):
+        captured(tiny, settings, lambda line: None, begin)
+    assert [(task.name, task.done, task.total) for task in tasks] == [("depth maps", 16, 16), ("surface from images", 3, 3)]
+    assert tasks[1].status.startswith("loss ")
 
 
 def test_cameras_move_with_their_photographs_where_they_may(tiny: Scene) -> None:
