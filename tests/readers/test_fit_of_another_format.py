@@ -11,6 +11,7 @@ from nerf_writers import write_nerfstudio
 
 from ia_bench.checks.methods import Memory
 from ia_bench.methods.books import Books
+from ia_bench.readers.contract import check_scene
 from ia_bench.readers.nerfstudio import NerfstudioReader
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import method_of
@@ -43,5 +44,5 @@ def test_eight_bits_cost_no_score(tmp_path: Path, tiny: Scene, tiny_folder: Path
     train, test = (tuple(replace(v, image=v.image / dim) for v in views) for views in (tiny.train, tiny.test))
     original = replace(tiny, train=train, test=test, novel=test)
     write_nerfstudio(tmp_path / "tiny", original)
-    read = NerfstudioReader(tmp_path / "tiny", mesh=str(tiny_folder / "mesh.ply")).read(truth=True)
+    read = check_scene(NerfstudioReader(tmp_path / "tiny", mesh=str(tiny_folder / "mesh.ply")).read(truth=True), truth=True)
     assert view_synthesis(read) == pytest.approx(view_synthesis(original), abs=0.3)
