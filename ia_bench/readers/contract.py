@@ -13,6 +13,9 @@ from ia_bench.common.files import shown
 from ia_bench.scenes.scene import Camera, Mesh, Scene, Truth, View
 
 SPLITS = ("train", "test", "novel")
+MESHES = ("mesh.ply", "mesh.obj", "mesh.glb")
+NO_MESH = f"no mesh: none of {', '.join(MESHES)} is there, and reader.options.mesh names none"
+"""What a reader notes of a folder without a mesh."""
 TRUTH_OF_VIEWS: dict[str, tuple[int, float, float]] = {
     "albedo": (3, 0.0, 1.0),
     "roughness": (1, 0.0, 1.0),

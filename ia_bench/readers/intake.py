@@ -12,6 +12,7 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.geometry.mesh import load_mesh
+from ia_bench.readers.contract import MESHES, NO_MESH
 from ia_bench.readers.poses import expect_looking_at_object
 from ia_bench.readers.signs import warnings_of
 from ia_bench.readers.sizes import evenly, shrunk
@@ -19,8 +20,6 @@ from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 
 T = TypeVar("T")
 Unwrapping = Literal["mesh", "xatlas"]
-MESHES = ("mesh.ply", "mesh.obj", "mesh.glb")
-NO_MESH = f"no mesh: none of {', '.join(MESHES)} is there, and reader.options.mesh names none"
 
 
 @dataclass(frozen=True)

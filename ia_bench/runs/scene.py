@@ -7,8 +7,7 @@ from collections.abc import Callable
 from ia_bench.capture.capture import captured
 from ia_bench.common.errors import InputError
 from ia_bench.common.registry import at_work, create
-from ia_bench.readers.contract import SceneReader, check_scene, unscored
-from ia_bench.readers.intake import NO_MESH
+from ia_bench.readers.contract import NO_MESH, SceneReader, check_scene, unscored
 from ia_bench.render.agreement import check_agreement
 from ia_bench.runs.config import NATIVE_READER, ReaderConfig, RunConfig, SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene

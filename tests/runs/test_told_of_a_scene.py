@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from ia_bench.readers.intake import NO_MESH
+from ia_bench.readers.contract import NO_MESH
 from ia_bench.runs.scene import tell
 from ia_bench.scenes.scene import Scene
 
