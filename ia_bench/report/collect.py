@@ -15,6 +15,8 @@ from ia_bench.common.files import read_json
 from ia_bench.runs.metrics import METRICS_FILE, RecordError, check_metrics
 from ia_bench.scores.columns import CURVE_METRICS, METRICS
 
+HASH_DIGITS = 16
+"""Of a configuration's hash that a report keeps: enough to tell any two runs apart, a quarter of the text."""
 NOT_OF_THE_ROW = ("total", "score", "pictures", "capture")
 """Phases that are no cost of a row. The scene's preparation, ``capture``, is the same for all rows and kept between runs: it would
 count for whichever row happened to come first."""
@@ -173,7 +175,7 @@ def read_run(folder: Path) -> Run:
             raise RecordError(f"metrics.{missing[0]}: missing")
     except RecordError as error:
         return replace(run, problem=f"{path}: {error}")
-    about = {"config_hash": data["config_hash"]}
+    about = {"config_hash": data["config_hash"][:HASH_DIGITS]}
     if data["status"] == "failed":
         return replace(run, problem=data["error"], sees_truth=bool(data.get("sees_truth")), about=about)
     try:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import shown
-from ia_bench.report.collect import Run
+from ia_bench.report.collect import HASH_DIGITS, Run
 from ia_bench.scores.columns import METRIC_OF, METRICS
 
 LABELS = ("protocol", "row", "scene", "seed", "status", "reason", "sees_truth")
@@ -54,6 +54,7 @@ def _run(path: Path, number: int, line: Mapping[str, str]) -> Run:
     if seed is None or seed != int(seed) or not line["row"] or not line["scene"]:
         raise InputError(f"{path}, line {number}: expected a row, a scene and a whole seed, found {shown(repr(dict(line)))}")
     about: dict[str, Any] = {key: line[key] for key in line if key in ABOUT or key.startswith("rescored_from_")}
+    about["config_hash"] = about.get("config_hash", "")[:HASH_DIGITS]
     cell = Run(path, line["row"], line["scene"], int(seed), about=about, sees_truth=line["sees_truth"] == "True")
     if line["status"] != "ok":
         return replace(cell, problem=line["reason"] or "failed")

@@ -13,7 +13,7 @@ from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.settings import flat
-from ia_bench.report.collect import Run
+from ia_bench.report.collect import HASH_DIGITS, Run
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.identity import CONSISTENCY_KEY, HASHED, identity
@@ -54,7 +54,7 @@ class Evidence:
 def evidence_of(run: Run) -> Evidence:
     """Read the run's folder again; what it lacks is left empty, as of a run that only a runs.csv knows."""
     config, metrics = _read(run.folder / CONFIG), _read(run.folder / METRICS_FILE)
-    if metrics.get("row") != run.row and metrics.get("config_hash") != run.about.get("config_hash"):
+    if metrics.get("row") != run.row and str(metrics.get("config_hash"))[:HASH_DIGITS] != run.about.get("config_hash"):
         config, metrics = {}, {}  # the folder is that of a report, not of this run
     environment = metrics.get("environment", {})
     machine = {key: environment[key] for key in MACHINE if environment.get(key) is not None}

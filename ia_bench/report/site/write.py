@@ -31,7 +31,7 @@ SCRIPT_NAMES = (
     *("parts", "heat", "look", "relight", "turn", "worth"),
 )
 SCRIPTS = (
-    "vendor/uPlot.iife.min.js",
+    "vendor/uPlot.iife.min.js.gz",
     "vendor/img-comparison-slider.js",
     *(f"assets/{name}.js" for name in SCRIPT_NAMES),
 )
@@ -46,7 +46,7 @@ def write_page(sources: content.Sources, folder: Path, gallery: Gallery | None =
     folder.mkdir(parents=True, exist_ok=True)
     text = _page(sources, content.data(sources, folder), gallery)
     if gallery.scenes:
-        viewer = gzip.decompress(_resource(f"vendor/{VIEWER}.gz").read_bytes())
+        viewer = _content(f"vendor/{VIEWER}.gz")
         described = f"window.benchPictures={_json(gallery.scenes)};\n".encode()
         for name, part in {VIEWER: viewer, PICTURES: described}.items():
             with whole_file(folder / PARTS / name) as partial:
@@ -86,8 +86,14 @@ def _json(data: dict[str, Any]) -> Markup:
 
 
 def _part(name: str) -> Markup:
-    text = _resource(name).read_text(encoding="utf-8")
+    text = _content(name).decode()
     return Markup(text.replace("</script", "<\\/script"))
+
+
+def _content(name: str) -> bytes:
+    """The bytes of a resource; what is large is kept compressed."""
+    found = _resource(name).read_bytes()
+    return gzip.decompress(found) if name.endswith(".gz") else found
 
 
 def _resource(name: str) -> Traversable:
