@@ -15,7 +15,7 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol
@@ -127,15 +127,13 @@ class Local(Launcher):
 
 
 def _processes(works: Sequence[Work]) -> list[Job]:
-    """All of them or, where one cannot be started, none."""
-    started: list[Job] = []
-    try:
+    """All of them; where one cannot be started, those before it are ended."""
+    with ExitStack() as undone:
+        started: list[Job] = []
         for work in works:
             started.append(_Process(work))
-    except BaseException:
-        for process in started:
-            process.cancel()
-        raise
+            undone.callback(started[-1].cancel)
+        undone.pop_all()
     return started
 
 

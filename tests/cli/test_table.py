@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.cli.table import main, make_table, parse
+from ia_bench.cli.table import main, parse
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.exit_codes import TERMINATED
 from ia_bench.common.paths import conf_folder
@@ -28,7 +28,7 @@ from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Claim, Request, Row, Table, load_table, make_cells, some_rows
+from ia_bench.runs.table import Request, Row, Table, load_table, make_cells
 
 HERE = Path(__file__).parent
 ABLATIONS = [f"diffusion, targets{part}" for part in ("", ", weight .01", " w/o specular", " w/o albedo", " w/o guided")]
@@ -168,97 +168,6 @@ def test_mistake_is_one_message_before_anything_runs(
     assert message in err
     assert "Traceback" not in err
     assert started() == []
-
-
-BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
-"""Nine aliases of nine aliases of ...: a thousand bytes that stand for thirty thousand million values."""
-
-
-def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
-    (tmp_path / "table").mkdir()
-    for content, message in [
-        ("rowes: []", r"bad\.yaml: .*rowes"),
-        ("rows: [{name: a, overrides: []}, {name: a, overrides: []}]", "expected different names, found a, a"),
-        ("rows: [{name: a, overrides: []}]\nreference: b", "reference: unknown row 'b'"),
-        ("includes: [bad]", "includes: expected tables that do not include each other, found bad in bad"),
-        ("includes: [worse]", "unknown table 'worse'"),
-        ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
-        ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
-        ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
-        ("rows: [{name: a, overrides: [], seeds: []}]", "rows: a: seeds: expected at least one, found none"),
-        ("seeds: []", "seeds: expected at least one, found none"),
-        ("rows: [", r"bad\.yaml: not valid YAML"),
-        ("[1]", r"bad\.yaml: expected a YAML table, found list"),
-        ("rows: []".encode("utf-16"), r"bad\.yaml: expected YAML as UTF-8 text"),
-        ("note: ü".encode("latin-1"), r"bad\.yaml: expected YAML as UTF-8 text"),
-        (bytes(range(256)), r"bad\.yaml: expected YAML as UTF-8 text"),
-        (bytes(9), r"bad\.yaml: not valid YAML"),
-        (b"a: " + b"[" * 100_000, r"bad\.yaml: not valid YAML \(nested too deeply\)"),
-        ("seeds: [2001-13-45]", r"bad\.yaml: not valid YAML|seeds"),
-        (BOMB, r"bad\.yaml: expected at most 100000 values, aliases written out, found more"),
-        ("a: &a [*a]", r"bad\.yaml: expected at most 100000 values"),
-    ]:
-        (tmp_path / "table" / "bad.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
-        with pytest.raises(InputError, match=f"(?s){message}"):
-            load_table("bad")
-
-
-def test_a_file_of_ones_own_is_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("mine.yaml").write_text("scenes: [hat]\nrows: [{name: a, overrides: [prior=none]}]")
-    request = parse(["table=mine.yaml"])
-    assert request.name == "mine"
-    assert [row.name for row in request.load().rows] == ["a"]
-    with pytest.raises(InputError, match=r"table=other.yaml: no such file"):
-        parse(["table=other.yaml"]).load()
-    Path("mine.yaml").write_text("rows: [{name: a, override: [prior=none]}]")
-    with pytest.raises(InputError, match=r"mine.yaml: unknown setting 'rows.0.override'; did you mean 'rows.0.overrides'"):
-        request.load()
-
-
-def test_some_rows_of_a_table_are_named_with_the_commas_that_they_have() -> None:
-    rows = [Row(name, ["prior=none"]) for name in ("none", "targets", "refiner", "refiner, hull")]
-    claims = [Claim("targets", "none"), Claim("refiner", "none")]
-    table = Table(rows=rows, reference="none", claims=claims, pictured=["refiner", "targets"])
-    few = some_rows(table, "none,refiner, hull,targets")
-    assert [row.name for row in few.rows] == ["none", "targets", "refiner, hull"]
-    assert (few.reference, few.claims, few.pictured) == ("none", claims[:1], ["targets"])
-    assert [row.name for row in some_rows(table, "refiner").rows] == ["refiner"]
-    assert some_rows(table, "refiner").reference is None
-    with pytest.raises(InputError, match=r"rows: unknown row 'nome'; did you mean 'none'\? There are: .*refiner, 'refiner, hull'$"):
-        some_rows(table, "targets,nome")
-
-
-@pytest.mark.parametrize("override", ["prior=none", "+prior=none", "capture.views=4"])
-def test_what_a_row_sets_itself_is_not_set_for_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, override: str) -> None:
-    """Or two rows would be one, under two names."""
-    monkeypatch.chdir(tmp_path)
-    Path("t.yaml").write_text("scenes: [hat]\ncaptures: [{}, {views: 8}]\nrows: [{name: a, overrides: [prior=oracle]}]")
-    parse(["table=t.yaml", "preset=smoke"]).load()
-    with pytest.raises(InputError, match=r"expected a setting that no row has of its own, found it in row 'a"):
-        parse(["table=t.yaml", override]).load()
-
-
-def test_a_row_that_the_paper_has_not_is_told_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
-    (tmp_path / "table").mkdir()
-    (tmp_path / "table" / "bad.yaml").write_text("rows: [{name: a, overrides: [], paper: b}]\nscenes: [tiny]")
-    with pytest.raises(InputError, match="table bad: rows: a: paper: expected a row of the paper's table, some of .* found b"):
-        make_table(Request("bad"))
-
-
-def test_a_table_has_the_rows_of_those_that_it_includes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
-    (tmp_path / "table").mkdir()
-    first = "scenes: [tiny]\nseeds: [3]\nreference: a\npictured: [a]\nrows: [{name: a, overrides: []}]\n"
-    (tmp_path / "table" / "first.yaml").write_text(first)
-    second = "includes: [first]\nseeds: [4]\nrows: [{name: b, overrides: []}]\nclaims: [{better: b, worse: a}]\n"
-    (tmp_path / "table" / "second.yaml").write_text(second)
-    table = load_table("second")
-    assert [row.name for row in table.rows] == ["a", "b"]
-    assert (table.scenes, table.seeds, table.reference, table.pictured) == (["tiny"], [4], "a", ["a"])
-    assert [(claim.better, claim.worse) for claim in table.claims] == [("b", "a")]
 
 
 def test_threads_share_the_cores_and_depend_on_the_machine_alone(monkeypatch: pytest.MonkeyPatch) -> None:
