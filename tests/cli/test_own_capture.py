@@ -52,7 +52,7 @@ def command(module: str, folder: Path, *words: str) -> subprocess.CompletedProce
 def test_a_folder_of_photographs_gives_an_asset_a_light_and_scores(tiny: Scene, tmp_path: Path) -> None:
     folder, out = tmp_path / "mine", tmp_path / "run"
     write_capture(folder, tiny)
-    words = ["capture.geometry=sdf", "prior=diffusion", "threads=1", f"out={out}", *SMALL]
+    words = ["capture.geometry=sdf", "prior=combined", "threads=1", f"out={out}", *SMALL]
     done = command("ia_bench", folder, *words)
     assert done.returncode == 0, done.stderr
     found = json.loads((out / "metrics.json").read_text())
