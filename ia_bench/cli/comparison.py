@@ -26,8 +26,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _draw(wanted: argparse.Namespace) -> int:
     from ia_bench.report.comparison import write_comparison  # brings in torch
 
-    unnamed = folders_among([Path(text) for text in wanted.runs if "=" not in text], complain)
-    pairs = [tuple(text.split("=", 1)) for text in wanted.runs if "=" in text] + [(path.name, path) for path in unnamed]
+    given = [text.split("=", 1) if "=" in text else [Path(text).name, text] for text in wanted.runs]
+    unnamed = [Path(text) for text in wanted.runs if "=" not in text]
+    passed_over = {str(path) for path in unnamed} - {str(path) for path in folders_among(unnamed, complain)}
+    pairs = [(name, place) for name, place in given if place not in passed_over]
     names = [name for name, _ in pairs]
     if len(set(names)) < len(names):
         raise InputError(f"expected different names of the runs, found {', '.join(names)}; write NAME=RUN_FOLDER")

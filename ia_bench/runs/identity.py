@@ -178,5 +178,5 @@ def _path_of(key: str, value: object) -> Path | None:
     if not isinstance(value, str) or not value:
         return None
     path = Path(value).expanduser()
-    named = key in WEIGHTS or os.sep in value
-    return path.resolve() if (is_file(path) and (named or path.suffix)) or (named and path.exists()) else None
+    named = path.exists() if key in WEIGHTS or os.sep in value else bool(path.suffix) and is_file(path)
+    return path.resolve() if named else None

@@ -16,7 +16,7 @@ from ia_bench.common.paths import conf_folder
 from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import flat, parsed
 from ia_bench.common.suggestions import unknown
-from ia_bench.runs.composition import compose
+from ia_bench.runs.composition import compose, written_out
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.launchers import Launcher, Local
@@ -319,8 +319,8 @@ def _cell(row: Row, config: RunConfig, own: list[str], request: Request, results
 
 
 def _key_of(override: str) -> str:
-    """Which setting it is of, in Hydra's grammar."""
-    return override.partition("=")[0].lstrip("+~")
+    """Which setting it is of, in Hydra's grammar, its short name written out."""
+    return written_out([override])[0].partition("=")[0].lstrip("+~")
 
 
 def _quoted(text: str) -> str:

@@ -182,6 +182,17 @@ def without(path: Path, key: str) -> None:
     path.write_text(json.dumps(content))
 
 
+def test_columns_stand_as_they_are_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[str] = []
+    monkeypatch.setattr("ia_bench.report.comparison.write_comparison", lambda runs, scene, out: drawn.extend(runs))
+    for name in ("b", "a"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "sheet.png").touch()
+    runs = [str(tmp_path / "b"), f"named={tmp_path / 'a'}", str(tmp_path / "sheet.png"), str(tmp_path / "a")]
+    assert main([*runs, "--scene", str(tmp_path), "--out", str(tmp_path / "out.png")]) == 0
+    assert drawn == ["b", "named", "a"]
+
+
 @pytest.mark.parametrize(
     ("file", "key"),
     [

@@ -150,12 +150,17 @@ def test_what_a_method_does_not_predict_and_what_a_scene_does_not_know_are_two_r
     assert Scorer(photographed, SMALL, CPU).quick(replace(BALL, roughness=None))["roughness_mse"] is None
 
 
+def stage_of_the_ball() -> Stage:
+    """Of a mesh of BALL, with its texture seen from above."""
+    ball = sphere(3)
+    return Stage(replace(ball, uv=(0.5 + 0.5 * ball.vertices[:, :2]).astype(np.float32)), CPU)
+
+
 def test_what_can_be_exported_is_also_drawn_by_the_reference_renderer(
     photographed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
-    ball = sphere(3)
-    stage = Stage(replace(ball, uv=(0.5 + 0.5 * ball.vertices[:, :2]).astype(np.float32)), CPU)
+    stage = stage_of_the_ball()
     exported = as_assets(BALL, stage)
     scores = Scorer(photographed, SMALL, CPU).full(exported)
     plain = Scorer(photographed, SMALL, CPU).full(BALL)
@@ -175,8 +180,7 @@ def test_pictures_take_the_scale_of_the_textures_that_they_show(
 ) -> None:
     """The maps of this method are half as bright as what it exports, and pictures show what it exports."""
     monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
-    ball = sphere(3)
-    stage = Stage(replace(ball, uv=(0.5 + 0.5 * ball.vertices[:, :2]).astype(np.float32)), CPU)
+    stage = stage_of_the_ball()
     darker = replace(as_assets(BALL, stage), albedo=tuple(0.5 * value for value in BALL.albedo))
     scorer = Scorer(photographed, SMALL, CPU)
     scales = scorer.full(darker).albedo_scales
@@ -195,8 +199,7 @@ def test_a_method_that_renders_under_its_own_light_alone_is_relit_by_the_referen
     photographed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
-    ball = sphere(3)
-    stage = Stage(replace(ball, uv=(0.5 + 0.5 * ball.vertices[:, :2]).astype(np.float32)), CPU)
+    stage = stage_of_the_ball()
     exported = as_assets(BALL, stage)
 
     class OneLight(type(exported)):
