@@ -20,6 +20,9 @@ from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench.training.shards import CHANNELS, load_shard, shard_paths
 
 
+CPU = torch.device("cpu")
+
+
 @dataclass(frozen=True)
 class Augmentation:
     """What is changed at random in a training image.
@@ -60,15 +63,11 @@ class Batch:
     masks: Tensor
     factor: Tensor
 
-    def to(self, device: torch.device) -> Batch:
-        """The same on another device."""
-        return Batch(*(tensor.to(device) for tensor in (self.condition, self.target, self.masks, self.factor)))
-
 
 class TrainingImages:
-    """All images of a folder of shards, in memory as half floats (115 kB an image of 64 x 64), and their ``seeds``."""
+    """All images of a folder of shards, on a device as half floats (115 kB an image of 64 x 64), and their ``seeds``."""
 
-    def __init__(self, folder: Path, *, limit: int | None = None) -> None:
+    def __init__(self, folder: Path, *, limit: int | None = None, device: torch.device = CPU) -> None:
         """Load the shards. Raises InputError for a folder without any, or with shards of different sizes."""
         loaded: list[dict[str, Tensor]] = []
         seeds: set[int] = set()
@@ -83,7 +82,7 @@ class TrainingImages:
             if limit is not None and count >= limit:
                 break
         self.folder, self.seeds = folder, frozenset(seeds)
-        self._tensors = {name: torch.cat([shard[name] for shard in loaded])[:limit] for name in CHANNELS}
+        self._tensors = {name: torch.cat([shard[name] for shard in loaded])[:limit].to(device) for name in CHANNELS}
         self.size = self._tensors["image"].shape[1]
 
     def __len__(self) -> int:
@@ -91,21 +90,22 @@ class TrainingImages:
 
     def linear(self, index: Tensor) -> dict[str, Tensor]:
         """The images (N,) as they were rendered: tensors of ia_bench.training.shards, float32."""
-        return {name: tensor[index].float() for name, tensor in self._tensors.items()}
+        return {name: tensor[index.to(tensor.device)].float() for name, tensor in self._tensors.items()}
 
     def batch(self, index: Tensor, config: NetworkConfig, augmentation: Augmentation, generator: torch.Generator) -> Batch:
-        """Encode images (N,), augmented by draws of ``generator``."""
+        """Encode images (N,), augmented by draws of ``generator``, which is of their device."""
         return encode(augment(self.linear(index), augmentation, generator), config, augmentation, generator)
 
 
 def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.Generator) -> dict[str, Tensor]:
     """Mirror, permute channels and colour the light of linear images; geometry and masks follow."""
-    count = len(images["image"])
+    count, at = len(images["image"]), {"generator": generator, "device": generator.device}
     radiance, masks = images["image"][..., :3], images["image"][..., 3:]
-    mirrored = torch.rand(count, generator=generator) < settings.mirror
-    permuted = torch.rand(count, generator=generator) < settings.permute
-    order = torch.where(permuted[:, None], torch.rand(count, 3, generator=generator).argsort(1), torch.arange(3))
-    gain = torch.exp(settings.cast * torch.randn(count, 3, generator=generator))[:, None, None]
+    mirrored = torch.rand(count, **at) < settings.mirror
+    permuted = torch.rand(count, **at) < settings.permute
+    order = torch.where(permuted[:, None], torch.rand(count, 3, **at).argsort(1), torch.arange(3, device=generator.device))
+    gain = torch.exp(settings.cast * torch.randn(count, 3, **at))[:, None, None]
+    sides = torch.tensor([-1.0, 1.0, 1.0], device=generator.device)
 
     def colours(values: Tensor) -> Tensor:
         return torch.gather(values, 3, order[:, None, None].expand_as(values))
@@ -114,7 +114,7 @@ def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.
         "image": torch.cat([colours(radiance) * gain, masks], -1),
         "albedo": colours(images["albedo"]),
         "specular": colours(images["specular"]) * gain,
-        "normal": torch.where(mirrored[:, None, None, None], images["normal"] * torch.tensor([-1.0, 1.0, 1.0]), images["normal"]),
+        "normal": torch.where(mirrored[:, None, None, None], images["normal"] * sides, images["normal"]),
         "visibility": images["visibility"],
     }
     return {name: torch.where(mirrored[:, None, None, None], values.flip(2), values) for name, values in changed.items()}
@@ -123,13 +123,13 @@ def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.
 def encode(images: dict[str, Tensor], config: NetworkConfig, settings: Augmentation, generator: torch.Generator) -> Batch:
     """Expose, add sensor noise, and encode linear images for a network of ``config``."""
     radiance, masks = images["image"][..., :3], images["image"][..., 3]
-    count = len(masks)
+    count, at = len(masks), {"generator": generator, "device": generator.device}
     factor = exposure(radiance, masks)
-    factor = factor * torch.exp(settings.exposure * (2 * torch.rand(count, generator=generator) - 1))
-    deviation = settings.noise * torch.rand(count, generator=generator) / factor
-    grain = torch.randn(radiance.shape, generator=generator) * deviation[:, None, None, None] * masks[..., None]
+    factor = factor * torch.exp(settings.exposure * (2 * torch.rand(count, **at) - 1))
+    deviation = settings.noise * torch.rand(count, **at) / factor
+    grain = torch.randn(radiance.shape, **at) * deviation[:, None, None, None] * masks[..., None]
     condition = encode_image((radiance + grain).clamp_min(0), masks, factor)
-    withheld = torch.rand(count, generator=generator) < settings.no_geometry
+    withheld = torch.rand(count, **at) < settings.no_geometry
     if config.geometry:
         geometry = encode_geometry(images["normal"], images["visibility"])
         condition = torch.cat([condition, geometry * ~withheld[:, None, None, None]], 1)

@@ -38,7 +38,7 @@ from ia_bench.training.settings import TrainSettings
 from ia_bench.training.validation import score_single_view
 
 PICTURES = 8  # images of a sample grid
-STATE_FORMAT = 2  # raised when a change of the code changes what state.pt holds
+STATE_FORMAT = 3  # raised when a change of the code changes what state.pt holds
 
 
 def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
@@ -62,7 +62,7 @@ class _Training:
         from diffusers.training_utils import EMAModel
 
         self.settings, self.accelerator, self.progress = settings, accelerator, progress
-        self.images = TrainingImages(settings.data)
+        self.images = TrainingImages(settings.data, device=accelerator.device)
         self.held_out = TrainingImages(settings.validation, limit=settings.validation_images)
         for images in (self.images, self.held_out):
             if images.size != settings.network.size:
@@ -77,7 +77,7 @@ class _Training:
             self.network.load_state_dict(start.state_dict())
         self.schedule = None
         if settings.network.kind == "diffusion":
-            self.schedule = settings.network.noise_schedule.alpha_bar.float()
+            self.schedule = settings.network.noise_schedule.alpha_bar.float().to(accelerator.device)
         hidden, others = split_weights(self.network, muon=settings.muon_rate > 0)
         adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
         self.ema = EMAModel(self.network.parameters(), decay=settings.ema, use_ema_warmup=True, power=0.75)
@@ -136,10 +136,9 @@ class _Training:
         return self.figures
 
     def _optimise(self) -> float:
-        settings, device = self.settings, self.accelerator.device
+        settings = self.settings
         batch, draws = self._coming.result() if self._coming is not None else self._draw(self.step)
         self._coming = self._ahead.submit(self._draw, self.step + 1)  # while the network works on this one
-        batch = batch.to(device)
         with self.accelerator.autocast():
             output = self._predicted(batch, draws)
         loss = weighted_error(output.float() - batch.target, batch.masks, level=settings.level, background=settings.background)
@@ -155,23 +154,25 @@ class _Training:
         settings = self.settings
         index = batch_index(len(self.images), settings.batch, settings.seed, step)
         share = index[self.accelerator.process_index :: self.accelerator.num_processes]
-        generator = torch.Generator().manual_seed(stream(settings.seed, step, self.accelerator.process_index))
-        batch = self.images.batch(share, settings.network, settings.augmentation, generator)
-        count = len(share)
+        at = {"generator": self._generator(step), "device": self.accelerator.device}
+        batch = self.images.batch(share, settings.network, settings.augmentation, at["generator"])
         draws = {
-            "noise": torch.randn(batch.target.shape, generator=generator),
-            "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (count,), generator=generator),
+            "noise": torch.randn(batch.target.shape, **at),
+            "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (len(share),), **at),
         }
         return batch, draws
 
+    def _generator(self, step: int) -> torch.Generator:
+        """Of the device, where draws are made beside the images; another kind of device draws others."""
+        seed = stream(self.settings.seed, step, self.accelerator.process_index)
+        return torch.Generator(self.accelerator.device).manual_seed(seed)
+
     def _predicted(self, batch: Batch, draws: dict[str, Tensor]) -> Tensor:
         """The network's estimate (N, 3 C, H, W) of the batch's target."""
-        device = batch.target.device
-        draws = {name: value.to(device) for name, value in draws.items()}
         if self.schedule is None:  # the regressor always sees its image
             timestep = torch.full_like(draws["timestep"], self.settings.network.last_timestep)
             return self.predict(None, timestep, batch.condition)
-        level = self.schedule.to(device)[draws["timestep"]][:, None, None, None]
+        level = self.schedule[draws["timestep"]][:, None, None, None]
         noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
         return self.predict(noisy, draws["timestep"], batch.condition)
 
@@ -228,6 +229,7 @@ class _Training:
             "images": len(self.images),
             "processes": accelerator.num_processes,
             "precision": "bf16" if accelerator.mixed_precision == "bf16" else "float32",
+            "device": accelerator.device.type,  # which draws
         }
 
     def _provenance(self) -> dict[str, Any]:
