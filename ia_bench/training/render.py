@@ -24,7 +24,7 @@ from ia_bench.training.lights import Light, draw_light
 from ia_bench.training.objects import SolidObject
 from ia_bench.training.shading import OFFSET, DirectLight, LightTables, cosine_directions
 from ia_bench.training.smooth import smooth_shading
-from ia_bench.training.textures import TexturedMaterial, draw_materials, enriched
+from ia_bench.training.textures import TexturedMaterial, draw_materials
 
 SIDE = 2  # primary points per pixel and axis
 POINTS = SIDE * SIDE
@@ -32,7 +32,6 @@ LIGHT_SAMPLES, BRDF_SAMPLES, COSINE_RAYS = 9, 3, 4  # per point: 64 directions a
 VIEWS = 8  # images of one object
 MIN_COVERAGE, MAX_COVERAGE = 0.05, 0.98
 MEAN_RADIANCE = 0.3
-RICH = 0.6  # share of the images whose materials have others laid over them
 _PLASTIC_2 = (PLASTIC, PLASTIC * PLASTIC)  # generators of Roberts' R2 sequence
 
 
@@ -57,13 +56,10 @@ class ViewDraw:
 
 def draw_view(rng: Generator, solid: SolidObject, size: int) -> ViewDraw:
     """Draw camera, light, materials, exposure and sampling lattices of one image of ``size`` pixels a side."""
-    camera, light, materials = draw_camera(rng, solid.vertices, size), draw_light(rng), draw_materials(rng, solid.slots)
-    if rng.random() < RICH:
-        materials = [enriched(rng, material) for material in materials]
     return ViewDraw(
-        camera,
-        light,
-        materials,
+        draw_camera(rng, solid.vertices, size),
+        draw_light(rng),
+        draw_materials(rng, solid.slots),
         float(np.exp(rng.normal(np.log(MEAN_RADIANCE), 0.25))),
         rng.random((size, size, 4, 2), dtype=np.float32),
     )

@@ -26,7 +26,7 @@ from torch import Tensor
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 
-DATA_VERSION = 3
+DATA_VERSION = 2
 """Raised whenever the same (seed, index) would render a different image, beyond rounding, in which processors differ too.
 
 Folders of different versions do not mix."""

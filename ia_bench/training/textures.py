@@ -20,11 +20,6 @@ from ia_bench.training.palettes import MAX_ALBEDO, MIN_ALBEDO, palette
 from ia_bench.training.patterns import Pattern, draw_pattern
 
 
-OVERLAYS = 2
-"""A rich material has at most so many others laid over it. From pixel to pixel, colours of plain ones change by .03 in the median, and
-those of things that people model by .06 to .08."""
-
-
 @dataclass(frozen=True)
 class _Layer:
     colours: Tensor  # (K, 3) along the ramp
@@ -116,8 +111,3 @@ def draw_materials(rng: Generator, slots: int) -> list[TexturedMaterial]:
     return [draw_material(rng, shared if together else palette(rng, 5)) for _ in range(slots)]
 
 
-def enriched(rng: Generator, material: TexturedMaterial) -> TexturedMaterial:
-    """``material`` with up to OVERLAYS others laid over it."""
-    for _ in range(int(rng.integers(OVERLAYS + 1))):
-        material = material.overlaid(draw_material(rng, palette(rng, 5)), rng)
-    return material
