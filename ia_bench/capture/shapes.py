@@ -13,9 +13,9 @@ from ia_bench.capture.settings import MADE, CaptureSettings
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
-from ia_bench.geometry.alignment import Photographs
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
+from ia_bench.geometry.moving_photographs import MovingPhotographs
 from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.geometry.smoothing import smoothed
 from ia_bench.geometry.surface import mesh_of
@@ -68,7 +68,7 @@ def _made(
 ) -> dict[str, torch.Tensor]:
     cells = settings.sdf.cells if settings.geometry == "sdf" else settings.cells
     note(f"capture.geometry={settings.geometry}: from {len(scene.train)} training views, {cells} cells a side")
-    moving = Photographs(scene.train) if settings.geometry == "sdf" and settings.sdf.align else None
+    moving = MovingPhotographs(scene.train) if settings.geometry == "sdf" and settings.sdf.align else None
     with _to_the_bit():
         mesh = mesh_of(_distances(scene, settings, normals, moving, begin), settings.triangles)
     made = {part: torch.from_numpy(np.ascontiguousarray(getattr(mesh, part))) for part in PARTS}
@@ -92,7 +92,7 @@ def _to_the_bit() -> Iterator[None]:
 
 
 def _distances(
-    scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray], moving: Photographs | None, begin: Begin
+    scene: Scene, settings: CaptureSettings, normals: Sequence[np.ndarray], moving: MovingPhotographs | None, begin: Begin
 ) -> DistanceGrid:
     if settings.geometry == "hull":
         return visual_hull(scene.train, settings.cells, settings.tolerated)

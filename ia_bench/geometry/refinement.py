@@ -27,12 +27,12 @@ from torch.nn.functional import grid_sample, interpolate, normalize, pad
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, Task, unseen
-from ia_bench.geometry.alignment import Photographs
 from ia_bench.geometry.appearance import Appearance
 from ia_bench.geometry.fusion import fused
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Pixels, Rays, gathered, pixels_of
+from ia_bench.geometry.moving_photographs import MovingPhotographs
 from ia_bench.geometry.sweep import depth_maps
 from ia_bench.geometry.warp_march import CHANNELS
 from ia_bench.scenes.scene import View
@@ -60,7 +60,7 @@ def surface_from_images(
     tolerated: int = 0,
     exposures_differ: bool = False,
     normals: Sequence[np.ndarray] = (),
-    photographs: Photographs | None = None,
+    photographs: MovingPhotographs | None = None,
     seed: int = 0,
     begin: Begin = unseen,
 ) -> DistanceGrid:
@@ -120,7 +120,7 @@ class _Near:
 class _Fit:
     """What is fitted to ``pixels``: how the surface looks, and the exposures of so many ``images`` (0: all alike)."""
 
-    def __init__(self, pixels: Pixels, images: int, photographs: Photographs | None, seed: int) -> None:
+    def __init__(self, pixels: Pixels, images: int, photographs: MovingPhotographs | None, seed: int) -> None:
         self._pixels = pixels
         self._photographs = photographs
         self._random = torch.Generator().manual_seed(seed)

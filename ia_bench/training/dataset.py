@@ -19,7 +19,6 @@ from ia_bench.priors.diffusion.encoding import encode_geometry, encode_image, ex
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench.training.shards import CHANNELS, load_shard, shard_paths
 
-
 CPU = torch.device("cpu")
 
 

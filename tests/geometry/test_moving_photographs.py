@@ -1,4 +1,4 @@
-"""Photographs that move on their picture planes, and the motions of cameras that say the same."""
+"""MovingPhotographs that move on their picture planes, and the motions of cameras that say the same."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import torch
 
 from ia_bench.capture.faults import misplaced
 from ia_bench.capture.settings import FaultSettings
-from ia_bench.geometry.alignment import Photographs
 from ia_bench.geometry.consistency import seen_at
+from ia_bench.geometry.moving_photographs import MovingPhotographs
 from ia_bench.geometry.refinement import surface_from_images
 from ia_bench.scenes.scene import Camera, View
 
@@ -31,7 +31,7 @@ def test_a_photograph_that_did_not_move_is_looked_up_as_it_is(views: list[View])
     unknown = np.tile(np.arange(56) > 20, (56, 1))
     some = [views[0], replace(views[1], valid=unknown)]
     where = places(views[1])
-    colour, mask, colour_known, mask_known = Photographs(some).at(torch.ones(len(where), dtype=torch.long), where)
+    colour, mask, colour_known, mask_known = MovingPhotographs(some).at(torch.ones(len(where), dtype=torch.long), where)
     np.testing.assert_allclose(colour.detach().numpy(), views[1].image.reshape(-1, 3), atol=1e-6)
     np.testing.assert_allclose(mask.detach().numpy(), views[1].mask.ravel(), atol=1e-6)
     np.testing.assert_array_equal(colour_known.numpy() > 0, unknown.ravel())
@@ -40,7 +40,7 @@ def test_a_photograph_that_did_not_move_is_looked_up_as_it_is(views: list[View])
 
 def test_offsets_move_turn_and_scale(views: list[View]) -> None:
     """A pixel to the right and two down is the pixel there; a turn by a right angle about the middle exchanges the axes."""
-    photographs, one = Photographs(views[:1]), views[0]
+    photographs, one = MovingPhotographs(views[:1]), views[0]
     where = places(one)
     first = torch.zeros(len(where), dtype=torch.long)
     photographs.offsets.data[0, :2] = torch.tensor([1.0, 2.0])
@@ -58,7 +58,7 @@ def test_offsets_move_turn_and_scale(views: list[View]) -> None:
 
 def test_cameras_move_as_pictures_do(views: list[View]) -> None:
     """Points of a ball are seen where the offsets say that they belong."""
-    photographs = Photographs(views[:3])
+    photographs = MovingPhotographs(views[:3])
     photographs.offsets.data.copy_(torch.tensor([[0.8, -0.5, 0.0, 0.0], [0.0, 0.0, 0.7, 0.0], [0.2, 0.3, -0.4, 0.6]]))
     random = np.random.default_rng(0)
     for number, (view, camera) in enumerate(zip(views, photographs.cameras(views[:3]), strict=False)):
@@ -84,6 +84,6 @@ def test_poses_that_are_a_pixel_off_are_found(views: list[View]) -> None:
     """Measured: .87 pixels before, .60 after so few steps."""
     cameras = misplaced(views, FaultSettings(poses=1.0))
     wrong = [replace(view, camera=camera) for view, camera in zip(views, cameras, strict=True)]
-    photographs = Photographs(wrong)
+    photographs = MovingPhotographs(wrong)
     surface_from_images(wrong, 40, 100, tolerated=1, photographs=photographs)
     assert apart(photographs.cameras(wrong), views) < 0.75 * apart(cameras, views)

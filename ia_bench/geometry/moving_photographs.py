@@ -20,7 +20,7 @@ STEP = 1e-3  # pixels by which a motion moves the image, when its effect is meas
 USED = [0, 1, 2, 5]  # of the motions of pixel_motions: pan, tilt, roll, along the axis; shifts to the sides look like pan and tilt
 
 
-class Photographs:
+class MovingPhotographs:
     """The pictures of all views, H x W each, looked up where their pixels belong.
 
     ``offsets`` (V, 4) in pixels, what is fitted: to the right, down, turned and scaled about the middle of the mask, the last two
