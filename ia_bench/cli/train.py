@@ -40,7 +40,8 @@ def _train(arguments: Sequence[str]) -> int:
     settings = read_arguments(TrainSettings, arguments)
     with Progress() as progress:
         figures = train(settings, progress)
-        progress.note(f"weights in {settings.out / 'weights'}: {figures}")
+        if figures:
+            progress.note(f"weights in {settings.out / 'weights'}: {figures}")
     return OK
 
 

@@ -40,4 +40,4 @@ def light_of_the_mean_image(
     ones = SampledLight.of(torch.ones(rows, 2 * rows, 3, device=gbuffer.pixel.device))
     rendered = problem.renderer.render_pixels(gbuffer, pixels, material, ones, problem.plan.samples, generator)
     check(rendered, pixels)
-    return problem.photographs.radiance[entries].mean(0).clamp_min(1e-8) / rendered.radiance.mean(0).clamp_min(1e-8)
+    return problem.photographs.radiance[entries].mean(0).clamp_min(1e-30) / rendered.radiance.mean(0).clamp_min(1e-8)

@@ -13,6 +13,9 @@ from ia_bench.scenes.scene import Scene
 
 INSIDE = 0.5
 """A mask of no more than that leaves a pixel out."""
+USUAL, LEVEL = (0.04, 4.0), 0.2
+"""Photographs whose mean radiance lies in the range USUAL, as in all scenes by which prices and weights were chosen, are compared
+as they are, others as if it were LEVEL: what a fit finds must not depend on the unit of the radiance."""
 
 
 @dataclass(frozen=True)
@@ -22,15 +25,17 @@ class Photographs:
     Attributes:
         radiance: (P, 3), linear, premultiplied by the mask.
         mask: (P, 1), the share of the pixel that the object fills, as the photograph's mask has it.
-        known: (P, 1) bool, where the radiance is not a lower bound alone; None for everywhere.
+        known: (P, 1) bool, where the radiance is no lower bound alone, as it is in pixels that are left out; None for everywhere.
         left_out: (P,) bool, where the mesh fills the pixel and the mask leaves it out: wrong masks and poses, a margin that a
             capture cuts off, a mesh that is too large. Nothing that was made of the photograph says anything there.
+        unit: Factor of radiance, of photographs and renders alike, at which a loss of absolute radiance compares them.
     """
 
     radiance: Tensor
     mask: Tensor
     known: Tensor | None
     left_out: Tensor
+    unit: float = 1.0
 
     @classmethod
     def of(cls, scene: Scene, gbuffer: GBuffer) -> Photographs:
@@ -41,5 +46,22 @@ class Photographs:
 
         radiance = pixels(torch.stack([torch.from_numpy(view.image) for view in scene.train]))
         mask = pixels(torch.stack([torch.from_numpy(view.mask) for view in scene.train])[..., None])
+        left_out = gbuffer.filled & (mask[:, 0] <= INSIDE)
         known = known_pixels(scene.train)
-        return cls(radiance, mask, None if known is None else pixels(known), gbuffer.filled & (mask[:, 0] <= INSIDE))
+        known = None if known is None else pixels(known)
+        if bool(left_out.any()):
+            known = ~left_out[:, None] if known is None else known & ~left_out[:, None]
+        return cls(radiance, mask, known, left_out, _unit(radiance[mask[:, 0] > INSIDE]))
+
+    @property
+    def mean_radiance(self) -> Tensor:
+        """The mean (3,) over the pixels that are not left out; over all where none is left."""
+        inside = self.radiance[~self.left_out]
+        return (inside if len(inside) else self.radiance).mean(0)
+
+
+def _unit(inside: Tensor) -> float:
+    """The factor for pixels (N, 3) inside of the masks; 1 where they are black."""
+    mean = float(inside.mean()) if len(inside) else 0.0
+    least, most = USUAL
+    return 1.0 if least <= mean <= most or not 0 < mean < float("inf") else LEVEL / mean

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
+from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.render.renderer import Met, texture_images
 from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
@@ -27,7 +28,7 @@ class Assets:
     Attributes:
         mesh: The triangles, with the texture coordinates that the textures belong to.
         albedo: (T, T, 3) in [0, 1].
-        roughness: (T, T), perceptual.
+        roughness: (T, T) in [0, 1], perceptual.
         metallic: (T, T), None for a dielectric.
         light: (H, W, 3) lat-long radiance, None where no light was recovered.
     """
@@ -98,7 +99,8 @@ class Reconstruction(Protocol):
 class TexturedReconstruction:
     """Textures over a mesh and a lat-long light, drawn by the reference renderer whatever renderer they were fitted with.
 
-    The reference renderer traces every shadow, follows REFERENCE_BOUNCES reflections and lays the coat over the diffuse lobe.
+    The reference renderer traces every shadow, follows REFERENCE_BOUNCES reflections and lays the coat over the diffuse lobe. What
+    is smoother than MIN_ROUGHNESS is drawn with that, for float32 resolves no narrower lobe; maps and assets keep it as it is.
     With ``coat`` "added", the paper's sum of both lobes, or other ``bounces``, it is another renderer and goes by another name.
     """
 
@@ -151,7 +153,7 @@ class TexturedReconstruction:
         chosen = self.environment if light is None else light
         if chosen is None:
             return None
-        material, device = self.material, self._stage.device
+        material, device = replace(self.material, roughness=self.material.roughness.clamp_min(MIN_ROUGHNESS)), self._stage.device
         if albedo_scale is not None:
             material = replace(material, albedo=material.albedo * albedo_scale.to(material.albedo))
         texels = chosen.texels if isinstance(chosen, LatLongEnvironment) else chosen.latlong(REFERENCE_LIGHT_ROWS)

@@ -18,7 +18,7 @@ from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.runs.config import RunConfig, options_class, resolve_scene_folder, slug
 
-IDENTITY_VERSION = 8
+IDENTITY_VERSION = 9
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
 
 CONSISTENCY_VERSION, CONSISTENCY_KEY = 2, "consistency_version"

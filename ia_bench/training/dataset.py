@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -28,7 +29,7 @@ class Augmentation:
 
     Attributes:
         mirror: Probability that left and right are exchanged.
-        permute: Probability of another order of the colour channels.
+        permute: Probability that the order of the colour channels is drawn anew, among all six.
         cast: Standard deviation of the light's log gain per channel.
         exposure: Half range of the log exposure error.
         noise: Largest standard deviation of sensor noise, relative to the image's exposure.
@@ -96,9 +97,14 @@ class TrainingImages:
         return encode(augment(self.linear(index), augmentation, generator), config, augmentation, generator)
 
 
+def _drawn_by(generator: torch.Generator) -> dict[str, Any]:
+    """Arguments of torch's random functions: drawn by the ``generator``, on its device."""
+    return {"generator": generator, "device": generator.device}
+
+
 def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.Generator) -> dict[str, Tensor]:
     """Mirror, permute channels and colour the light of linear images; geometry and masks follow."""
-    count, at = len(images["image"]), {"generator": generator, "device": generator.device}
+    count, at = len(images["image"]), _drawn_by(generator)
     radiance, masks = images["image"][..., :3], images["image"][..., 3:]
     mirrored = torch.rand(count, **at) < settings.mirror
     permuted = torch.rand(count, **at) < settings.permute
@@ -122,7 +128,7 @@ def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.
 def encode(images: dict[str, Tensor], config: NetworkConfig, settings: Augmentation, generator: torch.Generator) -> Batch:
     """Expose, add sensor noise, and encode linear images for a network of ``config``."""
     radiance, masks = images["image"][..., :3], images["image"][..., 3]
-    count, at = len(masks), {"generator": generator, "device": generator.device}
+    count, at = len(masks), _drawn_by(generator)
     factor = exposure(radiance, masks)
     factor = factor * torch.exp(settings.exposure * (2 * torch.rand(count, **at) - 1))
     deviation = settings.noise * torch.rand(count, **at) / factor

@@ -6,6 +6,7 @@ noise as one that was never stopped.
 
 from __future__ import annotations
 
+import io
 import math
 import platform
 import time
@@ -42,7 +43,10 @@ STATE_FORMAT = 3  # raised when a change of the code changes what state.pt holds
 
 
 def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
-    """Train (or go on training) and return the last validation figures; the weights are in ``settings.out``/weights."""
+    """Train (or go on training) and return the last validation figures; the weights are in ``settings.out``/weights.
+
+    Of several processes the first alone says anything and returns any.
+    """
     import_torchvision()  # before diffusers and accelerate, which import it
     from accelerate import Accelerator
 
@@ -52,7 +56,10 @@ def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
     accelerator = Accelerator(mixed_precision="bf16" if use_bf16(settings.precision, device) else "no")
     if settings.batch % accelerator.num_processes:
         raise InputError(f"batch: expected a multiple of the {accelerator.num_processes} processes, found {settings.batch}")
-    return _Training(settings, accelerator, progress).finish()
+    if accelerator.is_main_process:
+        return _Training(settings, accelerator, progress).finish()
+    _Training(settings, accelerator, Progress(io.StringIO())).finish()
+    return {}
 
 
 class _Training:
@@ -154,8 +161,9 @@ class _Training:
         settings = self.settings
         index = batch_index(len(self.images), settings.batch, settings.seed, step)
         share = index[self.accelerator.process_index :: self.accelerator.num_processes]
-        at = {"generator": self._generator(step), "device": self.accelerator.device}
-        batch = self.images.batch(share, settings.network, settings.augmentation, at["generator"])
+        generator = self._generator(step)
+        at: dict[str, Any] = {"generator": generator, "device": generator.device}
+        batch = self.images.batch(share, settings.network, settings.augmentation, generator)
         draws = {
             "noise": torch.randn(batch.target.shape, **at),
             "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (len(share),), **at),
@@ -227,6 +235,8 @@ class _Training:
         accelerator = self.accelerator
         return {
             "images": len(self.images),
+            "seeds": sorted(self.images.seeds),
+            "steps": self.settings.steps,  # along which rates fall
             "processes": accelerator.num_processes,
             "precision": "bf16" if accelerator.mixed_precision == "bf16" else "float32",
             "device": accelerator.device.type,  # which draws

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import hashlib
-import json
 import math
 import time
 from dataclasses import dataclass, field
@@ -31,6 +29,7 @@ from ia_bench.training.resuming import (
     check_gradient,
     check_seeds,
     forget_validations_after,
+    identity,
     load_state,
     rate_factor,
     save_state,
@@ -99,8 +98,8 @@ class RefinerSettings:
 
     def identity(self) -> str:
         """Hash of what the weights depend on; a run resumes only where it is the same."""
-        values = {key: value for key, value in dataclasses.asdict(self).items() if key not in ("out", "threads", "validate_steps")}
-        return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
+        free = ("out", "threads", "validation", "validate_steps")
+        return identity({key: value for key, value in dataclasses.asdict(self).items() if key not in free})
 
 
 class Views:
@@ -130,6 +129,7 @@ class Views:
         self.folder, self.fits, self.seeds = folder, len(scales), frozenset(seeds)
         self._tensors = {name: torch.cat(parts) for name, parts in tensors.items()}
         self.photographs, self._scales = torch.cat(photographs), torch.cat(scales)
+        self.size = self._tensors["image"].shape[1]
 
     def __len__(self) -> int:
         return len(self.photographs)
@@ -241,6 +241,11 @@ class _Training:
         self.settings, self.progress = settings, progress
         self.images, self.held_out = Views(settings.data, settings.fits), Views(settings.validation)
         check_seeds("fits", self.images, self.held_out)
+        for views in (self.images, self.held_out):
+            stride = settings.network.stride
+            if views.size % stride or views.size == stride:
+                shape = f"for network.channels={list(settings.network.channels)}"
+                raise InputError(f"{views.folder}: expected views of several times {stride} pixels {shape}, found {views.size}")
         torch.manual_seed(settings.seed)
         self.network = RefinerNetwork(settings.network)
         self.average = copy.deepcopy(self.network).eval().requires_grad_(False)

@@ -6,6 +6,7 @@ state whatever it had done since.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -67,6 +68,12 @@ def check_seeds(what: str, data: Seeded, held_out: Seeded) -> None:
     shared = data.seeds & held_out.seeds
     if shared:
         raise InputError(f"{held_out.folder}: expected {what} of other seeds than in {data.folder}, found seed {min(shared)}")
+
+
+def identity(values: Mapping[str, Any]) -> str:
+    """Hash of the settings ``values``; a folder is the same however its path is written."""
+    written = json.dumps(values, sort_keys=True, default=lambda value: str(value.resolve() if isinstance(value, Path) else value))
+    return hashlib.sha256(written.encode()).hexdigest()[:16]
 
 
 def save_state(folder: Path, version: int, identity: str, state: Mapping[str, Any]) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,6 +13,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import Count, NotNegative, Number, Share
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench.training.dataset import Augmentation
+from ia_bench.training.resuming import identity
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,7 @@ class TrainSettings:
             raise InputError(f"validation_sampler_steps: expected {most} or less, the timesteps of the network, found {steps}")
 
     def identity(self) -> str:
-        """Hash of what the weights depend on; a run resumes only where it is the same."""
+        """Hash of what the weights depend on; a run resumes only where it is the same. It may go on with more ``steps``."""
         free = ("out", "steps", "minutes", "threads", "compile", "checkpoint_minutes")
         every = dataclasses.asdict(self).items()
-        values = {key: value for key, value in every if key not in free and not key.startswith("validat")}
-        return hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode()).hexdigest()[:16]
+        return identity({key: value for key, value in every if key not in free and not key.startswith("validat")})

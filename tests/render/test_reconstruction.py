@@ -12,6 +12,7 @@ from shapes import bowl, camera_at, sphere
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.light.latlong import SampledLight, texel_centres
+from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
 from ia_bench.render.renderer import texture_images
@@ -86,6 +87,19 @@ def test_it_renders_as_the_reference_renderer_does(stage: Stage, material: Mater
     np.testing.assert_array_equal(np.stack(rendered.images), expected.numpy())
     given = found.render(CAMERAS, light=LatLongEnvironment(light), **USUAL)
     np.testing.assert_array_equal(given.images, rendered.images)
+
+
+def test_what_is_smoother_than_floats_resolve_is_drawn_as_the_narrowest_lobe_and_kept_as_it_is(stage: Stage) -> None:
+    """A mirror's directions have no density; drawn as such, a white light would make its diffuse part twice as bright."""
+    drawn = []
+    for roughness in (0.0, 1e-8, MIN_ROUGHNESS):
+        grey = Material(torch.full((8, 8, 3), 0.5), torch.full((8, 8, 1), roughness))
+        found = TexturedReconstruction(stage, grey, torch.ones(8, 16, 3))
+        drawn.append(np.stack(found.render(CAMERAS, light=None, **USUAL).images))
+        assert found.assets().roughness.max() == np.float32(roughness)
+    np.testing.assert_array_equal(drawn[0], drawn[2])
+    np.testing.assert_array_equal(drawn[1], drawn[2])
+    assert drawn[0].max() < 1.1
 
 
 def test_lights_of_the_same_views_share_what_the_brdf_meets(material: Material, light: torch.Tensor) -> None:

@@ -157,6 +157,12 @@ def test_the_same_seeds_are_refused(folders: Path, tmp_path: Path, capsys: pytes
     assert "expected fits of other seeds" in capsys.readouterr().err
 
 
+def test_views_that_a_network_cannot_take_in_are_refused(folders: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for channels in ("[8,8,8,8,8]", "[8,8,8,8,8,8]"):
+        assert main([*command(folders, tmp_path / "run"), f"network.channels={channels}"]) == 2
+        assert "expected views of several times" in capsys.readouterr().err
+
+
 def test_fits_come_back_and_damage_is_named(folders: Path, tmp_path: Path) -> None:
     path = fit_paths(folders / "data")[1]
     tensors, info = load_fit(path)

@@ -15,11 +15,18 @@ from ia_bench.training.resuming import (
     VALIDATIONS,
     batch_index,
     forget_validations_after,
+    identity,
     load_state,
     rate_factor,
     save_state,
     write_validation,
 )
+
+
+def test_a_folder_is_the_same_however_its_path_is_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert identity({"data": Path("a"), "batch": 2}) == identity({"batch": 2, "data": tmp_path / "a"})
+    assert identity({"data": Path("a")}) != identity({"data": Path("b")})
 
 
 def test_every_image_is_seen_once_in_every_pass() -> None:

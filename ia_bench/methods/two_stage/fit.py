@@ -50,6 +50,8 @@ class Fit:
             taken = self.objective.samples_per_pixel
             if taken != problem.plan.samples:
                 monitor.note(f"render.samples={problem.plan.samples}: steps take {taken} a pixel, by its points")
+            if problem.photographs.unit != 1:
+                monitor.note(f"photographs: their mean radiance is unusual; compared multiplied by {problem.photographs.unit:.3g}")
             self.dialogue.draw(None, self.generator)
             started = time.perf_counter()
             start_albedo(self.parameters, problem, settings.albedo_initial, self.dialogue.start)

@@ -41,19 +41,19 @@ class Objective:
         """
         settings, weights = self._settings, self._settings.weights
         material, light = parameters.material(), parameters.light(uniform=settings.light_uniform)
-        target, known = self._photographs.radiance[pixels], self._photographs.known
+        unit, target, known = self._photographs.unit, self._photographs.radiance[pixels], self._photographs.known
         known = None if known is None else known[pixels]
         # ---- lambda_1: the photographs
         if settings.image_loss == "l1":
             rendered = self._render(pixels, material, light, self._problem.plan.samples, generator, parameters.exposures)
             target = one_sided(target, rendered.radiance, known)
-            loss = weights.image * (tone_map(rendered.radiance) - tone_map(target)).abs().mean()
+            loss = weights.image * (tone_map(unit * rendered.radiance) - tone_map(unit * target)).abs().mean()
         else:
             both = pixels.repeat(2)
             halves = self._render(both, material, light, self._samples_a_half, generator, parameters.exposures)
             rendered = halves.averaged(2)
-            first, second = halves.radiance.chunk(2)
-            loss = weights.image * crossed_loss(first, second, target, settings.residual_cut, known)
+            first, second = (unit * halves.radiance).chunk(2)
+            loss = weights.image * crossed_loss(first, second, unit * target, settings.residual_cut, known)
         # ---- lambda_2, lambda_3: the prior
         if "albedo" in supervision.targets.values:
             supervised = supervision.albedo_loss(rendered.albedo, pixels, parameters.alone("albedo"), generator)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Share, Weight
+from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Roughness, Share, Weight
 from ia_bench.render.settings import RenderSettings
 
 BYTES_PER_SAMPLE = 400  # of a step with its gradient: a ray, what it meets, what it carries
@@ -121,7 +121,7 @@ class FitSettings:
     roughness_start: Share = 0.3
     exchange_start: Share = 0.3
     solve_albedo: bool = False
-    roughness_initial: Share = 0.5
+    roughness_initial: Roughness = 0.5
     metallic_initial: Share = 0.5
     albedo_initial: Share = 0.5
     smooth_scale: Positive = 0.1

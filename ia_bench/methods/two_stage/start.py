@@ -24,8 +24,8 @@ def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets:
         mean: Over the channels, of the albedo that has the images' colour.
         targets: Of the albedo, None where they do not say which albedo a pixel has.
     """
-    albedo, colour = parameters.tensors["albedo"], problem.photographs.radiance.mean(0)
-    colour = mean * colour / colour.mean().clamp_min(1e-8)
+    albedo, colour = parameters.tensors["albedo"], problem.photographs.mean_radiance
+    colour = mean * colour / colour.mean().clamp_min(1e-30)
     albedo.copy_((colour / colour.max().clamp_min(1.0)).clamp(0, 1).expand_as(albedo))
     if targets is None or not bool(targets.weight.any()):  # none, or of views that do not show the mesh
         return
@@ -42,12 +42,14 @@ def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets:
 def start_light(parameters: Parameters, problem: Problem, guard: StepGuard, generator: torch.Generator) -> None:
     """Set the light to the even one that gives the albedo at the start the images' mean colour.
 
-    Of all pixels, clipped ones among them: a start that is off is left behind, and those that are known alone would be too dark.
+    Of all pixels that no mask leaves out, clipped ones among them: a start that is off is left behind, and those that are known
+    alone would be too dark.
     """
 
     def check(rendered: PixelRadiance, pixels: Tensor) -> None:
         guard.check_loss(rendered.radiance.sum(), pixels, {"the first render's radiance": rendered.radiance})
 
     log_light, material = parameters.tensors["log_light"], parameters.material()
-    every = torch.arange(len(problem.gbuffer.pixel), device=problem.device)
-    log_light += torch.log(light_of_the_mean_image(problem, every, material, len(log_light), generator, check))
+    believed = torch.nonzero(~problem.photographs.left_out)[:, 0]
+    entries = believed if len(believed) else torch.arange(len(problem.gbuffer.pixel), device=problem.device)
+    log_light += torch.log(light_of_the_mean_image(problem, entries, material, len(log_light), generator, check))

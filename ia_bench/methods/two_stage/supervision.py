@@ -84,7 +84,8 @@ class Supervision:
             return torch.zeros((), device=prediction.device)
         if self._distilled:
             return self._settings.specular_weight * self._difference("specular", prediction, pixels)
-        difference = tone_map(prediction) - tone_map(self.targets.values["specular"][pixels])
+        unit = self._problem.photographs.unit
+        difference = tone_map(unit * prediction) - tone_map(unit * self.targets.values["specular"][pixels])
         if "specular" in self.targets.at_least:
             difference = torch.where(self.targets.at_least["specular"][pixels], difference.clamp(max=0), difference)
         return self._settings.specular_weight * (self.targets.weight[pixels] * difference.abs()).mean()

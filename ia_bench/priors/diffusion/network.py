@@ -83,6 +83,8 @@ class NetworkConfig:
         stride = self.fold * 2 ** (len(self.channels) - 1)
         if self.size % stride:
             raise InputError(f"network.size: expected a multiple of {stride} (fold x down-sampling), found {self.size}")
+        if self.encoder == "small" and self.size % 4:
+            raise InputError(f"network.size: expected a multiple of 4 for the small encoder, found {self.size}")
         if self.encoder == "small" and self.tokens % 16:
             raise InputError(f"network.tokens: expected a multiple of 16 for the small encoder, found {self.tokens}")
         for key in self.schedule:
