@@ -52,12 +52,12 @@ class Photo:
 
 
 def photograph(path: Path, mask: Path | None, notes: list[str], sought: Path | None = None) -> Photo:
-    """A photograph, linear as OpenEXR or 8-bit sRGB as anything else.
+    """A photograph, linear as OpenEXR or 8-bit sRGB as anything else, with the pixels as they are stored, whatever its EXIF says.
 
     ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither; it names
     the file that a reader has ``sought`` in vain.
     """
-    image, coverage = read_photograph(path, mask, notice=notes.append)
+    image, coverage = read_photograph(path, mask, upright=False, notice=notes.append)
     if mask is None and coverage.min() >= 1:
         lacking = "no mask" if sought is None else f"no {sought}{_lookalike(sought)}"
         raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and {lacking}")

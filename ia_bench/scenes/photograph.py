@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import ExifTags, Image, ImageOps
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
@@ -18,22 +18,34 @@ from ia_bench.scenes.exr import read_exr, refuse_negative
 HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
 """Greyscale modes of Pillow with more than 8 bits, and the value of white in them."""
 
+AS_STORED = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_90,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_270,
+}
+"""What undoes the turn that an EXIF orientation asks for."""
+
 ALPHA_ROUNDING = 1e-3  # half floats and filters pass 1 by a little
 
 
 def read_photograph(
-    path: Path, mask: Path | None = None, *, notice: Callable[[str], None] = warnings.warn
+    path: Path, mask: Path | None = None, *, upright: bool = True, notice: Callable[[str], None] = warnings.warn
 ) -> tuple[np.ndarray, np.ndarray]:
     """A picture as linear radiance (H, W, 3) float32, premultiplied, and its mask (H, W) in [0, 1].
 
-    OpenEXR files are linear and their alpha premultiplied; everything else that Pillow opens is sRGB with straight alpha,
-    turned upright by its EXIF orientation. ``mask``: a picture of the same size, white where the object is; it
-    multiplies the alpha. Without either the whole picture is the object. ``notice`` is told what had to be mended. Raises
-    InputError.
+    OpenEXR files are linear and their alpha premultiplied; everything else that Pillow opens is sRGB with straight alpha.
+    ``upright`` turns photograph and mask by the EXIF orientation of each, as viewers do; a photograph with a camera needs False,
+    since calibrated cameras, and masks made for them, are of the pixels as they are stored. ``mask``: a picture of the same
+    size, white where the object is; it multiplies the alpha. Without either the whole picture is the object. ``notice`` is told
+    what had to be mended. Raises InputError.
     """
-    radiance, coverage = _read_linear(path, notice) if path.suffix.lower() == ".exr" else _read_encoded(path)
+    radiance, coverage = _read_linear(path, notice) if path.suffix.lower() == ".exr" else _read_encoded(path, upright)
     if mask is not None:
-        chosen = read_mask(mask)
+        chosen = read_mask(mask, upright=upright)
         if chosen.shape != coverage.shape:
             found, expected = chosen.shape, coverage.shape
             raise InputError(f"{mask}: expected {expected[1]} x {expected[0]} pixels like {path}, found {found[1]} x {found[0]}")
@@ -58,23 +70,29 @@ def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray,
     return image[..., :3], image[..., 3].clip(0, 1)
 
 
-def _read_encoded(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    values = read_values(path)
+def _read_encoded(path: Path, upright: bool) -> tuple[np.ndarray, np.ndarray]:
+    values = _values(path, open_picture(path, upright=upright))
     return srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
 
 
 def read_values(path: Path) -> np.ndarray:
     """A picture as it is stored, (H, W, 4) float32 from 0 to 1, opaque where it has no alpha. Raises InputError."""
-    picture = open_picture(path)
+    return _values(path, open_picture(path))
+
+
+def _values(path: Path, picture: Image.Image) -> np.ndarray:
     if picture.mode in HIGH_BIT_MODES:
         grey = greyscale(path, picture)
         return np.dstack([grey, grey, grey, np.ones_like(grey)])
     return np.asarray(picture.convert("RGBA"), np.float32) / 255
 
 
-def read_mask(path: Path) -> np.ndarray:
-    """A mask (H, W) from 0 to 1: the alpha of a cut-out, or else how bright the picture is. Raises InputError."""
-    picture = open_picture(path)
+def read_mask(path: Path, *, upright: bool = False) -> np.ndarray:
+    """A mask (H, W) from 0 to 1: the alpha of a cut-out, or else how bright the picture is. Raises InputError.
+
+    ``upright`` turns it by its EXIF orientation.
+    """
+    picture = open_picture(path, upright=upright)
     if "transparency" in picture.info:
         picture = picture.convert("RGBA")
     if "A" in picture.getbands():
@@ -94,16 +112,27 @@ def greyscale(path: Path, picture: Image.Image) -> np.ndarray:
     return np.asarray(picture.convert("L"), np.float32) / 255
 
 
-def open_picture(path: Path) -> Image.Image:
-    """A picture that Pillow reads, whole and upright. Raises InputError, naming the file, for what is none."""
+def open_picture(path: Path, *, upright: bool = False) -> Image.Image:
+    """A picture that Pillow reads, whole: as it is stored, or turned ``upright`` by its EXIF orientation.
+
+    Raises InputError, naming the file, for what is none.
+    """
     if not is_file(path):
         raise InputError(f"{shown(path)}: no such image")
     try:
         with Image.open(path) as file:
-            upright = ImageOps.exif_transpose(file)
-            upright.load()
+            picture = ImageOps.exif_transpose(file) if upright else _as_stored(file)
+            picture.load()
     except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError) as error:  # as its formats raise them
         raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ...), found {error}") from None
-    if upright.mode == "F":
+    if picture.mode == "F":
         raise InputError(f"{path}: expected whole numbers, found floating point; linear images are read as OpenEXR")
-    return upright
+    return picture
+
+
+def _as_stored(file: Image.Image) -> Image.Image:
+    """The picture with its rows and columns as the file has them; of all formats Pillow turns TIFF while it loads it."""
+    orientation = file.getexif().get(ExifTags.Base.Orientation) if file.format == "TIFF" else None
+    file.load()
+    turn = AS_STORED.get(orientation) if orientation is not None else None
+    return file.copy() if turn is None else file.transpose(turn)

@@ -1,12 +1,14 @@
-"""Pictures that are none, each in a format whose decoder has an exception of its own for it."""
+"""Pictures that are none, each in a format whose decoder has an exception of its own for it, and pictures stored in other turns."""
 
 from __future__ import annotations
 
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.photograph import open_picture
@@ -33,4 +35,24 @@ def with_a_wrong_tag() -> bytes:
 def test_a_damaged_picture_is_named(tmp_path: Path, name: str, content: bytes) -> None:
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=f"{name}: expected a picture"):
-        open_picture(tmp_path / name)
+        open_picture(tmp_path / name, upright=True)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
+def test_pixels_are_those_of_the_file_unless_turned_upright(tmp_path: Path, suffix: str, orientation: int) -> None:
+    """The stored pixels are those that were written; upright ones are what Pillow makes of a PNG, since it turns TIFF by itself."""
+    pixels = np.zeros((32, 48, 3), np.uint8)
+    pixels[:16, :16], pixels[16:, 32:] = (250, 128, 3), (3, 9, 128)
+    exif = Image.Exif()
+    exif[0x112] = orientation
+    tag: dict[str, Any] = {"tiffinfo": {0x112: orientation}} if suffix == "tif" else {"exif": exif}
+    lossless = {"quality": 100, "subsampling": 0} if suffix == "jpg" else {}
+    Image.fromarray(pixels).save(tmp_path / f"turned.{suffix}", **tag, **lossless)
+    Image.fromarray(pixels).save(tmp_path / "turned_reference.png", exif=exif)
+    with Image.open(tmp_path / "turned_reference.png") as file:
+        upright = np.asarray(ImageOps.exif_transpose(file)).astype(int)
+    for expected, found in ((pixels, False), (upright, True)):
+        values = np.asarray(open_picture(tmp_path / f"turned.{suffix}", upright=found)).astype(int)
+        assert values.shape == expected.shape
+        assert np.abs(values - expected).max() <= (3 if suffix == "jpg" else 0)
