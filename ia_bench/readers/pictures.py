@@ -13,6 +13,7 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.color_profile import IGNORED
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.photograph import read_mask, read_photograph, read_values
 from ia_bench.scenes.scene import Camera, View
@@ -57,7 +58,7 @@ def photograph(path: Path, mask: Path | None, notes: list[str], sought: Path | N
     ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither; it names
     the file that a reader has ``sought`` in vain.
     """
-    image, coverage = read_photograph(path, mask, upright=False, notice=notes.append)
+    image, coverage = read_photograph(path, mask, upright=False, notice=lambda note: _note(notes, path, note))
     if mask is None and coverage.min() >= 1:
         lacking = "no mask" if sought is None else f"no {sought}{_lookalike(sought)}"
         raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and {lacking}")
@@ -65,6 +66,13 @@ def photograph(path: Path, mask: Path | None, notes: list[str], sought: Path | N
     clipped = (image >= CLIPPED * coverage[..., None]).any(-1) & (coverage > 0)
     saturated = path.suffix.lower() != ".exr" and bool(clipped.any())
     return Photo(np.ascontiguousarray(image), coverage, ~clipped if saturated else None)
+
+
+def _note(notes: list[str], path: Path, note: str) -> None:
+    """Add a note on the file ``path``, but a colour profile that all photographs share is told of once."""
+    said = note.removeprefix(str(path))
+    if not (said.endswith(IGNORED) and any(known.endswith(said) for known in notes)):
+        notes.append(note)
 
 
 def _lookalike(sought: Path) -> str:

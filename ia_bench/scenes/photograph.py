@@ -13,6 +13,7 @@ from PIL import ExifTags, Image, ImageOps
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.color_profile import in_srgb
 from ia_bench.scenes.exr import read_exr, refuse_negative
 
 HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
@@ -37,13 +38,14 @@ def read_photograph(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A picture as linear radiance (H, W, 3) float32, premultiplied, and its mask (H, W) in [0, 1].
 
-    OpenEXR files are linear and their alpha premultiplied; everything else that Pillow opens is sRGB with straight alpha.
-    ``upright`` turns photograph and mask by the EXIF orientation of each, as viewers do; a photograph with a camera needs False,
-    since calibrated cameras, and masks made for them, are of the pixels as they are stored. ``mask``: a picture of the same
-    size, white where the object is; it multiplies the alpha. Without either the whole picture is the object. ``notice`` is told
-    what had to be mended. Raises InputError.
+    OpenEXR files are linear and their alpha premultiplied; everything else that Pillow opens is sRGB with straight alpha, or is
+    made sRGB by the colour profile in it. ``mask``: a picture of the same size, white where the object is; it multiplies the
+    alpha. Without either the whole picture is the object. ``notice`` is told what had to be mended.
+
+    ``upright`` turns photograph and mask by the EXIF orientation of each, as viewers do. A photograph with a camera needs False,
+    since calibrated cameras, and masks made for them, are of the pixels as they are stored. Raises InputError.
     """
-    radiance, coverage = _read_linear(path, notice) if path.suffix.lower() == ".exr" else _read_encoded(path, upright)
+    radiance, coverage = _read_linear(path, notice) if path.suffix.lower() == ".exr" else _read_encoded(path, upright, notice)
     if mask is not None:
         chosen = read_mask(mask, upright=upright)
         if chosen.shape != coverage.shape:
@@ -70,8 +72,8 @@ def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray,
     return image[..., :3], image[..., 3].clip(0, 1)
 
 
-def _read_encoded(path: Path, upright: bool) -> tuple[np.ndarray, np.ndarray]:
-    values = _values(path, open_picture(path, upright=upright))
+def _read_encoded(path: Path, upright: bool, notice: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
+    values = _values(path, in_srgb(path, open_picture(path, upright=upright), notice))
     return srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
 
 
