@@ -61,7 +61,11 @@ class DtuReader:
 
 
 def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """world_mat_i and scale_mat_i of every photograph. Raises InputError for anything else."""
+    """world_mat_i and scale_mat_i of every photograph, ``count`` in all.
+
+    Raises InputError for anything else, and for another number of cameras: photographs belong to cameras by their order, so where
+    one is missing, or one too many, all that follow would have a wrong camera.
+    """
     try:
         with np.load(path, allow_pickle=False) as content:
             stored = {
@@ -69,12 +73,14 @@ def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
             }
     except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise InputError(f"{path}: expected matrices of numpy (.npz), found {error}") from None
+    cameras = sum(name.removeprefix("world_mat_").isdecimal() for name in stored)
+    if cameras != count:
+        raise InputError(f"{path}: expected as many photographs in image/ as cameras ({cameras}), found {count}")
     pairs = []
     for place in range(count):
         for key in (f"world_mat_{place}", f"scale_mat_{place}"):
             if key not in stored:
-                have = sum(name.removeprefix("world_mat_").isdecimal() for name in stored)
-                raise InputError(f"{path}: expected {key} for the {count} photographs in image/, found {have} cameras")
+                raise InputError(f"{path}: expected {key} for the {count} photographs in image/, found none of that name")
             if stored[key].shape != (4, 4) or not np.isfinite(stored[key]).all():
                 raise InputError(f"{path}: {key}: expected 4 x 4 finite numbers, found shape {stored[key].shape}")
         pairs.append((stored[f"world_mat_{place}"], stored[f"scale_mat_{place}"]))

@@ -12,10 +12,10 @@ from ia_bench.scenes.scene import View
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """The pictures in a folder, by name. Raises InputError for no folder and for an empty one."""
+    """The pictures in a folder, by name; suffixes may be in upper case. Raises InputError for no folder and for an empty one."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder of photographs, found none")
-    found = sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES)
+    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     if not found:
         raise InputError(f"{folder}: expected photographs ({', '.join(SUFFIXES)}), found none")
     return found

@@ -19,7 +19,8 @@ from ia_bench.scenes.photograph import read_mask, read_photograph, read_values
 from ia_bench.scenes.scene import Camera, View
 
 Encoding = Literal["srgb", "linear"]
-SUFFIXES = (".png", ".jpg", ".jpeg", ".JPG", ".exr", ".webp", ".tiff", ".tif")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".webp", ".tiff", ".tif")
+"""Of photographs, in lower case; cameras write them in upper case, too."""
 CLIPPED = 0.9999  # of a linear channel; 254 of 255 is .991
 FLAWLESS = 0.9  # intersection over union of the masks of a photograph and its truth; edges of binary masks differ by less
 
@@ -27,7 +28,7 @@ FLAWLESS = 0.9  # intersection over union of the masks of a photograph and its t
 def picture_below(folder: Path, name: object, where: str) -> Path:
     """The picture below ``folder`` that ``name`` means, with or without its suffix. Raises InputError naming ``where``."""
     if isinstance(name, str) and name and not (folder / name).is_file():
-        for suffix in SUFFIXES:
+        for suffix in (*SUFFIXES, *map(str.upper, SUFFIXES)):
             if (folder / f"{name}{suffix}").is_file():
                 return file_below(folder, f"{name}{suffix}", where)
     return file_below(folder, name, where)

@@ -133,7 +133,15 @@ MISTAKES: dict[str, Mistakes] = {
         "no archive": (text(CAMERAS, "no archive"), "cameras.npz: expected matrices of numpy"),
         "fewer cameras": (
             arrays(lambda a: a.pop("world_mat_18")),
-            "expected world_mat_18 for the 19 photographs in image/, found 18",
+            r"cameras\.npz: expected as many photographs in image/ as cameras \(18\), found 19",
+        ),
+        "a photograph is missing": (
+            gone("image/003.png"),
+            r"cameras\.npz: expected as many photographs in image/ as cameras \(19\), found 18",
+        ),
+        "a camera of another name": (
+            arrays(lambda a: a.update(world_mat_19=a.pop("world_mat_4"))),
+            "expected world_mat_4 for the 19 photographs in image/, found none of that name",
         ),
         "no scale": (arrays(lambda a: a.pop("scale_mat_0")), "expected scale_mat_0 for the 19 photographs"),
         "3 x 4": (one_matrix("world_mat_3", lambda m: m[:3]), r"world_mat_3: expected 4 x 4 finite numbers, found shape \(3, 4\)"),
@@ -150,7 +158,7 @@ MISTAKES: dict[str, Mistakes] = {
         ),
         "another photograph more": (
             lambda f: (f / "image" / "999.png").write_bytes((f / "image" / "000.png").read_bytes()),
-            "expected world_mat_19 for the 20 photographs",
+            r"expected as many photographs in image/ as cameras \(19\), found 20",
         ),
     },
     "colmap": {
