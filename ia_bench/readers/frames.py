@@ -18,13 +18,15 @@ def frames_of(path: Path) -> list[Frame]:
 
     ``frames`` is a list, or an object whose keys number or name its frames. Raises InputError.
     """
-    content = read_json(path)
-    listed = content.pop("frames", None)
+    return frames_in(path, read_json(path))
+
+
+def frames_in(path: Path, content: Mapping[str, Any]) -> list[Frame]:
+    """The frames of :func:`frames_of`, where the ``content`` of the file is there already."""
+    shared = {key: value for key, value in content.items() if key != "frames"}
+    listed = content.get("frames")
     if isinstance(listed, dict):
-        pairs = [
-            (f"{path}: frames[{key!r}]", {"key": key, **frame} if isinstance(frame, dict) else frame)
-            for key, frame in listed.items()
-        ]
+        pairs = [(f"{path}: frames[{key!r}]", frame) for key, frame in listed.items()]
     elif isinstance(listed, list):
         pairs = [(f"{path}: frames[{place}]", frame) for place, frame in enumerate(listed)]
     else:
@@ -34,4 +36,4 @@ def frames_of(path: Path) -> list[Frame]:
     for where, frame in pairs:
         if not isinstance(frame, dict):
             raise InputError(f"{where}: expected an object, found {type(frame).__name__}")
-    return [(where, {**content, **frame}) for where, frame in pairs]
+    return [(where, {**shared, **frame}) for where, frame in pairs]

@@ -1,15 +1,16 @@
 """Reader of nerfstudio's and Blender-NeRF's folders: photographs with poses in transforms.json or transforms_SPLIT.json.
 
 One ``transforms.json`` (nerfstudio, Instant-NGP) names the frames of each split under ``train_filenames``, ``val_filenames`` and
-``test_filenames``; without these every ``every``-th photograph is held out. ``transforms_train.json`` and ``transforms_test.json``
-(NeRF's Blender scenes) are splits of their own. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``; that of
-images/left/NAME.png may also be ``masks/left/NAME.png``.
+``test_filenames``; without ``train_filenames`` all others are for training, and without any every ``every``-th photograph is held
+out. ``transforms_train.json`` and ``transforms_test.json`` (NeRF's Blender scenes) are splits of their own. No photograph may be in
+both. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``; that of images/left/NAME.png may also be
+``masks/left/NAME.png``.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
 from ia_bench.readers.distortion import lens, undistorted
 from ia_bench.readers.fields import camera, number
-from ia_bench.readers.frames import Frame, frames_of
+from ia_bench.readers.frames import Frame, frames_in, frames_of
 from ia_bench.readers.intake import Intake, Unwrapping
 from ia_bench.readers.pictures import photograph, picture_below
 from ia_bench.scenes.scene import Scene, View
@@ -65,25 +66,25 @@ class NerfstudioReader:
             if not (folder / TRAINING).is_file():
                 raise InputError(f"{folder}: expected {WHOLE} or {TRAINING}, found neither")
             held_out = frames_of(folder / TESTING) if (folder / TESTING).is_file() else []
-            return frames_of(folder / TRAINING), held_out
-        frames = frames_of(folder / WHOLE)
+            training = frames_of(folder / TRAINING)
+            _expect_each_once(_photographs([*training, *held_out]))
+            return training, held_out
         content = read_json(folder / WHOLE)
-        splits = {split: _named(folder / WHOLE, content, f"{split}_filenames") for split in ("train", "val", "test")}
-        if splits["train"] is None:
-            kept = [frame for place, frame in enumerate(frames) if place % self._every]
-            notes.append(f"{WHOLE} names no splits: every {self._every}th of {len(frames)} photographs is held out")
-            return kept, frames[:: self._every]
-        by_name = {str(frame.get("file_path")): (where, frame) for where, frame in frames}
-        for split, names in splits.items():
-            for name in names or ():
-                if name not in by_name:
-                    raise InputError(f"{folder / WHOLE}: {split}_filenames: expected file paths of frames, found {name!r}")
-        held_out = [by_name[name] for name in (splits["test"] or splits["val"] or ())]
-        return [by_name[name] for name in splits["train"]], held_out
+        frames = frames_in(folder / WHOLE, content)
+        splits = _splits_of(folder / WHOLE, content, frames)
+        held_out = splits["test"] or splits["val"] or []
+        if splits["train"] is not None:
+            return splits["train"], held_out
+        if held_out:
+            withheld = {where for split in ("val", "test") for where, _ in splits[split] or ()}
+            return [frame for frame in frames if frame[0] not in withheld], held_out
+        kept = [frame for place, frame in enumerate(frames) if place % self._every]
+        notes.append(f"{WHOLE} names no splits: every {self._every}th of {len(frames)} photographs is held out")
+        return kept, frames[:: self._every]
 
     def _view(self, where: str, frame: Mapping[str, Any], notes: list[str]) -> View:
         folder = self._intake.folder
-        path = picture_below(folder, frame.get("file_path"), f"{where}: file_path")
+        path = _spelled_below(folder, picture_below(folder, frame.get("file_path"), f"{where}: file_path"))
         photo = photograph(path, self._mask(where, path, frame), notes, self._places(path)[0])
         height, width = photo.mask.shape
         for key, size in (("w", width), ("h", height)):
@@ -129,8 +130,49 @@ class NerfstudioReader:
         return [place / name for place in (masks.joinpath(*photo.parent.parts[1:]), masks) for name in names]
 
 
+def _splits_of(path: Path, content: Mapping[str, Any], frames: Sequence[Frame]) -> dict[str, list[Frame] | None]:
+    """The frames that the file names for each split, None where it does not. Raises InputError for a name that no frame has."""
+    _expect_each_once(_photographs(frames))
+    by_name = {_plain(frame.get("file_path")): (where, frame) for where, frame in frames}
+    named = {split: _named(path, content, f"{split}_filenames") for split in ("train", "val", "test")}
+    for split, names in named.items():
+        unknown = next((name for name in names or () if _plain(name) not in by_name), None)
+        if unknown is not None:
+            raise InputError(f"{path}: {split}_filenames: expected file paths of frames, found {unknown!r}")
+    read = ("train", "test" if named["test"] else "val")
+    _expect_each_once((f"{path}: {split}_filenames", name) for split in read for name in named[split] or ())
+    return {split: None if names is None else [by_name[_plain(name)] for name in names] for split, names in named.items()}
+
+
+def _photographs(frames: Iterable[Frame]) -> Iterator[tuple[str, str]]:
+    """Where each photograph of ``frames`` is named, and how. What is no text is told of where it is opened."""
+    named = ((f"{where}: file_path", frame.get("file_path")) for where, frame in frames)
+    return ((where, name) for where, name in named if isinstance(name, str))
+
+
+def _expect_each_once(named: Iterable[tuple[str, str]]) -> None:
+    """Raise InputError for a photograph that comes twice: it would count twice, or be scored although it was fitted."""
+    known: dict[str, str] = {}
+    for where, name in named:
+        first = known.get(_plain(name))
+        if first is not None:
+            found = f"{name!r} twice" if first == where else f"{name!r} again, as in {first}"
+            raise InputError(f"{where}: expected every photograph once, found {found}")
+        known[_plain(name)] = where
+
+
 def _named(path: Path, content: Mapping[str, Any], key: str) -> list[str] | None:
     names = content.get(key)
     if names is not None and not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
         raise InputError(f"{path}: {key}: expected a list of file paths, found {names!r:.100}")
     return names
+
+
+def _plain(name: object) -> str:
+    """A path without ``./`` and the like, to be compared."""
+    return os.path.normpath(str(name))
+
+
+def _spelled_below(folder: Path, path: Path) -> Path:
+    """A file of the folder as a path below it, also where an absolute path leads there through a link."""
+    return path if path.is_relative_to(folder) else folder / path.resolve().relative_to(folder.resolve())

@@ -1,0 +1,113 @@
+"""Which frames of transforms.json are for training and which are held out, and paths that lead to the folder by another way."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from nerf_writers import write_blender, write_nerfstudio
+from written import scene_to_write
+
+from ia_bench.common.errors import InputError
+from ia_bench.readers.nerfstudio import NerfstudioReader
+from ia_bench.scenes.scene import Scene
+
+TRAIN, VAL, TEST = "train_filenames", "val_filenames", "test_filenames"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, tiny: Scene) -> Path:
+    """The scene `tiny` as nerfstudio has it, below a folder of its own."""
+    write_nerfstudio(tmp_path / "tiny", scene_to_write(tiny))
+    return tmp_path / "tiny"
+
+
+def change(folder: Path, how: Callable[[dict[str, Any]], object], name: str = "transforms.json") -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / name).read_text())
+    how(content)
+    (folder / name).write_text(json.dumps(content))
+    return content
+
+
+def names(folder: Path, split: str) -> list[str]:
+    return [f"{view.name}.png" for view in getattr(NerfstudioReader(folder).read(truth=False), split)]
+
+
+@pytest.mark.parametrize("kept", [TEST, VAL])
+def test_all_that_is_not_held_out_is_for_training(folder: Path, kept: str) -> None:
+    def only(content: dict[str, Any]) -> None:
+        del content[TRAIN]
+        content[kept] = content.pop(TEST)
+
+    content = change(folder, only)
+    assert names(folder, "test") == content[kept]
+    everything = [frame["file_path"] for frame in content["frames"]]
+    assert names(folder, "train") == [name for name in everything if name not in content[kept]]
+
+
+def test_validation_frames_are_not_trained_on_where_test_frames_are_held_out(folder: Path) -> None:
+    def both(content: dict[str, Any]) -> None:
+        content[VAL] = content.pop(TRAIN)[:2]
+
+    content = change(folder, both)
+    assert not set(names(folder, "train")) & {*content[VAL], *content[TEST]}
+    assert names(folder, "test") == content[TEST]
+
+
+def refused(folder: Path) -> str:
+    with pytest.raises(InputError) as error:
+        NerfstudioReader(folder).read(truth=False)
+    return str(error.value)
+
+
+def test_a_frame_in_training_and_test_is_refused(folder: Path) -> None:
+    content = change(folder, lambda c: c[TEST].append(f"./{c[TRAIN][3]}"))
+    said = refused(folder)
+    assert said == (
+        f"{folder}/transforms.json: test_filenames: expected every photograph once, found './{content[TRAIN][3]}' again, "
+        f"as in {folder}/transforms.json: train_filenames"
+    )
+
+
+def test_a_name_twice_in_a_split_is_refused(folder: Path) -> None:
+    change(folder, lambda c: c[TRAIN].append(c[TRAIN][0]))
+    assert re.search(r"train_filenames: expected every photograph once, found 'images/train_\d+\.png' twice", refused(folder))
+
+
+@pytest.mark.parametrize("splits", [True, False])
+def test_a_photograph_of_two_frames_is_refused(folder: Path, splits: bool) -> None:
+    def twice(content: dict[str, Any]) -> None:
+        content["frames"].append({**content["frames"][2]})
+        if not splits:
+            del content[TRAIN], content[TEST]
+
+    count = len(change(folder, twice)["frames"])
+    said = refused(folder)
+    assert f"frames[{count - 1}]: file_path: expected every photograph once" in said
+    assert said.endswith("transforms.json: frames[2]: file_path")
+
+
+def test_a_photograph_in_two_files_of_frames_is_refused(tmp_path: Path, tiny: Scene) -> None:
+    write_blender(tmp_path, scene_to_write(tiny))
+    first = json.loads((tmp_path / "transforms_train.json").read_text())["frames"][0]
+    change(tmp_path, lambda c: c["frames"].append(first), "transforms_test.json")
+    assert "transforms_train.json: frames[0]: file_path" in refused(tmp_path)
+
+
+def test_an_absolute_path_through_a_link_leads_to_the_same_photograph(folder: Path) -> None:
+    expected = names(folder, "train")
+    link = folder.parent / "link"
+    link.symlink_to(folder)
+
+    def absolute(content: dict[str, Any]) -> None:
+        for frame in content["frames"]:
+            frame["file_path"] = str(link / frame["file_path"])
+        for split in (TRAIN, TEST):
+            content[split] = [str(link / name) for name in content[split]]
+
+    change(folder, absolute)
+    assert names(folder, "train") == expected
