@@ -13,10 +13,14 @@ from ia_bench.common.files import is_file, shown
 
 RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
 
+MAX_PIXELS = 1 << 28
+"""Of a display window that is larger than the image stored: beyond it, a header is taken for damaged."""
+
 
 def read_exr(path: Path, channels: int | None) -> np.ndarray:
     """Read ``channels`` of an image (1: Y, 3: RGB, 4: RGBA; None: RGBA where it has alpha, else RGB) as (H, W, channels) float32.
 
+    The image is as large as the display window; where the data window has less, as renderers crop what is empty, it is 0.
     Raises InputError, naming the file, when it is missing, unreadable, of another channel layout, or holds NaN or Inf.
     """
     if not is_file(path):
@@ -26,6 +30,7 @@ def read_exr(path: Path, channels: int | None) -> np.ndarray:
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             found = {name: channel.pixels for name, channel in file.channels().items()}
+            stored, window = (np.array(file.header()[key], int) for key in ("dataWindow", "displayWindow"))
     except (RuntimeError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
     names = {1: "Y", 3: "RGB", 4: "RGBA"}[channels or (4 if "A" in found else 3)]
@@ -33,11 +38,30 @@ def read_exr(path: Path, channels: int | None) -> np.ndarray:
     if missing:
         raise InputError(f"{path}: expected channels {', '.join(names)}, found {', '.join(sorted(found))}")
     image = np.stack([found[name] for name in names], axis=-1).astype(np.float32)
+    if not np.array_equal(stored, window):
+        image = _in_window(path, image, stored, window)
     if not np.isfinite(image).all():
         row, column = np.argwhere(~np.isfinite(image).all(axis=-1))[0]
         bad = int((~np.isfinite(image)).any(axis=-1).sum())
         raise InputError(f"{path}: {bad} pixel(s) are NaN or Inf, the first at row {row}, column {column}")
     return image
+
+
+def _in_window(path: Path, image: np.ndarray, stored: np.ndarray, window: np.ndarray) -> np.ndarray:
+    """An image whose pixels lie in the window ``stored``, cut and padded with 0 to another one.
+
+    Windows are ((column, row) of the first pixel, that of the last). Raises InputError for one of more than MAX_PIXELS.
+    """
+    width, height = (window[1] - window[0] + 1).tolist()
+    if width * height > MAX_PIXELS:
+        raise InputError(f"{path}: expected a display window of at most {MAX_PIXELS} pixels, found {width} x {height}")
+    whole = np.zeros((height, width, image.shape[-1]), np.float32)
+    first, end = np.maximum(stored[0], window[0]), np.minimum(stored[1], window[1]) + 1
+    if (end > first).all():
+        (left, top), (right, bottom) = (first - window[0]).tolist(), (end - window[0]).tolist()
+        column, row = (first - stored[0]).tolist()
+        whole[top:bottom, left:right] = image[row : row + bottom - top, column : column + right - left]
+    return whole
 
 
 def refuse_negative(path: Path, radiance: np.ndarray) -> None:
