@@ -90,9 +90,10 @@ def _values(path: Path, picture: Image.Image) -> np.ndarray:
 
 
 def read_mask(path: Path, *, upright: bool = False) -> np.ndarray:
-    """A mask (H, W) from 0 to 1: the alpha of a cut-out, or else how bright the picture is. Raises InputError.
+    """A mask (H, W) from 0 to 1: the alpha of a cut-out, or else how bright the picture is.
 
-    ``upright`` turns it by its EXIF orientation.
+    ``upright`` turns it by its EXIF orientation. Raises InputError, also for a map of labels, which is 1 where the object is and
+    not white; a mask that is 0 everywhere is for the caller to refuse.
     """
     picture = open_picture(path, upright=upright)
     if "transparency" in picture.info:
@@ -101,7 +102,12 @@ def read_mask(path: Path, *, upright: bool = False) -> np.ndarray:
         alpha = np.asarray(picture.getchannel("A"), np.float32) / 255
         if alpha.min() < 1:
             return alpha  # a cut-out: its shape is in its alpha
-    return greyscale(path, picture)
+    mask = greyscale(path, picture)
+    if 0 < mask.max() <= 0.5:
+        white = HIGH_BIT_MODES.get(picture.mode, 255)
+        found = f"values up to {mask.max() * white:.0f} of {white:.0f}"
+        raise InputError(f"{path}: expected white ({white:.0f}) where the object is, found {found}")
+    return mask
 
 
 def greyscale(path: Path, picture: Image.Image) -> np.ndarray:
