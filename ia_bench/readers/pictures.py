@@ -14,7 +14,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.color_profile import IGNORED
-from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.photograph import read_mask, read_photograph, read_values
 from ia_bench.scenes.scene import Camera, View
 
@@ -109,20 +108,17 @@ def expect_size(path: Path, found: tuple[int, ...], expected: tuple[int, ...], l
 
 
 def true_map(path: Path, mask: np.ndarray, encoding: Encoding, *, channels: int = 3) -> np.ndarray:
-    """Albedo or roughness (H, W[, 3]) of a picture or OpenEXR file, premultiplied by the photograph's ``mask``.
+    """Albedo or roughness (H, W[, 3]) of a picture, premultiplied by the photograph's ``mask``.
 
     Straight values are taken as they are or decoded from sRGB; a picture's own alpha must cover what the photograph's does.
     Raises InputError for another size and another silhouette.
     """
-    if path.suffix.lower() == ".exr":
-        values = read_exr(path, channels)
-        alpha = None
-    else:
-        stored = read_values(path)
-        values, alpha = stored[..., :3], stored[..., 3]
-        values = values[..., :channels] if encoding == "linear" else srgb_to_linear(values[..., :channels])
+    stored = read_values(path)
+    values, alpha = stored[..., :channels], stored[..., 3]
+    if encoding == "srgb":
+        values = srgb_to_linear(values)
     expect_size(path, values.shape, mask.shape, "its photograph")
-    if alpha is not None and alpha.min() < 1:
+    if alpha.min() < 1:
         _expect_silhouette(path, alpha, mask)
         values = np.where(alpha[..., None] > 0, values, 0)
     truth = (values * mask[..., None]).astype(np.float32)
