@@ -13,6 +13,7 @@ from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.scene import Mesh
 
 PARTS = ("vertices", "faces", "normals", "uv")
+SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
 
 def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
@@ -66,7 +67,10 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
         notes.append(f"{path.name}: dropped {len(vertices) - len(used)} unreferenced vertices of {len(vertices)}")
     vertices, normals, faces = vertices[used], normals[used], compact.reshape(faces.shape)
     if uv == "xatlas":
-        return unwrap(vertices, faces, normals), (*notes, f"{path.name}: UV made by xatlas")
+        try:
+            return unwrap(vertices, faces, normals), (*notes, f"{path.name}: UV made by xatlas")
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
     if texture_uv is None:
         raise InputError(f"{path}: the mesh has no UV; add them, or run with reader.options.uv=xatlas")
     texture_uv = np.asarray(texture_uv, np.float64)[used]
@@ -131,17 +135,29 @@ def _normals(vertices: np.ndarray, faces: np.ndarray, stored: np.ndarray | None,
 
 
 def unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh:
-    """The triangles with texture coordinates made by xatlas; vertices (V, 3) on its seams appear once per side."""
+    """The triangles with texture coordinates made by xatlas; vertices (V, 3) on its seams appear once per side.
+
+    xatlas compares areas with fixed limits, so what it is given of a SMALL object is as large as a unit cube.
+    Raises InputError where xatlas finds no finite coordinates.
+    """
     import xatlas
 
+    extent = float(np.ptp(vertices, axis=0).max())
+    enlarged = vertices / extent if 0 < extent < SMALL else vertices
     atlas = xatlas.Atlas()
-    atlas.add_mesh(vertices.astype(np.float32), faces.astype(np.uint32), normals.astype(np.float32))
+    atlas.add_mesh(enlarged.astype(np.float32), faces.astype(np.uint32), normals.astype(np.float32))
     options = xatlas.PackOptions()
     options.padding = 2
     options.resolution = 1024
     options.bilinear = True
     atlas.generate(pack_options=options)
     source, new_faces, uv = atlas[0]
+    lost = int((~np.isfinite(uv).all(axis=1)).sum())
+    if lost:
+        raise InputError(
+            f"xatlas: expected finite texture coordinates, found NaN or Inf at {lost} of {len(uv)} vertices; triangles are too "
+            f"small beside the mesh's longest side of {extent:.3g}: give it texture coordinates with another program"
+        )
     return Mesh(
         vertices=vertices[source].astype(np.float32),
         faces=new_faces.astype(np.int32),
