@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 
 from ia_bench.capture.radiometry import photographed
-from ia_bench.capture.settings import CaptureSettings, FaultSettings, without_effect
+from ia_bench.capture.settings import MADE, CaptureSettings, FaultSettings, without_effect
+from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.scenes.padding import of_one_size
 from ia_bench.scenes.scene import Scene, View
 
-DOUBTED = 3  # views that may be wrong about a point of the hull by which poses and masks are judged, at least
+DOUBTS, MANY = (3, 1), 8
+"""Of MANY photographs and more, how many may be wrong about a point of the hull by which poses and masks are judged: the first
+number that leaves it closed. Of fewer, hulls that doubt one are open, or move cameras to wrong places, more often."""
 
 
 def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None], begin: Begin = unseen) -> Scene:
@@ -30,6 +33,8 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         from ia_bench.capture.views import spread  # imported only here, as what follows: they bring in scipy and trimesh
 
         train = spread(train, settings.views)
+    if settings.tolerated >= len(train) and (settings.consistency or settings.geometry in MADE):
+        raise InputError(f"capture.tolerated={settings.tolerated}: expected fewer than the {len(train)} photographs that are taken")
     normals = []
     if settings.geometry == "sdf" and settings.sdf.normals != "none":
         from ia_bench.capture.normals import given_normals
@@ -40,10 +45,8 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         before, train = train, _taken(train, settings)
         scene = replace(scene, saturated_share=_saturated_share(before, train))
     if settings.consistency:
-        from ia_bench.geometry.consistency import consistent
-
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
-        train = consistent(train, settings.consistency, max(settings.tolerated, DOUBTED))
+        train = _agreeing(train, settings, note)
     differ = scene.exposures_differ or settings.exposure == "per_image"
     shaped = replace(scene, train=train, exposures_differ=differ)
     if settings.geometry != "given" or scene.mesh is None:
@@ -55,6 +58,22 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     from ia_bench.capture.margin import inside
 
     return replace(shaped, train=inside(shaped.train, settings.margin))
+
+
+def _agreeing(views: tuple[View, ...], settings: CaptureSettings, note: Callable[[str], None]) -> tuple[View, ...]:
+    """The views with poses and masks that agree better, by a hull that tolerates as many wrong ones as DOUBTS says.
+
+    Raises OpenHullError where a hull that tolerates ``capture.tolerated`` is open, too.
+    """
+    from ia_bench.geometry.consistency import consistent
+    from ia_bench.geometry.hull import OpenHullError
+
+    for doubted in (each for each in DOUBTS if each > settings.tolerated and len(views) >= MANY):
+        try:
+            return consistent(views, settings.consistency, doubted)
+        except OpenHullError:
+            note(f"capture.consistency={settings.consistency}: a hull that tolerates {doubted} views is open; it tolerates fewer")
+    return consistent(views, settings.consistency, settings.tolerated)
 
 
 def _taken(views: tuple[View, ...], settings: CaptureSettings) -> tuple[View, ...]:

@@ -28,12 +28,16 @@ POINTS_AT_ONCE = 2**18
 GROWTHS = 4  # how often the first box may grow by half, before the masks are said to leave the object unbounded
 
 
+class OpenHullError(InputError):
+    """The masks leave the object unbounded: there are too few views, or they look from one side."""
+
+
 def visual_hull(views: Sequence[View], cells: int, tolerated: int = 0) -> DistanceGrid:
     """The hull of the masks of ``views``, on ``cells`` cells along the longest side of its bounding box.
 
     ``tolerated``: how many views may see a point outside of their masks before it is cut away; the rest decide.
 
-    Raises InputError where no point is inside of all masks, or the masks leave the object unbounded.
+    Raises InputError where no point is inside of all masks, and OpenHullError where the masks leave the object unbounded.
     """
     outlines = silhouettes(views)
     low, high = _bounds(views, outlines, tolerated)
@@ -90,9 +94,10 @@ def _bounds(views: Sequence[View], outlines: Sequence[Silhouette], tolerated: in
         if (low > points[0] - 0.5 * cell).all() and (high < points[-1] + 0.5 * cell).all():
             return low, high
         half *= 1.5
-    raise InputError(
-        f"masks: expected views from enough sides to bound the object, found none from {len(views)} views; "
-        "capture.geometry=hull and sdf need views from all around" + _perhaps_inverted(views)
+    doubted = f", {tolerated} of which may be wrong (capture.tolerated)" if tolerated else ""
+    raise OpenHullError(
+        f"masks: expected views from enough sides to bound the object, found {len(views)} views that leave it open{doubted}; "
+        "hulls (capture.geometry=hull and sdf, capture.consistency) need views from all around" + _perhaps_inverted(views)
     )
 
 
