@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -11,6 +12,9 @@ from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.scene import Mesh
+
+if TYPE_CHECKING:
+    import trimesh
 
 PARTS = ("vertices", "faces", "normals", "uv")
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
@@ -43,7 +47,9 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
 
     try:
         loaded = trimesh.load(path, process=False, fix_texture=_uv_per_face(path))
-        if isinstance(loaded, trimesh.Scene):  # a file of several parts
+        stored = _stored_normals(loaded) if isinstance(loaded, trimesh.Trimesh) else None
+        if isinstance(loaded, trimesh.Scene):  # a file of several parts, or a glTF
+            stored = _normals_of_parts(loaded)
             loaded = loaded.to_mesh()
     except Exception as error:  # trimesh raises whatever its parsers raise
         raise InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})") from None
@@ -56,9 +62,6 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     texture_uv = getattr(loaded.visual, "uv", None)
     if texture_uv is not None and len(texture_uv) != len(vertices):
         raise InputError(f"{path}: expected one UV per vertex ({len(vertices)}), found {len(texture_uv)}")
-    # The public attribute would compute normals where the file has none; only its cache tells the two apart.
-    stored = loaded._cache.cache.get("vertex_normals")
-
     notes: list[str] = []
     faces = _without_degenerate(vertices, faces, path, notes)
     normals = _normals(vertices, faces, stored, path, notes)
@@ -84,6 +87,32 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
         uv=texture_uv.clip(0, 1).astype(np.float32),
     )
     return mesh, tuple(notes)
+
+
+def _stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:
+    """The normals (V, 3) that a file gives its mesh. The public attribute would compute some where there are none."""
+    stored: np.ndarray | None = part._cache.cache.get("vertex_normals")
+    return stored
+
+
+def _normals_of_parts(parts: trimesh.Scene) -> np.ndarray | None:
+    """The stored normals (V, 3) of all parts of a file, turned to where each part is placed, in the order of ``to_mesh``.
+
+    NaN for parts that have none, and None if no part has any: trimesh itself drops the normals of parts that it moves.
+    """
+    import trimesh
+
+    found, any_stored = [], False
+    for node in parts.graph.nodes_geometry:
+        matrix, name = parts.graph[node]
+        part = parts.geometry[name]
+        if not isinstance(part, trimesh.Trimesh):  # points or lines, which are no part of the mesh
+            continue
+        stored = _stored_normals(part)
+        any_stored |= stored is not None
+        normals = np.full(part.vertices.shape, np.nan) if stored is None else np.asarray(stored) @ np.linalg.pinv(matrix[:3, :3])
+        found.append(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
+    return np.concatenate(found) if any_stored else None
 
 
 def _uv_per_face(path: Path) -> bool:
