@@ -134,6 +134,7 @@ WITHOUT_EFFECT: dict[str, dict[str, tuple[object, ...]]] = {
     "percentile": {"radiometry": ("hdr",), "background": ("none",)},
     "jpeg": {"radiometry": ("hdr",)},
     "faults.blur": {"faults.blurred_views": (0,)},
+    "faults.seed": {f"faults.{name}": (0,) for name in ("poses", "mask_jitter", "wrong_masks", "blurred_views")},
     "smoothing": {"geometry": ("given", "hull", "sdf")},
     "cells": {"geometry": ("given", "smoothed", "sdf")},
     "tolerated": {"geometry": ("given", "smoothed"), "consistency": (0,)},

@@ -255,6 +255,14 @@ def test_a_mesh_is_made_to_the_bit_whatever_torch_is_asked_for(tiny: Scene, monk
         ({"faults": FaultSettings(blur=1.0)}, ["faults.blur changes nothing with capture.faults.blurred_views=0"]),
         ({"faults": FaultSettings(blur=1.0, blurred_views=1)}, []),
         (
+            {"faults": FaultSettings(seed=1, mask_growth=1.0)},  # which draws nothing
+            [
+                "faults.seed changes nothing with capture.faults.poses=0.0 and capture.faults.mask_jitter=0.0 "
+                "and capture.faults.wrong_masks=0 and capture.faults.blurred_views=0"
+            ],
+        ),
+        *(({"faults": FaultSettings(seed=1, **one)}, []) for one in ({"poses": 1.0}, {"mask_jitter": 1.0}, {"wrong_masks": 1})),
+        (
             {"geometry": "sdf", "sdf": SdfSettings(steps=0, align=True, normals="folder")},
             [f"sdf.{name} changes nothing with capture.sdf.steps=0" for name in ("align", "normals")],
         ),
