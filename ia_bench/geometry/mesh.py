@@ -11,20 +11,23 @@ import torch
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
+from ia_bench.geometry import overlap
 from ia_bench.scenes.scene import Mesh
 
 if TYPE_CHECKING:
     import trimesh
 
 PARTS = ("vertices", "faces", "normals", "uv")
+SHARED = 0.05  # of the texture that a mesh uses: more of it that belongs to several places is told of
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
 
 def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     """Read ``path`` (PLY, OBJ, glTF: whatever trimesh reads) and return the mesh and one note per repair.
 
-    ``uv``: "mesh" uses the file's texture coordinates, "xatlas" makes new ones. Raises InputError for a file without
-    triangles, with NaN or Inf vertices, or (with "mesh") without UV, or with UV outside [0, 1].
+    ``uv``: "mesh" uses the file's texture coordinates, and tells where they overlap; "xatlas" makes new ones.
+
+    Raises InputError for a file without triangles, with NaN or Inf vertices, or (with "mesh") without UV, or UV outside [0, 1].
 
     What a PLY file has become is kept in the cache, for this code: xatlas takes seconds, and trimesh half a second to be imported.
     """
@@ -32,7 +35,7 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
         raise InputError(f"{shown(path)}: no such mesh")
     if path.suffix.lower() != ".ply":  # others may refer to more files
         return _read(path, uv)
-    code = Path(__file__).read_text(encoding="utf-8")
+    code = "".join(Path(file).read_text(encoding="utf-8") for file in (__file__, overlap.__file__))
     cache, key = Cache(), content_key("mesh", code, uv, path.name, np.fromfile(path, np.uint8))
     kept = cache.get(key)
     if kept is None:
@@ -76,15 +79,11 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
             raise InputError(f"{path}: {error}") from None
     if texture_uv is None:
         raise InputError(f"{path}: the mesh has no UV; add them, or run with reader.options.uv=xatlas")
-    texture_uv = np.asarray(texture_uv, np.float64)[used]
-    low, high = texture_uv.min(), texture_uv.max()
-    if not np.isfinite([low, high]).all() or low < -1e-6 or high > 1 + 1e-6:
-        raise InputError(f"{path}: expected UV within [0, 1], found {low:.4g} ... {high:.4g}; run with reader.options.uv=xatlas")
     mesh = Mesh(
         vertices=vertices.astype(np.float32),
         faces=faces.astype(np.int32),
         normals=normals.astype(np.float32),
-        uv=texture_uv.clip(0, 1).astype(np.float32),
+        uv=_given_uv(np.asarray(texture_uv, np.float64)[used], faces, path, notes).astype(np.float32),
     )
     return mesh, tuple(notes)
 
@@ -121,6 +120,21 @@ def _uv_per_face(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return b" texcoord" in file.read(65536).split(b"end_header")[0]
+
+
+def _given_uv(uv: np.ndarray, faces: np.ndarray, path: Path, notes: list[str]) -> np.ndarray:
+    """The file's texture coordinates (V, 2), float64 in [0, 1]; InputError where they are outside, a note where they overlap."""
+    low, high = uv.min(), uv.max()
+    if not np.isfinite([low, high]).all() or low < -1e-6 or high > 1 + 1e-6:
+        raise InputError(f"{path}: expected UV within [0, 1], found {low:.4g} ... {high:.4g}; run with reader.options.uv=xatlas")
+    uv = uv.clip(0, 1)
+    shared = overlap.shared_texture(uv, faces)
+    if shared > SHARED:
+        notes.append(
+            f"warning: {path.name}: {shared:.0%} of the texture that it uses belongs to several places of its surface (mirrored or "
+            "stacked UV), which will all have one material; reader.options.uv=xatlas makes other coordinates"
+        )
+    return uv
 
 
 def _without_degenerate(vertices: np.ndarray, faces: np.ndarray, path: Path, notes: list[str]) -> np.ndarray:

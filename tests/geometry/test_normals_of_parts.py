@@ -18,10 +18,10 @@ HARD = np.array([[0.6, 0.0, 0.8]] * 3)
 """Normals of a triangle in the plane z = 0 that no program would compute from it."""
 
 
-def part(normals: np.ndarray | None) -> trimesh.Trimesh:
-    """A triangle with texture coordinates, with these normals (3, 3), or none."""
+def part(normals: np.ndarray | None, place: float = 0.0) -> trimesh.Trimesh:
+    """A triangle with texture coordinates, from ``place`` on, with these normals (3, 3), or none."""
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    uv = TextureVisuals(uv=0.4 * corners[:, :2])
+    uv = TextureVisuals(uv=place + 0.4 * corners[:, :2])
     return trimesh.Trimesh(corners, [[0, 1, 2]], vertex_normals=normals, visual=uv, process=False)
 
 
@@ -67,7 +67,7 @@ def test_a_turned_asset_is_the_mesh_that_it_was_made_of(tmp_path: Path, tiny: Sc
 )
 def test_normals_turn_with_their_part(tmp_path: Path, linear: np.ndarray) -> None:
     """They stay at right angles to what was in their plane, and on their side of it, however a part is turned, scaled, mirrored."""
-    path = written(tmp_path / "mesh.glb", (part(HARD), np.eye(4)), (part(HARD), placing(linear)))
+    path = written(tmp_path / "mesh.glb", (part(HARD), np.eye(4)), (part(HARD, 0.5), placing(linear)))
     mesh, notes = load_mesh(path)
     assert notes == ()
     far = mesh.vertices[:, 2] > 1  # the part that is placed
@@ -80,6 +80,6 @@ def test_normals_turn_with_their_part(tmp_path: Path, linear: np.ndarray) -> Non
 
 
 def test_a_part_without_normals_is_told_of(tmp_path: Path) -> None:
-    mesh, notes = load_mesh(written(tmp_path / "mesh.glb", (part(HARD), np.eye(4)), (part(None), placing(np.eye(3)))))
+    mesh, notes = load_mesh(written(tmp_path / "mesh.glb", (part(HARD), np.eye(4)), (part(None, 0.5), placing(np.eye(3)))))
     assert notes == ("mesh.glb: stored normals are zero or not finite in places; smooth normals computed instead",)
     np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * 6, atol=1e-6)
