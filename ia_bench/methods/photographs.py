@@ -12,7 +12,7 @@ from ia_bench.render.gbuffer import GBuffer
 from ia_bench.scenes.scene import Scene
 
 INSIDE = 0.4
-"""A mask of no more than that leaves a pixel out. Of a pixel that the mesh just fills, a camera's filter may show less than a half."""
+"""A mask of no more than that leaves a pixel out. Of one that the mesh just fills, a camera's filter may show less than a half."""
 USUAL, LEVEL = (0.04, 4.0), 0.2
 """Photographs whose mean radiance lies in the range USUAL, as in all scenes by which prices and weights were chosen, are compared
 as they are, others as if it were LEVEL: what a fit finds must not depend on the unit of the radiance."""
