@@ -14,7 +14,7 @@ from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.report.collect import Run, collect
 from ia_bench.report.published import read_published
-from ia_bench.report.site.against import changes, former_runs
+from ia_bench.report.site.against import Former, changes, read_former
 from ia_bench.report.site.content import RowTexts, Sources
 from ia_bench.report.site.gallery import Gallery
 from ia_bench.report.site.worth import maps
@@ -56,7 +56,7 @@ def _report(wanted: argparse.Namespace) -> int:
     table = load_table(wanted.table) if wanted.table else Table()
     rows = [row.name for row in table.crossed]
     published = [run for path in tables for run in read_published(path)]
-    former = None if wanted.against is None else former_runs(wanted.against)
+    former = None if wanted.against is None else read_former(wanted.against)
     make_writable(wanted.out, "--out")
     found = find_run_folders(*folders)
     try:
@@ -101,11 +101,11 @@ def _reference(wanted: str | None, folders: Sequence[Path], published: Sequence[
 
 
 def write_report_page(
-    report: Report, table: Table, out: Path, name: str, former: Path | None = None, reference: str | None = None
+    report: Report, table: Table, out: Path, name: str, former: Former | None = None, reference: str | None = None
 ) -> Path:
     """Write the page of a report below ``out`` and return its index.html.
 
-    ``former``: the runs.csv of an earlier report. ``reference``: the row that others are compared with capture by capture, where
+    ``former``: an earlier report. ``reference``: the row that others are compared with capture by capture, where
     it is not that of the report or the table.
     """
     found = report.findings

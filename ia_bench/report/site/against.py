@@ -17,6 +17,14 @@ Cell = tuple[str, int]  # scene, seed
 
 
 @dataclass(frozen=True)
+class Former:
+    """A former report: what it is called, and its runs."""
+
+    name: str
+    runs: tuple[Run, ...]
+
+
+@dataclass(frozen=True)
 class Change:
     """A mean over the scenes and seeds that finished in both reports, when it differs. ``scope``: a scene, or all of them."""
 
@@ -62,17 +70,20 @@ class Changes:
     protocols: tuple[str, ...]
 
 
-def former_runs(folder: Path) -> Path:
-    """The runs.csv of a former report, given its folder or that of its page. Raises InputError where there is none."""
-    for place in (folder / RUNS, folder.parent / RUNS):
-        if place.is_file():
-            return place
+def read_former(folder: Path) -> Former:
+    """A former report, given its folder or that of its page. Raises InputError where there is none, or one that cannot be read.
+
+    It is read before the new report is written, which may go into the same folder.
+    """
+    for place in (folder, folder.parent):
+        if (place / RUNS).is_file():
+            return Former(place.resolve().name, tuple(read_published(place / RUNS)))
     raise InputError(f"--against: {folder}: expected the folder of a report, with its {RUNS}, found none")
 
 
-def changes(former: Path, runs: Sequence[Run], rows: Sequence[str], scenes: Sequence[str]) -> Changes:
-    """Compare ``runs`` with those of a former report, given its runs.csv. Raises InputError where that is none."""
-    before = read_published(former)
+def changes(former: Former, runs: Sequence[Run], rows: Sequence[str], scenes: Sequence[str]) -> Changes:
+    """Compare ``runs`` with those of a former report."""
+    before = former.runs
     shared = [scene for scene in scenes if any(run.scene == scene for run in before)]
     changed: list[Change] = []
     same = 0
@@ -91,7 +102,7 @@ def changes(former: Path, runs: Sequence[Run], rows: Sequence[str], scenes: Sequ
     ours, theirs = ({(run.row, run.scene) for run in found} for found in (runs, before))
     protocols = {run.protocol for run in (*before, *runs) if run.protocol is not None}
     return Changes(
-        former=former.parent.resolve().name,
+        former=former.name,
         changed=tuple(changed),
         same=same,
         came=tuple(f"{row} on {scene}" for row, scene in sorted(ours - theirs)),

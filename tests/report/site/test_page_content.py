@@ -18,7 +18,7 @@ from ia_bench.report.claims import HOW_JUDGED
 from ia_bench.report.collect import Collection, collect
 from ia_bench.report.findings import analyse
 from ia_bench.report.published import read_published
-from ia_bench.report.site.against import changes, former_runs
+from ia_bench.report.site.against import changes, read_former
 from ia_bench.report.site.content import MEAN, Sources, scopes
 from ia_bench.report.site.evidence import Commands, common
 from ia_bench.report.site.gallery import Gallery
@@ -195,7 +195,7 @@ def test_changes_tell_what_is_beyond_seeds_what_came_and_what_drifted(write_run_
         write_run(f"only {folder}", "hat", config_hash=folder)
         write_report(find_run_folders(tmp_path / folder / "runs"), tmp_path / folder / "out")
     now = collect(find_run_folders(tmp_path / "after" / "runs")).runs
-    found = changes(former_runs(tmp_path / "before" / "out"), now, ("ours", "none", "drifted"), ("hat",))
+    found = changes(read_former(tmp_path / "before" / "out"), now, ("ours", "none", "drifted"), ("hat",))
     albedo = {one.row: one for one in found.changed if one.metric.key == "albedo.psnr"}
     assert {row: round(one.gain, 3) for row, one in albedo.items()} == {"ours": 5.0, "none": 0.05, "drifted": 5.0}
     assert {row: one.beyond_seeds for row, one in albedo.items()} == {"ours": True, "none": False, "drifted": False}
@@ -203,7 +203,7 @@ def test_changes_tell_what_is_beyond_seeds_what_came_and_what_drifted(write_run_
     assert found.went == ("only before on hat",)
     assert found.drifted == ("drifted, hat, seed 0",)
     with pytest.raises(InputError, match="--against: .* expected the folder of a report"):
-        former_runs(tmp_path / "before" / "runs")
+        read_former(tmp_path / "before" / "runs")
 
 
 def test_changes_compare_the_cells_that_finished_in_both(write_run_below: Write, tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_changes_compare_the_cells_that_finished_in_both(write_run_below: Write,
     write_run("ours", "hat", 1, status="failed", metrics={}, error="out of memory")
     write_report(find_run_folders(tmp_path / "before" / "runs"), tmp_path / "before" / "out")
     now = collect(find_run_folders(tmp_path / "after" / "runs")).runs
-    found = changes(former_runs(tmp_path / "before" / "out"), now, ("ours", "other"), ("hat", "ship", "drum"))
+    found = changes(read_former(tmp_path / "before" / "out"), now, ("ours", "other"), ("hat", "ship", "drum"))
     albedo = {one.scope: one for one in found.changed if one.metric.key == "albedo.psnr"}
     assert {scope: (one.row, one.before.mean, one.after.mean) for scope, one in albedo.items()} == dict.fromkeys(
         ("hat", "mean over scenes"), ("ours", 20.0, 22.0)
