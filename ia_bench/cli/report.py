@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
@@ -12,7 +12,7 @@ from ia_bench.common.exit_codes import OK, complain, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
-from ia_bench.report.collect import Run, collect
+from ia_bench.report.collect import Cell, Run, collect
 from ia_bench.report.published import read_published
 from ia_bench.report.site.against import Former, changes, read_former
 from ia_bench.report.site.content import RowTexts, Sources
@@ -22,7 +22,8 @@ from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.texts import markdown_block
 from ia_bench.report.value.write import write_value
 from ia_bench.report.write import Report, write_report
-from ia_bench.runs.folder import find_run_folders, folders_among
+from ia_bench.runs.cells import folders_with_cells
+from ia_bench.runs.folder import folders_among
 from ia_bench.runs.table import Table, load_table
 
 PAGE = "page"
@@ -58,7 +59,7 @@ def _report(wanted: argparse.Namespace) -> int:
     published = [run for path in tables for run in read_published(path)]
     former = None if wanted.against is None else read_former(wanted.against)
     make_writable(wanted.out, "--out")
-    found = find_run_folders(*folders)
+    found = folders_with_cells(folders, complain)
     try:
         reference, of_captures = _reference(wanted.reference, found, published)
         report = write_report(
@@ -85,7 +86,9 @@ def write_value_of(report: Report, table: Table, out: Path) -> list[Path]:
     return write_value(report.findings.runs, table, out) if table.captures and table.reference else []
 
 
-def _reference(wanted: str | None, folders: Sequence[Path], published: Sequence[Run]) -> tuple[str | None, str | None]:
+def _reference(
+    wanted: str | None, folders: Mapping[Path, Cell | None], published: Sequence[Run]
+) -> tuple[str | None, str | None]:
     """The row that all others are compared with, and the one that they are where it was run with their capture.
 
     A row's name ends with its capture, "none, hull": where none is called ``wanted`` alone, a single one that begins so is meant,

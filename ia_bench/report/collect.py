@@ -118,13 +118,14 @@ class Collection:
     unreadable: tuple[str, ...] = ()
 
 
-def collect(folders: Iterable[Path] | Mapping[Path, Cell], published: Iterable[Run] = ()) -> Collection:
+def collect(folders: Iterable[Path] | Mapping[Path, Cell | None], published: Iterable[Run] = ()) -> Collection:
     """Read the given run folders. A mapping says which cell each folder is for: its row may have been renamed since.
 
+    None in its place: the folder's own record says so.
     ``published``: runs of former reports, which stand beside them. Raises ValueError where the same row, scene and seed are there
     twice: neither would be the right one to show.
     """
-    cells = folders if isinstance(folders, Mapping) else {}
+    cells = {folder: cell for folder, cell in folders.items() if cell is not None} if isinstance(folders, Mapping) else {}
     runs: dict[Cell, Run] = {}
     unreadable = []
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from ia_bench.common.suggestions import listed
 from ia_bench.report.claims import Verdict, judge
 from ia_bench.report.collect import Collection, Run
+from ia_bench.report.configurations import mixed_rows
 from ia_bench.report.curves import TimeToError, Worsening, time_to_beat, time_to_error, worsening
 from ia_bench.report.statistics import Paired, Redrawn, line, paired, redrawn
 from ia_bench.report.table import Block, PaperRow, carried_text, counterparts, paper_rows
@@ -129,13 +130,14 @@ def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
 
 
 def _notes(collection: Collection, kept: Sequence[Run], protocol: str) -> list[str]:
-    """Where runs come from, what was left out and why, unreadable curves."""
+    """Where runs come from, which rows mix configurations, what was left out and why, unreadable curves."""
     origins = Counter((run.about.get("commit"), run.about.get("cpu")) for run in kept)
     notes = [
         f"{count} {'run' if count == 1 else 'runs'} of commit {commit or 'unknown'} on {cpu or 'an unknown processor'}"
         for (commit, cpu), count in origins.most_common()
         if commit is not None or cpu is not None
     ]
+    notes += mixed_rows(kept)
     notes += [
         f"{run.name}: left out, scored under {run.protocol} and not {protocol} ({run.folder})"
         for run in collection.runs

@@ -32,7 +32,7 @@ class Report:
 
 
 def write_report(
-    folders: Iterable[Path] | Mapping[Path, Cell],
+    folders: Iterable[Path] | Mapping[Path, Cell | None],
     out: Path,
     rows_order: Sequence[str] = (),
     *,
@@ -48,7 +48,7 @@ def write_report(
 
     Args:
         folders: The run folders, best as a mapping to (row, scene, seed): then a run that was killed before it wrote
-            anything counts as a failure of its row.
+            anything counts as a failure of its row. None: the folder's own record says which cell it is.
         out: The folder to write into.
         rows_order: Rows in their order; a row without a run is shown empty, others come after them by name.
         scenes_order: The same of scenes.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,8 @@ from typing import Any
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
+from ia_bench.runs.folder import find_run_folders
+from ia_bench.runs.metrics import METRICS_FILE
 from ia_bench.runs.table import Cell
 
 CELLS = "cells.json"
@@ -67,6 +69,29 @@ def read_cells(results: Path) -> CellList | None:
         return CellList(content["table"], content["jobs"], path.stat().st_mtime, cells)
     except (KeyError, TypeError) as error:
         raise InputError(f"{path}: expected the cells of a table, found one without {error}") from None
+
+
+def folders_with_cells(roots: Sequence[Path], note: Callable[[str], object]) -> dict[Path, tuple[str, str, int] | None]:
+    """Every run folder below ``roots`` -> its row, scene and seed by the table that made it; None where no table lists any.
+
+    Where a folder holds the cells of a table, its other runs are left out, and ``note`` is told how many: they are of rows, scenes,
+    seeds or settings that were asked for before. A cell without a record has no label: it has not ended.
+    """
+    found: dict[Path, tuple[str, str, int] | None] = dict.fromkeys(find_run_folders(*roots))
+    for results in sorted({path.parent for root in roots for path in root.rglob(CELLS)}):
+        plan = read_cells(results)
+        cells = {cell.folder: (cell.row, cell.scene, cell.seed) for cell in plan.cells} if plan is not None else {}
+        others = [folder for folder in found if folder.is_relative_to(results) and folder not in cells]
+        for folder in others:
+            del found[folder]
+        if others:
+            many = f"{len(others)} {'run is' if len(others) == 1 else 'runs are'}"
+            note(
+                f"{results}: {many} left out, since {CELLS} there, of the table's last call, does not list more; "
+                f"the runs of all calls: {results / 'runs'}"
+            )
+        found |= {folder: cell for folder, cell in cells.items() if (folder / METRICS_FILE).is_file()}
+    return found
 
 
 def _planned(results: Path, entry: dict[str, Any]) -> Planned:

@@ -114,3 +114,24 @@ def test_a_report_over_a_former_one_is_compared_with_what_stood_there(tmp_path: 
     page = (tmp_path / "out" / "page" / "index.html").read_text()
     assert "What changed since out" in page
     assert re.search(r"\d+ means are as they were, (\d+) are not", page)[1] == "4", "a PSNR of each component"
+
+
+def list_cells(results: Path, *folders: str) -> None:
+    """The cells.json of a table whose row "mine" has these folders, each of a scene of its own name."""
+    same = {"row": "mine", "seed": 0, "config_hash": "0", "log": "log"}
+    cells = [{**same, "scene": folder, "folder": f"runs/{folder}"} for folder in folders]
+    (results / "cells.json").write_text(json.dumps({"table": "paper", "jobs": 1, "cells": cells}))
+
+
+def test_of_a_tables_results_the_cells_of_its_last_call_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A former call of the same table had other settings: the same cell twice, which nothing but cells.json tells apart."""
+    for folder, psnr in (("hat", 20.0), ("former", 30.0)):
+        write(tmp_path / "results" / "runs" / folder, "none", psnr)
+    list_cells(tmp_path / "results", "hat", "not_begun")
+    assert main([str(tmp_path / "results"), "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr()
+    assert "results: 1 run is left out, since cells.json there, of the table's last call, does not list more" in told.err
+    (line,) = csv.DictReader((tmp_path / "out" / "runs.csv").open())
+    assert (line["row"], line["scene"], line["albedo_psnr"], line["status"]) == ("mine", "hat", "20.0", "ok")
+    assert main([str(tmp_path / "results" / "runs"), "--out", str(tmp_path / "out")]) == 2
+    assert "expected one run per cell" in capsys.readouterr().err
