@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
@@ -12,6 +13,7 @@ from ia_bench.common.exit_codes import OK, complain, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
+from ia_bench.common.suggestions import unknown
 from ia_bench.report.collect import Cell, Run, collect
 from ia_bench.report.published import read_published
 from ia_bench.report.site.against import Former, changes, read_former
@@ -24,7 +26,7 @@ from ia_bench.report.value.write import write_value
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.folder import folders_among
-from ia_bench.runs.table import Table, load_table
+from ia_bench.runs.table import Table, capture_of, crossed_name, load_table
 
 PAGE = "page"
 """The folder below a report's that holds its page."""
@@ -54,7 +56,7 @@ def _report(wanted: argparse.Namespace) -> int:
     folders = folders_among([path for path in wanted.runs if path not in tables], complain)
     if wanted.only and not wanted.table:
         raise InputError("--only: expected --table NAME beside it, found none")
-    table = load_table(wanted.table) if wanted.table else Table()
+    table = _compared_with(load_table(wanted.table), wanted.reference) if wanted.table else Table()
     rows = [row.name for row in table.crossed]
     published = [run for path in tables for run in read_published(path)]
     former = None if wanted.against is None else read_former(wanted.against)
@@ -86,9 +88,22 @@ def write_value_of(report: Report, table: Table, out: Path) -> list[Path]:
     return write_value(report.findings.runs, table, out) if table.captures and table.reference else []
 
 
-def _reference(
-    wanted: str | None, folders: Mapping[Path, Cell | None], published: Sequence[Run]
-) -> tuple[str | None, str | None]:
+def _compared_with(table: Table, wanted: str | None) -> Table:
+    """The table with the ``wanted`` row as its reference, where it photographs its scenes in several ways.
+
+    A row that is named with its capture stands for that row in each capture. Raises InputError for what is no row of the table.
+    """
+    if wanted is None or not table.captures:
+        return table
+    labels = [capture_of(settings).label for settings in table.captures]
+    known = {crossed_name(row.name, label): row.name for row in table.rows for label in labels}
+    known |= {row.name: row.name for row in table.rows}
+    if wanted not in known:
+        raise InputError(f"--reference: {unknown('row', wanted, [row.name for row in table.rows])}")
+    return replace(table, reference=known[wanted])
+
+
+def _reference(wanted: str | None, folders: Mapping[Path, Cell | None], published: Sequence[Run]) -> tuple[str | None, str | None]:
     """The row that all others are compared with, and the one that they are where it was run with their capture.
 
     A row's name ends with its capture, "none, hull": where none is called ``wanted`` alone, a single one that begins so is meant,

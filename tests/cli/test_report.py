@@ -135,3 +135,38 @@ def test_of_a_tables_results_the_cells_of_its_last_call_are_reported(tmp_path: P
     assert (line["row"], line["scene"], line["albedo_psnr"], line["status"]) == ("mine", "hat", "20.0", "ok")
     assert main([str(tmp_path / "results" / "runs"), "--out", str(tmp_path / "out")]) == 2
     assert "expected one run per cell" in capsys.readouterr().err
+
+
+SEVERAL_WAYS = """
+scenes: [hat]
+reference: none
+captures: [{}, {views: 8}]
+rows: [{name: none, overrides: []}, {name: longer, overrides: []}, {name: ours, overrides: []}]
+"""
+
+
+@pytest.mark.parametrize("reference", ["longer", "longer, 8 views"])
+def test_another_reference_is_that_of_every_part_of_the_report(tmp_path: Path, reference: str) -> None:
+    """Ours is 5 dB above none and 2 above longer, with each capture."""
+    (tmp_path / "ways.yaml").write_text(SEVERAL_WAYS)
+    for row, psnr in {"none": 20.0, "longer": 23.0, "ours": 25.0}.items():
+        for label in ("", ", 8 views"):
+            write(tmp_path / "runs" / f"{row}{label}", f"{row}{label}", psnr)
+    table = str(tmp_path / "ways.yaml")
+    assert main([str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--table", table, "--reference", reference]) == 0
+    gained = list(csv.DictReader((tmp_path / "out" / "value.csv").open()))
+    assert {line["row"]: float(line["gain"]) for line in gained if line["metric"] == "albedo.psnr"} == {"none": -3.0, "ours": 2.0}
+    assert "Every row against `longer` of the same scene" in (tmp_path / "out" / "value.md").read_text()
+    assert "dB gained over longer; hatched" in (tmp_path / "out" / "value.svg").read_text()
+    page = (tmp_path / "out" / "page" / "index.html").read_text()
+    assert "A row minus the row longer of the same scene" in page
+    assert "ours, 8 views: +2.00 dB over longer, 8 views" in page
+
+
+def test_a_reference_that_is_no_row_of_a_table_with_captures_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "ways.yaml").write_text(SEVERAL_WAYS)
+    write(tmp_path / "runs" / "a", "others", 20.0)
+    arguments = [str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--table", str(tmp_path / "ways.yaml")]
+    assert main([*arguments, "--reference", "others"]) == 2
+    assert "--reference: unknown row 'others'; did you mean 'ours'? There are: none, longer, ours" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

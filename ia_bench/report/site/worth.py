@@ -51,9 +51,13 @@ class MapCell:
 
 @dataclass(frozen=True)
 class Map:
-    """The gains of one row in one metric: lines of photographs, columns of all else that a capture leaves out; None: not run."""
+    """The gains of one row in one metric: lines of photographs, columns of all else that a capture leaves out; None: not run.
+
+    ``reference``: over which row, without its capture.
+    """
 
     row: str
+    reference: str
     metric: Metric
     columns: tuple[str, ...]
     lines: tuple[tuple[str, tuple[MapCell | None, ...]], ...]
@@ -126,7 +130,7 @@ def _map(row: str, mine: Sequence[Gain], table: Table, largest: float) -> Map:
     counts = sorted({gain.photographs for gain in mine}, reverse=True)
     cells = {(gain.photographs, gain.capture.others): _worth(gain, table, largest) for gain in mine}
     lines = tuple((_count(number), tuple(cells.get((number, other)) for other in others)) for number in counts)
-    return Map(row, mine[0].metric, tuple(map(in_words, others)), lines)
+    return Map(row, str(table.reference), mine[0].metric, tuple(map(in_words, others)), lines)
 
 
 def _worth(gain: Gain, table: Table, largest: float) -> MapCell:

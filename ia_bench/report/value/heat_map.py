@@ -23,11 +23,12 @@ SHOWN = ("aligned_albedo.psnr", "relighting.psnr", "roughness.mse")
 DRAWN = SHOWN[:2]  # in dB both, so that they share a scale
 
 
-def draw(found: Sequence[Gain]) -> Figure:
+def draw(found: Sequence[Gain], reference: str) -> Figure:
     """Colour is the mean gain in dB, the same scale in all panels; below it its interval. What is not decided is hatched.
 
     Args:
         found: At least one gain, in the metrics DRAWN.
+        reference: The row over which they are gained.
     """
     from matplotlib.figure import Figure
 
@@ -51,7 +52,8 @@ def draw(found: Sequence[Gain]) -> Figure:
             panel.set_yticks(range(len(counts)), [str(count) for count in counts], fontsize=8)
     for line in panels:
         line[0].set_ylabel("photographs", fontsize=9)
-    figure.colorbar(image, ax=panels, label="dB gained over no prior; hatched: undecided", shrink=0.8)
+    over = "no prior" if reference == "none" else reference
+    figure.colorbar(image, ax=panels, label=f"dB gained over {over}; hatched: undecided", shrink=0.8)
     return figure
 
 

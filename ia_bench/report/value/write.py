@@ -46,7 +46,7 @@ def write_value(runs: Sequence[Run], table: Table, out: Path) -> list[Path]:
         with whole_file(out / name) as partial:
             partial.write_text(content, encoding="utf-8")
     drawn = [gain for gain in found if gain.metric.key in DRAWN]
-    return [*(out / name for name in texts), *(save(draw(drawn), out / "value") if drawn else [])]
+    return [*(out / name for name in texts), *(save(draw(drawn, str(table.reference)), out / "value") if drawn else [])]
 
 
 def text(found: Sequence[Gain], photographs: Sequence[Worth], reference: str) -> str:
