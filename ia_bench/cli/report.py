@@ -18,11 +18,11 @@ from ia_bench.report.collect import Cell, Run, collect
 from ia_bench.report.published import read_published
 from ia_bench.report.site.against import Former, changes, read_former
 from ia_bench.report.site.content import RowTexts, Sources
-from ia_bench.report.site.gallery import Gallery
+from ia_bench.report.site.gallery import Gallery, take_down_others
 from ia_bench.report.site.worth import maps
 from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.texts import markdown_block
-from ia_bench.report.value.write import write_value
+from ia_bench.report.value.write import remove_former_value, write_value
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.folder import folders_among
@@ -84,8 +84,10 @@ def _report(wanted: argparse.Namespace) -> int:
 
 
 def write_value_of(report: Report, table: Table, out: Path) -> list[Path]:
-    """Write what the rows are worth, where the table photographs its scenes in several ways."""
-    return write_value(report.findings.runs, table, out) if table.captures and table.reference else []
+    """Write what the rows are worth, where the table photographs its scenes in several ways; what a former report said goes."""
+    written = write_value(report.findings.runs, table, out) if table.captures and table.reference else []
+    remove_former_value(out, written)
+    return written
 
 
 def _compared_with(table: Table, wanted: str | None) -> Table:
@@ -134,13 +136,15 @@ def write_report_page(
 
 
 def _pictures(report: Report, parts: Path) -> Gallery:
-    """Draw what the runs have exported, where any has."""
-    if not any((run.folder / "albedo.exr").is_file() for run in report.findings.runs):
-        return Gallery()
-    from ia_bench.report.site.pictures.store import hang  # brings in torch
+    """Draw what the runs have exported, where any has; pictures of scenes that the report no longer has go."""
+    gallery = Gallery()
+    if any((run.folder / "albedo.exr").is_file() for run in report.findings.runs):
+        from ia_bench.report.site.pictures.store import hang  # brings in torch
 
-    with Progress() as progress:
-        return hang(report.findings.runs, parts, progress.note)
+        with Progress() as progress:
+            gallery = hang(report.findings.runs, parts, progress.note)
+    take_down_others(gallery, parts)
+    return gallery
 
 
 def tell(report: Report, table: Table, page: Path) -> None:

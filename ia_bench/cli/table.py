@@ -114,9 +114,11 @@ def make_table(request: Request) -> int:
 def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -> list[Path]:
     """One picture per scene of the first finished cell of each of ``rows``; what has none is left out, as are scenes of no folder.
 
-    A scene that cannot be pictured (no novel light, say) is named on stderr: the table is finished without it.
+    A scene that cannot be pictured (no novel light, say) is named on stderr: the table is finished without it. Pictures that a
+    former call has left, of other scenes, are removed.
     """
     from ia_bench.report.comparison import write_comparison  # brings in torch
+    from ia_bench.report.leftovers import remove_all_but
 
     finished: dict[tuple[str, str], Cell] = {}
     for cell in cells:
@@ -135,6 +137,7 @@ def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -
                 complain(f"no picture of {scene}: {error}")
             else:
                 written.append(picture)
+    remove_all_but(written, (results / "pictures").glob("*.png"))
     return written
 
 

@@ -18,6 +18,8 @@ from ia_bench.report.findings import Findings
 from ia_bench.report.table import Block, Entry, Printed
 from ia_bench.scores.columns import METRICS
 
+TITLE = "# Results\n"
+"""How the template report.md begins."""
 LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
     "\\": r"\textbackslash{}",
     "~": r"\textasciitilde{}",

@@ -14,9 +14,10 @@ from ia_bench.report.collect import Cell, Run, collect
 from ia_bench.report.csv_text import csv_text
 from ia_bench.report.curves import TimeToError
 from ia_bench.report.findings import Findings, analyse
+from ia_bench.report.leftovers import begins_with, remove_all_but
 from ia_bench.report.statistics import Paired
 from ia_bench.report.table import carried_text
-from ia_bench.report.texts import latex, report_text
+from ia_bench.report.texts import TITLE, latex, report_text
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 
@@ -45,6 +46,7 @@ def write_report(
     """Write the report of run folders into ``out``.
 
     Files: report.md, table.{tex,csv}, runs.csv, differences.csv, claims.csv, time_to_{error,beat}.csv, curves/SCENE.{png,svg}.
+    Curves of other scenes that a former report has left there are removed.
 
     Args:
         folders: The run folders, best as a mapping to (row, scene, seed): then a run that was killed before it wrote
@@ -68,6 +70,8 @@ def write_report(
 
     out.mkdir(parents=True, exist_ok=True)
     pictures = _draw(findings, out / "curves")
+    if begins_with(out / "report.md", TITLE):
+        remove_all_but(pictures, [*(out / "curves").glob("*.png"), *(out / "curves").glob("*.svg")])
     shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
     tables = {
         "table.csv": _summaries(findings),

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+
+TRUTH = "truth"
+"""The folder of a scene's true pictures."""
+KEY = "drawn.json"
+"""What a folder of pictures is known by."""
 
 
 @dataclass
@@ -22,3 +29,11 @@ class Gallery:
     def relit(self) -> bool:
         """Whether any scene has a light that no method has seen."""
         return any(scene["lights"] for scene in self.scenes.values())
+
+
+def take_down_others(gallery: Gallery, parts: Path) -> None:
+    """Remove the pictures in the folder ``parts`` of scenes that are not in the gallery, as a former report has left them."""
+    hung = {scene["folder"] for scene in gallery.scenes.values()}
+    for marked in list(parts.glob(f"*/{TRUTH}/{KEY}")):
+        if marked.parents[1].name not in hung:
+            shutil.rmtree(marked.parents[1], ignore_errors=True)

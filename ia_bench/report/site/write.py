@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.claims import HOW_JUDGED, Outcome
+from ia_bench.report.leftovers import remove_all_but
 from ia_bench.report.site import content, definitions
 from ia_bench.report.site.gallery import Gallery
 from ia_bench.report.table import claims_table
@@ -51,6 +52,8 @@ def write_page(sources: content.Sources, folder: Path, gallery: Gallery | None =
         for name, part in {VIEWER: viewer, PICTURES: described}.items():
             with whole_file(folder / PARTS / name) as partial:
                 partial.write_bytes(part)
+    else:
+        remove_all_but((), (folder / PARTS / name for name in (VIEWER, PICTURES)))
     with whole_file(folder / INDEX) as partial:
         partial.write_text(text, encoding="utf-8")
     return folder / INDEX

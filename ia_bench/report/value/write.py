@@ -14,6 +14,7 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.collect import Run
 from ia_bench.report.csv_text import csv_text
 from ia_bench.report.figures import save
+from ia_bench.report.leftovers import begins_with, remove_all_but
 from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.report.texts import pipe_table
 from ia_bench.report.value.gains import Gain, gains
@@ -24,6 +25,16 @@ from ia_bench.scores.columns import METRIC_OF
 
 NOTHING_LEFT_OUT = "all views"
 """What a capture without a label is called."""
+
+
+TITLE = "# What a prior is worth\n"
+FILES = ("value.md", "value.csv", "value.png", "value.svg", "photographs.csv")
+
+
+def remove_former_value(out: Path, written: Sequence[Path]) -> None:
+    """Remove those FILES that a former report has left in ``out``, and that have not been ``written`` this time."""
+    if begins_with(out / FILES[0], TITLE):
+        remove_all_but(written, (out / name for name in FILES))
 
 
 def write_value(runs: Sequence[Run], table: Table, out: Path) -> list[Path]:
@@ -52,7 +63,7 @@ def write_value(runs: Sequence[Run], table: Table, out: Path) -> list[Path]:
 def text(found: Sequence[Gain], photographs: Sequence[Worth], reference: str) -> str:
     """The page to read."""
     parts = [
-        "# What a prior is worth\n",
+        TITLE,
         f"Every row against `{reference}` of the same scene, seed and capture: mean over scenes, with the 95 % interval of the "
         "bootstrap over scenes and seeds. More is better in every column. **Bold**: decided, since neither that interval nor "
         "Student's over scenes holds zero; all else is undecided. "

@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.report.collect import Run
-from ia_bench.report.site.gallery import Gallery
+from ia_bench.report.site.gallery import KEY, TRUTH, Gallery
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing, solid
@@ -28,8 +28,6 @@ from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, E
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Truth
 
-KEY = "drawn.json"
-TRUTH = "truth"
 LAYOUT = 2
 """Part of what a laid-out folder is known by; raised when the page has to know other things of unchanged pictures."""
 

@@ -1,0 +1,83 @@
+"""A report that is written into the folder of a former one leaves nothing there that the former one alone had."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ia_bench.cli import table as command
+from ia_bench.cli.report import main, write_value_of
+from ia_bench.report.collect import Run
+from ia_bench.report.site.gallery import Gallery, take_down_others
+from ia_bench.report.value.write import FILES
+from ia_bench.report.write import Report, write_report
+from ia_bench.runs.table import Row, Table
+from ia_bench.scores.columns import METRICS
+
+WAYS = Table(rows=[Row("none", []), Row("ours", [])], reference="none", captures=[{}, {"views": 8}])
+
+
+def runs_of(table: Table, captures: Sequence[str]) -> list[Run]:
+    found = []
+    for label in captures:
+        for place, row in enumerate(table.rows):
+            values: dict[str, float | None] = {metric.key: 20.0 + place for metric in METRICS}
+            found += [Run(Path(), row.name + label, scene, 0, protocol="p", metrics=values) for scene in ("hat", "ship")]
+    return found
+
+
+def reported(runs: Sequence[Run], out: Path) -> Report:
+    return write_report([], out, published=runs)
+
+
+def test_what_a_prior_was_worth_goes_where_no_table_says_so_any_more(tmp_path: Path) -> None:
+    report = reported(runs_of(WAYS, ["", ", 8 views"]), tmp_path)
+    (tmp_path / "page").mkdir()
+    assert {path.name for path in write_value_of(report, WAYS, tmp_path)} == set(FILES)
+    fewer = reported(runs_of(WAYS, [""]), tmp_path)
+    assert {path.name for path in write_value_of(fewer, WAYS, tmp_path)} == {*FILES} - {"photographs.csv"}
+    assert not (tmp_path / "photographs.csv").exists()
+    assert write_value_of(fewer, Table(), tmp_path) == []
+    assert not any((tmp_path / name).exists() for name in FILES)
+
+
+def test_files_of_somebody_else_stay(tmp_path: Path) -> None:
+    (tmp_path / "curves").mkdir()
+    for name in ("value.md", "value.csv", "curves/mine.png"):
+        (tmp_path / name).write_text("mine")
+    write_value_of(reported(runs_of(WAYS, [""]), tmp_path), Table(), tmp_path)
+    assert all((tmp_path / name).read_text() == "mine" for name in ("value.md", "value.csv", "curves/mine.png"))
+
+
+def test_curves_of_scenes_that_are_no_longer_asked_for_go(tmp_path: Path) -> None:
+    reported(runs_of(WAYS, [""]), tmp_path)
+    (tmp_path / "curves").mkdir()
+    for name in ("hat.png", "hat.svg", "notes.txt"):
+        (tmp_path / "curves" / name).write_text("of before")
+    reported(runs_of(WAYS, [""]), tmp_path)
+    assert [path.name for path in (tmp_path / "curves").iterdir()] == ["notes.txt"]
+
+
+def test_pictures_of_scenes_that_are_no_longer_shown_go(tmp_path: Path) -> None:
+    for name in ("hat/truth/drawn.json", "hat/none/a.webp", "ship/truth/drawn.json", "others/a.webp"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    take_down_others(Gallery({"hat": {"folder": "hat"}}), tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["hat", "others"]
+
+
+def test_a_page_without_pictures_keeps_none(tmp_path: Path) -> None:
+    reported(runs_of(WAYS, [""]), tmp_path / "first")
+    parts = tmp_path / "out" / "page" / "parts"
+    for name in ("hat/truth/drawn.json", "pictures.js", "model-viewer-umd.min.js"):
+        (parts / name).parent.mkdir(parents=True, exist_ok=True)
+        (parts / name).touch()
+    assert main([str(tmp_path / "first" / "runs.csv"), "--out", str(tmp_path / "out")]) == 0
+    assert list(parts.iterdir()) == []
+
+
+def test_a_table_keeps_the_pictures_that_it_has_made_this_time(tmp_path: Path) -> None:
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "pictures" / "hat.png").touch()
+    assert command._write_pictures(["none"], [], tmp_path) == []
+    assert not (tmp_path / "pictures" / "hat.png").exists()
