@@ -32,7 +32,7 @@ from ia_bench.runs.config import resolve_scene_folder, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
 from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Cell, Request, make_cells
+from ia_bench.runs.table import Cell, Request, make_cells, refuse_own
 
 
 def parse(arguments: Sequence[str]) -> Request:
@@ -53,9 +53,8 @@ def parse(arguments: Sequence[str]) -> Request:
             launcher.append(argument)
         elif key == "jobs":
             own[key] = None if value == "auto" else _whole(key, value, 1, "a whole number")
-        elif key.lstrip("+~") in ("scene", "scene.name", "scene.path", "seed", "row", "out"):
-            raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds=, rows= and table=")
         else:
+            refuse_own(argument)
             overrides.append(argument)
     own["launcher"] = _launcher(launcher)
     if getattr(own["launcher"], "gpus", 0) and not any(text.startswith("device=") for text in overrides):

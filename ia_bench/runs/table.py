@@ -22,6 +22,9 @@ from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.launchers import Launcher, Local
 from ia_bench.scores.columns import METRIC_OF
 
+SET_BY_TABLE = ("scene", "scene.name", "scene.path", "seed", "row", "out")
+"""Settings that a table sets for every cell. No command line sets them, nor does a row, whose ``threads`` are the table's too."""
+
 
 @dataclass
 class Claim:
@@ -195,6 +198,12 @@ def load_table(name: str) -> Table:
     for where, label in ((row.name, label) for row in table.rows for label in row.captures or []):
         if label not in labels:
             raise InputError(f"{path}: rows: {where}: captures: {unknown('capture', label, labels)}")
+    for row in table.rows:
+        for override in row.overrides:
+            try:
+                refuse_own(override, "threads")
+            except InputError as error:
+                raise InputError(f"{path}: rows: {row.name}: overrides: {error}") from None
     names = [row.name for row in table.crossed]
     if len(set(names)) != len(names):
         raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
@@ -214,6 +223,13 @@ def load_table(name: str) -> Table:
             if found not in known:
                 raise InputError(f"{path}: claims: {unknown(key, found, known)}")
     return table
+
+
+def refuse_own(override: str, *others: str) -> None:
+    """Raise InputError for an override of what the table sets for every cell: SET_BY_TABLE and ``others``."""
+    key, _, value = override.partition("=")
+    if key.lstrip("+~") in (*SET_BY_TABLE, *others):
+        raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds=, rows= and table=")
 
 
 def _file_of(name: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,10 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
         ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
         ("rows: [{name: a, overrides: [], seeds: []}]", "rows: a: seeds: expected at least one, found none"),
+        *(
+            (f"rows: [{{name: a, overrides: ['{override}']}}]", rf"rows: a: overrides: {re.escape(override)}: the table sets this")
+            for override in ("seed=3", "scene=hat", "+scene.path=x", "threads=2", "row=b", "out=there")
+        ),
         ("seeds: []", "seeds: expected at least one, found none"),
         ("rows: [", r"bad\.yaml: not valid YAML"),
         ("[1]", r"bad\.yaml: expected a YAML table, found list"),
