@@ -50,13 +50,19 @@ def _run(path: Path, number: int, line: Mapping[str, str]) -> Run:
             raise InputError(f"{path}, line {number}, {column}: expected a number, found {shown(repr(line[column]))}")
         return found
 
+    def chosen(column: str, among: Mapping[str, bool], text: str) -> bool:
+        if text not in among:
+            raise InputError(f"{path}, line {number}, {column}: expected {' or '.join(among)}, found {shown(repr(line[column]))}")
+        return among[text]
+
     seed = value("seed")
     if seed is None or seed != int(seed) or not line["row"] or not line["scene"]:
         raise InputError(f"{path}, line {number}: expected a row, a scene and a whole seed, found {shown(repr(dict(line)))}")
     about: dict[str, Any] = {key: line[key] for key in line if key in ABOUT or key.startswith("rescored_from_")}
     about["config_hash"] = about.get("config_hash", "")[:HASH_DIGITS]
-    cell = Run(path, line["row"], line["scene"], int(seed), about=about, sees_truth=line["sees_truth"] == "True")
-    if line["status"] != "ok":
+    sees_truth = chosen("sees_truth", {"true": True, "false": False}, line["sees_truth"].strip().lower())
+    cell = Run(path, line["row"], line["scene"], int(seed), about=about, sees_truth=sees_truth)
+    if not chosen("status", {"ok": True, "failed": False}, line["status"]):
         return replace(cell, problem=line["reason"] or "failed")
     phases = {key.removeprefix(TIMES): value(key) for key in line if key.startswith(TIMES)}
     known = {*LABELS, *COSTS, *about, *(metric.column for metric in METRICS)}

@@ -64,6 +64,8 @@ def test_a_cell_that_is_there_twice_is_refused(first: Path, write_run: Write, tm
         (",seed,", ",sed,", "found no column seed"),
         ("none,hat,0,", "none,hat,zero,", "line 2, seed: expected a number, found 'zero'"),
         ("none,hat,0,", "none,hat,0.5,", "line 2: expected a row, a scene and a whole seed"),
+        ("none,hat,0,ok,,False", "none,hat,0,ok,,0", "line 2, sees_truth: expected true or false, found '0'"),
+        ("none,hat,0,ok,", "none,hat,0,OK,", "line 2, status: expected ok or failed, found 'OK'"),
         (",20.0,", ",twenty,", "albedo_psnr: expected a number, found 'twenty'"),
     ],
 )
@@ -73,6 +75,12 @@ def test_what_is_wrong_is_named(first: Path, old: str, new: str, message: str) -
     first.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=message):
         read_published(first)
+
+
+@pytest.mark.parametrize("text", ["True", "TRUE", "true"])
+def test_a_row_sees_the_truth_in_whatever_case_a_spreadsheet_has_written_so(first: Path, text: str) -> None:
+    first.write_text(first.read_text().replace("none,hat,0,ok,,False", f"none,hat,0,ok,,{text}", 1))
+    assert [run.name for run in read_published(first) if run.sees_truth] == ["none, hat, seed 0"]
 
 
 def test_the_shape_that_a_capture_made_has_columns(write_run: Write, tmp_path: Path) -> None:
