@@ -136,6 +136,7 @@ def test_files_say_what_was_found(tmp_path: Path) -> None:
     page = (tmp_path / "value.md").read_text()
     assert "| 2 views | 10.00 | **+5.00 (+5.00 to +5.00)** |" in page
     assert "| all views | 24.00 | +0.10 (" in page
+    assert "of the 12 here that have an interval, about 1 would be decided by chance" in page, "4 captures, 3 metrics, one row"
     records = list(csv.DictReader((tmp_path / "value.csv").open()))
     base = next(one for one in records if (one["capture"], one["metric"]) == ("all views", "aligned_albedo.psnr"))
     assert base["decided"] == "undecided"

@@ -15,6 +15,7 @@ from ia_bench.report.collect import Run
 from ia_bench.report.csv_text import csv_text
 from ia_bench.report.figures import save
 from ia_bench.report.leftovers import begins_with, remove_all_but
+from ia_bench.report.statistics import CONFIDENCE
 from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.report.texts import pipe_table
 from ia_bench.report.value.gains import Gain, gains
@@ -62,12 +63,15 @@ def write_value(runs: Sequence[Run], table: Table, out: Path) -> list[Path]:
 
 def text(found: Sequence[Gain], photographs: Sequence[Worth], reference: str) -> str:
     """The page to read."""
+    judged = sum(gain.metric.key in SHOWN and gain.bootstrap is not None for gain in found)
     parts = [
         TITLE,
         f"Every row against `{reference}` of the same scene, seed and capture: mean over scenes, with the 95 % interval of the "
         "bootstrap over scenes and seeds. More is better in every column. **Bold**: decided, since neither that interval nor "
         "Student's over scenes holds zero; all else is undecided. "
-        "Intervals over scenes, the smallest effect that would have been found, and what carries a mean are in value.csv.\n",
+        "Intervals over scenes, the smallest effect that would have been found, and what carries a mean are in value.csv. "
+        f"Each cell is judged alone, without a correction for their number: of the {judged} here that have an interval, about "
+        f"{(1 - CONFIDENCE) * judged:.0f} would be decided by chance, at 5 %, if no row differed from `{reference}`.\n",
         f"The column `{reference}` is its level over all of its runs of that capture: mean over scenes of the means over their "
         "seeds. A row that has fewer scenes or seeds is compared with these alone (`reference` in value.csv), so that this column "
         "plus a gain need not be that row's own level.\n",
