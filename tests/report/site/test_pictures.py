@@ -21,6 +21,7 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel
 from ia_bench.readers.native import NativeReader
 from ia_bench.report.collect import Run
+from ia_bench.report.site.gallery import folder_names
 from ia_bench.report.site.pictures.store import hang
 from ia_bench.runs.pictures import packing, solid
 from ia_bench.runs.pictures.bundle import bundle
@@ -247,3 +248,25 @@ def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) 
     gallery = hang([Run(perfect_run, "perfect", "tiny", 0)], tmp_path / "parts", print)
     assert (gallery.scenes, gallery.relit) == ({}, False)
     assert "a file of the scene has changed since" in gallery.missing[0]
+
+
+def test_rows_of_one_slug_have_pictures_of_their_own_and_none_is_laid_over_the_truth(tmp_path: Path, perfect_run: Path) -> None:
+    record = json.loads((perfect_run / "metrics.json").read_text())
+    (perfect_run / "metrics.json").write_text(json.dumps({**record, "files": {}, "per_image": {}}))
+    runs = [Run(perfect_run, row, "tiny", 0) for row in ("w/o prior", "w o prior", "Truth", "truth")]
+    gallery = hang(runs, tmp_path / "parts", lambda line: None)
+    assert [*gallery.scenes] == ["tiny"], gallery.missing
+    folders = {row: about["folder"] for row, about in gallery.scenes["tiny"]["rows"].items()}
+    assert folders.keys() == {"w/o prior", "w o prior", "Truth"}
+    assert len({*map(str.casefold, folders.values()), "truth"}) == 4
+    assert all((tmp_path / "parts" / "tiny" / folder / "errors.js").is_file() for folder in folders.values())
+    assert gallery.missing == [
+        "truth, tiny: expected a row that is not called as the page calls the truth itself; row=NAME gives it a name"
+    ]
+
+
+def test_names_are_short_where_that_tells_them_apart() -> None:
+    found = folder_names(["none", "a b", "a/b", "..", "truth"], ["truth"])
+    assert found["none"] == "none"
+    assert [folder.rpartition("-")[0] for folder in [*found.values()][1:]] == ["a-b", "a-b", "..", "truth"]
+    assert len(set(found.values())) == 5

@@ -19,8 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.report.collect import Run
-from ia_bench.report.site.gallery import KEY, TRUTH, Gallery
-from ia_bench.runs.config import slug
+from ia_bench.report.site.gallery import KEY, NOT_ROWS, TRUTH, Gallery, folder_names
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing, solid
 from ia_bench.runs.pictures.bundle import PICTURES, Bundle, bundle, read_bundle, sheets, textures_of
@@ -43,9 +42,10 @@ def hang(runs: Sequence[Run], parts: Path, note: Callable[[str], None]) -> Galle
     finished = [run for run in runs if run.problem is None and (run.folder / CONFIG).is_file()]
     for run in sorted(finished, key=lambda run: run.seed):
         first.setdefault(run.scene, {}).setdefault(run.row, run)
+    places = folder_names(first)
     for scene, rows in first.items():
         try:
-            gallery.scenes[scene] = _hang_scene(rows, parts / slug(scene), gallery.missing, note)
+            gallery.scenes[scene] = _hang_scene(rows, parts / places[scene], gallery.missing, note)
         except InputError as error:
             gallery.missing.append(f"{scene}: {error}")
     return gallery
@@ -54,8 +54,11 @@ def hang(runs: Sequence[Run], parts: Path, note: Callable[[str], None]) -> Galle
 def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Callable[[str], None]) -> dict[str, Any]:
     recovered: dict[str, Recovered] = {}
     kept: dict[str, Bundle | None] = {}
+    places = folder_names(rows, NOT_ROWS)
     for row, run in rows.items():
         try:
+            if row in NOT_ROWS:
+                raise InputError(f"expected a row that is not called as the page calls the {row} itself; row=NAME gives it a name")
             found, kept[row] = Recovered(run.folder), read_bundle(run.folder)
             if kept[row] is None and not (run.folder / "albedo.exr").is_file():
                 raise InputError("it has exported no textures")
@@ -81,7 +84,7 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
             continue
         known = [*_scene_of(run_), *(files.get(name) for name in names), run_.scale.tolist()]
         try:
-            one = dict(_kept(folder / slug(row), known, partial(wall.write_row, run_, kept[row])))
+            one = dict(_kept(folder / places[row], known, partial(wall.write_row, run_, kept[row])))
             scores = _scores(one.pop("views"), run_)  # how many views there are is told by the scores
             described["rows"][row] = {**one, "scores": scores}
         except InputError as error:
