@@ -80,6 +80,7 @@ class Run:
         peak_memory_bytes: Of the process.
         about: What else runs.csv has, by column: rays, network calls, commit, processor, hash.
         sees_truth: Whether prior or method saw the ground truth.
+        photographs: How many the run fitted, None where its record does not say.
         curve: Error against run time, None where there is none or ``curve_problem`` says why it cannot be read.
     """
 
@@ -97,6 +98,7 @@ class Run:
     peak_memory_bytes: float | None = None
     about: dict[str, Any] = field(default_factory=dict)
     sees_truth: bool = False
+    photographs: int | None = None
     curve: Curve | None = None
     curve_problem: str | None = None
 
@@ -200,9 +202,15 @@ def read_run(folder: Path) -> Run:
         peak_memory_bytes=data["peak_memory_bytes"],
         about=about,
         sees_truth=data["sees_truth"],
+        photographs=_photographs(data.get("capture")),
         curve=curve,
         curve_problem=curve_problem,
     )
+
+
+def _photographs(capture: object) -> int | None:
+    views = capture.get("views") if isinstance(capture, Mapping) else None
+    return views if type(views) is int and views > 0 else None
 
 
 def _protocol_text(data: Mapping[str, Any]) -> str:

@@ -64,7 +64,7 @@ class Table:
     ``includes``: names of tables whose rows, claims and pictured rows come before its own; what else it does not say is as the
     first of them says. ``captures``: ways to photograph every scene, each of settings of ``capture.*``; none means one that leaves
     nothing out. Every row is run with each of them (:attr:`crossed`) and compared with the row ``reference`` of the same capture.
-    ``photographs``: how many a scene has when none is left out.
+    ``photographs``: how many a scene has when none is left out, where no run has recorded it.
     """
 
     scenes: list[str] = field(default_factory=list)
@@ -198,12 +198,11 @@ def load_table(name: str) -> Table:
     for where, label in ((row.name, label) for row in table.rows for label in row.captures or []):
         if label not in labels:
             raise InputError(f"{path}: rows: {where}: captures: {unknown('capture', label, labels)}")
-    for row in table.rows:
-        for override in row.overrides:
-            try:
-                refuse_own(override, "threads")
-            except InputError as error:
-                raise InputError(f"{path}: rows: {row.name}: overrides: {error}") from None
+    for where, override in ((row.name, override) for row in table.rows for override in row.overrides):
+        try:
+            refuse_own(override, "threads")
+        except InputError as error:
+            raise InputError(f"{path}: rows: {where}: overrides: {error}") from None
     names = [row.name for row in table.crossed]
     if len(set(names)) != len(names):
         raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
@@ -277,7 +276,7 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
     parts = [_whole(other, (name, *within)) for other in table.includes]
     if not parts:
         return table
-    first = ("scenes", "seeds", "reference", "captures")
+    first = ("scenes", "seeds", "reference", "captures", "photographs")
     every: dict[str, Any] = {key: getattr(parts[0], key) for key in first if key not in own}
     for key in ("rows", "claims", "pictured"):
         every[key] = [one for part in (*parts, table) for one in getattr(part, key)]

@@ -73,6 +73,15 @@ def test_a_row_needs_the_photographs_that_the_references_curve_says() -> None:
     assert ("LDR", 8, "aligned_albedo.psnr") not in found, "one number of photographs makes no curve"
 
 
+def test_photographs_are_counted_as_runs_with_all_of_them_have_recorded(tmp_path: Path) -> None:
+    """A table made for scenes of 32 photographs, run on scenes of 128: 22 dB then lie half way between 8 and 128."""
+    recorded = [replace(one, photographs=2 if "2 views" in one.row else 8 if "8" in one.row else 128) for one in runs(GAINED)]
+    found = {one.photographs: one for one in worth(recorded, TABLE) if one.metric.key == "aligned_albedo.psnr"}
+    assert [*found] == [2, 8, 128]
+    assert found[8].needed == pytest.approx(2 ** (3 + 4 * 0.5))
+    assert {gain.photographs for gain in gains(recorded, TABLE)} == {2, 8, 128}
+
+
 def test_a_row_that_runs_with_some_captures_is_read_off_the_whole_curve() -> None:
     some = replace(TABLE, captures=TABLE.captures[:3], rows=[*TABLE.rows[:2], Row("kernel", [], captures=["2 views"])])
     without = [one for one in runs(GAINED) if one.row not in ("kernel, 8 views", "kernel")]

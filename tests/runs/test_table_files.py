@@ -98,11 +98,12 @@ def test_a_row_that_the_paper_has_not_is_told_before_anything_runs(tmp_path: Pat
 def test_a_table_has_the_rows_of_those_that_it_includes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
     (tmp_path / "table").mkdir()
-    first = "scenes: [tiny]\nseeds: [3]\nreference: a\npictured: [a]\nrows: [{name: a, overrides: []}]\n"
+    first = "photographs: 24\nscenes: [tiny]\nseeds: [3]\nreference: a\npictured: [a]\nrows: [{name: a, overrides: []}]\n"
     (tmp_path / "table" / "first.yaml").write_text(first)
     second = "includes: [first]\nseeds: [4]\nrows: [{name: b, overrides: []}]\nclaims: [{better: b, worse: a}]\n"
     (tmp_path / "table" / "second.yaml").write_text(second)
     table = load_table("second")
     assert [row.name for row in table.rows] == ["a", "b"]
     assert (table.scenes, table.seeds, table.reference, table.pictured) == (["tiny"], [4], "a", ["a"])
+    assert table.photographs == 24
     assert [(claim.better, claim.worse) for claim in table.claims] == [("b", "a")]

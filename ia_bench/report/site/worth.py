@@ -14,7 +14,6 @@ from ia_bench.report.table import carried_text
 from ia_bench.report.value.gains import Gain, gains, in_words
 from ia_bench.report.value.heat_map import SHOWN
 from ia_bench.runs.folder import CONFIG
-from ia_bench.runs.metrics import METRICS_FILE
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
 from ia_bench.scores.columns import Metric
 
@@ -98,7 +97,7 @@ def table_of(runs: Sequence[Run], reference: str) -> Table | None:
         label = capture_of(settings).label
         captures[label] = settings
         rows[run.row.removesuffix(f", {label}") if label else run.row] = None
-        most = max(most, _photographs_of(run))
+        most = max(most, run.photographs or 0)
     if len(captures) < 2 or reference not in rows:
         return None
     return Table(rows=[Row(name, []) for name in rows], reference=reference, captures=[*captures.values()], photographs=most)
@@ -115,13 +114,6 @@ def _capture(run: Run) -> dict[str, Any] | None:
     changed = {key: value for key, value in found.items() if hasattr(plain, key) and value != getattr(plain, key)}
     name = record.get("given", {}).get("capture.name")  # by which its label calls it
     return changed if name is None else {**changed, "name": name}
-
-
-def _photographs_of(run: Run) -> int:
-    try:
-        return int(read_json(run.folder / METRICS_FILE).get("capture", {}).get("views", 0))
-    except InputError:
-        return 0
 
 
 def _map(row: str, mine: Sequence[Gain], table: Table, largest: float) -> Map:

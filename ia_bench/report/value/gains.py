@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -94,6 +94,7 @@ def gains(runs: Sequence[Run], table: Table) -> list[Gain]:
 
     Raises ValueError for a table without a reference.
     """
+    table = with_photographs(table, runs)
     if table.reference is None:
         raise ValueError("expected a table with a reference, found none")
     ceiling = next((row.name for row in table.rows if _is(row, "ceiling")), None)
@@ -110,6 +111,15 @@ def gains(runs: Sequence[Run], table: Table) -> list[Gain]:
                     share = None if ceiling is None else _share(pairs, _better(runs, ceiling, reference, metric))
                     found.append(Gain(row, capture, photographs_of(capture, table), metric, pairs, own, level.mean, share))
     return found
+
+
+def with_photographs(table: Table, runs: Sequence[Run]) -> Table:
+    """The table with as many photographs a scene as its runs say that fitted all of them; the most where scenes differ."""
+    whole = [capture_of(settings) for settings in table.captures or [{}]]
+    labels = [capture.label for capture in whole if capture.views == "all"]
+    rows = {crossed_name(row.name, label) for row in table.rows for label in labels}
+    most = max((run.photographs or 0 for run in runs if run.row in rows), default=0)
+    return replace(table, photographs=most) if most else table
 
 
 def photographs_of(capture: CaptureSettings, table: Table) -> int:

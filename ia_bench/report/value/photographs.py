@@ -10,7 +10,7 @@ import numpy as np
 
 from ia_bench.report.collect import Run
 from ia_bench.report.value.bootstrap import Interval, interval, replicates
-from ia_bench.report.value.gains import compared, photographs_of
+from ia_bench.report.value.gains import compared, photographs_of, with_photographs
 from ia_bench.runs.table import Table, capture_of, crossed_name
 from ia_bench.scores.columns import METRICS, Metric
 
@@ -50,6 +50,7 @@ def worth(runs: Sequence[Run], table: Table) -> list[Worth]:
     Captures that differ in nothing but that number are a family. Those scenes and seeds count that have the reference with all
     numbers of the family, and the row with the one in question.
     """
+    table = with_photographs(table, runs)
     cells = {(run.row, run.scene, run.seed): run for run in runs if run.problem is None}
     families: dict[str, dict[int, str]] = {}
     for settings in table.captures:
