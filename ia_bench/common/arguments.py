@@ -30,8 +30,10 @@ def read_arguments(kind: type[T], arguments: Sequence[str]) -> T:
         table, hints = content, get_type_hints(kind)
         for part in above:
             table = table.setdefault(part, {})
+            if not isinstance(table, dict):
+                raise InputError(f"{key}: expected a setting, found one below {part}, which is {table!r}")
             hints = get_type_hints(hints[part]) if dataclasses.is_dataclass(hints.get(part)) else {}
-        if not separator or not text or not isinstance(table, dict):
+        if not separator or not text:
             raise InputError(f"{key}: expected {key}=VALUE, found '{argument}'")
         hint = hints.get(last)
         kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)

@@ -17,7 +17,7 @@ from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import given
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
-from ia_bench.runs.metrics import METRICS_FILE, finished_metrics
+from ia_bench.runs.metrics import METRICS_FILE, damaged_file, finished_metrics
 from ia_bench.runs.table import Cell
 
 ENDING_SECONDS = GRACE_SECONDS + 5
@@ -27,6 +27,7 @@ ENDING_SECONDS = GRACE_SECONDS + 5
 def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, progress: Progress) -> int:
     """Run what is not finished, at most ``jobs`` at a time, and return how many cells failed.
 
+    One whose files are not what it wrote is not finished, as a run by itself would say.
     A cell whose worker dies is started again, ``launcher.attempts`` times in all, and goes on from its checkpoint. One that fails
     by itself would only fail again, and one whose record cannot be read has failed: it is left as it is.
     """
@@ -40,7 +41,7 @@ def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, 
             progress.note(f"{cell.name}: FAILED ({error})")
             failed += 1
             continue
-        if metrics is None:
+        if metrics is None or damaged_file(cell.folder, metrics) is not None:
             missing.append(cell)
         else:
             finished.append(metrics)

@@ -258,6 +258,21 @@ def test_a_cell_whose_record_is_damaged_fails_alone_and_keeps_it(capfd: pytest.C
     assert (cells[1].folder / "metrics.json").is_file()
 
 
+def test_a_cell_whose_files_are_damaged_runs_again() -> None:
+    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("torn", ["method=ceiling"]), Row("good", ["prior=none"])]))
+    for _ in range(2):
+        with Progress() as progress:
+            assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 0
+        assert len(started()) == 2, "what has finished is not run again"
+    curve = cells[0].folder / "curve.csv"
+    whole = curve.read_bytes()
+    curve.write_bytes(whole[:-3])
+    with Progress() as progress:
+        assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 0
+    assert started() == ["hat good 0", "hat torn 0", "hat torn 0"]
+    assert curve.read_bytes() == whole
+
+
 def test_a_cell_that_cannot_write_why_it_failed_fails_alone(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

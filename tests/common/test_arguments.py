@@ -7,6 +7,9 @@ import sys
 
 import pytest
 
+from ia_bench.cli.table import parse
+from ia_bench.common.errors import InputError
+
 
 @pytest.mark.parametrize(
     ("command", "option", "value", "least"),
@@ -24,3 +27,9 @@ def test_refused(command: list[str], option: str, value: str, least: int) -> Non
     last = ended.stderr.strip().split("\n")[-1]
     assert last.endswith(f"error: argument {option}: expected a whole number of at least {least}, found {value}")
     assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize("inner", ["launcher.cpus.x", "launcher.cpus.x.y"])
+def test_a_setting_below_one_that_has_a_value_is_refused(inner: str) -> None:
+    with pytest.raises(InputError, match=f"{inner}: expected a setting, found one below cpus, which is 4"):
+        parse(["launcher=submitit_local", "launcher.cpus=4", f"{inner}=1"])
