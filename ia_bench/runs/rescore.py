@@ -44,7 +44,8 @@ class Rescorer:
         which run that is. A curve cannot be scored again, so there is none.
 
         Raises:
-            InputError: The run has not finished, is of another scene, or has left no textures.
+            InputError: The run has not finished, is of another scene, has left no textures, or was drawn by a renderer of its
+                own, which is not stored: what the reference renderer makes of its textures is no score of the same row.
         """
         run = Recovered(folder)
         fit = run.metrics.content
@@ -57,7 +58,9 @@ class Rescorer:
             if kept.finished() is not None:
                 return place
             stage, scorer = self._scene_of(run)
-            scores = scorer.full(run.reconstruction(stage)).as_dict()
+            reconstruction = run.reconstruction(stage)
+            self._check_renderer(run, reconstruction.renderer)
+            scores = scorer.full(reconstruction).as_dict()
             scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
             write_pictures(kept, self._scene, scorer.drawn, scale, print)
             for name in ASSETS:
@@ -70,6 +73,15 @@ class Rescorer:
             except RecordError as error:
                 raise InputError(f"{run.metrics.path}: {error}") from None
         return place
+
+    def _check_renderer(self, run: Recovered, here: str) -> None:
+        """Raise InputError where the run was not drawn by the renderer ``here``; the oldest runs do not say."""
+        drawn = run.metrics.content.get("renderer", here)
+        if drawn != here:
+            raise InputError(
+                f"{run.metrics.path}: renderer: expected {here}, found {drawn}: its own renderer is gone; "
+                f"run it again with protocol={self.protocol.name}"
+            )
 
     def _scene_of(self, run: Recovered) -> tuple[Stage, Scorer]:
         """The stage and the scorer of the run's scene; those of the run before where that is the same."""

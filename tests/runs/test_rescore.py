@@ -130,6 +130,18 @@ def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path
     assert not list((tmp_path / "new").rglob("metrics.json"))
 
 
+def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(run: Path, tmp_path: Path) -> None:
+    """Its new scores would stand under its row as if its own renderer had made them."""
+    folder = shutil.copytree(run, tmp_path / "split sums")
+    record = json.loads((folder / "metrics.json").read_text())
+    assert record["renderer"] == "ia_bench reference"
+    record["renderer"] = "split sum; under novel lights ia_bench reference"
+    (folder / "metrics.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match="found split sum; .*: its own renderer is gone; run it again with protocol=paper-v2$"):
+        Rescorer(small(), tmp_path / "new").rescore(folder)
+    assert not list((tmp_path / "new").rglob("metrics.json"))
+
+
 @pytest.mark.slow
 def test_a_report_shows_the_pictures_that_a_run_has_kept(run: Path, tmp_path: Path) -> None:
     """Of the views that were scored, so that nothing of the run is drawn again; what they show is what drawing it again shows."""
