@@ -97,14 +97,14 @@ class TrainingImages:
         return encode(augment(self.linear(index), augmentation, generator), config, augmentation, generator)
 
 
-def _drawn_by(generator: torch.Generator) -> dict[str, Any]:
+def drawn_by(generator: torch.Generator) -> dict[str, Any]:
     """Arguments of torch's random functions: drawn by the ``generator``, on its device."""
     return {"generator": generator, "device": generator.device}
 
 
 def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.Generator) -> dict[str, Tensor]:
     """Mirror, permute channels and colour the light of linear images; geometry and masks follow."""
-    count, at = len(images["image"]), _drawn_by(generator)
+    count, at = len(images["image"]), drawn_by(generator)
     radiance, masks = images["image"][..., :3], images["image"][..., 3:]
     mirrored = torch.rand(count, **at) < settings.mirror
     permuted = torch.rand(count, **at) < settings.permute
@@ -128,7 +128,7 @@ def augment(images: dict[str, Tensor], settings: Augmentation, generator: torch.
 def encode(images: dict[str, Tensor], config: NetworkConfig, settings: Augmentation, generator: torch.Generator) -> Batch:
     """Expose, add sensor noise, and encode linear images for a network of ``config``."""
     radiance, masks = images["image"][..., :3], images["image"][..., 3]
-    count, at = len(masks), _drawn_by(generator)
+    count, at = len(masks), drawn_by(generator)
     factor = exposure(radiance, masks)
     factor = factor * torch.exp(settings.exposure * (2 * torch.rand(count, **at) - 1))
     deviation = settings.noise * torch.rand(count, **at) / factor

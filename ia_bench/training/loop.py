@@ -22,7 +22,7 @@ from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.checkpoints import load_network, read_description, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.inputs import use_bf16
-from ia_bench.training.dataset import Batch, TrainingImages
+from ia_bench.training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench.training.optimiser import MuonAdamW, split_weights
 from ia_bench.training.resuming import (
     batch_index,
@@ -161,19 +161,15 @@ class _Training:
         settings = self.settings
         index = batch_index(len(self.images), settings.batch, settings.seed, step)
         share = index[self.accelerator.process_index :: self.accelerator.num_processes]
-        generator = self._generator(step)
-        at: dict[str, Any] = {"generator": generator, "device": generator.device}
-        batch = self.images.batch(share, settings.network, settings.augmentation, generator)
+        # Of the device, beside whose images draws are made; another kind of device draws others.
+        seed = stream(settings.seed, step, self.accelerator.process_index)
+        generator = torch.Generator(self.accelerator.device).manual_seed(seed)
+        batch, at = self.images.batch(share, settings.network, settings.augmentation, generator), drawn_by(generator)
         draws = {
             "noise": torch.randn(batch.target.shape, **at),
             "timestep": torch.randint(1000 if self.schedule is None else len(self.schedule), (len(share),), **at),
         }
         return batch, draws
-
-    def _generator(self, step: int) -> torch.Generator:
-        """Of the device, where draws are made beside the images; another kind of device draws others."""
-        seed = stream(self.settings.seed, step, self.accelerator.process_index)
-        return torch.Generator(self.accelerator.device).manual_seed(seed)
 
     def _predicted(self, batch: Batch, draws: dict[str, Tensor]) -> Tensor:
         """The network's estimate (N, 3 C, H, W) of the batch's target."""
