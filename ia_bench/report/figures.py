@@ -97,12 +97,15 @@ def _label_plainly(axis: Axis) -> None:
 
 
 def _draw_seeds(panel: Axes, points: list[tuple[np.ndarray, np.ndarray]], style: dict) -> None:
-    """Draw one row: its only seed as it was measured, or the mean of the seeds at common times and their range."""
-    if len(points) == 1:
-        panel.plot(*points[0], marker="o", markersize=3, linewidth=1.5, **style)
-        return
+    """Draw one row: the mean of its seeds at common times, and their range; each as it was measured where they have no span of time
+    in common, as one seed alone, or runs that were scored once.
+    """
     first, last = max(seconds[0] for seconds, _ in points), min(seconds[-1] for seconds, _ in points)
-    times = np.geomspace(first, last, 64) if last > first else np.array([first])
+    if len(points) == 1 or last <= first:
+        for seconds, seen in points:
+            panel.plot(seconds, seen, marker="o", markersize=3, linewidth=1.5, **style)
+        return
+    times = np.geomspace(first, last, 64)
     values = np.array([np.interp(np.log(times), np.log(seconds), seen) for seconds, seen in points])
     panel.plot(times, values.mean(axis=0), linewidth=1.5, **style)
     panel.fill_between(times, values.min(axis=0), values.max(axis=0), color=style["color"], alpha=0.2, linewidth=0)

@@ -114,6 +114,17 @@ def test_the_mean_of_a_band_lies_between_its_seeds(runs: list[Run]) -> None:
     assert last == pytest.approx((24 + other) / 2, abs=0.01)
 
 
+def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
+    """As with preset=smoke; a mean at common times has none, and the figure was empty."""
+    once = [read_run(write_run("ours", "hat", seed, curve=f"final,18,{3 + seed},2{seed},20,20,20,0.1\n")) for seed in range(2)]
+    figure = draw_scene(once, "hat", ["ours"])
+    assert figure is not None
+    lines = figure.axes[0].get_lines()
+    assert [(*line.get_xdata(), *line.get_ydata()) for line in lines] == [(3, 20), (4, 21)]
+    assert all(line.get_marker() == "o" for line in lines)
+    assert len({line.get_color() for line in lines}) == 1
+
+
 def test_rows_keep_their_colours_whatever_is_missing(runs: list[Run]) -> None:
     rows = ["ceiling", "none", "ours"]
     all_of = draw_scene(runs, "hat", rows).axes[0].get_lines()
