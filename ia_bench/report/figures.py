@@ -97,8 +97,9 @@ def _label_plainly(axis: Axis) -> None:
 
 
 def _draw_seeds(panel: Axes, points: list[tuple[np.ndarray, np.ndarray]], style: dict) -> None:
-    """Draw one row: the mean of its seeds at common times, and their range; each as it was measured where they have no span of time
-    in common, as one seed alone, or runs that were scored once.
+    """Draw one row: the mean of its seeds at common times, and their range.
+
+    Seeds without a span of time in common, one alone or some that were scored once, are drawn as they were measured.
     """
     first, last = max(seconds[0] for seconds, _ in points), min(seconds[-1] for seconds, _ in points)
     if len(points) == 1 or last <= first:
