@@ -45,7 +45,7 @@ from ia_bench.render.gbuffer import GBuffer
 from ia_bench_baselines.mitsuba_adam.scene import import_mitsuba
 
 PIXELS, SAMPLES, VIEWS, SIZE = 4096, 32, 20, 128
-LIGHT_UNIFORM = 0.2  # fit.light_uniform
+LIGHT_UNIFORM = 0.2  # fit.defensive_share
 WARM_UP = 3
 BLOCK = 8  # texels along a side; at 512 texels a pixel of the default scene spans about 3
 MITSUBA = {"direct": (1, 8), "prb": (1,)}  # integrators, and how many times the samples of a step

@@ -118,7 +118,7 @@ class Objective:
         problem, weights, near = self.problem, self._settings.weights, self._neighbours
         radiance = unknowns.radiance()
         light = (
-            SampledLight.of(radiance, uniform_fraction=self._settings.light_uniform)
+            SampledLight.of(radiance, uniform_fraction=self._settings.defensive_share)
             if sampled is None
             else SampledLight(radiance, sampled.sampler)
         )

@@ -167,7 +167,7 @@ def run_lbfgs(
         origin = {name: leaf.detach().clone() for name, leaf in moving.items()}
         units = {name: torch.zeros_like(leaf, requires_grad=True) for name, leaf in moving.items()}
         size = settings.rates.final ** (step / max(steps - 1, 1))
-        sampled = SampledLight.of(unknowns.radiance().detach(), uniform_fraction=settings.light_uniform)
+        sampled = SampledLight.of(unknowns.radiance().detach(), uniform_fraction=settings.defensive_share)
         solver = torch.optim.LBFGS(list(units.values()), lr=size, max_iter=INNER, line_search_fn="strong_wolfe")
 
         def place(moving: Parameters = moving, origin: Parameters = origin, units: Parameters = units) -> None:

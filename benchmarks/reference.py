@@ -26,7 +26,7 @@ from ia_bench.render.estimator import FromObject, Shaded
 from ia_bench.render.gbuffer import GBuffer, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
 from ia_bench.render.lattice import lattice
-from ia_bench.render.renderer import Met, PixelRadiance, Renderer, samples_taken
+from ia_bench.render.renderer import BrdfRayCache, PixelRadiance, Renderer, samples_taken
 from ia_bench.scenes.scene import Mesh
 
 LEAST_PDF = 1e-12
@@ -282,9 +282,9 @@ class TorchRenderer(Renderer):
         shift: Tensor,
         part: int = 0,
         parts: int = 1,
-        met: Met | None = None,
+        ray_cache: BrdfRayCache | None = None,
     ) -> PixelRadiance:
-        """As the kernels do, but for ``met``: every ray is traced again."""
+        """As the kernels do, but for ``ray_cache``: every ray is traced again."""
         points = gbuffer.subsamples
         count = samples_taken(samples, points) // (2 * points)
         with torch.no_grad():

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from ia_bench.cli.report import main as report
 from ia_bench.runs.pictures.bundle import PICTURES, bundle, read_bundle
-from ia_bench.runs.pictures.drawing import Easel
+from ia_bench.runs.pictures.drawing import SceneRenderer
 from ia_bench.runs.recovered import Recovered
 
 
@@ -61,17 +61,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _pictures(runs: Sequence[Path]) -> list[bytes]:
     """What each run on one scene has kept, else drawn."""
-    easel = true = None
+    scene_renderer = true = None
     found = []
     for run in runs:
         kept = read_bundle(run)
         if kept is None:
             recovered = Recovered(run)
-            if easel is None:
-                easel = Easel(recovered.read_scene(whole=True))
-                true = easel.truth(turned=False)
+            if scene_renderer is None:
+                scene_renderer = SceneRenderer(recovered.read_scene(whole=True))
+                true = scene_renderer.truth(turned=False)
             assert true is not None
-            kept = bundle(easel, true, recovered.reconstruction(easel.stage), recovered.scale)
+            kept = bundle(scene_renderer, true, recovered.reconstruction(scene_renderer.stage), recovered.scale)
         found.append(kept.zipped())
     return found
 

@@ -45,7 +45,7 @@ class StepClock:
         self.times: list[float] = []
 
     def advance(self, amount: int = 1, **values: float) -> None:
-        """See :class:`ia_bench.methods.contract.Task`."""
+        """See :class:`ia_bench.methods.contract.ProgressBar`."""
         self.times.append(time.process_time())
 
 

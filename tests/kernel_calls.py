@@ -9,7 +9,7 @@ from ia_bench.light import warp_latlong as light
 from ia_bench.light.latlong import LatLongSampler
 from ia_bench.material import warp_brdf as brdf
 from ia_bench.material.textures import fetch
-from ia_bench.render.estimator import Samples
+from ia_bench.render.estimator import DirectionSamples
 from ia_bench.render.gbuffer import SurfacePoints
 
 CPU = torch.device("cpu")
@@ -168,7 +168,7 @@ def normalize(vectors: torch.Tensor) -> torch.Tensor:
 
 def samples_of(
     surface: SurfacePoints, direction: torch.Tensor, texel: torch.Tensor, weight: torch.Tensor, roughness: torch.Tensor
-) -> Samples:
+) -> DirectionSamples:
     """What the estimator would have drawn, for directions (N, K, 3), texels (N, K) and weights (N, K, 1) of one's own.
 
     ``roughness``: the texture (T, T, 1). Weights of the second half count for themselves alone.
@@ -180,4 +180,4 @@ def samples_of(
     terms = torch.cat([cosine * weight, value * weight, slope * weight, grazing], -1)
     count = texel.shape[1] // 2
     boost = (1 / (count * weight.clamp_min(1e-12) * pdf.clamp_min(1e-12)))[:, count:, 0].contiguous()
-    return Samples(direction, torch.where(lit[..., 0], texel, -1).int(), torch.where(lit, terms, 0).contiguous(), boost)
+    return DirectionSamples(direction, torch.where(lit[..., 0], texel, -1).int(), torch.where(lit, terms, 0).contiguous(), boost)

@@ -96,7 +96,7 @@ class Stage:
         albedo = self.material.albedo + _blocks(change["albedo"], texture_side)
         roughness = self.material.roughness + _blocks(change["roughness"], texture_side)
         radiance = torch.exp(self.log_light + _blocks(change["log_light"], light_side))
-        true = SampledLight.of(torch.exp(self.log_light), uniform_fraction=FitSettings().light_uniform)
+        true = SampledLight.of(torch.exp(self.log_light), uniform_fraction=FitSettings().defensive_share)
         rendered = self.renderer.render_pixels(
             self.gbuffer,
             pixels,

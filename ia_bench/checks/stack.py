@@ -48,8 +48,8 @@ class Stack:
         normals = masks * torch.tensor([0.0, 0.0, 1.0]) if "normals" in wants else None
         visibility = 0.5 * masks if "visibility" in wants else None
         truth = {name: self.truth(name) for name in COMPONENTS} if "truth" in wants else None
-        sightings = torch.ones_like(masks) * (masks > 0) if "sightings" in wants else None
-        return Observations(self.images, self.masks, None, normals, visibility, sightings, truth)
+        view_count = torch.ones_like(masks) * (masks > 0) if "view_count" in wants else None
+        return Observations(self.images, self.masks, None, normals, visibility, view_count, truth)
 
     def one(self, view: int) -> Stack:
         """The stack of that view alone."""

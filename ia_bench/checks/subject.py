@@ -12,7 +12,7 @@ from torch import Tensor
 from ia_bench.checks.stack import Stack
 from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
 
-GEOMETRY = frozenset({"normals", "visibility", "sightings"})
+GEOMETRY = frozenset({"normals", "visibility", "view_count"})
 """What a prior may want of a scene, and must do without."""
 
 Images = dict[str, Tensor]
@@ -30,9 +30,7 @@ class Subject:
         self._asked = 0
         self._base: Samples | None = None
 
-    def ask(
-        self, stack: Stack, *, seed: int = 0, guidance: Images | None = None, prior: Prior | None = None
-    ) -> Samples:
+    def ask(self, stack: Stack, *, seed: int = 0, guidance: Images | None = None, prior: Prior | None = None) -> Samples:
         """One sample of the prior under test, or of another instance of it."""
         return self.ask_about(self.shown(stack), seed=seed, guidance=guidance, prior=prior)
 

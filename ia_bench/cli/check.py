@@ -128,13 +128,13 @@ def _check_method(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     config = compose([*arguments, *short, "device=cpu"])  # where the same numbers are promised, which a rule asks for
     limit_threads(config.threads or 1)
     from ia_bench.checks.methods import check_method  # brings in torch
-    from ia_bench.methods.books import Books
+    from ia_bench.methods.costs import CostTracker
     from ia_bench.runs.run import problem_of
 
     scene, info = captured_scene(config, lambda _: None), method_of(config).info
 
     def make_problem(scene: Scene) -> Problem:
-        return problem_of(config, scene, info, note=lambda _: None, books=Books())
+        return problem_of(config, scene, info, note=lambda _: None, costs=CostTracker())
 
     what = f"method {config.method.name} ({config.method.target}) on scene {scene.name}"
     return what, check_method(lambda: method_of(config), make_problem, scene)

@@ -14,7 +14,7 @@ from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
-from ia_bench.report.collect import Cell, Run, collect
+from ia_bench.report.collect import CellKey, Run, collect
 from ia_bench.report.published import read_published
 from ia_bench.report.site.against import Former, changes, read_former
 from ia_bench.report.site.content import RowTexts, Sources
@@ -57,7 +57,7 @@ def _report(wanted: argparse.Namespace) -> int:
     if wanted.only and not wanted.table:
         raise InputError("--only: expected --table NAME beside it, found none")
     table = _compared_with(load_table(wanted.table), wanted.reference) if wanted.table else Table()
-    rows = [row.name for row in table.crossed]
+    rows = [row.name for row in table.crossed_rows]
     published = [run for path in tables for run in read_published(path)]
     former = None if wanted.against is None else read_former(wanted.against)
     make_writable(wanted.out, "--out")
@@ -105,7 +105,9 @@ def _compared_with(table: Table, wanted: str | None) -> Table:
     return replace(table, reference=known[wanted])
 
 
-def _reference(wanted: str | None, folders: Mapping[Path, Cell | None], published: Sequence[Run]) -> tuple[str | None, str | None]:
+def _reference(
+    wanted: str | None, folders: Mapping[Path, CellKey | None], published: Sequence[Run]
+) -> tuple[str | None, str | None]:
     """The row that all others are compared with, and the one that they are where it was run with their capture.
 
     A row's name ends with its capture, "none, hull": where none is called ``wanted`` alone, a single one that begins so is meant,
@@ -129,7 +131,7 @@ def write_report_page(
     it is not that of the report or the table.
     """
     found = report.findings
-    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed}
+    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed_rows}
     since = None if former is None else changes(former, found.runs, found.rows, found.scenes)
     sources = Sources(found, f"Table: {name}", texts, since, worth=maps(found.runs, table, reference or found.reference))
     return write_page(sources, out / PAGE, _pictures(report, out / PAGE / PARTS))
@@ -139,10 +141,10 @@ def _pictures(report: Report, parts: Path) -> Gallery:
     """Draw what the runs have exported, where any has; pictures of scenes that the report no longer has go."""
     gallery = Gallery()
     if any((run.folder / "albedo.exr").is_file() for run in report.findings.runs):
-        from ia_bench.report.site.pictures.store import hang  # brings in torch
+        from ia_bench.report.site.pictures.store import write_pictures  # brings in torch
 
         with Progress() as progress:
-            gallery = hang(report.findings.runs, parts, progress.note)
+            gallery = write_pictures(report.findings.runs, parts, progress.note)
     take_down_others(gallery, parts)
     return gallery
 
@@ -154,7 +156,7 @@ def tell(report: Report, table: Table, page: Path) -> None:
         f"Protocol {findings.protocol}, mean over scenes\n",
         markdown_block(findings.overall, findings.footnotes),
         *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
-        *(f"{row.name}: {row.note}" for row in table.crossed if row.note),
+        *(f"{row.name}: {row.note}" for row in table.crossed_rows if row.note),
         "",
         *map(str, report.files),
         f"{page} opens in a browser",

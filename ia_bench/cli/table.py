@@ -32,10 +32,10 @@ from ia_bench.runs.config import resolve_scene_folder, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
 from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Cell, Request, make_cells, refuse_own
+from ia_bench.runs.table import Cell, TableRequest, make_cells, refuse_own
 
 
-def parse(arguments: Sequence[str]) -> Request:
+def parse(arguments: Sequence[str]) -> TableRequest:
     """Tell the table's own arguments from overrides. Raises InputError for a value that is no name or number."""
     own: dict[str, Any] = {}
     overrides, launcher = [], []
@@ -59,7 +59,7 @@ def parse(arguments: Sequence[str]) -> Request:
     own["launcher"] = _launcher(launcher)
     if getattr(own["launcher"], "gpus", 0) and not any(text.startswith("device=") for text in overrides):
         overrides.append("device=cuda")
-    return Request(**own, overrides=tuple(overrides))
+    return TableRequest(**own, overrides=tuple(overrides))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return command(_usage, lambda given: make_table(parse(given)), arguments)
 
 
-def make_table(request: Request) -> int:
+def make_table(request: TableRequest) -> int:
     """Run every cell, write the report, print the table and where the files are."""
     from ia_bench.cli.report import tell, write_report_page, write_value_of  # brings in pandas
     from ia_bench.report.table import counterparts
@@ -95,7 +95,7 @@ def make_table(request: Request) -> int:
     report = write_report(
         {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells},
         results,
-        [row.name for row in table.crossed],
+        [row.name for row in table.crossed_rows],
         scenes_order=list(dict.fromkeys(cell.config.scene.name for cell in cells)),
         reference=table.compared,
         claims=table.claims,

@@ -20,7 +20,7 @@ from ia_bench.report.site.content import Live, RowTexts, Sources
 from ia_bench.report.site.live import findings_so_far, key_of, write_news
 from ia_bench.report.site.worth import maps
 from ia_bench.report.site.write import PARTS, write_page
-from ia_bench.runs.standing import FAILED, FINISHED, RUNNING, WAITING, Overview, look
+from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, WAITING, Overview, look
 from ia_bench.runs.table import Table, load_table, title_of
 
 LIVE = "live"
@@ -72,7 +72,7 @@ def _write(overview: Overview, runs: Path, out: Path, every: float) -> Path:
         findings = findings_so_far(overview, table)
     except ValueError as error:
         raise InputError(str(error)) from None
-    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed}
+    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed_rows}
     title = f"Table: {title_of(overview.plan.table)}" if overview.plan is not None else f"Runs: {runs.resolve().name}"
     worth = maps(findings.runs, table, findings.reference)
     return write_page(Sources(findings, title, texts, live=Live(key_of(overview), every), worth=worth), out)

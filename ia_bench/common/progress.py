@@ -20,7 +20,7 @@ LINE_SECONDS = 5.0
 """Piped output gets at most one line of progress in this time."""
 
 
-class Task:
+class ProgressBar:
     """One piece of work of ``total`` steps. Made by :meth:`Progress.task`."""
 
     def __init__(self, progress: Progress, name: str, total: int, done: int) -> None:
@@ -63,7 +63,7 @@ class Progress:
         """Bars if ``stream`` is a terminal, else lines."""
         self._stream: TextIO | None = sys.stderr if stream is None else stream
         self._rich: RichProgress | None = None
-        self._bars: dict[Task, TaskID] = {}
+        self._bars: dict[ProgressBar, TaskID] = {}
         self._last_line = -LINE_SECONDS
         if self._stream is not None and self._stream.isatty():
             columns = (
@@ -81,17 +81,15 @@ class Progress:
             self._rich.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         """Leave the last state of every bar on the screen."""
         if self._rich is not None:
             with suppress(OSError):
                 self._rich.stop()
 
-    def task(self, name: str, total: int, done: int = 0) -> Task:
+    def task(self, name: str, total: int, done: int = 0) -> ProgressBar:
         """Begin a task of ``total`` steps, of which ``done`` are made already."""
-        task = Task(self, name, total, done)
+        task = ProgressBar(self, name, total, done)
         if self._rich is not None:
             self._bars[task] = self._rich.add_task(name, total=total, completed=done, status="")
         return task
@@ -104,7 +102,7 @@ class Progress:
         else:
             say(text, self._stream)
 
-    def _show(self, task: Task) -> None:
+    def _show(self, task: ProgressBar) -> None:
         if self._rich is not None:
             self._rich.update(self._bars[task], completed=task.done, status=task.status)
             return
@@ -114,11 +112,11 @@ class Progress:
             self.note(f"{task.name}: {task.done}/{task.total}, {task.status}")
 
 
-Begin = Callable[[str, int], Task]
+Begin = Callable[[str, int], ProgressBar]
 """Begins a task of a name and so many steps, as :meth:`Progress.task` does."""
 
 
-def unseen(name: str, total: int) -> Task:
+def unseen(name: str, total: int) -> ProgressBar:
     """A task that nobody is shown, for work that is asked for without a :class:`Progress`."""
     return Progress(io.StringIO()).task(name, total)
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-Share = Annotated[float, Field(ge=0, le=1)]
+UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Roughness = Annotated[float, Field(ge=0.03, le=1)]  # perceptual; narrower lobes are beyond float32 (material.brdf.MIN_ROUGHNESS)
 NotNegative = Annotated[float, Field(ge=0)]
 Weight = Annotated[float, Field(ge=0, le=1e6)]

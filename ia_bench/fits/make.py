@@ -10,7 +10,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.fits.scene import draw_scene
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
-from ia_bench.methods.asking.geometry import count_sightings, view_geometry
+from ia_bench.methods.asking.geometry import count_views, view_geometry
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.refinement import Fusion, fitted_views
@@ -63,7 +63,7 @@ def _fitted(rng: np.random.Generator, seed: int, index: int, size: int) -> tuple
         **{name: images[list(shown)] for name, images in fitted.items()},
         "normal": normals,
         "visibility": visibility,
-        "sightings": count_sightings(problem, shown),
+        "view_count": count_views(problem, shown),
         "true_albedo": torch.from_numpy(drawn.albedo[list(shown)]),
         "true_roughness": torch.from_numpy(drawn.roughness[list(shown)]),
     }

@@ -26,7 +26,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample, interpolate, normalize, pad
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.progress import Begin, Task, unseen
+from ia_bench.common.progress import Begin, ProgressBar, unseen
 from ia_bench.geometry.appearance import Appearance
 from ia_bench.geometry.fusion import fused
 from ia_bench.geometry.grid import DistanceGrid
@@ -130,7 +130,7 @@ class _Fit:
         mean = float(pixels.colour[shown].mean()) if shown.any() else 1.0
         self._mean = max(mean, 1e-12)
 
-    def refined(self, start: Tensor, least: Tensor, task: Task) -> Tensor:
+    def refined(self, start: Tensor, least: Tensor, task: ProgressBar) -> Tensor:
         """Distances (X, Y, Z) in cells after the steps of ``task`` from ``start``, never below ``least``."""
         steps = task.total
         sizes = [[-(-(count - 1) // 2**level) + 1 for count in start.shape] for level in range(LEVELS)]

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.methods.asking.settings import SupervisionSettings
-from ia_bench.methods.books import Books
+from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.photographs import Photographs
 from ia_bench.methods.plan import Plan, make_plan
@@ -38,7 +38,7 @@ class Problem:
         make_prior: Makes the prior that the run was asked to use, told what it is entitled to.
         truth: The scene with its truth, for a method that declares ``sees_truth``; None for all others.
         note: Takes one-line messages to the user.
-        books: Where seconds of baking are booked.
+        costs: Where seconds of baking are booked.
     """
 
     scene: Scene
@@ -48,20 +48,20 @@ class Problem:
     make_prior: Callable[[Problem], Prior] = lambda _: NoPrior()
     truth: Scene | None = None
     note: Callable[[str], None] = warnings.warn
-    books: Books = field(default_factory=Books)
+    costs: CostTracker = field(default_factory=CostTracker)
 
     @cached_property
     def stage(self) -> Stage:
         """The scene's mesh on the device, with whatever rendering it takes."""
-        with self.books.aside("bake"):
+        with self.costs.exclude("bake"):
             stage = Stage(self.scene.expect_mesh(), self.device)
-            self.books.watch(stage.counts)
+            self.costs.watch(stage.counts)
             return stage
 
     @cached_property
     def plan(self) -> Plan:
         """The settings that were left to be chosen, measured on the scene; they are told as they are chosen."""
-        with self.books.aside("bake"):
+        with self.costs.exclude("bake"):
             wanted = self.supervision
             looking = self.prior.info.provides or wanted.refinement or wanted.roughness_refinement or wanted.parsimony
             plan = make_plan(self.scene, self.stage, self.render, prior_views=wanted.views if looking else None)
@@ -72,7 +72,7 @@ class Problem:
     @cached_property
     def gbuffer(self) -> GBuffer:
         """What the training cameras see, with as many points a pixel as the plan says."""
-        with self.books.aside("bake"):
+        with self.costs.exclude("bake"):
             return self.stage.gbuffer([view.camera for view in self.scene.train], self.plan.subsamples)
 
     @cached_property
@@ -83,13 +83,13 @@ class Problem:
     @cached_property
     def renderer(self) -> Renderer:
         """The renderer of the plan."""
-        with self.books.aside("bake"):
+        with self.costs.exclude("bake"):
             return self.stage.renderer(shadows=self.plan.shadows, bounces=self.plan.bounces, coat=self.render.coat)
 
     @cached_property
     def prior(self) -> Prior:
         """The prior, ready to be asked."""
-        with self.books.aside("bake"):
+        with self.costs.exclude("bake"):
             return self.make_prior(self)
 
     def pixels_of(self, images: Tensor) -> Tensor:
@@ -115,7 +115,7 @@ class Result:
     steps: int = 0
 
 
-class Task(Protocol):
+class ProgressBar(Protocol):
     """One bar of the progress display."""
 
     def advance(self, amount: int = 1, **values: float) -> None:
@@ -123,11 +123,11 @@ class Task(Protocol):
         ...
 
 
-class NoTask:
+class NoProgressBar:
     """A bar that nobody sees."""
 
     def advance(self, amount: int = 1, **values: float) -> None:
-        """See :class:`Task`."""
+        """See :class:`ProgressBar`."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Monitor:
         kept: Gives back the part that belongs to the state that was loaded, or None.
     """
 
-    task: Callable[[str, int, int], Task]
+    task: Callable[[str, int, int], ProgressBar]
     note: Callable[[str], None]
     score: Callable[[str, int, float, Reconstruction], None]
     save: Callable[[dict[str, Any]], None]
@@ -160,7 +160,7 @@ class Monitor:
     def silent(cls, **parts: Any) -> Monitor:  # noqa: ANN401 (what the attributes are)
         """A monitor that shows and keeps nothing, but for the ``parts`` that are given."""
         nothing = {name: lambda *_: None for name in ("note", "score", "save", "load")}
-        return cls(**{"task": lambda *_: NoTask(), **nothing, **parts})
+        return cls(**{"task": lambda *_: NoProgressBar(), **nothing, **parts})
 
 
 @runtime_checkable

@@ -12,7 +12,7 @@ from ia_bench.common.errors import InputError
 
 COMPONENTS = ("albedo", "specular")
 ENCODINGS = ("linear", "srgb")
-WANTED = ("normals", "visibility", "sightings", "truth")
+WANTED = ("normals", "visibility", "view_count", "truth")
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class PriorInfo:
         encoding: Component -> "linear" or "srgb", the space in which its errors are even. Methods compare there; samples
             are linear whatever it says.
         sees_truth: Whether it knows the ground truth; such a prior is marked in every table.
-        wants: What its observations should hold besides images, some of "normals", "visibility", "sightings" and "truth". A
+        wants: What its observations should hold besides images, some of "normals", "visibility", "view_count" and "truth". A
             sample must do without the first three as well, which pictures without a scene do not have.
     """
 
@@ -69,7 +69,7 @@ class Observations:
             pixel and so premultiplied by its coverage; None where the prior does not want them or nobody knows them.
         visibility: (V, H, W, 1) in [0, 1]: cosine-weighted share of the hemisphere around the normal that the object leaves
             open, premultiplied likewise, or None likewise.
-        sightings: (V, H, W, 1), how many of the scene's training photographs show the place that a pixel shows, 0 where it shows
+        view_count: (V, H, W, 1), how many of the scene's training photographs show the place that a pixel shows, 0 where it shows
             none; not premultiplied. None likewise.
         truth: Component -> (V, H, W, 3), ground truth, only for a prior that wants it.
     """
@@ -79,7 +79,7 @@ class Observations:
     views: tuple[int, ...] | None = None
     normals: Tensor | None = None
     visibility: Tensor | None = None
-    sightings: Tensor | None = None
+    view_count: Tensor | None = None
     truth: Mapping[str, Tensor] | None = None
 
     def copy(self) -> Observations:
@@ -92,10 +92,10 @@ class Observations:
         return replace(self._each(lambda tensor: tensor[rows]), views=views)
 
     def _each(self, change: Callable[[Tensor], Tensor]) -> Observations:
-        geometry = (self.normals, self.visibility, self.sightings)
-        normals, visibility, sightings = (None if tensor is None else change(tensor) for tensor in geometry)
+        geometry = (self.normals, self.visibility, self.view_count)
+        normals, visibility, view_count = (None if tensor is None else change(tensor) for tensor in geometry)
         truth = None if self.truth is None else {name: change(tensor) for name, tensor in self.truth.items()}
-        return Observations(change(self.images), change(self.masks), self.views, normals, visibility, sightings, truth)
+        return Observations(change(self.images), change(self.masks), self.views, normals, visibility, view_count, truth)
 
 
 @dataclass(frozen=True)

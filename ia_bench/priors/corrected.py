@@ -10,7 +10,7 @@ import torch
 
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.ranges import Share
+from ia_bench.common.ranges import UnitInterval
 from ia_bench.priors.contract import Observations, Prior, Samples
 from ia_bench.priors.inputs import check_truth
 from ia_bench.priors.wrapped import WrappedPrior
@@ -34,7 +34,7 @@ class CorrectedPrior(WrappedPrior):
         resolve = getattr(registry.load(registry.find("prior", options.get("of", "diffusion"))), "resolved_options", None)
         return dict(options) if resolve is None else {**options, "of_options": resolve(options.get("of_options") or {})}
 
-    def __init__(self, *, of: str = "diffusion", share: Share = 0.5, of_options: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, *, of: str = "diffusion", share: UnitInterval = 0.5, of_options: Mapping[str, Any] | None = None) -> None:
         behind: Prior = registry.create("prior", of, registry.find("prior", of).target, of_options or {})
         if behind.info.sees_truth or not behind.info.provides:
             reason = "it provides nothing" if not behind.info.provides else "it sees the truth itself"

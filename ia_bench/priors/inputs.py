@@ -84,7 +84,7 @@ def check_views(
     geometry = {
         "normals": (observations.normals, (*seen, 3)),
         "visibility": (observations.visibility, (*seen, 1)),
-        "sightings": (observations.sightings, (*seen, 1)),
+        "view_count": (observations.view_count, (*seen, 1)),
     }
     for tensor, (values, shape) in {**expected, **geometry}.items():
         if values is None:

@@ -19,7 +19,7 @@ from ia_bench.render.kernels import draw, shade, shade_adjoint
 
 
 @dataclass(frozen=True)
-class Samples:
+class DirectionSamples:
     """Directions of N points, ``count`` by the light and then ``count`` by the BRDF.
 
     Attributes:
@@ -72,7 +72,7 @@ def draw_samples(
     count: int,
     part: int = 0,
     parts: int = 1,
-) -> Samples:
+) -> DirectionSamples:
     """Draw for N = P ``points`` surface points of P pixels; what occludes the light is not known here yet.
 
     Args:
@@ -95,11 +95,11 @@ def draw_samples(
         _flat(roughness, 1), len(roughness), shift, tables_of(sampler), points, count, part, parts,
         direction, texel, terms, boost, device=device,
     )  # fmt: skip
-    return Samples(direction, texel, terms, boost)
+    return DirectionSamples(direction, texel, terms, boost)
 
 
 def shade_samples(
-    surface: SurfacePoints, samples: Samples, material: Material, radiance: Tensor, coat: str, of_object: FromObject | None
+    surface: SurfacePoints, samples: DirectionSamples, material: Material, radiance: Tensor, coat: str, of_object: FromObject | None
 ) -> Shaded:
     """Sum the samples under a light of ``radiance`` (H, W, 3). Differentiable in it, in the textures and in ``of_object``.
 

@@ -14,7 +14,7 @@ from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
-from ia_bench.render.renderer import Met, texture_images
+from ia_bench.render.renderer import BrdfRayCache, texture_images
 from ia_bench.render.settings import REFERENCE, REFERENCE_ATLAS, REFERENCE_BOUNCES, REFERENCE_LIGHT_ROWS
 from ia_bench.render.stage import Stage, camera_key
 from ia_bench.scenes.images import Images
@@ -116,7 +116,7 @@ class TexturedReconstruction:
         unlike = {f"coat {coat}": coat != "layered", f"{bounces} bounces": bounces != REFERENCE_BOUNCES}
         self.renderer = ", ".join([REFERENCE, *(name for name, it_is in unlike.items() if it_is)])
         self._stage, self._coat, self._bounces = stage.apart, coat, bounces
-        self._last: tuple[object, Met] | None = None
+        self._last: tuple[object, BrdfRayCache] | None = None
 
     @property
     def device(self) -> torch.device:
@@ -162,18 +162,18 @@ class TexturedReconstruction:
         generator = torch.Generator(device=device).manual_seed(quality.seed)
 
         images, coverage = [], []
-        met = self._met_by(cameras, quality)
+        ray_cache = self._rays_of(cameras, quality)
         for gbuffer in self._stage.gbuffers(cameras, quality.points):
-            images += _arrays(renderer.render_images(gbuffer, material, sampled, quality.samples, generator, met)["radiance"])
+            images += _arrays(renderer.render_images(gbuffer, material, sampled, quality.samples, generator, ray_cache)["radiance"])
             coverage += _arrays(gbuffer.coverage())
         return Images(tuple(images), tuple(coverage))
 
-    def _met_by(self, cameras: Sequence[Camera], quality: Quality) -> Met:
-        """What the last picture's directions by the BRDF met, if it was the same one under another light; else nothing yet."""
+    def _rays_of(self, cameras: Sequence[Camera], quality: Quality) -> BrdfRayCache:
+        """What the last picture's directions by the BRDF met, if it was the same under another light."""
         roughness = self.material.roughness
         picture = [camera_key(camera) for camera in cameras], quality, id(roughness), roughness._version
         if self._last is None or self._last[0] != picture:
-            self._last = picture, Met()
+            self._last = picture, BrdfRayCache()
         self._last[1].begin()
         return self._last[1]
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.estimator import FromObject, Samples, draw_samples, shade_samples
+from ia_bench.render.estimator import DirectionSamples, FromObject, draw_samples, shade_samples
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
 from ia_bench.render.visibility import Visibility
@@ -53,7 +53,7 @@ class PixelRadiance:
         return PixelRadiance(mean(self.diffuse), mean(self.specular), mean(self.albedo), mirrored)
 
 
-class Met:
+class BrdfRayCache:
     """What the directions by the BRDF meet in a picture: the same under every light, so it is traced once and kept.
 
     Pictures that share it must have everything else in common: views, samples, roughness, and the generator's seed. What does
@@ -130,7 +130,7 @@ class Renderer:
         shift: Tensor,
         part: int = 0,
         parts: int = 1,
-        met: Met | None = None,
+        ray_cache: BrdfRayCache | None = None,
     ) -> PixelRadiance:
         """As :meth:`render_pixels`, for one of several parts of the lattices that start at ``shift`` (2, P, 3)."""
         points = gbuffer.subsamples
@@ -146,7 +146,7 @@ class Renderer:
                 surface, face >= 0, material.roughness.detach(), light.sampler, shift,
                 points=points, count=count, part=part, parts=parts,
             )  # fmt: skip
-            blocked, seen = self._in_the_way(surface, drawn, count, met)
+            blocked, seen = self._in_the_way(surface, drawn, count, ray_cache)
             drawn.texel[blocked] = -1
             of_object = None
             if indirect is not None and seen is not None:
@@ -159,18 +159,20 @@ class Renderer:
         diffuse, specular, mirrored, albedo = ((part.reshape(-1, points, 3) * pool).sum(1) for part in shaded)
         return PixelRadiance(diffuse, specular, albedo, None if of_object is None else mirrored)
 
-    def _in_the_way(self, surface: SurfacePoints, drawn: Samples, count: int, met: Met | None) -> tuple[Tensor, Tensor | None]:
+    def _in_the_way(
+        self, surface: SurfacePoints, drawn: DirectionSamples, count: int, ray_cache: BrdfRayCache | None
+    ) -> tuple[Tensor, Tensor | None]:
         """Whether the object blocks each sample, (N, 2 count) bool, and what of it the directions by the BRDF see, (N, count)."""
         asked = drawn.texel >= 0
-        known = None if met is None else met.known()
+        known = None if ray_cache is None else ray_cache.known()
         if known is not None:
             by_light = self.visibility.blocked(surface, drawn.direction[:, :count].contiguous(), asked[:, :count])
             return torch.cat([by_light, known[0]], 1), known[1]
         blocked, seen = self.visibility.blocked(surface, drawn.direction, asked), None
         if self.interreflection is not None:
             seen = self.interreflection.seen(surface, drawn.direction[:, count:], blocked[:, count:])
-        if met is not None:
-            met.keep(blocked[:, count:], seen)
+        if ray_cache is not None:
+            ray_cache.keep(blocked[:, count:], seen)
         return blocked, seen
 
     @torch.no_grad()
@@ -181,10 +183,10 @@ class Renderer:
         light: SampledLight,
         samples: int,
         generator: torch.Generator,
-        met: Met | None = None,
+        ray_cache: BrdfRayCache | None = None,
     ) -> dict[str, Tensor]:
         """:meth:`render_entries` as whole images of all views, each (V, H, W, 3)."""
-        values = self.render_entries(gbuffer, material, light, samples, generator, met)
+        values = self.render_entries(gbuffer, material, light, samples, generator, ray_cache)
         return {name: gbuffer.images(each) for name, each in values.items()}
 
     def render_entries(
@@ -194,12 +196,12 @@ class Renderer:
         light: SampledLight,
         samples: int,
         generator: torch.Generator,
-        met: Met | None = None,
+        ray_cache: BrdfRayCache | None = None,
     ) -> dict[str, Tensor]:
         """All entries of a G-buffer, premultiplied, each (P, 3): "radiance" and the parts of :class:`PixelRadiance`.
 
         The samples of a pixel are one lattice, dealt out evenly to as few passes of at most PASS_SAMPLES as will do.
-        ``met``: filled by the first picture that it is given to, and used by the same one under other lights.
+        ``ray_cache``: filled by the first picture that it is given to, and used by the same one under other lights.
         """
         parts = ["diffuse", "specular", "albedo"] + ["mirrored"] * (self.interreflection is not None)
         values = {name: torch.zeros(len(gbuffer.pixel), 3, device=gbuffer.face.device) for name in parts}
@@ -211,7 +213,7 @@ class Renderer:
             shift = lattice_shift(padded, generator)
             for part in range(passes):
                 each = round(samples / passes)
-                rendered = self._render(gbuffer, padded, material, light, indirect, each, shift, part, passes, met)
+                rendered = self._render(gbuffer, padded, material, light, indirect, each, shift, part, passes, ray_cache)
                 for name in parts:
                     values[name][chunk] += getattr(rendered, name)[: len(chunk)] / passes
         values["radiance"] = sum((values[name] for name in parts if name != "albedo"), torch.zeros(()))

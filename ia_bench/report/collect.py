@@ -24,7 +24,7 @@ count for whichever row happened to come first."""
 BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
 """Methods that optimise nothing and bound all others, and what they are: the truth rendered, and one grey."""
 
-Cell = tuple[str, str, int]  # row, scene, seed
+CellKey = tuple[str, str, int]  # row, scene, seed
 
 
 class BadRecord(ValueError):
@@ -120,7 +120,7 @@ class Collection:
     unreadable: tuple[str, ...] = ()
 
 
-def collect(folders: Iterable[Path] | Mapping[Path, Cell | None], published: Iterable[Run] = ()) -> Collection:
+def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: Iterable[Run] = ()) -> Collection:
     """Read the given run folders. A mapping says which cell each folder is for: its row may have been renamed since.
 
     None in its place: the folder's own record says so.
@@ -128,7 +128,7 @@ def collect(folders: Iterable[Path] | Mapping[Path, Cell | None], published: Ite
     twice: neither would be the right one to show.
     """
     cells = {folder: cell for folder, cell in folders.items() if cell is not None} if isinstance(folders, Mapping) else {}
-    runs: dict[Cell, Run] = {}
+    runs: dict[CellKey, Run] = {}
     unreadable = []
 
     def add(run: Run) -> None:

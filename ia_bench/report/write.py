@@ -10,7 +10,7 @@ from typing import Any
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.report import figures
-from ia_bench.report.collect import Cell, Run, collect
+from ia_bench.report.collect import CellKey, Run, collect
 from ia_bench.report.csv_text import csv_text
 from ia_bench.report.curves import TimeToError
 from ia_bench.report.findings import Findings, analyse
@@ -33,7 +33,7 @@ class Report:
 
 
 def write_report(
-    folders: Iterable[Path] | Mapping[Path, Cell | None],
+    folders: Iterable[Path] | Mapping[Path, CellKey | None],
     out: Path,
     rows_order: Sequence[str] = (),
     *,

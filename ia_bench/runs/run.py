@@ -13,11 +13,11 @@ from ia_bench.capture.capture import captured
 from ia_bench.capture.capture import record as capture_record
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import environment
-from ia_bench.common.progress import Progress, Task
+from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
 from ia_bench.methods.asking.border import check_prior_info
-from ia_bench.methods.books import Books
 from ia_bench.methods.contract import Method, Monitor, Problem, Result
+from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import MethodInfo
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.inputs import beside_run
@@ -39,28 +39,28 @@ from ia_bench.scores.scorer import Scorer
 def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, Any]:
     """Do one run (or finish an interrupted one) and return its metrics, which are then in ``folder``."""
     ask_for_the_same_numbers(config.device)
-    books = Books()
+    costs = CostTracker()
     # ---- load ------------------------------------------------------------------------------------------------
     scene = read_scene(config.scene, config.reader, truth=True)
-    with books.aside("capture"):
+    with costs.exclude("capture"):
         scene = captured(scene, config.capture, progress.note, progress.task)
     tell(scene, progress.note, aligned=config.protocol.alignment != "none")
     method: Method = method_of(config)
 
-    problem = problem_of(config, scene, method.info, note=progress.note, books=books)
+    problem = problem_of(config, scene, method.info, note=progress.note, costs=costs)
 
     # ---- reconstruct -----------------------------------------------------------------------------------------
     scorer = Scorer(scene, config.protocol, problem.device)
-    record = Record(folder, scorer, books)
+    record = Record(folder, scorer, costs)
     result: Result = method.fit(problem, seed=config.seed, monitor=record.monitor(progress))
 
     # ---- score and save --------------------------------------------------------------------------------------
-    counts = books.counts()
+    counts = costs.counts()
     record.score("final", result.steps, sum(result.seconds.values()), result.reconstruction)
-    with books.aside("score"):
+    with costs.exclude("score"):
         scores = scorer.full(result.reconstruction)
     write_assets(folder, result.reconstruction)
-    with books.aside("pictures"):
+    with costs.exclude("pictures"):
         scale = drawn_scale(scores.albedo_scales, config.protocol.alignment)
         write_pictures(folder, scene, scorer.drawn, scale, progress.note)
     asked = method.info.uses_prior and problem.prior.info.sees_truth
@@ -73,7 +73,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "status": "ok",
         "sees_truth": bool(asked or method.info.sees_truth),
         **scores.as_dict(),
-        "time_s": {"bake": 0.0, "prior": 0.0, **result.seconds, **books.seconds, "total": books.total()},
+        "time_s": {"bake": 0.0, "prior": 0.0, **result.seconds, **costs.seconds, "total": costs.total()},
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "rays": counts.pop("rays", 0),
         "network_calls": result.counters.get("network_calls", 0),
@@ -97,7 +97,7 @@ def ask_for_the_same_numbers(device: str) -> None:
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
 
 
-def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Callable[[str], None], books: Books) -> Problem:
+def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Callable[[str], None], costs: CostTracker) -> Problem:
     """What a method that says ``info`` of itself is handed of a ``scene``; nothing in it leads to truth that it may not see.
 
     Raises InputError where the scene lacks what the method needs.
@@ -107,7 +107,7 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         raise InputError(f"method={config.method.name}: expected a scene with {' and '.join(lacking)}, found none in {scene.name}")
     if scene.exposures_differ and not (info.fits_exposures or info.sees_truth):
         note(f"every photograph has an exposure of its own; method={config.method.name} takes them for the same")
-    with books.aside("bake"):
+    with costs.exclude("bake"):
         prior: Prior = NoPrior()
         if info.uses_prior:
             with beside_run(config.device):
@@ -122,21 +122,21 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         make_prior=(lambda problem: tell_truth(prior, scene, problem)) if "truth" in prior.info.wants else (lambda _: prior),
         truth=scene if info.sees_truth else None,
         note=note,
-        books=books,
+        costs=costs,
     )
 
 
 class Record:
     """What a run keeps in its folder while a method works: error against run time, checkpoints, and accounts."""
 
-    def __init__(self, folder: RunFolder, scorer: Scorer, books: Books) -> None:
-        self._folder, self._scorer, self._books = folder, scorer, books
+    def __init__(self, folder: RunFolder, scorer: Scorer, costs: CostTracker) -> None:
+        self._folder, self._scorer, self._costs = folder, scorer, costs
         self._curve: list[dict[str, Any]] = []
 
     def monitor(self, progress: Progress) -> Monitor:
         """What the method is given of this."""
 
-        def begin(name: str, total: int, done: int = 0) -> Task:
+        def begin(name: str, total: int, done: int = 0) -> ProgressBar:
             self._folder.restoring = False  # a method that goes on has taken over what it loaded
             return progress.task(name, total, done)
 
@@ -145,20 +145,20 @@ class Record:
 
     def score(self, phase: str, step: int, seconds: float, reconstruction: Reconstruction) -> None:
         """Add a row to the curve and write the file."""
-        with self._books.aside("score"):
+        with self._costs.exclude("score"):
             quick = self._scorer.quick(reconstruction)
             quick = {key: value if value is None or math.isfinite(value) else None for key, value in quick.items()}
             self._curve.append({"stage": phase, "step": step, "seconds": seconds, **quick})
             self._folder.write_curve(self._curve)
 
     def _save(self, state: dict[str, Any]) -> None:
-        self._folder.save_checkpoint({"method": state, "curve": self._curve, "books": self._books.state()})
+        self._folder.save_checkpoint({"method": state, "curve": self._curve, "costs": self._costs.state()})
 
     def _load(self) -> dict[str, Any] | None:
         saved = self._folder.load_checkpoint()
         if saved is None:
             return None
         self._curve = saved["curve"]
-        self._books.restore(saved["books"])
+        self._costs.restore(saved["costs"])
         state: dict[str, Any] = saved["method"]
         return state

@@ -63,7 +63,7 @@ class Table:
     ``claims``: orderings of rows that the report judges. ``pictured``: rows that one picture per scene shows beside the truth.
     ``includes``: names of tables whose rows, claims and pictured rows come before its own; what else it does not say is as the
     first of them says. ``captures``: ways to photograph every scene, each of settings of ``capture.*``; none means one that leaves
-    nothing out. Every row is run with each of them (:attr:`crossed`) and compared with the row ``reference`` of the same capture.
+    nothing out. Every row is run with each (:attr:`crossed_rows`) and compared with the row ``reference`` of the same capture.
     ``photographs``: how many a scene has when none is left out, where no run has recorded it.
     """
 
@@ -78,7 +78,7 @@ class Table:
     photographs: int = 100
 
     @property
-    def crossed(self) -> list[Row]:
+    def crossed_rows(self) -> list[Row]:
         """Every row with every capture, as a row of its own; capture after capture."""
         found = []
         for settings in self.captures or [{}]:
@@ -113,7 +113,7 @@ def crossed_name(row: str, capture: str) -> str:
 
 
 @dataclass(frozen=True)
-class Request:
+class TableRequest:
     """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell, and where.
 
     ``table``: a name, or a FILE.yaml. ``rows``: which of its rows, None for all (:func:`some_rows`).
@@ -143,7 +143,7 @@ class Request:
             table = some_rows(table, self.rows)
         for override in self.overrides:
             key = _key_of(override)
-            for row in table.crossed:
+            for row in table.crossed_rows:
                 if key in map(_key_of, row.overrides):
                     raise InputError(f"{override}: expected a setting that no row has of its own, found it in row '{row.name}'")
         return table
@@ -203,7 +203,7 @@ def load_table(name: str) -> Table:
             refuse_own(override, "threads")
         except InputError as error:
             raise InputError(f"{path}: rows: {where}: overrides: {error}") from None
-    names = [row.name for row in table.crossed]
+    names = [row.name for row in table.crossed_rows]
     if len(set(names)) != len(names):
         raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
     for where, seeds in (("seeds", table.seeds), *((f"rows: {row.name}: seeds", row.seeds) for row in table.rows)):
@@ -284,7 +284,7 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
 
 
 def make_cells(
-    table: Table, request: Request, threads: int, results: Path, broken: Callable[[str], None] | None = None
+    table: Table, request: TableRequest, threads: int, results: Path, broken: Callable[[str], None] | None = None
 ) -> list[Cell]:
     """Every row x capture x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
 
@@ -292,7 +292,7 @@ def make_cells(
     has no cell: ``broken`` is told why, once. Raises InputError where there is no cell, or one twice, and for such a row where
     nobody is told.
     """
-    seeds, rows = table.seeds if request.seeds is None else request.seeds, table.crossed
+    seeds, rows = table.seeds if request.seeds is None else request.seeds, table.crossed_rows
 
     @cache
     def composed(place: int, scene: str) -> RunConfig:
@@ -326,7 +326,7 @@ def _own(row: Row, scene: str, seed: int, threads: int) -> list[str]:
     return [f"scene={scene}", f"seed={seed}", f"threads={threads}", f"row={_quoted(row.name)}"]
 
 
-def _cell(row: Row, config: RunConfig, own: list[str], request: Request, results: Path) -> Cell:
+def _cell(row: Row, config: RunConfig, own: list[str], request: TableRequest, results: Path) -> Cell:
     content = identity(config)
     folder = results / "runs" / slug(config.scene.name) / f"{slug(row.name)}-seed{config.seed}-{hash_of(content)[:8]}"
     overrides = (*row.overrides, *own, *request.overrides, f"out={_quoted(str(folder))}")

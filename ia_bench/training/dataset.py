@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.ranges import NotNegative, Share
+from ia_bench.common.ranges import NotNegative, UnitInterval
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.encoding import encode_geometry, encode_image, exposure
 from ia_bench.priors.diffusion.network import NetworkConfig
@@ -36,12 +36,12 @@ class Augmentation:
         no_geometry: Probability that normals and visibility are withheld, so that one network serves images without them.
     """
 
-    mirror: Share = 0.5
-    permute: Share = 0.15
+    mirror: UnitInterval = 0.5
+    permute: UnitInterval = 0.15
     cast: NotNegative = 0.2
     exposure: NotNegative = 0.3
     noise: NotNegative = 0.02
-    no_geometry: Share = 0.5
+    no_geometry: UnitInterval = 0.5
 
 
 NO_AUGMENTATION = Augmentation(mirror=0, permute=0, cast=0, exposure=0, noise=0, no_geometry=1)

@@ -10,7 +10,7 @@
     evidence        (V, S, S, 2)  what the photographs together say about a place (``methods.two_stage.refinement.evidence``)
     normal          (V, S, S, 3)  shading normal in camera space
     visibility      (V, S, S, 1)  cosine-weighted visibility of the sky
-    sightings       (V, S, S, 1)  how many photographs show the place
+    view_count       (V, S, S, 1)  how many photographs show the place
     true_albedo     (V, S, S, 3)
     true_roughness  (V, S, S, 1)
 
@@ -37,7 +37,7 @@ FITS_VERSION = 2
 
 CHANNELS = {
     "image": 4, "albedo": 3, "roughness": 1, "radiance": 3, "specular": 3, "evidence": 2, "normal": 3,
-    "visibility": 1, "sightings": 1, "true_albedo": 3, "true_roughness": 1,
+    "visibility": 1, "view_count": 1, "true_albedo": 3, "true_roughness": 1,
 }  # fmt: skip
 """Tensors of a file and their last axis."""
 

@@ -17,7 +17,7 @@ from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
-from ia_bench.common.ranges import Count, NotNegative, Number, Share
+from ia_bench.common.ranges import Count, NotNegative, Number, UnitInterval
 from ia_bench.priors.inputs import use_bf16
 from ia_bench.priors.refiner.checkpoint import save_refiner
 from ia_bench.priors.refiner.network import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
@@ -90,7 +90,7 @@ class RefinerSettings:
     warmup: Count = 100
     weight_decay: NotNegative = 0.01
     clip_gradient: NotNegative = 1.0
-    ema: Share = 0.999
+    ema: UnitInterval = 0.999
     threads: Number | None = None
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     validate_steps: Number = 500
@@ -150,7 +150,7 @@ class Views:
             views, scale = _recoloured(_zoomed(views, generator), scale, generator)
         image, mask = views["image"][..., :3], views["image"][..., 3]
         renders = {name: views[name] for name in RENDERS}
-        seen = see(image, mask, renders, *(views[name] for name in ("normal", "visibility", "sightings")))
+        seen = see(image, mask, renders, *(views[name] for name in ("normal", "visibility", "view_count")))
         return Batch(seen, views["true_albedo"], views["true_roughness"], scale, (mask > COVERED).float()[..., None])
 
 
@@ -203,7 +203,7 @@ def _zoomed(views: dict[str, Tensor], generator: torch.Generator) -> dict[str, T
     turn = torch.zeros(count, 2, 3)
     turn[:, 0, 0] = turn[:, 1, 1] = 1 / zoom
     grid = F.affine_grid(turn, list(views["image"].movedim(-1, 1).shape), align_corners=False)
-    modes = {name: "nearest" if name == "sightings" else "bilinear" for name in views}  # which counts
+    modes = {name: "nearest" if name == "view_count" else "bilinear" for name in views}  # which counts
     return {
         name: F.grid_sample(values.movedim(-1, 1), grid, mode=modes[name], align_corners=False).movedim(1, -1)
         for name, values in views.items()

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.ranges import Count, NotNegative, Number, Share
+from ia_bench.common.ranges import Count, NotNegative, Number, UnitInterval
 from ia_bench.priors.diffusion.network import NetworkConfig
 from ia_bench.training.dataset import Augmentation
 from ia_bench.training.resuming import identity
@@ -61,9 +61,9 @@ class TrainSettings:
     warmup: Count = 200
     weight_decay: NotNegative = 0.01
     clip_gradient: NotNegative = 1.0
-    ema: Share = 0.999
-    background: Share = 0.1
-    level: Share = 0.25
+    ema: UnitInterval = 0.999
+    background: UnitInterval = 0.1
+    level: UnitInterval = 0.25
     precision: Literal["auto", "bf16", "float32"] = "auto"
     compile: bool = True
     threads: Number | None = None

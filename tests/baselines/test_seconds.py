@@ -78,7 +78,7 @@ def test_all_seconds_of_a_fit_are_booked_once(name: str, tiny: Scene, monkeypatc
     started = time.perf_counter()
     result = METHODS[name]().fit(problem, seed=0, monitor=Monitor.silent(score=lambda *score: scores.append(score)))
     passed = time.perf_counter() - started
-    seconds, booked = dict(result.seconds), problem.books.seconds
+    seconds, booked = dict(result.seconds), problem.costs.seconds
     assert not seconds.keys() & booked.keys(), "in metrics.json one would take the other's place"
     assert len(scores) == 1
     assert booked["score"] >= SLOW, "what is recovered to be scored is no cost of the fit"

@@ -16,7 +16,7 @@ from ia_bench.capture.radiometry import eight_bits, photographed
 from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings, shipped, without_effect
 from ia_bench.capture.views import farthest_first, spread
 from ia_bench.common.errors import InputError
-from ia_bench.common.progress import Task, unseen
+from ia_bench.common.progress import ProgressBar, unseen
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.scenes.scene import Mesh, Scene, View
 
@@ -188,9 +188,9 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
 def test_an_sdf_shows_how_far_it_is(tiny: Scene) -> None:
     """All views and all steps are counted, and nothing comes from the cache silently: then there is nothing to wait for."""
     settings = CaptureSettings(geometry="sdf", sdf=SdfSettings(cells=32, steps=3), triangles=1500)
-    tasks: list[Task] = []
+    tasks: list[ProgressBar] = []
 
-    def begin(name: str, total: int) -> Task:
+    def begin(name: str, total: int) -> ProgressBar:
         tasks.append(unseen(name, total))
         return tasks[-1]
 

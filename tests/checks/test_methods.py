@@ -156,14 +156,14 @@ def test_what_reaches_the_true_mesh_of_a_smoothed_capture_is_found(tiny: Scene) 
 
     class Measuring(Walk):
         def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
-            size = np.ptp(problem.books.true_mesh.vertices)
+            size = np.ptp(problem.costs.true_mesh.vertices)
             return super().fit(problem, seed=int(1000 * size), monitor=monitor)
 
         saves = False
 
     def hand_over(scene: Scene) -> Problem:
         problem = Problem(scene.blind(), RenderSettings(bounces=0))
-        problem.books.true_mesh = scene.truth.mesh
+        problem.costs.true_mesh = scene.truth.mesh
         return problem
 
     assert failed(findings(Measuring, smoothed, hand_over)) == ["what it is handed", "the same seed again, with another truth"]

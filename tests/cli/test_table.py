@@ -28,7 +28,7 @@ from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.metrics import finished_metrics
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Request, Row, Table, load_table, make_cells
+from ia_bench.runs.table import Row, Table, TableRequest, load_table, make_cells
 
 HERE = Path(__file__).parent
 ABLATIONS = [f"diffusion, targets{part}" for part in ("", ", weight .01", " w/o specular", " w/o albedo", " w/o guided")]
@@ -49,7 +49,7 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def cells_of(table: Table, **request) -> list[module.Cell]:
     overrides = ("device=cpu", *request.pop("overrides", ()))
-    return make_cells(table, Request(overrides=overrides, **request), 1, Path("results/paper"))
+    return make_cells(table, TableRequest(overrides=overrides, **request), 1, Path("results/paper"))
 
 
 def started() -> list[str]:
@@ -64,7 +64,7 @@ def test_shipped_table_is_well_formed(path: Path) -> None:
     assert path.read_text().startswith(command)
     scenes = tuple(table.scenes[:1])  # composing hundreds of cells takes long
     cells = cells_of(table, scenes=scenes)
-    assert len(cells) == len(table.crossed) * len(scenes) * len(table.seeds)
+    assert len(cells) == len(table.crossed_rows) * len(scenes) * len(table.seeds)
     assert len({cell.config_hash for cell in cells}) == len(cells), "two rows with one configuration say nothing"
     assert len({cell.folder for cell in cells}) == len(cells)
 
@@ -103,7 +103,7 @@ def test_the_papers_table_is_the_ablations_and_then_every_other_method_of_the_pa
 def test_a_row_whose_plugin_is_broken_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [Row("fine", ["prior=none"]), Row("broken", ["method=json:loads"])]
     told: list[str] = []
-    request = Request(overrides=("device=cpu",))
+    request = TableRequest(overrides=("device=cpu",))
     cells = make_cells(Table(scenes=["hat"], rows=rows), request, 1, Path("results/paper"), told.append)
     assert [cell.row.name for cell in cells] == ["fine"]
     (line,) = told
@@ -136,8 +136,8 @@ def test_overrides_go_to_every_cell() -> None:
 def test_command_line_is_told_apart() -> None:
     overrides = ("preset=smoke", "protocol.lpips.net=squeeze")
     request = parse(["table=ablations", "seeds=0,1", "scenes=hat,ship", "jobs=2", *overrides])
-    assert request == Request("ablations", ("hat", "ship"), (0, 1), 2, overrides)
-    assert parse(["jobs=auto"]) == parse([]) == Request()
+    assert request == TableRequest("ablations", ("hat", "ship"), (0, 1), 2, overrides)
+    assert parse(["jobs=auto"]) == parse([]) == TableRequest()
 
 
 @pytest.mark.parametrize(
@@ -159,9 +159,7 @@ def test_command_line_is_told_apart() -> None:
         ("paper", "expected SETTING=VALUE, found 'paper'"),
     ],
 )
-def test_mistake_is_one_message_before_anything_runs(
-    argument: str, message: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_mistake_is_one_message_before_anything_runs(argument: str, message: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["device=cpu", argument]) == 2
     out, err = capfd.readouterr()
     assert out == ""

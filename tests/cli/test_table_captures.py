@@ -9,7 +9,7 @@ import pytest
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.runs import table as module
-from ia_bench.runs.table import Request, load_table, make_cells
+from ia_bench.runs.table import TableRequest, load_table, make_cells
 
 
 def test_every_row_is_run_with_every_capture_unless_it_says_with_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -19,10 +19,10 @@ def test_every_row_is_run_with_every_capture_unless_it_says_with_which(tmp_path:
     captures = "[{}, {views: 8, radiometry: ldr}, {faults: {mask_growth: -2}}]"
     (tmp_path / "table" / "t.yaml").write_text(f"scenes: [hat]\nreference: a\nrows: {rows}\ncaptures: {captures}\n")
     table = load_table("t")
-    assert [row.name for row in table.crossed] == ["a", "b", "a, 8 views, LDR", "a, mask growth -2.0"]
+    assert [row.name for row in table.crossed_rows] == ["a", "b", "a, 8 views, LDR", "a, mask growth -2.0"]
     assert table.compared is None, "rows of different captures do not compare"
     monkeypatch.undo()
-    cells = make_cells(table, Request(overrides=("device=cpu",)), 1, Path("results/t"))
+    cells = make_cells(table, TableRequest(overrides=("device=cpu",)), 1, Path("results/t"))
     capture = {cell.row.name: cell.config.capture for cell in cells}
     assert (capture["a, 8 views, LDR"].views, capture["a, 8 views, LDR"].radiometry) == (8, "ldr")
     assert capture["a, mask growth -2.0"].faults.mask_growth == -2

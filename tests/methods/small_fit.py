@@ -14,7 +14,7 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
-from ia_bench.methods.two_stage.settings import CoarseRates, FitSettings
+from ia_bench.methods.two_stage.settings import FitSettings, MultigridRates
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
@@ -24,9 +24,16 @@ from ia_bench.runs.truth import ToldPrior
 from ia_bench.scenes.scene import Scene
 
 RENDER = RenderSettings(
-    samples=16, subsamples=2, texture=64, light_height=16, shadows="traced", bounces=0, coat="added", metallic=False,
+    samples=16,
+    subsamples=2,
+    texture=64,
+    light_height=16,
+    shadows="traced",
+    bounces=0,
+    coat="added",
+    metallic=False,
 )
-TEXELS_ALONE = CoarseRates(albedo=0.0, roughness=0.0, metallic=0.0, light=0.0)
+TEXELS_ALONE = MultigridRates(albedo=0.0, roughness=0.0, metallic=0.0, light=0.0)
 SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256, checkpoint_seconds=1e9)
 OF_THE_PRIOR = ("prior",)
 
@@ -84,12 +91,18 @@ class Record:
 
         record = self
 
-        class Task:
+        class ProgressBar:
             def advance(self, amount: int = 1, **values: Any) -> None:
                 record.losses.append(values["loss"])
 
         return Monitor(
-            lambda name, total, done: Task(), self.notes.append, score, save, load, keep=self.kept.__setitem__, kept=self.kept.get
+            lambda name, total, done: ProgressBar(),
+            self.notes.append,
+            score,
+            save,
+            load,
+            keep=self.kept.__setitem__,
+            kept=self.kept.get,
         )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from ia_bench.methods.bounds import known_pixels, one_sided
-from ia_bench.methods.two_stage.losses import crossed_loss
+from ia_bench.methods.two_stage.losses import dual_buffer_loss
 from ia_bench.methods.two_stage.objective import Objective
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.scenes.scene import Scene
@@ -43,12 +43,12 @@ def test_one_sided_targets() -> None:
 def test_the_crossed_loss_is_one_sided_in_both_halves() -> None:
     first = torch.tensor([[BRIGHTER] * 3, [BRIGHTER] * 3, [DARKER] * 3], requires_grad=True)
     second = first.detach().clone().requires_grad_(True)
-    one_sidedly, as_ever = (crossed_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
+    one_sidedly, as_ever = (dual_buffer_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
     for half in (first, second):
         given, usual = (gradients(loss, half) for loss in (one_sidedly, as_ever))
         assert usual.min() > 0
         assert given.tolist() == [usual[0], 0, usual[2]]
-        one_sidedly, as_ever = (crossed_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
+        one_sidedly, as_ever = (dual_buffer_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
 
 
 def test_an_objective_of_unknown_pixels_pulls_nothing(tiny: Scene) -> None:

@@ -67,7 +67,7 @@ def test_none_provides_nothing_for_any_input() -> None:
         ({"encoding": {}}, "encoding: expected"),
         ({"encoding": "srgb"}, "encoding: expected .*, found 'srgb'"),
         ({"sees_truth": 1}, "sees_truth: expected True or False, found 1"),
-        ({"wants": frozenset({"depth"})}, "wants: expected a frozenset of some of normals, visibility, sightings, truth, found"),
+        ({"wants": frozenset({"depth"})}, "wants: expected a frozenset of some of normals, visibility, view_count, truth, found"),
         ({"wants": frozenset({"truth"})}, "wants: expected sees_truth=True of a prior that wants truth, found False"),
     ],
 )

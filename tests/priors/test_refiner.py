@@ -50,7 +50,7 @@ def renders() -> dict[str, Tensor]:
 
 def seen(images: Tensor, parts: dict[str, Tensor]) -> Seen:
     observed = shown()
-    geometry = [tensor for tensor in (observed.normals, observed.visibility, observed.sightings) if tensor is not None]
+    geometry = [tensor for tensor in (observed.normals, observed.visibility, observed.view_count) if tensor is not None]
     return see(images, observed.masks, parts, *geometry)
 
 
@@ -118,8 +118,8 @@ def test_what_lies_around_the_object_does_not_matter(folders: dict[str, str]) ->
 def test_what_is_missing_is_named(folders: dict[str, str]) -> None:
     prior = RefinerPrior(**folders)
     known = {name: values for name, values in renders().items() if name not in ("roughness", "specular")}
-    with pytest.raises(InputError, match=r"expected a fit's roughness and specular and sightings beside the images, found none"):
-        prior.refine(replace(shown(), sightings=None), known)
+    with pytest.raises(InputError, match=r"expected a fit's roughness and specular and view_count beside the images, found none"):
+        prior.refine(replace(shown(), view_count=None), known)
 
 
 def test_what_does_not_fit_is_no_guidance(folders: dict[str, str]) -> None:
@@ -167,8 +167,7 @@ def test_samples_are_kept_whatever_corrects_them(folders: dict[str, str], tmp_pa
     save_refiner(tmp_path / "refiner", trained(1), {})
     regressor = str(tiny_weights(tmp_path / "regressor", "regressor", seed=1))
     first, second, third = (
-        RefinerPrior(**{**folders, **other})
-        for other in ({}, {"refiner": str(tmp_path / "refiner")}, {"weights": regressor})
+        RefinerPrior(**{**folders, **other}) for other in ({}, {"refiner": str(tmp_path / "refiner")}, {"weights": regressor})
     )
     assert first.fingerprint == second.fingerprint != third.fingerprint
     samples = [prior.sample(shown(), seed=0).values["albedo"] for prior in (first, second, third)]

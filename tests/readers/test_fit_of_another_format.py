@@ -10,7 +10,7 @@ import torch
 from nerf_writers import write_nerfstudio
 
 from ia_bench.checks.methods import Memory
-from ia_bench.methods.books import Books
+from ia_bench.methods.costs import CostTracker
 from ia_bench.readers.contract import check_scene
 from ia_bench.readers.nerfstudio import NerfstudioReader
 from ia_bench.runs.composition import compose
@@ -24,8 +24,8 @@ from ia_bench.scores.scorer import Scorer
 def view_synthesis(scene: Scene) -> float:
     """PSNR of held-out photographs after the shortest fit there is."""
     config = compose(["scene=tiny", "preset=smoke", "prior=none", "threads=1", "fit.stage1_steps=40", "fit.stage2_steps=0"])
-    method, books = method_of(config), Books()
-    problem = problem_of(config, scene, method.info, note=lambda line: None, books=books)
+    method, costs = method_of(config), CostTracker()
+    problem = problem_of(config, scene, method.info, note=lambda line: None, costs=costs)
 
     found = method.fit(problem, seed=0, monitor=Memory().monitor()).reconstruction
     protocol = Protocol(samples_per_pixel=32, map_points=2, render_points=2)

@@ -26,7 +26,7 @@ from ia_bench.material.brdf import normalize
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render import indirect
 from ia_bench.render.atlas import Atlas
-from ia_bench.render.estimator import FromObject, Samples, shade_samples
+from ia_bench.render.estimator import DirectionSamples, FromObject, shade_samples
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.indirect import Interreflection, Operator, bake_interreflection
 from ia_bench.render.renderer import PixelRadiance, Renderer
@@ -75,7 +75,7 @@ def arriving(bounced: Interreflection, values: torch.Tensor, points: SurfacePoin
     """Irradiance (N, 3) where the texels of the atlas have ``values``: pi times what a white matt surface shows without light."""
     count = len(points.position)
     none = torch.full((count, 2), -1, dtype=torch.int32)
-    dark = Samples(torch.zeros(count, 2, 3), none, torch.zeros(count, 2, 4), torch.zeros(count, 1))
+    dark = DirectionSamples(torch.zeros(count, 2, 3), none, torch.zeros(count, 2, 4), torch.zeros(count, 1))
     of_object = FromObject(values, values, bounced.atlas.row, none[:, :1].contiguous())
     return math.pi * shade_samples(points, dark, flat(1.0), torch.zeros(1, 2, 3), "added", of_object).diffuse
 

@@ -19,7 +19,7 @@ from benchmarks.reference import specular_lobes
 from ia_bench.light.latlong import SampledLight, direction_to_texel
 from ia_bench.material.brdf import MIN_ROUGHNESS, dot, tangent_frame, visible_ggx_pdf
 from ia_bench.material.textures import Material
-from ia_bench.render.estimator import FromObject, Samples, draw_samples, shade_samples
+from ia_bench.render.estimator import DirectionSamples, FromObject, draw_samples, shade_samples
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.lattice import lattice
 
@@ -66,7 +66,7 @@ def made_up_material(*, metallic: bool, coat: str = "added") -> Material:
     return Material(uniform(7, 7, 3, seed=4), roughness, uniform(3, 3, 1, seed=5) if metallic else None)
 
 
-def made_up_object(drawn: Samples) -> FromObject:
+def made_up_object(drawn: DirectionSamples) -> FromObject:
     """An atlas of 11 texels; every third direction by the BRDF that is above the surface ends on one of them."""
     arriving, leaving = uniform(11, 3, seed=6), 5 * uniform(11, 3, seed=7)
     atlas = torch.randint(11, (6, 6), dtype=torch.int32, generator=torch.Generator().manual_seed(8))
@@ -75,7 +75,9 @@ def made_up_object(drawn: Samples) -> FromObject:
     return FromObject(arriving, leaving, atlas, torch.where(above & (seen % 3 == 0), seen, -1))
 
 
-def draw(light: SampledLight, roughness: Tensor, part: int = 0, parts: int = 1) -> tuple[SurfacePoints, Tensor, Tensor, Samples]:
+def draw(
+    light: SampledLight, roughness: Tensor, part: int = 0, parts: int = 1
+) -> tuple[SurfacePoints, Tensor, Tensor, DirectionSamples]:
     """Points, which are hits, shifts and samples."""
     surface, hit = made_up_points()
     shift = torch.rand(2, PIXELS, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(10))
@@ -192,7 +194,7 @@ CASES = [
 ]
 
 
-def leaves_of(case: Case, drawn: Samples) -> dict[str, Tensor]:
+def leaves_of(case: Case, drawn: DirectionSamples) -> dict[str, Tensor]:
     """All that shading is differentiable in."""
     material = made_up_material(metallic=case.metallic, coat=case.coat)
     leaves = {"albedo": material.albedo, "roughness": material.roughness, "radiance": light_of(case.light).radiance}

@@ -91,7 +91,7 @@ def test_options_go_over_the_preset_which_goes_over_the_defaults() -> None:
         ("fit.smooth_scale=0", r"fit.smooth_scale: expected 1e-06 or more, found 0"),
         ("fit.rates.albedo=-1", r"fit.rates.albedo: expected 0 or more, found -1"),
         ("fit.rates.final=-1", r"fit.rates.final: expected 1e-06 or more, found -1"),
-        ("fit.light_uniform=2", r"fit.light_uniform: expected 1 or less, found 2"),
+        ("fit.defensive_share=2", r"fit.defensive_share: expected 1 or less, found 2"),
         ("fit.roughness_initial=7", r"fit.roughness_initial: expected 1 or less, found 7"),
         ("fit.weights.image=nan", r"fit.weights.image: expected a finite number, found nan"),
         ("fit.residual_cut=0", r"fit.residual_cut: expected 1e-06 or more, found 0"),

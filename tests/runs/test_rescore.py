@@ -16,7 +16,7 @@ from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.report.collect import collect
-from ia_bench.report.site.pictures.store import hang
+from ia_bench.report.site.pictures.store import write_pictures
 from ia_bench.runs import rescore
 from ia_bench.runs import run as running
 from ia_bench.runs.composition import compose
@@ -147,13 +147,13 @@ def test_a_report_shows_the_pictures_that_a_run_has_kept(run: Path, tmp_path: Pa
     """Of the views that were scored, so that nothing of the run is drawn again; what they show is what drawing it again shows."""
     of = collect([run]).runs
     notes: list[str] = []
-    kept = hang(of, tmp_path / "kept", notes.append).scenes["tiny"]
+    kept = write_pictures(of, tmp_path / "kept", notes.append).scenes["tiny"]
     assert notes == ["pictures of tiny: the truth"]
     with zipfile.ZipFile(run / "pictures.zip") as archive:
         assert (tmp_path / "kept" / "tiny" / "ceiling" / "relit.webp").read_bytes() == archive.read("relit.webp")
     bare = shutil.copytree(run, tmp_path / "ceiling")
     (bare / "pictures.zip").unlink()
-    drawn = hang(collect([bare]).runs, tmp_path / "drawn", notes.append).scenes["tiny"]
+    drawn = write_pictures(collect([bare]).runs, tmp_path / "drawn", notes.append).scenes["tiny"]
     assert notes[1:] == ["pictures of tiny: the truth", "pictures of tiny: ceiling"]
     assert kept == drawn
     for name in ("albedo", "aligned", "roughness", "view", "relit", "turned", "light"):
@@ -167,5 +167,5 @@ def test_a_report_shows_the_pictures_that_a_run_has_kept(run: Path, tmp_path: Pa
         sum(record["time_s"][name] for name in record["time_s"].keys() - {"total", "score", "pictures", "capture"})
     )
     (bare / "pictures.zip").write_bytes(b"torn")
-    missing = hang(collect([bare]).runs, tmp_path / "torn", notes.append).missing
+    missing = write_pictures(collect([bare]).runs, tmp_path / "torn", notes.append).missing
     assert "pictures.zip: expected the pictures of a run, found a damaged file" in missing[0]

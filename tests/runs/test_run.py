@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from ia_bench.common.errors import InputError
-from ia_bench.methods.books import Books
+from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import MethodInfo
 from ia_bench.priors import inputs, learned
 from ia_bench.runs.composition import compose
@@ -21,7 +21,7 @@ def handed(scene: Scene, needs: frozenset[str]) -> Scene:
     """The scene that a method with these needs is handed."""
     config = compose(["device=cpu", "prior=none", "scene=tiny"])
     info = MethodInfo(uses_prior=False, needs=needs)
-    return problem_of(config, scene, info, note=lambda _: None, books=Books()).scene
+    return problem_of(config, scene, info, note=lambda _: None, costs=CostTracker()).scene
 
 
 def test_a_scene_that_lacks_what_a_method_needs_is_refused(tiny: Scene) -> None:
@@ -46,9 +46,9 @@ def test_a_scene_that_lacks_what_a_method_needs_is_refused(tiny: Scene) -> None:
 def test_a_method_that_takes_exposures_for_the_same_is_told_of(tiny: Scene, info: MethodInfo, told: bool) -> None:
     notes: list[str] = []
     config = compose(["scene=tiny", "prior=none", "method=two_stage"])
-    problem_of(config, replace(tiny, exposures_differ=True), info, note=notes.append, books=Books())
+    problem_of(config, replace(tiny, exposures_differ=True), info, note=notes.append, costs=CostTracker())
     assert [note.startswith("every photograph has an exposure of its own; method=two_stage") for note in notes] == [True] * told
-    problem_of(config, tiny, info, note=notes.append, books=Books())
+    problem_of(config, tiny, info, note=notes.append, costs=CostTracker())
     assert len(notes) == told
 
 
@@ -80,7 +80,7 @@ def test_a_prior_goes_where_the_run_is_unless_it_is_told_where(
         overrides = [text.replace("options.device", "options.of_options") for text in overrides]
         overrides = [text.replace("of_options=cuda", "of_options={device:cuda}") for text in overrides]
     config = compose([f"prior={'corrected' if behind else 'diffusion'}", "scene=tiny", *overrides])
-    asked = problem_of(config, tiny, MethodInfo(uses_prior=True), note=lambda _: None, books=Books()).prior
+    asked = problem_of(config, tiny, MethodInfo(uses_prior=True), note=lambda _: None, costs=CostTracker()).prior
     found = asked.prior.prior if behind else asked  # told the truth, corrected, itself
     options = config.prior.options["of_options"] if behind else config.prior.options
     assert found._device.type == expected

@@ -10,7 +10,7 @@ import pytest
 from ia_bench.cli.table import make_table, parse
 from ia_bench.common.errors import InputError
 from ia_bench.runs import table as module
-from ia_bench.runs.table import Claim, Request, Row, Table, load_table, some_rows
+from ia_bench.runs.table import Claim, Row, Table, TableRequest, load_table, some_rows
 
 BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
 """Nine aliases of nine aliases of ...: a thousand bytes that stand for thirty thousand million values."""
@@ -92,7 +92,7 @@ def test_a_row_that_the_paper_has_not_is_told_before_anything_runs(tmp_path: Pat
     (tmp_path / "table").mkdir()
     (tmp_path / "table" / "bad.yaml").write_text("rows: [{name: a, overrides: [], paper: b}]\nscenes: [tiny]")
     with pytest.raises(InputError, match="table bad: rows: a: paper: expected a row of the paper's table, some of .* found b"):
-        make_table(Request("bad"))
+        make_table(TableRequest("bad"))
 
 
 def test_a_table_has_the_rows_of_those_that_it_includes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

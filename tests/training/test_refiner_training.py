@@ -33,7 +33,7 @@ def made_up(seed: int, index: int) -> dict[str, Tensor]:
     return {
         "image": torch.cat([truth * 0.5, one], -1), "albedo": wrong, "roughness": 0.5 + 0.2 * normal[..., 1:2],
         "radiance": truth * 0.5, "specular": dim, "evidence": dim[..., :2], "normal": normal, "visibility": one,
-        "sightings": 3 * one, "true_albedo": truth, "true_roughness": 0.5 * one,
+        "view_count": 3 * one, "true_albedo": truth, "true_roughness": 0.5 * one,
     }  # fmt: skip
 
 
@@ -63,9 +63,7 @@ def test_what_is_wrong_is_learned(folders: Path, tmp_path: Path) -> None:
     load_refiner(tmp_path / "run" / "weights")
 
 
-def test_a_run_that_was_stopped_goes_on_to_the_same_weights(
-    folders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_was_stopped_goes_on_to_the_same_weights(folders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, stopped = (
         read_arguments(RefinerSettings, command(folders, tmp_path / name, "steps=6", "validate_steps=3"))
         for name in ("whole", "stopped")
@@ -202,7 +200,7 @@ def test_fits_of_procedural_scenes_are_made_and_kept(tmp_path: Path, capsys: pyt
     inside = tensors["image"][..., 3] > 0.9
     assert float(tensors["true_albedo"][inside].float().min()) >= 0.019
     assert float(tensors["true_roughness"][inside].float().min()) >= 0.04
-    assert int(tensors["sightings"].max()) <= info.photographs
+    assert int(tensors["view_count"].max()) <= info.photographs
     assert make([line[0], "seed=3", "size=24", "fits=2"]) == 2
     assert f"{first}: expected a fit in photographs of size=24 pixels a side, found 16" in capsys.readouterr().err
 

@@ -12,8 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ia_bench.methods.books import Books
 from ia_bench.methods.contract import Monitor, Result
+from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.state import check_form, form_of_adam
 from ia_bench.render.reconstruction import Reconstruction
 
@@ -56,19 +56,19 @@ class Descent:
         *,
         seed: int,
         monitor: Monitor,
-        books: Books,
+        costs: CostTracker,
         checkpoint_seconds: float,
         start: Callable[[], None] = lambda: None,
     ) -> None:
         """Ready for the first step, or for the one after the monitor's checkpoint.
 
         ``module``: holds everything that is trained, and every buffer that a resumed fit cannot make again. ``phases``: at least
-        one of them takes steps. ``books``: of the problem; what had been made before there was a descent should be booked
+        one of them takes steps. ``costs``: of the problem; what had been made before there was a descent should be booked
         there, as "bake". ``start``: gives the module the values that a fit starts from, booked with the first phase; a resumed
         fit does without.
         Raises ValueError where the monitor's checkpoint is none that this fit could have written.
         """
-        self._module, self._monitor, self._books, self._every = module, monitor, books, checkpoint_seconds
+        self._module, self._monitor, self._costs, self._every = module, monitor, costs, checkpoint_seconds
         self._phases = [phase for phase in phases if phase.steps]
         device = next(module.parameters()).device
         self._generator = torch.Generator(device=device).manual_seed(seed)
@@ -140,7 +140,7 @@ class Descent:
         """Off the clock: score at doubling steps, and keep the state from time to time."""
         ratio, rest = divmod(self._step, FIRST_SCORE)
         if phase.scored and not last and rest == 0 and ratio.bit_count() == 1:
-            with self._books.aside("score"):
+            with self._costs.exclude("score"):
                 self._monitor.score(phase.name, self._step, sum(self.seconds.values()), recovered())
         if not last and (time.monotonic() - self._saved >= self._every or self._monitor.stopping()):
             self._monitor.save(self._state())

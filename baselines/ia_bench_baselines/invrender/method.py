@@ -61,7 +61,7 @@ class InvRender:
         started = time.perf_counter()
         fitting = Fitting(problem, self.options, seed)
         traced = time.perf_counter() - started
-        every, books = self.options.checkpoint_seconds, problem.books
-        descent = Descent(fitting.model, fitting.phases(), seed=seed, monitor=monitor, books=books, checkpoint_seconds=every)
+        every, costs = self.options.checkpoint_seconds, problem.costs
+        descent = Descent(fitting.model, fitting.phases(), seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every)
         found = descent.run(fitting.recovered)
         return replace(found, seconds={"visibility": traced, **found.seconds})

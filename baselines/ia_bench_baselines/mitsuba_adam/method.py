@@ -78,7 +78,7 @@ class MitsubaAdam:
             if loop.step == options.steps:
                 break
             if loop.step % FIRST_SCORE == 0 and (loop.step // FIRST_SCORE).bit_count() == 1:
-                with problem.books.aside("score"):
+                with problem.costs.exclude("score"):
                     monitor.score("loop", loop.step, sum(seconds.values()), found())
             if monitor.stopping() or time.monotonic() - saved >= options.checkpoint_seconds:
                 monitor.save({"loop": loop.state(), "seconds": dict(seconds)})

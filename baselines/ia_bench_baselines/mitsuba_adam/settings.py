@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ia_bench.common.ranges import NO_NUMBER, Number, Positive, Rate, Share, Weight
+from ia_bench.common.ranges import NO_NUMBER, Number, Positive, Rate, UnitInterval, Weight
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,6 @@ class MitsubaAdamOptions:
     roughness_rate: Rate = 0.1
     light_rate: Rate = 0.2
     final_rate: Positive = 0.05
-    albedo_initial: Share = 0.5
-    roughness_initial: Share = 0.5
+    albedo_initial: UnitInterval = 0.5
+    roughness_initial: UnitInterval = 0.5
     checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

@@ -102,15 +102,15 @@ class NeilfFit:
 
 def fit(problem: Problem, options: NeilfppOptions, *, seed: int, monitor: Monitor) -> Result:
     """See :class:`ia_bench_baselines.neilfpp.method.Neilfpp`."""
-    with problem.books.aside("bake"):
+    with problem.costs.exclude("bake"):
         fields = NeilfFit(problem, options, seed)
     size = problem.plan.texture
 
     def recovered() -> ShadedReconstruction:
         return reconstruction(problem, fields.neilf, size, options.rendered_directions)
 
-    every, books = options.checkpoint_seconds, problem.books
-    descent = Descent(fields.neilf, fields.phases(), seed=seed, monitor=monitor, books=books, checkpoint_seconds=every)
+    every, costs = options.checkpoint_seconds, problem.costs
+    descent = Descent(fields.neilf, fields.phases(), seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every)
     return descent.run(recovered)
 
 

@@ -25,7 +25,7 @@ LEAST_ROUGHNESS = 0.08  # below it a lobe is narrower than the texels of the lig
 def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Monitor) -> Result:
     """See :class:`ia_bench_baselines.nvdiffrec.method.Nvdiffrec`."""
     side = problem.plan.subsamples
-    with problem.books.aside("bake"):
+    with problem.costs.exclude("bake"):
         pixels = TrainingPixels(problem, side)
         scene = TexturedScene(
             problem,
@@ -63,8 +63,8 @@ def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Moni
         rate=lambda share: options.final_rate**share,
         project=scene.project,
     )
-    every, books = options.checkpoint_seconds, problem.books
-    descent = Descent(scene, [phase], seed=seed, monitor=monitor, books=books, checkpoint_seconds=every, start=start)
+    every, costs = options.checkpoint_seconds, problem.costs
+    descent = Descent(scene, [phase], seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every, start=start)
     return descent.run(recovered)
 
 

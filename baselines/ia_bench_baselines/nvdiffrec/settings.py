@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ia_bench.common.ranges import NO_NUMBER, Number, Positive, Rate, Share, Weight
+from ia_bench.common.ranges import NO_NUMBER, Number, Positive, Rate, UnitInterval, Weight
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class NvdiffrecOptions:
     material_rate: Rate = 0.03
     light_rate: Rate = 0.1
     final_rate: Positive = 0.05
-    roughness_initial: Share = 0.5
-    metallic_initial: Share = 0.1
+    roughness_initial: UnitInterval = 0.5
+    metallic_initial: UnitInterval = 0.1
     smooth_colour: Weight = 0.03
     smooth_material: Weight = 0.2
     smooth_texels: Positive = 1.0

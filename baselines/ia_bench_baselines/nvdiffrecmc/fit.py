@@ -26,7 +26,7 @@ class Fit:
 
     def __init__(self, problem: Problem, options: NvdiffrecmcOptions, *, seed: int, monitor: Monitor) -> None:
         self._problem, self._options, self._seed = problem, options, seed
-        with problem.books.aside("bake"):
+        with problem.costs.exclude("bake"):
             self._pixels = TrainingPixels(problem)
             self._views = [torch.nonzero(self._pixels.view == view)[:, 0] for view in range(len(problem.scene.train))]
             self._views = [pixels for pixels in self._views if len(pixels)]
@@ -47,9 +47,9 @@ class Fit:
             rate=lambda share: options.final_rate**share,
             project=self._scene.project,
         )
-        every, books = options.checkpoint_seconds, problem.books
+        every, costs = options.checkpoint_seconds, problem.costs
         self._descent = Descent(
-            self._scene, [phase], seed=seed, monitor=monitor, books=books, checkpoint_seconds=every, start=self._start
+            self._scene, [phase], seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every, start=self._start
         )
 
     def finish(self) -> Result:
@@ -87,7 +87,7 @@ class Fit:
         return image + options.monochrome_light * monochrome + smooth
 
     def _render(self, pixels: Tensor, light: Tensor, generator: torch.Generator) -> PixelRadiance:
-        sampled = SampledLight.of(light, uniform_fraction=self._options.light_uniform)
+        sampled = SampledLight.of(light, uniform_fraction=self._options.defensive_share)
         entries = self._pixels.entries[pixels]
         return self._renderer.render_pixels(
             self._pixels.gbuffer, entries, self._scene.material(), sampled, self._options.samples, generator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ia_bench.common.ranges import NO_NUMBER, Count, NotNegative, Number, Positive, Rate, Share, Weight
+from ia_bench.common.ranges import NO_NUMBER, Count, NotNegative, Number, Positive, Rate, UnitInterval, Weight
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class NvdiffrecmcOptions:
         smooth_material: Weight of the same of roughness and metal.
         smooth_texels: Standard deviation of their distance, texels.
         monochrome_light: Weight of what keeps the demodulated light as bright as the photographs and leaves hue to the base colour.
-        light_uniform: Share of light samples spread over the sphere, so that dark texels are visited too.
+        defensive_share: Share of light samples spread over the sphere, so that dark texels are visited too.
         checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
@@ -34,13 +34,13 @@ class NvdiffrecmcOptions:
     material_rate: Rate = 0.03
     light_rate: Rate = 0.1
     final_rate: Positive = 0.05
-    roughness_initial: Share = 0.5
-    metallic_initial: Share = 0.1
+    roughness_initial: UnitInterval = 0.5
+    metallic_initial: UnitInterval = 0.1
     denoiser_width: NotNegative = 2.0
     denoiser_steps: Count = 500
     smooth_colour: Weight = 0.03
     smooth_material: Weight = 0.2
     smooth_texels: Positive = 1.0
     monochrome_light: Weight = 0.05
-    light_uniform: Share = 0.2
+    defensive_share: UnitInterval = 0.2
     checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

@@ -105,15 +105,15 @@ def relative_change(first: Tensor, second: Tensor) -> Tensor:
 
 def fit(problem: Problem, options: TensoirOptions, *, seed: int, monitor: Monitor) -> Result:
     """See :class:`ia_bench_baselines.tensoir.method.Tensoir`."""
-    with problem.books.aside("bake"):
+    with problem.costs.exclude("bake"):
         trained = TensoirFit(problem, options, seed)
     size = problem.plan.texture
 
     def recovered() -> ShadedReconstruction:
         return reconstruction(problem, trained.model, size, options)
 
-    every, books = options.checkpoint_seconds, problem.books
-    descent = Descent(trained.model, trained.phases(), seed=seed, monitor=monitor, books=books, checkpoint_seconds=every)
+    every, costs = options.checkpoint_seconds, problem.costs
+    descent = Descent(trained.model, trained.phases(), seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every)
     return descent.run(recovered)
 
 

@@ -42,7 +42,7 @@ def view_geometry(problem: Problem, views: tuple[int, ...]) -> tuple[Tensor, Ten
 
 
 @torch.no_grad()
-def count_sightings(problem: Problem, views: tuple[int, ...]) -> Tensor:
+def count_views(problem: Problem, views: tuple[int, ...]) -> Tensor:
     """How many training photographs show well (:func:`sees`) what the pixels of some of them show: (V, H, W, 1), on the CPU.
 
     Of a pixel its first point counts; 0 where that misses.

@@ -22,7 +22,7 @@ from ia_bench.methods.asking.border import (
     check_prior_info,
     name_of,
 )
-from ia_bench.methods.asking.geometry import count_sightings, view_geometry
+from ia_bench.methods.asking.geometry import count_views, view_geometry
 from ia_bench.methods.asking.views import evenly_spread
 from ia_bench.methods.contract import Problem
 from ia_bench.priors.contract import Distiller, Fingerprinted, Observations, Prior, Refiner, Samples
@@ -113,8 +113,8 @@ class PriorSampler:
             images, masks = (torch.from_numpy(np.stack([getattr(view, key) for view in chosen])) for key in ("image", "mask"))
             seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
             normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
-            sightings = count_sightings(self._problem, views) if "sightings" in wants else None
-            self._shown = Observations(images, masks, views, normals, visibility, sightings)
+            view_count = count_views(self._problem, views) if "view_count" in wants else None
+            self._shown = Observations(images, masks, views, normals, visibility, view_count)
         return self._shown
 
     def _key(self, shown: Observations) -> str:
@@ -122,7 +122,7 @@ class PriorSampler:
         prior = self._prior
         assert isinstance(prior, Fingerprinted)
         rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
-        geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.sightings) if tensor is not None]
+        geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.view_count) if tensor is not None]
         return content_key("samples", prior.fingerprint, rounding, str(self._seed), shown.images, shown.masks, *geometry)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from ia_bench.common.ranges import NO_NUMBER, Number, NumberOrAuto, Positive, Share, Weight
+from ia_bench.common.ranges import NO_NUMBER, Number, NumberOrAuto, Positive, UnitInterval, Weight
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class SupervisionSettings:
     kind: Literal["target", "similarity", "sds"] = "target"
     target_weight: Weight = 1.0
     kernel_weight: Weight = 0.01
-    refinement: Share = 0.0
-    roughness_refinement: Share = 0.0
-    parsimony: Share = 0.0
+    refinement: UnitInterval = 0.0
+    roughness_refinement: UnitInterval = 0.0
+    parsimony: UnitInterval = 0.0
     neighbours: Weight = 0.0
-    symmetry: Share = 0.0
+    symmetry: UnitInterval = 0.0
     specular_weight: Weight = 1.0
     kernel_scale: Positive = 0.1
     radius: Positive = 0.5

@@ -90,7 +90,7 @@ class Fit:
             **self.dialogue.counters,
             "corrections_clamped": self.corrections.clamped,
             "skipped_steps": self.guard.skipped,
-            "exchange_blocked_steps": self.parameters.exchange.blocked,
+            "scale_ambiguity_blocked_steps": self.parameters.scale_ambiguity.blocked,
             "samples_per_pixel": self.objective.samples_per_pixel,
         }
         return Result(recovered, {"prior": self._prior_seconds, **self.seconds}, counters, self.steps)

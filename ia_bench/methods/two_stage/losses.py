@@ -26,7 +26,7 @@ def tone_map(radiance: Tensor) -> Tensor:
     return linear_to_srgb(torch.log1p(radiance))
 
 
-def crossed_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, known: Tensor | None = None) -> Tensor:
+def dual_buffer_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, known: Tensor | None = None) -> Tensor:
     """The image term of equation 5 from two independent estimates (P, 3) of the radiance that should be ``target`` (P, 3).
 
     Each estimate's tone-mapped difference from the target is weighed by the other one's residual, which is the difference
@@ -63,7 +63,7 @@ def total_variation(log_radiance: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Alignment:
+class ViewAlignment:
     """Per-view scale and shift (V,) that bring predictions to the prior's intensities: ``scale * prediction + shift``."""
 
     scale: Tensor
@@ -74,7 +74,7 @@ class Alignment:
         return prediction * self.scale[view][:, None] + coverage * self.shift[view][:, None]
 
 
-def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mode: str) -> Alignment:
+def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mode: str) -> ViewAlignment:
     """The paper's SSI (Ranftl et al. 2022): bring the prediction's mean and mean absolute deviation to the target's, per view.
 
     (P, 3) predictions and targets of pixels in views (P,); one scale and one shift per view, common to the channels, so
@@ -85,7 +85,7 @@ def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mo
     prediction, target = prediction.detach(), target.detach()
     ones = torch.ones(views, device=prediction.device)
     if mode == "none":
-        return Alignment(ones, torch.zeros_like(ones))
+        return ViewAlignment(ones, torch.zeros_like(ones))
     count = torch.zeros_like(ones).index_add_(0, view, torch.ones_like(prediction[:, 0])).clamp_min(1)
 
     def per_view_mean(values: Tensor) -> Tensor:
@@ -94,14 +94,14 @@ def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mo
     mean_prediction, mean_target = per_view_mean(prediction), per_view_mean(target)
     if mode == "scale":
         usable = mean_prediction > 1e-6
-        return Alignment(torch.where(usable, mean_target / mean_prediction.clamp_min(1e-6), ones), torch.zeros_like(ones))
+        return ViewAlignment(torch.where(usable, mean_target / mean_prediction.clamp_min(1e-6), ones), torch.zeros_like(ones))
     if mode != "scale_shift":
         raise ValueError(f"ssi: expected scale_shift, scale or none, found {mode!r}")
     spread_prediction = per_view_mean((prediction - mean_prediction[view][:, None]).abs())
     spread_target = per_view_mean((target - mean_target[view][:, None]).abs())
     usable = spread_prediction > 1e-4
     scale = torch.where(usable, spread_target / spread_prediction.clamp_min(1e-4), ones)
-    return Alignment(scale, mean_target - scale * mean_prediction)
+    return ViewAlignment(scale, mean_target - scale * mean_prediction)
 
 
 def smoothness(texture: Tensor, neighbours: Neighbours, pixels: Tensor) -> Tensor:

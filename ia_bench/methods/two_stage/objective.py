@@ -10,7 +10,7 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.bounds import one_sided
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.exposures import Exposures
-from ia_bench.methods.two_stage.losses import crossed_loss, smoothness, tone_map, total_variation
+from ia_bench.methods.two_stage.losses import dual_buffer_loss, smoothness, tone_map, total_variation
 from ia_bench.methods.two_stage.neighbours import find_neighbours
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -40,7 +40,7 @@ class Objective:
         ``done``: the share of the run's steps that are done, from 0 to 1.
         """
         settings, weights = self._settings, self._settings.weights
-        material, light = parameters.material(), parameters.light(uniform=settings.light_uniform)
+        material, light = parameters.material(), parameters.light(uniform=settings.defensive_share)
         unit, target, known = self._photographs.unit, self._photographs.radiance[pixels], self._photographs.known
         known = None if known is None else known[pixels]
         # ---- lambda_1: the photographs
@@ -53,7 +53,7 @@ class Objective:
             halves = self._render(both, material, light, self._samples_a_half, generator, parameters.exposures)
             rendered = halves.averaged(2)
             first, second = (unit * halves.radiance).chunk(2)
-            loss = weights.image * crossed_loss(first, second, unit * target, settings.residual_cut, known)
+            loss = weights.image * dual_buffer_loss(first, second, unit * target, settings.residual_cut, known)
         # ---- lambda_2, lambda_3: the prior
         if "albedo" in supervision.targets.values:
             supervised = supervision.albedo_loss(rendered.albedo, pixels, parameters.alone("albedo"), generator)
@@ -77,7 +77,7 @@ class Objective:
 
     @property
     def _samples_a_half(self) -> int:
-        """Samples of a pixel in each half of the crossed loss, before the renderer rounds them."""
+        """Samples of a pixel in each half of the dual-buffer loss, before the renderer rounds them."""
         return max(1, self._problem.plan.samples // 2)
 
     def _render(

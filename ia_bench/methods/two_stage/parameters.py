@@ -12,9 +12,9 @@ from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.state import form_of_adam
-from ia_bench.methods.two_stage.coarse_steps import CoarseSteps
-from ia_bench.methods.two_stage.exchange import ColourExchange
 from ia_bench.methods.two_stage.exposures import Exposures
+from ia_bench.methods.two_stage.multigrid import MultigridSteps
+from ia_bench.methods.two_stage.scale_ambiguity import ScaleAmbiguityStep
 from ia_bench.methods.two_stage.settings import FitSettings
 
 LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
@@ -31,7 +31,7 @@ class Parameters:
         observed: (T, T) bool, texels that some training view sees, in a pixel that its mask does not leave out.
         optimizer: Adam, one group a tensor.
         coarse: Its steps at coarser scales.
-        exchange: The step in which light and albedo exchange a colour.
+        scale_ambiguity: The step in which light and albedo exchange a colour.
         exposures: The factors of the photographs, None where they are known to be the same.
     """
 
@@ -51,12 +51,12 @@ class Parameters:
             tensor.requires_grad_(True)
         self._settings = settings
         self._rates = [getattr(settings.rates, name.removeprefix("log_")) for name in self.tensors]
-        self._coarse_rates = {name: getattr(settings.coarse_rates, name.removeprefix("log_")) for name in self.tensors}
+        self._coarse_rates = {name: getattr(settings.multigrid_rates, name.removeprefix("log_")) for name in self.tensors}
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
         self.optimizer = torch.optim.Adam(groups, betas=BETAS, fused=True)
         self._alone: dict[str, Tensor] = {}
-        self.coarse = CoarseSteps(self.tensors, BETAS)
-        self.exchange = ColourExchange(self.tensors["albedo"], self.tensors["log_light"], self.observed)
+        self.coarse = MultigridSteps(self.tensors, BETAS)
+        self.scale_ambiguity = ScaleAmbiguityStep(self.tensors["albedo"], self.tensors["log_light"], self.observed)
         self.exposures: Exposures | None = None
         if problem.scene.exposures_differ:
             views, height, width = problem.gbuffer.shape
@@ -116,8 +116,8 @@ class Parameters:
         fall = settings.rates.final ** (step / max(steps - 1, 1))
         for group, rate in zip(self.optimizer.param_groups, self._rates, strict=True):
             group["lr"] = rate * fall
-        if settings.rates.exchange and "albedo" not in frozen and step >= settings.exchange_start * steps:
-            self.exchange(settings.rates.exchange * fall)
+        if settings.rates.scale_ambiguity and "albedo" not in frozen and step >= settings.scale_ambiguity_start * steps:
+            self.scale_ambiguity(settings.rates.scale_ambiguity * fall)
         if self.exposures is not None:
             self.exposures.descend(fall)
         shared, single = {name: tensor.grad for name, tensor in self.tensors.items()}, self.gradients
@@ -136,16 +136,16 @@ class Parameters:
             "tensors": {name: tensor.detach() for name, tensor in self.tensors.items()},
             "optimizer": self.optimizer.state_dict(),
             "coarse": self.coarse.state_dict(),
-            "exchange": self.exchange.state_dict(),
+            "scale_ambiguity": self.scale_ambiguity.state_dict(),
             **({} if self.exposures is None else {"exposures": self.exposures.state_dict()}),
         }
 
     def form(self) -> dict[str, Any]:
         """The form of :meth:`state`, for :func:`ia_bench.methods.state.check_form`."""
-        exchange = {"optimizer": form_of_adam(self.exchange.optimizer), "blocked": 0}
+        exchange = {"optimizer": form_of_adam(self.scale_ambiguity.optimizer), "blocked": 0}
         exposures = {} if self.exposures is None else {"exposures": self.exposures.form()}
         moments = {"optimizer": form_of_adam(self.optimizer), "coarse": self.coarse.form()}
-        return {**self.state(), **moments, "exchange": exchange, **exposures}
+        return {**self.state(), **moments, "scale_ambiguity": exchange, **exposures}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Take over a :meth:`state`."""
@@ -154,6 +154,6 @@ class Parameters:
                 tensor.copy_(state["tensors"][name])
         self.optimizer.load_state_dict(state["optimizer"])
         self.coarse.load_state_dict(state["coarse"])
-        self.exchange.load_state_dict(state["exchange"])
+        self.scale_ambiguity.load_state_dict(state["scale_ambiguity"])
         if self.exposures is not None:
             self.exposures.load_state_dict(state["exposures"])

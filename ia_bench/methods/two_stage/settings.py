@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Roughness, Share, Weight
+from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Roughness, UnitInterval, Weight
 from ia_bench.render.settings import RenderSettings
 
 BYTES_PER_SAMPLE = 400  # of a step with its gradient: a ray, what it meets, what it carries
@@ -45,7 +45,7 @@ class LearningRates:
         roughness: Likewise.
         metallic: Likewise.
         light: In units of log radiance.
-        exchange: Of the log factor per channel that light and albedo exchange; 0 leaves that step out.
+        scale_ambiguity: Of the log factor per channel that light and albedo exchange; 0 leaves that step out.
         final: Share of every rate that is left at the end.
     """
 
@@ -53,13 +53,13 @@ class LearningRates:
     roughness: Rate = 0.1
     metallic: Rate = 0.05
     light: Rate = 0.2
-    exchange: Rate = 0.05
+    scale_ambiguity: Rate = 0.05
     final: Positive = 0.05
 
 
 @dataclass(frozen=True)
-class CoarseRates:
-    """Adam's rates of steps at coarser scales (``coarse_steps.CoarseSteps``), the same at each; 0 leaves them out.
+class MultigridRates:
+    """Adam's rates of steps at coarser scales (``multigrid.MultigridSteps``), the same at each; 0 leaves them out.
 
     Attributes:
         albedo: In units of albedo, which is in [0, 1].
@@ -84,26 +84,26 @@ class FitSettings:
         pixels: In every step.
         weights: Of the parts of the loss.
         rates: Of the optimiser.
-        coarse_rates: Of its steps at coarser scales; they fall as the others do.
+        multigrid_rates: Of its steps at coarser scales; they fall as the others do.
         guided: Whether stage 2 draws samples again, with the current renders as guidance; else it goes on with stage 1's.
-        image_loss: "crossed": each half of a pixel's samples weighed by the residual of the other half
-            (``losses.crossed_loss``: noise pulls nowhere). "l1" of tone-mapped radiance, value and gradient from the same
+        image_loss: "dual_buffer": each half of a pixel's samples weighed by the residual of the other half
+            (``losses.dual_buffer_loss``: noise pulls nowhere). "l1" of tone-mapped radiance, value and gradient from the same
             samples: it also fits a light and a material whose renders have little noise.
-        residual_cut: Where the crossed loss cuts residuals.
+        residual_cut: Where the dual-buffer loss cuts residuals.
         ssi: How a prior's albedo is aligned with the prediction, per view: "scale", "scale_shift" (mean and spread, as in
             Ranftl et al.) or "none".
         albedo_start: Share of all steps in which the albedo stays as it is and the light alone explains the images.
         roughness_start: Share of all steps after which roughness, and metallic, are optimised; until the light is right they
             would only learn the light's error.
-        exchange_start: Share of all steps after which light and albedo exchange a colour; highlights, which decide it, must be
-            there first.
+        scale_ambiguity_start: Share of all steps after which the scale-ambiguity step is taken; highlights, which decide it, must
+            be there first.
         solve_albedo: Whether the albedo is solved for when all steps are done (``least_squares``).
         roughness_initial: Constant start of the roughness.
         metallic_initial: Constant start of metallic.
         albedo_initial: Mean of the albedo at the start where no prior gives a better one. It has the images' mean colour then,
             and the light is grey: images alone hardly tell the two apart later.
         smooth_scale: Difference of log radiance at which a pair of neighbouring pixels stops being smoothed.
-        light_uniform: Share of light samples spread over the sphere, so that dark texels are visited too.
+        defensive_share: Share of light samples spread over the sphere, so that dark texels are visited too.
         checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
@@ -112,20 +112,20 @@ class FitSettings:
     pixels: Number = 2048
     weights: LossWeights = field(default_factory=LossWeights)
     rates: LearningRates = field(default_factory=LearningRates)
-    coarse_rates: CoarseRates = field(default_factory=CoarseRates)
+    multigrid_rates: MultigridRates = field(default_factory=MultigridRates)
     guided: bool = True
-    image_loss: Literal["crossed", "l1"] = "crossed"
+    image_loss: Literal["dual_buffer", "l1"] = "dual_buffer"
     residual_cut: Positive = 0.1
     ssi: Literal["scale_shift", "scale", "none"] = "scale"
-    albedo_start: Share = 0.1
-    roughness_start: Share = 0.3
-    exchange_start: Share = 0.3
+    albedo_start: UnitInterval = 0.1
+    roughness_start: UnitInterval = 0.3
+    scale_ambiguity_start: UnitInterval = 0.3
     solve_albedo: bool = False
     roughness_initial: Roughness = 0.5
-    metallic_initial: Share = 0.5
-    albedo_initial: Share = 0.5
+    metallic_initial: UnitInterval = 0.5
+    albedo_initial: UnitInterval = 0.5
     smooth_scale: Positive = 0.1
-    light_uniform: Share = 0.2
+    defensive_share: UnitInterval = 0.2
     checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)
 
     def memory(self, render: RenderSettings) -> dict[str, int]:

@@ -8,7 +8,7 @@ from torch import Tensor
 from ia_bench.material.textures import fetch
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.kernel import SimilarityKernel
-from ia_bench.methods.two_stage.losses import Alignment, align_views, encode, tone_map
+from ia_bench.methods.two_stage.losses import ViewAlignment, align_views, encode, tone_map
 from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.priors.contract import Prior
 
@@ -19,7 +19,7 @@ ALIGNMENT_PERIOD = 10  # steps between two estimates
 class Supervision:
     """The losses of one set of targets, of the kind that ``problem.supervision`` names.
 
-    Alignment of a target is an inner minimisation that alternates with the optimiser's steps, so it carries no gradient.
+    ViewAlignment of a target is an inner minimisation that alternates with the optimiser's steps, so it carries no gradient.
     A distilled target needs none: it was made from the render itself.
     """
 
@@ -28,7 +28,7 @@ class Supervision:
         self._problem, self._settings = problem, problem.supervision
         self._encoding = prior.info.encoding
         self._distilled = self._settings.kind == "sds"
-        self._alignment: Alignment | None = None
+        self._alignment: ViewAlignment | None = None
         self._aligner = _Aligner(problem, targets, ssi) if self.sets_albedo else None
         self._kernel: SimilarityKernel | None = None
         if "albedo" in targets.values and self._settings.kind == "similarity":
@@ -56,7 +56,7 @@ class Supervision:
     def restore_alignment(self, state: dict[str, Tensor]) -> None:
         """Take over an :meth:`alignment`."""
         device = self._problem.device  # checkpoints are read on the CPU
-        self._alignment = Alignment(**{name: value.to(device) for name, value in state.items()}) if state else None
+        self._alignment = ViewAlignment(**{name: value.to(device) for name, value in state.items()}) if state else None
 
     def albedo_loss(self, prediction: Tensor, pixels: Tensor, texture: Tensor, generator: torch.Generator) -> Tensor:
         """Loss of the albedo at G-buffer entries (B,): of (B, 3) predictions, or as a kernel of the ``texture`` that shows them."""
@@ -114,7 +114,7 @@ class _Aligner:
         self._views, self._ssi = gbuffer.shape[0], ssi
 
     @torch.no_grad()
-    def align(self, albedo: Tensor) -> Alignment:
+    def align(self, albedo: Tensor) -> ViewAlignment:
         """The alignment of the texture ``albedo`` (T, T, 3)."""
         prediction = (fetch(albedo, self._uv) * self._hit).sum(1) / self._hit.shape[1]
         return align_views(prediction, self._target, self._view, self._views, self._ssi)

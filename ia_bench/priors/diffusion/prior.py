@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.ranges import NotNegative, Number, Positive, Share
+from ia_bench.common.ranges import NotNegative, Number, Positive, UnitInterval
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, Samples
 from ia_bench.priors.diffusion.conditioned import Conditioned
@@ -45,7 +45,7 @@ class DiffusionPrior(LearnedPrior):
         *,
         weights: str | None = None,
         steps: Number = 3,
-        eta: Share = 0.0,
+        eta: UnitInterval = 0.0,
         patches: bool | Literal["auto"] = "auto",
         geometry: bool = False,
         guidance_rule: Rule = "variance",

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
-from ia_bench.common.ranges import NotNegative, Number, Share
+from ia_bench.common.ranges import NotNegative, Number, UnitInterval
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion.guidance import GuidanceReport
@@ -49,7 +49,7 @@ class IntrinsicAnythingPrior:
         weights: str | None = None,
         components: Iterable[str] | None = None,
         steps: Number = 100,
-        eta: Share = 1.0,
+        eta: UnitInterval = 1.0,
         guidance_strength: NotNegative = 3.0,
         batch: Number = 8,
         device: Device = "auto",

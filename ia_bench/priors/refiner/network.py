@@ -18,7 +18,7 @@ from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
 
 FEATURES = 24
 """Channels of :func:`see`: photograph, albedo, specular shading, log shading, misfit, normal (3 each), evidence (2), roughness,
-visibility, sightings, mask."""
+visibility, view_count, mask."""
 RENDERS = {"albedo": 3, "roughness": 1, "radiance": 3, "specular": 3, "evidence": 2}
 """What :func:`see` is given of a fit, and how many channels each has."""
 PHOTOGRAPH, ALBEDO = 0.3, 0.35
@@ -34,7 +34,7 @@ EMPTY = 0.02
 SHADING_STOPS, SHADING_SCALE = 6, 0.3
 """The log2 of the shading is clipped to so many stops up and down, and multiplied so that it is about as large as the rest."""
 SIGHTINGS_SCALE = 6
-"""The log2 of 1 + sightings is divided by this: 63 photographs that show a place are a 1."""
+"""The log2 of 1 + view_count is divided by this: 63 photographs that show a place are a 1."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,12 @@ class Seen:
 
 
 def see(
-    images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], normals: Tensor, visibility: Tensor, sightings: Tensor
+    images: Tensor, masks: Tensor, renders: Mapping[str, Tensor], normals: Tensor, visibility: Tensor, view_count: Tensor
 ) -> Seen:
     """Photographs (N, H, W, 3) of ``masks`` (N, H, W) and what a fit renders there, all premultiplied and linear.
 
     ``renders`` are the RENDERS of a fit as in :meth:`ia_bench.priors.contract.Refiner.refine`; ``normals`` (N, H, W, 3),
-    ``visibility`` and ``sightings`` (N, H, W, 1) as in :class:`ia_bench.priors.contract.Observations`.
+    ``visibility`` and ``view_count`` (N, H, W, 1) as in :class:`ia_bench.priors.contract.Observations`.
     """
     albedo = renders["albedo"]
     mask = masks[..., None]
@@ -109,7 +109,7 @@ def see(
     shading = stops.clamp(-SHADING_STOPS, SHADING_STOPS) * SHADING_SCALE
     misfit = torch.log2((photograph + OFFSET) / (rendered + OFFSET))
     shown, roughness = linear_to_srgb(paint), renders["roughness"] * straight
-    evidence, counts = renders["evidence"] * straight, torch.log2(1 + sightings.clamp_min(0)) / SIGHTINGS_SCALE
+    evidence, counts = renders["evidence"] * straight, torch.log2(1 + view_count.clamp_min(0)) / SIGHTINGS_SCALE
     colours = [linear_to_srgb(photograph), shown, linear_to_srgb(shine), shading, misfit]
     features = torch.cat([*colours, normals, evidence, roughness, visibility, counts, mask], -1) * (mask > EMPTY)
     first = [each.movedim(-1, 1).contiguous() for each in (features, shown, roughness)]

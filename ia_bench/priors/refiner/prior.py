@@ -19,7 +19,7 @@ from ia_bench.priors.refiner.checkpoint import load_refiner
 from ia_bench.priors.refiner.network import EMPTY, RENDERS, RefinerNetwork, see
 from ia_bench.priors.regressor import RegressorPrior
 
-WANTS = frozenset({"normals", "visibility", "sightings"})
+WANTS = frozenset({"normals", "visibility", "view_count"})
 
 
 class RefinerPrior(RegressorPrior):

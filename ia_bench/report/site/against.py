@@ -13,7 +13,7 @@ from ia_bench.report.statistics import Estimate, over_scenes
 from ia_bench.scores.columns import METRICS, Metric
 
 RUNS = "runs.csv"
-Cell = tuple[str, int]  # scene, seed
+CellKey = tuple[str, int]  # scene, seed
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def changes(former: Former, runs: Sequence[Run], rows: Sequence[str], scenes: Se
     )
 
 
-def _in_both(before: Sequence[Run], after: Sequence[Run], row: str) -> dict[Cell, tuple[Run, Run]]:
+def _in_both(before: Sequence[Run], after: Sequence[Run], row: str) -> dict[CellKey, tuple[Run, Run]]:
     """The scenes and seeds of a row that have finished in both reports, with both runs: means over other cells are no change."""
     old, new = (
         {(run.scene, run.seed): run for run in found if run.row == row and run.problem is None} for found in (before, after)
@@ -120,7 +120,7 @@ def _in_both(before: Sequence[Run], after: Sequence[Run], row: str) -> dict[Cell
     return {cell: (old[cell], new[cell]) for cell in old if cell in new}
 
 
-def _means(cells: Mapping[Cell, tuple[Run, Run]], metric: Metric) -> tuple[Estimate | None, Estimate | None]:
+def _means(cells: Mapping[CellKey, tuple[Run, Run]], metric: Metric) -> tuple[Estimate | None, Estimate | None]:
     """The mean of the former report and that of this one, over the cells that have a value in both; None where none has."""
     scenes: dict[str, list[tuple[float, float]]] = {}
     for (scene, _), (old, new) in cells.items():

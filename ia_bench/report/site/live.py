@@ -15,9 +15,9 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.collect import BadRecord, Curve, collect, read_curve
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.site.content import curve_data
+from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, CellStatus, Overview
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.pictures.packing import compact
-from ia_bench.runs.standing import FAILED, FINISHED, RUNNING, Overview, Standing
 from ia_bench.runs.table import Table
 
 NEWS = "live.js"
@@ -61,12 +61,12 @@ def _news(overview: Overview) -> dict[str, Any]:
     }
 
 
-def _line(one: Standing) -> list[Any]:
+def _line(one: CellStatus) -> list[Any]:
     seconds = None if one.seconds is None else round(one.seconds)
     return [one.cell.row, one.cell.scene, one.cell.seed, one.state, seconds, one.says]
 
 
-def _curve(one: Standing) -> Curve | None:
+def _curve(one: CellStatus) -> Curve | None:
     try:
         return read_curve(one.cell.folder / CURVE)
     except BadRecord:  # it says so itself once it has finished

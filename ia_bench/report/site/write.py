@@ -41,7 +41,7 @@ SCRIPTS = (
 def write_page(sources: content.Sources, folder: Path, gallery: Gallery | None = None) -> Path:
     """Write the page into ``folder`` and return its index.html; the same runs give the same bytes.
 
-    ``gallery``: the pictures that :func:`ia_bench.report.site.pictures.store.hang` has drawn into its folder PARTS.
+    ``gallery``: the pictures that :func:`ia_bench.report.site.pictures.store.write_pictures` has drawn into its folder PARTS.
     """
     gallery = gallery or Gallery()
     folder.mkdir(parents=True, exist_ok=True)

@@ -18,7 +18,7 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.pictures import packing, solid
-from ia_bench.runs.pictures.drawing import VERSION, Easel, Pictures
+from ia_bench.runs.pictures.drawing import VERSION, Pictures, SceneRenderer
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.predictions import Predictions
 
@@ -62,21 +62,25 @@ class Bundle:
 
 
 def bundle(
-    easel: Easel, true: Pictures, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None
+    scene_renderer: SceneRenderer,
+    true: Pictures,
+    found: TexturedReconstruction,
+    scale: torch.Tensor,
+    scored: Predictions | None = None,
 ) -> Bundle:
-    """Draw and pack what was recovered. ``true``: the same views of the truth; ``scored`` as in :meth:`Easel.drawn`."""
-    pictures = easel.recovered(found, scale, scored)
+    """Draw and pack what was recovered. ``true``: the same views of the truth; ``scored`` as in :meth:`SceneRenderer.drawn`."""
+    pictures = scene_renderer.recovered(found, scale, scored)
     errors, tile = {}, 0
     for name, original in COMPARED.items():
         if name in pictures.values and original in true.values:
-            compared = zip(pictures.values[name], true.values[original], easel.masks[original], strict=True)
+            compared = zip(pictures.values[name], true.values[original], scene_renderer.masks[original], strict=True)
             maps = [packing.error_map(*three) for three in compared]
             errors[name], tile = packing.error_sheet(maps), len(maps[0])
     textures = found.material.albedo.detach().cpu().numpy(), found.material.roughness.detach().cpu().numpy()[..., 0]
-    relit = {name: len(views) for name, views in easel.relit.items()}
-    views: dict[str, Any] = {"test": len(easel.test), "view": len(easel.views), "relit": relit}
-    if easel.fitted:
-        views["fitted"] = easel.fitted
+    relit = {name: len(views) for name, views in scene_renderer.relit.items()}
+    views: dict[str, Any] = {"test": len(scene_renderer.test), "view": len(scene_renderer.views), "relit": relit}
+    if scene_renderer.fitted:
+        views["fitted"] = scene_renderer.fitted
     packed = Bundle(
         *sheets(pictures),
         errors={"tile": tile, "sheets": errors, "levels": packing.LEVELS, "largest": packing.LARGEST},
@@ -114,8 +118,8 @@ def write_pictures(
         return
     found, predictions = drawn
     try:
-        easel = Easel(scene)
-        packed = bundle(easel, easel.truth(turned=False), found, torch.tensor(scale or [1.0] * 3), predictions)
+        scene_renderer = SceneRenderer(scene)
+        packed = bundle(scene_renderer, scene_renderer.truth(turned=False), found, torch.tensor(scale or [1.0] * 3), predictions)
     except InputError as error:
         note(f"no pictures for the report: {error}")
     else:

@@ -47,7 +47,7 @@ class Pictures:
     values: dict[str, list[np.ndarray]] = field(default_factory=dict)
 
 
-class Easel:
+class SceneRenderer:
     """One scene, traced once, and the views of it that are drawn.
 
     Attributes:

@@ -236,10 +236,10 @@ def test_geometry_decides_too(problem: Problem) -> None:
 
 def test_sightings_decide_too(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     counts = iter((1.0, 1.0, 2.0))  # photographs of each place, of which the same views are asked about
-    seen = "ia_bench.methods.asking.sampling.count_sightings"
+    seen = "ia_bench.methods.asking.sampling.count_views"
     monkeypatch.setattr(seen, lambda _, views: torch.full((len(views), 32, 32, 1), next(counts)))
     prior, cached = kept(), []
-    prior.info = replace(prior.info, wants=frozenset({"sightings"}))
+    prior.info = replace(prior.info, wants=frozenset({"view_count"}))
     for asking in (sampler(problem, prior) for _ in range(3)):
         asking.draw(None)
         cached.append(asking.counters["prior_cached"])

@@ -86,8 +86,8 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("image_loss", "samples", "taken"),
     [
-        ("crossed", 24, 32),
-        ("crossed", 8, 16),
+        ("dual_buffer", 24, 32),
+        ("dual_buffer", 8, 16),
         ("l1", 24, 24),
         ("l1", 1, 8),
     ],
@@ -109,7 +109,7 @@ def test_samples_are_those_that_the_renderer_takes(
     record = Record()
     found = fit(altered(problem, plan=replace(problem.plan, samples=samples)), NoPrior(), settings, record)
     assert found.counters["samples_per_pixel"] == taken
-    assert drawn[-1] * (2 if image_loss == "crossed" else 1) == taken
+    assert drawn[-1] * (2 if image_loss == "dual_buffer" else 1) == taken
     assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
 
 
@@ -128,7 +128,7 @@ def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path) -> None:
 
     class Dying(RunFolder):
         def save_checkpoint(self, state: dict[str, Any]) -> None:
-            super().save_checkpoint({**state, "books": {**state["books"], "total": state["books"]["total"] + slept}})
+            super().save_checkpoint({**state, "costs": {**state["costs"], "total": state["costs"]["total"] + slept}})
             if state["method"]["step"] == 7:
                 raise Killed
 

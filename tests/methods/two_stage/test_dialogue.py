@@ -55,7 +55,7 @@ def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
         assert float(render[coverage == 0].abs().max()) == 0
     # The albedo that guides is the texture of that moment, seen from the training cameras.
     constant = replace(SETTINGS.rates, final=1.0)  # nothing of stage 1 may depend on the length of the whole
-    settings = replace(SETTINGS, rates=constant, albedo_start=0.0, roughness_start=1.0, exchange_start=0.0)
+    settings = replace(SETTINGS, rates=constant, albedo_start=0.0, roughness_start=1.0, scale_ambiguity_start=0.0)
     whole, _ = asked(problem, scene, settings)
     half, found = asked(problem, scene, replace(settings, stage2_steps=0))
     assert len(half.questions) == 1

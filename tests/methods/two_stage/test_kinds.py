@@ -126,7 +126,7 @@ def test_views_that_are_asked_for(problem: Problem, scene: Scene) -> None:
     prior = noisy(scene)
     found = fit(changed, prior, SETTINGS, Record())
     assert [(what, views) for what, views, _ in asked(prior)] == [("sample", 4), ("guided", 4)]
-    steps = {"corrections_clamped": 0, "skipped_steps": 0, "exchange_blocked_steps": 0, "samples_per_pixel": 16}
+    steps = {"corrections_clamped": 0, "skipped_steps": 0, "scale_ambiguity_blocked_steps": 0, "samples_per_pixel": 16}
     assert found.counters == {"network_calls": 20, "prior_cached": 0, "prior_absurd_values": 0, "distilled": 0, **steps}
 
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from benchmarks.reference import fetch
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.losses import align_views, crossed_loss, smoothness, tone_map, total_variation
+from ia_bench.methods.two_stage.losses import align_views, dual_buffer_loss, smoothness, tone_map, total_variation
 from ia_bench.methods.two_stage.neighbours import Neighbours, find_neighbours
 
 VIEWS = 4
@@ -225,10 +225,10 @@ def test_crossed_loss_without_noise_is_the_l1_beyond_its_cut_and_a_parabola_with
     target = torch.tensor([[0.0, 0.05, 0.5], [1.0, 10.0, 1e6]])
     far = 3 * target + 1
     difference = (tone_map(far) - tone_map(target)).abs()
-    assert crossed_loss(far, far, target, 1e-6).item() == pytest.approx(difference.mean().item(), rel=1e-6)
-    assert crossed_loss(target, target, target, 0.1).item() == 0
+    assert dual_buffer_loss(far, far, target, 1e-6).item() == pytest.approx(difference.mean().item(), rel=1e-6)
+    assert dual_buffer_loss(target, target, target, 0.1).item() == 0
     near = (target[:, 1:] * 1.001, target[:, 1:] * 1.002)
-    values = [crossed_loss(x, x, target[:, 1:], 0.1).item() for x in near]
+    values = [dual_buffer_loss(x, x, target[:, 1:], 0.1).item() for x in near]
     assert values[1] / values[0] == pytest.approx(4, rel=0.02)
 
 
@@ -241,7 +241,7 @@ def test_noise_pulls_the_l1_but_not_the_crossed_loss() -> None:
     target, count = torch.full((20_000, 1), 0.4), 20_000
     noise = 0.02 * torch.randn(2, count, 1, generator=generator)
     level = torch.ones(count, 1, requires_grad=True)
-    loss = crossed_loss(target + level * noise[0], target + level * noise[1], target, 0.5)
+    loss = dual_buffer_loss(target + level * noise[0], target + level * noise[1], target, 0.5)
     (crossed,) = torch.autograd.grad(loss * count, level)
     loss = (tone_map(target + level * noise.mean(0)) - tone_map(target)).abs().mean()
     (plain,) = torch.autograd.grad(loss * count, level)
@@ -251,7 +251,7 @@ def test_noise_pulls_the_l1_but_not_the_crossed_loss() -> None:
 
 def test_crossed_loss_stays_finite_at_black_and_blinding_pixels() -> None:
     estimate = torch.tensor([[0.0, 1e6, 0.0]], requires_grad=True)
-    loss = crossed_loss(estimate, estimate.detach(), torch.tensor([[0.0, 0.0, 1e6]]), 0.1)
+    loss = dual_buffer_loss(estimate, estimate.detach(), torch.tensor([[0.0, 0.0, 1e6]]), 0.1)
     (gradient,) = torch.autograd.grad(loss, estimate)
     assert bool(torch.isfinite(loss) & torch.isfinite(gradient).all())
 

@@ -37,7 +37,7 @@ QUICK = replace(SETTINGS, stage1_steps=8, stage2_steps=4)
 class Told:
     """Says nothing while a fit runs; corrects its albedo to the truth, at a level of its own, and its roughness to one value."""
 
-    info = PriorInfo(frozenset(), wants=frozenset({"sightings"}))
+    info = PriorInfo(frozenset(), wants=frozenset({"view_count"}))
 
     def __init__(self, truth: Tensor, level: float = 1.0, roughness: float | None = None) -> None:
         self.truth, self.level, self.roughness = truth, level, roughness
@@ -84,9 +84,9 @@ def test_a_prior_that_knows_corrects_the_fit(problem: Problem, scene: Scene) -> 
     assert torch.equal(whole.light, plain.light)
     assert torch.equal(whole.material.roughness, plain.material.roughness)
     assert whole.counters["network_calls"] == 16
-    (observed, renders), = prior.asked
-    assert observed.sightings is not None
-    assert float(observed.sightings.max()) <= 16
+    ((observed, renders),) = prior.asked
+    assert observed.view_count is not None
+    assert float(observed.view_count.max()) <= 16
     assert {name: maps.shape[-1] for name, maps in renders.items()} == RENDERS
     shown = texture_images(problem.renderer.surface, problem.gbuffer, plain.material.albedo)
     torch.testing.assert_close(renders["albedo"], shown, atol=2e-2, rtol=0)

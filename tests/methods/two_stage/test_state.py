@@ -48,7 +48,7 @@ def written(problem: Problem) -> bytes:
         (put("parameters", "tensors", "albedo", value=torch.zeros(64, 64, 3).double()), r"found torch.float64 \(64, 64, 3\)"),
         (put("parameters", "optimizer", "state", 9, value={}), "optimizer.state: expected 0, 1, 2, found"),
         (put("parameters", "optimizer", "state", 2, value={}), "state.2: expected step, exp_avg, exp_avg_sq, found"),
-        (put("parameters", "exchange", "blocked", value="no"), "exchange.blocked: expected a value of type int, found 'no'"),
+        (put("parameters", "scale_ambiguity", "blocked", value="no"), "scale_ambiguity.blocked: expected a value of type int"),
         (put("dialogue", "counters", "network_calls", value=1.5), "counters: expected names, each with a value of type"),
         (put("seconds", value=[1.0, 2.0]), "state.seconds: expected prior, stage1, stage2, found"),
     ],

@@ -22,10 +22,10 @@ from ia_bench.light.latlong import direction_to_texel
 from ia_bench.readers.native import NativeReader
 from ia_bench.report.collect import Run
 from ia_bench.report.site.gallery import folder_names
-from ia_bench.report.site.pictures.store import hang
+from ia_bench.report.site.pictures.store import write_pictures
 from ia_bench.runs.pictures import packing, solid
 from ia_bench.runs.pictures.bundle import bundle
-from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Easel, Pictures
+from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Pictures, SceneRenderer
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene, Truth
 
@@ -102,20 +102,22 @@ def test_a_texture_keeps_its_mean_and_its_side() -> None:
 
 
 @pytest.fixture(scope="module")
-def drawn() -> tuple[Easel, Pictures]:
-    easel = Easel(NativeReader(scenes_folder() / "tiny").read(truth=True))
-    return easel, easel.truth()
+def drawn() -> tuple[SceneRenderer, Pictures]:
+    scene_renderer = SceneRenderer(NativeReader(scenes_folder() / "tiny").read(truth=True))
+    return scene_renderer, scene_renderer.truth()
 
 
-def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[Easel, Pictures], perfect_run: Path) -> None:
+def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[SceneRenderer, Pictures], perfect_run: Path) -> None:
     """Its albedo is the truth over 1.25, so that errors before the alignment are those of that factor."""
-    easel, truth = drawn
+    scene_renderer, truth = drawn
     run = Recovered(perfect_run)
-    found = easel.recovered(run.reconstruction(easel.stage), run.scale)
+    found = scene_renderer.recovered(run.reconstruction(scene_renderer.stage), run.scale)
 
     def error(name: str, original: str) -> float:
         squares = [(a - b) ** 2 for a, b in zip(found.values[name], truth.values[original], strict=True)]
-        return float(np.sqrt(np.mean([part[mask].mean() for part, mask in zip(squares, easel.masks[original], strict=True)])))
+        return float(
+            np.sqrt(np.mean([part[mask].mean() for part, mask in zip(squares, scene_renderer.masks[original], strict=True)]))
+        )
 
     assert error("aligned", "albedo") < 0.03  # four points a pixel of a fine pattern
     assert error("albedo", "albedo") > 0.04
@@ -124,11 +126,13 @@ def test_a_perfect_run_looks_like_the_truth_once_it_is_aligned(drawn: tuple[Ease
     assert np.abs(found.sheets["light"][0] - truth.sheets["light"][0]).mean() < 0.01
 
 
-def test_a_run_that_recovered_no_light_is_pictured_without_what_needs_one(drawn: tuple[Easel, Pictures], perfect_run: Path) -> None:
+def test_a_run_that_recovered_no_light_is_pictured_without_what_needs_one(
+    drawn: tuple[SceneRenderer, Pictures], perfect_run: Path
+) -> None:
     (perfect_run / "light.exr").unlink()
-    easel, truth = drawn
+    scene_renderer, truth = drawn
     run = Recovered(perfect_run)
-    packed = bundle(easel, truth, run.reconstruction(easel.stage), run.scale)
+    packed = bundle(scene_renderer, truth, run.reconstruction(scene_renderer.stage), run.scale)
     assert set(packed.sheets) == {"albedo", "aligned", "roughness", "relit", "turned"}
     assert set(packed.errors["sheets"]) == {"albedo", "aligned", "roughness", "relit"}
 
@@ -163,15 +167,15 @@ def test_only_what_needs_a_truth_that_is_missing_is_left_out(
     tiny: Scene, perfect_run: Path, parts: list[str], left_out: dict[str, set[str]]
 ) -> None:
     """What is drawn without it is still right: the run is the perfect one, whose render is the photograph."""
-    easel, run = Easel(lacking(tiny, *parts)), Recovered(perfect_run)
-    found = run.reconstruction(easel.stage)
-    truth, pictures = easel.truth(), easel.recovered(found, run.scale)
+    scene_renderer, run = SceneRenderer(lacking(tiny, *parts)), Recovered(perfect_run)
+    found = run.reconstruction(scene_renderer.stage)
+    truth, pictures = scene_renderer.truth(), scene_renderer.recovered(found, run.scale)
     assert set(truth.sheets) == {"photograph", "albedo", "roughness", "view", "relit", "turned", "light"} - left_out["truth"]
     assert set(pictures.sheets) == {"albedo", "aligned", "roughness", "view", "relit", "turned", "light"} - left_out["found"]
-    for rendered, photograph, mask in zip(pictures.values["view"], truth.values["view"], easel.masks["view"], strict=True):
+    for rendered, photograph, mask in zip(pictures.values["view"], truth.values["view"], scene_renderer.masks["view"], strict=True):
         assert np.abs(rendered - photograph)[mask].mean() < 0.05  # Monte Carlo noise at 64 samples a pixel
     assert len(pictures.sheets["albedo"]) == len(truth.sheets["photograph"]) == 4
-    packed = bundle(easel, truth, found, run.scale)
+    packed = bundle(scene_renderer, truth, found, run.scale)
     of_albedo = {"albedo", "aligned"} if "albedo" in truth.sheets else set()
     comparable = {"view", "relit"} | of_albedo | set(truth.sheets) & {"roughness"}
     assert set(packed.errors["sheets"]) == set(pictures.sheets) & comparable
@@ -180,28 +184,28 @@ def test_only_what_needs_a_truth_that_is_missing_is_left_out(
 
 def test_training_photographs_stand_for_a_scene_that_holds_none_out(tiny: Scene, perfect_run: Path) -> None:
     """Their names are kept, and a page draws those, of however many photographs it reads."""
-    easel, run = Easel(lacking(tiny, "albedo", "roughness", "lights", "test", "novel")), Recovered(perfect_run)
-    packed = bundle(easel, easel.truth(), run.reconstruction(easel.stage), run.scale)
+    scene_renderer, run = SceneRenderer(lacking(tiny, "albedo", "roughness", "lights", "test", "novel")), Recovered(perfect_run)
+    packed = bundle(scene_renderer, scene_renderer.truth(), run.reconstruction(scene_renderer.stage), run.scale)
     names = [view.name for view in tiny.train]
-    assert packed.views["fitted"] == easel.fitted
-    assert (easel.fitted[0], easel.fitted[-1], len(set(easel.fitted))) == (names[0], names[-1], 6)
+    assert packed.views["fitted"] == scene_renderer.fitted
+    assert (scene_renderer.fitted[0], scene_renderer.fitted[-1], len(set(scene_renderer.fitted))) == (names[0], names[-1], 6)
     assert packed.shapes["view"] == packed.shapes["albedo"] == [6, 5]
-    again = Easel(lacking(tiny, "test", "novel"), easel.fitted[1:3])
-    assert [view.name for view in again.views] == easel.fitted[1:3]
+    again = SceneRenderer(lacking(tiny, "test", "novel"), scene_renderer.fitted[1:3])
+    assert [view.name for view in again.views] == scene_renderer.fitted[1:3]
     with pytest.raises(InputError, match="expected the training views that are pictured, found none named nobody"):
-        Easel(tiny, ["nobody"])
+        SceneRenderer(tiny, ["nobody"])
     with pytest.raises(InputError, match="expected a view that can be shown, found none"):
-        Easel(replace(tiny, train=(), test=(), novel=()))
+        SceneRenderer(replace(tiny, train=(), test=(), novel=()))
 
 
-def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[Easel, Pictures]) -> None:
-    easel, truth = drawn
-    views = easel.relit[easel.lights[0]]
+def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[SceneRenderer, Pictures]) -> None:
+    scene_renderer, truth = drawn
+    views = scene_renderer.relit[scene_renderer.lights[0]]
     relit = truth.sheets["relit"][len(views) // 2]  # the first light's middle one, as rendered by Cycles
     errors = [float(np.abs(picture - relit).mean()) for picture in truth.sheets["turned"]]
     assert len(errors) == TURNS
     assert int(np.argmin(errors)) == 0
-    assert len(easel.relit[easel.lights[0]]) == -(-4 // RELIT_STRIDE)
+    assert len(scene_renderer.relit[scene_renderer.lights[0]]) == -(-4 // RELIT_STRIDE)
 
 
 def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perfect_run: Path) -> None:
@@ -217,7 +221,7 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
     failed = Run(tmp_path, "failed", "tiny", 0, problem="x")
     runs = [run, Run(bare, "no textures", "tiny", 0), replace(run, seed=2, folder=bare), failed]
     notes: list[str] = []
-    gallery = hang(runs, tmp_path / "parts", notes.append)
+    gallery = write_pictures(runs, tmp_path / "parts", notes.append)
     assert notes == ["pictures of tiny: the truth", "pictures of tiny: perfect"]
     assert gallery.missing == ["no textures, tiny: it has exported no textures"]
     assert gallery.scenes["tiny"]["rows"]["perfect"]["sheets"]["albedo"] == [4, 4]
@@ -227,14 +231,14 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
     files = {path: path.read_bytes() for path in (tmp_path / "parts").rglob("*") if path.is_file()}
     assert {path.name for path in files} >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "solid.js"}
 
-    again = hang(runs, tmp_path / "parts", notes.append)
+    again = write_pictures(runs, tmp_path / "parts", notes.append)
     assert (again, len(notes)) == (gallery, 2)
     (tmp_path / "parts" / "tiny" / "truth" / "drawn.json").write_text('{"key": ')
-    assert (hang(runs, tmp_path / "parts", notes.append), notes[2:]) == (gallery, ["pictures of tiny: the truth"])
+    assert (write_pictures(runs, tmp_path / "parts", notes.append), notes[2:]) == (gallery, ["pictures of tiny: the truth"])
     notes.pop()
     record["files"]["albedo.exr"] = "another"
     (perfect_run / "metrics.json").write_text(json.dumps(record))
-    hang([replace(run, row="renamed")], tmp_path / "parts", notes.append)
+    write_pictures([replace(run, row="renamed")], tmp_path / "parts", notes.append)
     assert notes[2:] == ["pictures of tiny: renamed"]
     assert not (tmp_path / "parts" / "tiny" / "perfect").exists()
     for path in (tmp_path / "parts" / "tiny" / "renamed").glob("*.webp"):
@@ -245,7 +249,7 @@ def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) 
     record = json.loads((perfect_run / "config.json").read_text())
     record["config"]["scene"]["content"] = "0" * 64
     (perfect_run / "config.json").write_text(json.dumps(record))
-    gallery = hang([Run(perfect_run, "perfect", "tiny", 0)], tmp_path / "parts", print)
+    gallery = write_pictures([Run(perfect_run, "perfect", "tiny", 0)], tmp_path / "parts", print)
     assert (gallery.scenes, gallery.relit) == ({}, False)
     assert "a file of the scene has changed since" in gallery.missing[0]
 
@@ -254,7 +258,7 @@ def test_rows_of_one_slug_have_pictures_of_their_own_and_none_is_laid_over_the_t
     record = json.loads((perfect_run / "metrics.json").read_text())
     (perfect_run / "metrics.json").write_text(json.dumps({**record, "files": {}, "per_image": {}}))
     runs = [Run(perfect_run, row, "tiny", 0) for row in ("w/o prior", "w o prior", "Truth", "truth")]
-    gallery = hang(runs, tmp_path / "parts", lambda line: None)
+    gallery = write_pictures(runs, tmp_path / "parts", lambda line: None)
     assert [*gallery.scenes] == ["tiny"], gallery.missing
     folders = {row: about["folder"] for row, about in gallery.scenes["tiny"]["rows"].items()}
     assert folders.keys() == {"w/o prior", "w o prior", "Truth"}

@@ -23,7 +23,7 @@ from ia_bench.report.site.gallery import KEY, NOT_ROWS, TRUTH, Gallery, folder_n
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing, solid
 from ia_bench.runs.pictures.bundle import PICTURES, Bundle, bundle, read_bundle, sheets, textures_of
-from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, Easel, Pictures
+from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, Pictures, SceneRenderer
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Truth
 
@@ -31,7 +31,7 @@ LAYOUT = 2
 """Part of what a laid-out folder is known by; raised when the page has to know other things of unchanged pictures."""
 
 
-def hang(runs: Sequence[Run], parts: Path, note: Callable[[str], None]) -> Gallery:
+def write_pictures(runs: Sequence[Run], parts: Path, note: Callable[[str], None]) -> Gallery:
     """Picture the first finished run of every row and scene in the folder ``parts``, and what is true beside it.
 
     ``note`` is told what is being drawn. What cannot be drawn (a run of no textures, a scene that is not there or was changed
@@ -70,8 +70,8 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
         raise InputError("no run has exported textures")
     reference = next(iter(recovered.values()))
     fitted: list[str] = next((one.views.get("fitted", []) for one in kept.values() if one is not None), [])
-    wall = _Wall(reference, fitted, note)
-    described = _kept(folder / TRUTH, [*_scene_of(reference), *fitted], wall.write_truth)
+    writer = _PictureWriter(reference, fitted, note)
+    described = _kept(folder / TRUTH, [*_scene_of(reference), *fitted], writer.write_truth)
     described["rows"] = {}
     for row, run_ in recovered.items():
         if _scene_of(run_) != _scene_of(reference):
@@ -84,7 +84,7 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
             continue
         known = [*_scene_of(run_), *(files.get(name) for name in names), run_.scale.tolist()]
         try:
-            one = dict(_kept(folder / places[row], known, partial(wall.write_row, run_, kept[row])))
+            one = dict(_kept(folder / places[row], known, partial(writer.write_row, run_, kept[row])))
             scores = _scores(one.pop("views"), run_)  # how many views there are is told by the scores
             described["rows"][row] = {**one, "scores": scores}
         except InputError as error:
@@ -96,7 +96,7 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
     return described
 
 
-class _Wall:
+class _PictureWriter:
     """One scene while it is drawn: it is read and traced when the first picture is missing, and once.
 
     ``fitted``: the training views that runs are pictured in, where the scene holds none out.
@@ -106,17 +106,17 @@ class _Wall:
         self._run, self._fitted, self._note = run, fitted, note
 
     @cached_property
-    def _easel(self) -> Easel:
-        return Easel(self._run.read_scene(whole=True), self._fitted)
+    def _scene_renderer(self) -> SceneRenderer:
+        return SceneRenderer(self._run.read_scene(whole=True), self._fitted)
 
     @cached_property
     def _truth(self) -> Pictures:
-        return self._easel.truth()
+        return self._scene_renderer.truth()
 
     def write_truth(self, folder: Path) -> dict[str, Any]:
         """Write photographs and truth into ``folder`` and return what the page has to know of them."""
         self._note(f"pictures of {folder.parent.name}: the truth")
-        return _write_truth(self._easel, self._truth, folder)
+        return _write_truth(self._scene_renderer, self._truth, folder)
 
     def write_row(self, run: Recovered, kept: Bundle | None, folder: Path) -> dict[str, Any]:
         """The same of a run: what it has ``kept``, else drawn from its textures."""
@@ -124,7 +124,7 @@ class _Wall:
             if run.config.get("config", dict).get("capture", {}).get("geometry", "given") != "given":
                 raise InputError("its mesh is not the scene's, and its folder has no pictures")
             self._note(f"pictures of {folder.parent.name}: {folder.name}")
-            kept = bundle(self._easel, self._truth, run.reconstruction(self._easel.stage), run.scale)
+            kept = bundle(self._scene_renderer, self._truth, run.reconstruction(self._scene_renderer.stage), run.scale)
         return _write_row(kept, folder)
 
 
@@ -147,9 +147,9 @@ def _kept(folder: Path, known: list[Any], write: Callable[[Path], dict[str, Any]
     return dict(described)
 
 
-def _write_truth(easel: Easel, pictures: Pictures, folder: Path) -> dict[str, Any]:
-    scene, truth = easel.scene, easel.scene.truth or Truth({})
-    lights = {name: truth.lights[name] for name in ("train", *easel.lights) if name in truth.lights}
+def _write_truth(scene_renderer: SceneRenderer, pictures: Pictures, folder: Path) -> dict[str, Any]:
+    scene, truth = scene_renderer.scene, scene_renderer.scene.truth or Truth({})
+    lights = {name: truth.lights[name] for name in ("train", *scene_renderer.lights) if name in truth.lights}
     maps = {name: solid.light(LatLongEnvironment(torch.from_numpy(map_).float())) for name, map_ in lights.items()}
     content: dict[str, Any] = {"lights": maps}
     if scene.mesh is not None:  # else every run has one of its own
@@ -159,13 +159,13 @@ def _write_truth(easel: Easel, pictures: Pictures, folder: Path) -> dict[str, An
     _write(folder / "solid.js", packing.script(f"{folder.parent.name}/truth/solid", content))
     found, shapes = sheets(pictures)
     _write_sheets(found, folder)
-    relit = [[light, view.name] for light, views in easel.relit.items() for view in views]
+    relit = [[light, view.name] for light, views in scene_renderer.relit.items() for view in views]
     names = {
-        kind: [f"{view.name}, which was fitted" if view.name in easel.fitted else view.name for view in views]
-        for kind, views in {"albedo": easel.test, "view": easel.views}.items()
+        kind: [f"{view.name}, which was fitted" if view.name in scene_renderer.fitted else view.name for view in views]
+        for kind, views in {"albedo": scene_renderer.test, "view": scene_renderer.views}.items()
     }
     about = {"folder": folder.parent.name, "sheets": shapes, "textured": "albedo" in content}
-    return {**about, "lights": easel.lights, "relit": relit, "views": names}
+    return {**about, "lights": scene_renderer.lights, "relit": relit, "views": names}
 
 
 def _write_row(kept: Bundle, folder: Path) -> dict[str, Any]:

@@ -15,7 +15,7 @@ MAX_WHITE = 0.01  # fraction of the observed texels that a step may leave beyond
 TEXELS = 16_384  # ... counted on about so many of them, evenly chosen
 
 
-class ColourExchange:
+class ScaleAmbiguityStep:
     """Adam on c (3,): the albedo is multiplied by exp(-c), the light by exp(c).
 
     The diffuse part of an image stays as it is, so only highlights and interreflections tell c (docs/stiffness.md). Steps of

@@ -9,10 +9,10 @@ from contextlib import contextmanager
 from typing import Any
 
 
-class Books:
+class CostTracker:
     """The accounts of one run, those of the processes before an interruption included.
 
-    What is spent inside an :meth:`aside` block, on baking or on scoring, is no cost of the fit: its seconds go into an entry of
+    What is spent inside an :meth:`exclude` block, on baking or on scoring, is no cost of the fit: its seconds go into an entry of
     their own and its counts into none. A block inside another one belongs to the outer one.
 
     Attributes:
@@ -31,7 +31,7 @@ class Books:
         self._count = count
 
     @contextmanager
-    def aside(self, entry: str) -> Iterator[None]:
+    def exclude(self, entry: str) -> Iterator[None]:
         """Book what happens inside under ``entry``."""
         if self._inside:
             yield

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.coarse_steps import CoarseSteps
+from ia_bench.methods.two_stage.multigrid import MultigridSteps
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
 
@@ -48,7 +48,7 @@ def test_steps_add_up_to_those_of_every_level() -> None:
     start = random.random((24, 48, 3))
     gradients = [random.normal(size=start.shape) for _ in range(4)]
     image = torch.from_numpy(start).float().requires_grad_()
-    steps = CoarseSteps({"light": image}, BETAS)
+    steps = MultigridSteps({"light": image}, BETAS)
     for gradient in gradients:
         steps({"light": 0.1}, {"light": torch.from_numpy(gradient).float()})
     expected = start + sum(expected_move(gradients, factor, 0.1) for factor in (2, 4))
@@ -58,7 +58,7 @@ def test_steps_add_up_to_those_of_every_level() -> None:
 @pytest.mark.parametrize("rates", [{}, {"still": 0.0}])
 def test_what_has_no_rate_or_no_gradient_stays(rates: dict[str, float]) -> None:
     still, moved, frozen = (torch.ones(16, 16, 1, requires_grad=True) for _ in range(3))
-    steps = CoarseSteps({"still": still, "moved": moved, "frozen": frozen}, BETAS)
+    steps = MultigridSteps({"still": still, "moved": moved, "frozen": frozen}, BETAS)
     steps({**rates, "moved": 0.1, "frozen": 0.1}, {"still": torch.ones(16, 16, 1), "moved": torch.ones(16, 16, 1), "frozen": None})
     assert torch.equal(still, torch.ones_like(still))
     assert torch.equal(frozen, torch.ones_like(frozen))
@@ -68,7 +68,7 @@ def test_what_has_no_rate_or_no_gradient_stays(rates: dict[str, float]) -> None:
 @pytest.mark.parametrize("shape", [(7, 14, 3), (4, 8, 3), (6, 12, 1)])
 def test_an_image_without_coarser_levels_is_left_alone(shape: tuple[int, int, int]) -> None:
     image = torch.ones(shape, requires_grad=True)
-    steps = CoarseSteps({"light": image}, BETAS)
+    steps = MultigridSteps({"light": image}, BETAS)
     steps({"light": 0.1}, {"light": torch.ones(shape)})
     assert torch.equal(image, torch.ones(shape))
     steps.load_state_dict(steps.state_dict())
@@ -81,10 +81,10 @@ def test_its_state_goes_on_where_it_was() -> None:
     ends = []
     for stop in (None, 3):
         image = torch.zeros(16, 16, 3, requires_grad=True)
-        steps = CoarseSteps({"albedo": image}, BETAS)
+        steps = MultigridSteps({"albedo": image}, BETAS)
         for step, gradient in enumerate(gradients):
             if step == stop:
-                state, steps = steps.state_dict(), CoarseSteps({"albedo": image}, BETAS)
+                state, steps = steps.state_dict(), MultigridSteps({"albedo": image}, BETAS)
                 steps.load_state_dict(state)
             steps({"albedo": 0.05}, {"albedo": gradient})
         ends.append(image.detach().clone())
@@ -100,7 +100,7 @@ def distance_left(coarse: float, steps: int = 60) -> float:
     line = torch.linspace(0, 2 * math.pi, 64)
     wanted = (0.5 + 0.2 * torch.sin(line)[:, None] * torch.cos(line))[..., None]
     image = torch.full((64, 64, 1), 0.5, requires_grad=True)
-    adam, beside = torch.optim.Adam([image], betas=BETAS), CoarseSteps({"albedo": image}, BETAS)
+    adam, beside = torch.optim.Adam([image], betas=BETAS), MultigridSteps({"albedo": image}, BETAS)
 
     def glance() -> Tensor:
         seen = torch.rand(wanted.shape, generator=random) < 0.02

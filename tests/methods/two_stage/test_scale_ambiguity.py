@@ -16,7 +16,7 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.exchange import MAX_WHITE, ColourExchange
+from ia_bench.methods.two_stage.scale_ambiguity import MAX_WHITE, ScaleAmbiguityStep
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import texture_images
@@ -56,7 +56,9 @@ def test_gradient_is_that_of_the_factor() -> None:
         with torch.no_grad():
             up, down = (loss_of(albedo * torch.exp(-s * c), log_light + s * c, images) for s in (1, -1))
         slopes.append((up - down) / (2 * step))
-    torch.testing.assert_close(ColourExchange(albedo, log_light, OBSERVED).gradient(), torch.stack(slopes), rtol=1e-6, atol=1e-12)
+    torch.testing.assert_close(
+        ScaleAmbiguityStep(albedo, log_light, OBSERVED).gradient(), torch.stack(slopes), rtol=1e-6, atol=1e-12
+    )
 
 
 def test_diffuse_images_stay_as_they_are() -> None:
@@ -65,7 +67,7 @@ def test_diffuse_images_stay_as_they_are() -> None:
     loss_of(albedo, log_light, 0.5 * images).backward()
     before = (albedo * torch.exp(log_light).mean((0, 1))).detach().clone()
     start = log_light.detach().clone()
-    ColourExchange(albedo, log_light, OBSERVED)(0.05)
+    ScaleAmbiguityStep(albedo, log_light, OBSERVED)(0.05)
     moved = (log_light.detach() - start).reshape(-1, 3)
     torch.testing.assert_close(moved, moved[:1].expand_as(moved), rtol=0, atol=1e-6)
     torch.testing.assert_close(moved[0].abs(), torch.full((3,), 0.05), rtol=1e-4, atol=0)  # Adam's first step is its rate
@@ -80,7 +82,7 @@ def test_it_finds_the_cast_that_rates_of_their_own_do_not() -> None:
         wrong = torch.log(torch.tensor([1.5, 1.0, 0.7]))
         albedo, log_light = (true_albedo * torch.exp(-wrong)).requires_grad_(), (true_light + wrong).requires_grad_()
         optimizer = torch.optim.Adam([{"params": [albedo], "lr": 0.01}, {"params": [log_light], "lr": 0.05}], betas=(0.9, 0.99))
-        exchange = ColourExchange(albedo, log_light, OBSERVED)
+        exchange = ScaleAmbiguityStep(albedo, log_light, OBSERVED)
         for step in range(300):
             decay = 0.05 ** (step / 299)
             optimizer.zero_grad()
@@ -102,16 +104,16 @@ def test_white_texels_are_not_pushed_further() -> None:
     albedo.requires_grad_(), log_light.requires_grad_()
     (loss_of(albedo, log_light, images) + 10 * log_light.sum()).backward()  # darker light, brighter paint
     start = albedo.detach().clone()
-    exchange = ColourExchange(albedo, log_light, OBSERVED)
+    exchange = ScaleAmbiguityStep(albedo, log_light, OBSERVED)
     exchange(0.05)
     torch.testing.assert_close(albedo.detach(), start)
     assert exchange.blocked == 1
-    again = ColourExchange(albedo, log_light, OBSERVED)
+    again = ScaleAmbiguityStep(albedo, log_light, OBSERVED)
     again.load_state_dict(exchange.state_dict())
     assert again.blocked == 1
     unseen = OBSERVED.clone()
     unseen[0] = False
-    ColourExchange(albedo, log_light, unseen)(0.05)
+    ScaleAmbiguityStep(albedo, log_light, unseen)(0.05)
     torch.testing.assert_close(albedo.detach(), start * torch.exp(torch.tensor(0.05)))
 
 
@@ -119,7 +121,7 @@ def test_nothing_observed_is_no_failure() -> None:
     albedo, log_light, images = tensors()
     albedo.requires_grad_(), log_light.requires_grad_()
     loss_of(albedo, log_light, images).backward()
-    ColourExchange(albedo, log_light, ~OBSERVED)(0.05)
+    ScaleAmbiguityStep(albedo, log_light, ~OBSERVED)(0.05)
     assert bool(torch.isfinite(albedo).all() & torch.isfinite(log_light).all())
 
 
@@ -135,19 +137,19 @@ def test_a_fit_gets_the_level_of_the_albedo_right(problem: Problem, scene: Scene
         for view, image, mask in zip(problem.scene.train, images["radiance"].numpy(), coverage, strict=True)
     )
     problem = altered(problem, scene=replace(problem.scene, train=views), plan=replace(problem.plan, samples=32))
-    settings = FitSettings(stage1_steps=400, stage2_steps=0, pixels=1024, coarse_rates=TEXELS_ALONE, checkpoint_seconds=1e9)
+    settings = FitSettings(stage1_steps=400, stage2_steps=0, pixels=1024, multigrid_rates=TEXELS_ALONE, checkpoint_seconds=1e9)
     inside = coverage > 0.99
     wanted = images["albedo"].numpy()[inside].mean(0)
     off = {}
     for rate in (0.0, 0.05):
-        one = fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, exchange=rate)), Record())
+        one = fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, scale_ambiguity=rate)), Record())
         picture = texture_images(problem.renderer.surface, problem.gbuffer, one.material.albedo).numpy()[inside]
         off[rate] = float(np.abs(np.log(picture.mean(0) / wanted)).max())
     assert off[0.05] < 0.2 < 0.3 < off[0.0]
 
 
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
-@pytest.mark.parametrize("key", ["rates.exchange", "exchange_start"])
+@pytest.mark.parametrize("key", ["rates.scale_ambiguity", "scale_ambiguity_start"])
 def test_settings_that_cannot_be_meant_are_refused(key: str, value: float) -> None:
     group, _, name = key.rpartition(".")
     with pytest.raises(InputError, match=f"fit.{key}: expected .*, found"):

@@ -1,4 +1,4 @@
-"""With `fit.image_loss=crossed` the two halves of a pixel's samples are independent: noise pulls the fit nowhere.
+"""With `fit.image_loss=dual_buffer` the two halves of a pixel's samples are independent: noise pulls the fit nowhere.
 
 What samples shared by the residual and the gradient would add is measured in tests/render/test_gradients.py.
 """
@@ -75,7 +75,7 @@ def test_gradient_of_a_step_is_that_of_independent_halves(
     monkeypatch.setattr(torch.optim.Adam, "step", held)
     settings = FitSettings(stage1_steps=STEPS, stage2_steps=0, pixels=PIXELS, guided=False)
     # The optimisers of other steps have no light of their own to look at.
-    settings = replace(settings, rates=replace(settings.rates, exchange=0.0), coarse_rates=TEXELS_ALONE)
+    settings = replace(settings, rates=replace(settings.rates, scale_ambiguity=0.0), multigrid_rates=TEXELS_ALONE)
     noisy = NoisyRenderer(problem.renderer.surface, problem.renderer.visibility)
     fit(altered(problem, renderer=noisy), NoPrior(), settings, record)
     assert len(gradients) == STEPS

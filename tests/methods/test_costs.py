@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import time
 
-from ia_bench.methods.books import Books
+from ia_bench.methods.costs import CostTracker
 
 
 def test_what_is_aside_is_not_counted_and_what_is_inside_belongs_to_the_outer_one() -> None:
-    books, rays = Books(), {"rays": 0}
-    with books.aside("bake"):
-        books.watch(lambda: dict(rays))
+    costs, rays = CostTracker(), {"rays": 0}
+    with costs.exclude("bake"):
+        costs.watch(lambda: dict(rays))
         rays["rays"] += 100
-        with books.aside("score"):
+        with costs.exclude("score"):
             rays["rays"] += 10
             time.sleep(0.01)
     rays["rays"] += 5
-    assert books.counts() == {"rays": 5}
-    assert list(books.seconds) == ["bake"]
-    assert 0.01 <= books.seconds["bake"] <= books.total()
+    assert costs.counts() == {"rays": 5}
+    assert list(costs.seconds) == ["bake"]
+    assert 0.01 <= costs.seconds["bake"] <= costs.total()
 
 
 def test_an_interrupted_run_goes_on_where_it_was() -> None:
-    first, second, rays = Books(), Books(), {"rays": 0}
+    first, second, rays = CostTracker(), CostTracker(), {"rays": 0}
     first.watch(lambda: {"rays": 7})
     state = {**first.state(), "total": 1000.0, "seconds": {"bake": 3.0}}
     second.watch(lambda: dict(rays))
-    with second.aside("bake"):
+    with second.exclude("bake"):
         rays["rays"] += 100  # baked again: in the state already
     rays["rays"] += 40  # and so is what it did before it took the state over
     second.restore(state)

@@ -26,7 +26,7 @@ TAIL_BYTES = 4096  # of a log, in which the last line of progress is looked for
 
 
 @dataclass(frozen=True)
-class Standing:
+class CellStatus:
     """Where one cell stands.
 
     Attributes:
@@ -49,9 +49,9 @@ class Overview:
     """Where all cells of a folder stand, and the plan that lists them, None where no table was run there."""
 
     plan: CellList | None
-    cells: tuple[Standing, ...]
+    cells: tuple[CellStatus, ...]
 
-    def of(self, *states: str) -> list[Standing]:
+    def of(self, *states: str) -> list[CellStatus]:
         """The cells in one of ``states``."""
         return [one for one in self.cells if one.state in states]
 
@@ -89,19 +89,19 @@ def look(results: Path) -> Overview:
     return Overview(None, cells)
 
 
-def _stands(cell: Planned, started: float) -> Standing:
+def _stands(cell: Planned, started: float) -> CellStatus:
     written = _time_of(cell.folder / METRICS_FILE)
     record = _record(cell.folder / METRICS_FILE, written)
     began = held_since(cell.folder)
     if began is not None:
-        return Standing(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
+        return CellStatus(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
     if cell.config_hash and record.config_hash != cell.config_hash:
-        return Standing(cell, WAITING)
+        return CellStatus(cell, WAITING)
     if record.status == "ok":
-        return Standing(cell, FINISHED, record.seconds, written=written)
+        return CellStatus(cell, FINISHED, record.seconds, written=written)
     if record.status == "failed" and written / 1e9 >= started:  # one of before will be tried again
-        return Standing(cell, FAILED, says=record.error, written=written)
-    return Standing(cell, WAITING)
+        return CellStatus(cell, FAILED, says=record.error, written=written)
+    return CellStatus(cell, WAITING)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from ia_bench.methods.state import form_of_adam
 LEAST_SIDE = 4  # rows of the coarsest level at least: fewer are the mean, which light and albedo exchange (exchange.py)
 
 
-class CoarseSteps:
+class MultigridSteps:
     """Adam at half the resolution of some images and below, down to LEAST_SIDE rows; the images are changed in place.
 
     Neighbours in a texture need not be neighbours on the object: a step of one chart moves the border of the next one a little,
