@@ -26,11 +26,11 @@ setup: $(READY) ## make .venv with the locked versions
 
 # torch goes in first and alone, so that its CPU build is taken where there is one. The rest is complete as it stands and
 # goes in without resolving.
-$(READY): requirements.lock baselines/pyproject.toml
+$(READY): requirements.lock baselines/pyproject.toml training/pyproject.toml
 	$(PYTHON) -m venv --clear .venv
 	.venv/bin/pip install --quiet --disable-pip-version-check $$(grep '^torch==' requirements.lock)
 	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps -r requirements.lock
-	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable . --editable baselines
+	.venv/bin/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable . --editable baselines --editable training
 	touch $@
 
 setup-ray: setup ## add Ray to .venv, for tables with launcher=ray (260 MB)
@@ -70,6 +70,7 @@ lint: setup ## ruff, mypy, import contracts
 	.venv/bin/mypy
 	.venv/bin/lint-imports
 	cd baselines && ../.venv/bin/lint-imports
+	cd training && ../.venv/bin/lint-imports
 
 docs: $(DOCS_READY) ## every document as a site, results/docs/index.html; fails on a broken link
 	NO_MKDOCS_2_WARNING=1 $(DOCS) docs/site/build.py
@@ -87,7 +88,7 @@ scenes: $(BLENDER_READY) ## render the shipped scenes again, below results/ (SIZ
 	done
 
 prior-data: setup ## render training images of the priors (ARGS="out=FOLDER images=20000 seed=1 ...")
-	$(PY) -m ia_bench.cli.prior_data out=results/prior-data $(ARGS)
+	$(PY) -m ia_bench_training.prior_data out=results/prior-data $(ARGS)
 
 # Blender as a module pins an older numpy, hence an environment of its own.
 $(BLENDER_READY): datasets/recipes/requirements.txt
@@ -97,4 +98,4 @@ $(BLENDER_READY): datasets/recipes/requirements.txt
 
 clean: ## remove caches and builds (not results, not environments)
 	rm -rf build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
-	find ia_bench baselines benchmarks tests datasets -name __pycache__ -type d -prune -exec rm -rf {} +
+	find ia_bench baselines training benchmarks tests datasets -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -2,10 +2,11 @@
 
     python benchmarks/refiner_scaling.py RUN... [--fit-seconds 7] [--to 40]
 
-Runs are folders of ``python -m ia_bench.cli.train_refiner`` with the same held-out fits and other numbers of fits (``fits=``). Of
-each the validation with the least error is taken, for with few fits a network becomes worse again. Prints fits, core-hours (of the
-fits, at ``--fit-seconds`` of a core each, and of the training until then) and what the network gains on held-out fits; then the
-gain that every doubling brings, ± its standard error, and the line at ``--to`` core-hours with its 95 % interval.
+Runs are folders of ``python -m ia_bench_training.train_refiner`` with the same held-out fits and other numbers of fits
+(``fits=``). Of each the validation with the least error is taken, for with few fits a network becomes worse again. Prints fits,
+core-hours (of the fits, at ``--fit-seconds`` of a core each, and of the training until then) and what the network gains on
+held-out fits; then the gain that every doubling brings, ± its standard error, and the line at ``--to`` core-hours with its 95 %
+interval.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ def best(run: Path, fit_seconds: float) -> tuple[int, float, list[float]]:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", type=Path, nargs="+", help="folders of runs of ia_bench.cli.train_refiner; three or more")
+    parser.add_argument("runs", type=Path, nargs="+", help="folders of runs of ia_bench_training.train_refiner; three or more")
     parser.add_argument("--fit-seconds", type=float, default=7, help="of a core, for a fit")
     parser.add_argument("--to", type=float, default=40, help="core-hours to extrapolate to")
     arguments = parser.parse_args()
@@ -46,7 +47,7 @@ def main() -> None:
         parser.error(f"expected three or more runs, found {len(arguments.runs)}")
     for run in arguments.runs:
         if not (run / "weights" / "refiner.json").exists():
-            parser.error(f"{run}: expected a run of ia_bench.cli.train_refiner, found no weights/refiner.json in it")
+            parser.error(f"{run}: expected a run of ia_bench_training.train_refiner, found no weights/refiner.json in it")
     rows = sorted(best(run, arguments.fit_seconds) for run in arguments.runs)
     print("| fits | core-hours | " + " | ".join(name for name, *_ in GAINS) + " |\n| ---: | ---: |" + " ---: |" * len(GAINS))
     for fits, hours, gains in rows:

@@ -20,8 +20,8 @@ from torch import Tensor
 
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.diffusion.prior import DiffusionPrior
-from ia_bench.report.single_view import SAMPLES, load_examples
-from ia_bench.training.validation import aligned_psnr
+from ia_bench_training.single_view_scores import SAMPLES, load_examples
+from ia_bench_training.validation import aligned_psnr
 
 
 def main() -> None:

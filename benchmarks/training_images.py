@@ -14,9 +14,9 @@ import time
 
 import torch
 
-from ia_bench.training.generate import render_images
-from ia_bench.training.render import VIEWS
-from ia_bench.training.shading import DirectLight
+from ia_bench_training.generate import render_images
+from ia_bench_training.render import VIEWS
+from ia_bench_training.shading import DirectLight
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 STAGE = ROOT / "build" / "docs"
-FOLDERS = ("docs", "datasets", "examples", "baselines", "ia_bench")
+FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench")
 LINK = re.compile(r"\]\(([^()\s#]+)[^()\s]*\)")
 
 

@@ -51,7 +51,7 @@ Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor], Counter[str]]
 class LearnedPrior(ABC):
     """Base of the priors with networks.
 
-    ``weights``: a folder that ia_bench.cli.train wrote, one with a folder for each component in it, or None for the
+    ``weights``: a folder that ia_bench_training.train wrote, one with a folder for each component in it, or None for the
     weights that come with the package. ``geometry``: let the network see normals and visibility where a scene has them.
     ``batch``: images at a time, which changes no sample beyond rounding. ``precision``: float32, bf16, or auto (bf16 where it
     is fast). ``device``: auto, cpu or cuda; auto is CUDA where there is some, but the CPU in a run with device=cpu.

@@ -16,14 +16,14 @@ from torch.optim import Adam
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.priors.weight_files import fill
-from ia_bench.training.generate import render_images, render_relit
-from ia_bench.training.lights import draw_light
-from ia_bench.training.objects import make_object
-from ia_bench.training.render import draw_view
-from ia_bench.training.resuming import STATE, VALIDATIONS
-from ia_bench.training.shading import DirectLight
 from ia_bench_baselines.common.pictures import save_weights
 from ia_bench_baselines.common.training import WEIGHTS, RunSettings, initial_weights, masked_mean, run
+from ia_bench_training.generate import render_images, render_relit
+from ia_bench_training.lights import draw_light
+from ia_bench_training.objects import make_object
+from ia_bench_training.render import draw_view
+from ia_bench_training.resuming import STATE, VALIDATIONS
+from ia_bench_training.shading import DirectLight
 
 
 class Line:

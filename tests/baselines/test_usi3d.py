@@ -14,7 +14,6 @@ from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.priors.contract import Observations
-from ia_bench.training.shards import ShardInfo, load_shard, write_shard
 from ia_bench_baselines.usi3d.data import UnpairedImages, domain_pictures
 from ia_bench_baselines.usi3d.losses import discriminator_loss, physical_error, picture_error
 from ia_bench_baselines.usi3d.networks import (
@@ -29,6 +28,7 @@ from ia_bench_baselines.usi3d.networks import (
 )
 from ia_bench_baselines.usi3d.prior import WEIGHTS, Usi3dPrior
 from ia_bench_baselines.usi3d.train import Settings, Training, train
+from ia_bench_training.shards import ShardInfo, load_shard, write_shard
 
 
 def test_instance_norm_is_torchs_and_forgets_gain_and_offset():

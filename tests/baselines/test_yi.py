@@ -18,14 +18,14 @@ from ia_bench.common.progress import Progress
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.priors.contract import Observations
 from ia_bench.scenes.tensor_color import linear_to_srgb
-from ia_bench.training.lights import draw_light
-from ia_bench.training.shards import ShardInfo, write_shard
 from ia_bench_baselines.yi.data import grey, load_objects
 from ia_bench_baselines.yi.losses import chromaticity, low_rank_loss, rank_one_distance
 from ia_bench_baselines.yi.networks import InverseRendering
 from ia_bench_baselines.yi.prior import WEIGHTS, YiPrior
 from ia_bench_baselines.yi.shading import AMBIENT, irradiance, normals_of, shading
 from ia_bench_baselines.yi.train import Settings, Training, encode, train
+from ia_bench_training.lights import draw_light
+from ia_bench_training.shards import ShardInfo, write_shard
 
 
 def real_harmonics(direction: np.ndarray) -> np.ndarray:

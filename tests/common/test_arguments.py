@@ -14,8 +14,8 @@ from ia_bench.common.errors import InputError
 @pytest.mark.parametrize(
     ("command", "option", "value", "least"),
     [
-        (["ia_bench.cli.single_view", "hat"], "--limit", "-1", 1),
-        (["ia_bench.cli.single_view", "hat"], "--seeds", "x", 0),
+        (["ia_bench_training.single_view", "hat"], "--limit", "-1", 1),
+        (["ia_bench_training.single_view", "hat"], "--seeds", "x", 0),
         (["benchmarks.forward_check", "tiny"], "--samples", "0", 1),
         (["benchmarks.work_precision"], "--threads", "0", 1),
         (["benchmarks.stiffness", "tiny", "--out", "nowhere"], "--bounces", "-1", 0),

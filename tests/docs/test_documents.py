@@ -14,7 +14,7 @@ from urllib.parse import unquote
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("docs", "datasets", "examples", "baselines", "ia_bench", "benchmarks")
+FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench", "benchmarks")
 BELOW = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *BELOW]
 WRITTEN = [path for path in DOCUMENTS if not path.is_relative_to(ROOT / "docs" / "results")]
@@ -70,7 +70,8 @@ def test_links_and_anchors_resolve(document: Path) -> None:
 @pytest.mark.parametrize("document", WRITTEN, ids=name)
 def test_files_that_are_named_exist(document: Path) -> None:
     """As seen from the project's root, from the packages, from the tests, or from the document itself."""
-    places = [ROOT, ROOT / "ia_bench", ROOT / "baselines" / "ia_bench_baselines", ROOT / "tests", document.parent]
+    folders = (".", "ia_bench", "baselines/ia_bench_baselines", "training", "tests")
+    places = [*(ROOT / folder for folder in folders), document.parent]
     named = {file for code in code_of(document.read_text(encoding="utf-8")) for file in FILE.findall(code)}
     kept = {file for file in named if "results/" not in file and "NAME" not in file}  # made by a run, or to be filled in
     missing = sorted(file for file in kept if not any((place / file).exists() for place in places))
@@ -85,8 +86,8 @@ def test_commands_that_are_named_exist(document: Path) -> None:
     wrong = []
     for line in code:
         for module in re.findall(r"python -m ((?:ia_bench|benchmarks)[\w.]*)", line):
-            package = (ROOT / "baselines" if module.startswith("ia_bench_baselines") else ROOT) / module.replace(".", "/")
-            if not (package.with_suffix(".py").is_file() or (package / "__main__.py").is_file()):
+            places = [root / module.replace(".", "/") for root in (ROOT, ROOT / "baselines", ROOT / "training")]
+            if not any(place.with_suffix(".py").is_file() or (place / "__main__.py").is_file() for place in places):
                 wrong.append(f"python -m {module}")
         wrong += [f"make {target}" for target in re.findall(r"^make ([a-z-]+)", line) if target not in targets]
     assert not wrong, "\n".join(wrong)

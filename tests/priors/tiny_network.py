@@ -15,7 +15,7 @@ def tiny_config(kind="diffusion", **changes):
 
 
 def tiny_weights(folder: Path, kind="diffusion", seed=0, **changes) -> Path:
-    """A folder of random weights, as ia_bench.cli.train writes them."""
+    """A folder of random weights, as ia_bench_training.train writes them."""
     torch.manual_seed(seed)
     network = MaterialNetwork(tiny_config(kind, **changes))
     torch.nn.init.normal_(network.head.leave.weight, std=0.1)  # which starts at zero

@@ -1,4 +1,4 @@
-"""``python -m ia_bench.cli.prior_data``: its arguments, what it refuses, and that a kill loses no finished shard."""
+"""``python -m ia_bench_training.prior_data``: its arguments, what it refuses, and that a kill loses no finished shard."""
 
 import shutil
 import subprocess
@@ -8,13 +8,13 @@ import time
 import pytest
 import torch
 
-from ia_bench.cli.prior_data import main
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
-from ia_bench.training import data
-from ia_bench.training.data import Request, choose_shading, make_data
-from ia_bench.training.shards import CHANNELS, ShardInfo, load_shard, shard_path, write_shard
+from ia_bench_training import data
+from ia_bench_training.data import Request, choose_shading, make_data
+from ia_bench_training.prior_data import main
+from ia_bench_training.shards import CHANNELS, ShardInfo, load_shard, shard_path, write_shard
 
 
 def test_arguments(tmp_path):
@@ -74,7 +74,8 @@ def test_finished_shards_are_kept_and_others_refused(tmp_path, monkeypatch):
 
 
 def arguments(folder):
-    return [sys.executable, "-m", "ia_bench.cli.prior_data", f"out={folder}", "images=264", "size=8", "workers=2", "shading=eager"]
+    command = [sys.executable, "-m", "ia_bench_training.prior_data", f"out={folder}"]
+    return [*command, "images=264", "size=8", "workers=2", "shading=eager"]
 
 
 @pytest.mark.slow

@@ -3,8 +3,8 @@ import torch
 
 from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.network import NetworkConfig
-from ia_bench.training.dataset import NO_AUGMENTATION, Augmentation, TrainingImages, augment
-from ia_bench.training.shards import ShardInfo, shard_path, write_shard
+from ia_bench_training.dataset import NO_AUGMENTATION, Augmentation, TrainingImages, augment
+from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 
 
 def shard(count=6, size=16, seed=0):

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from ia_bench import training
-from ia_bench.training.generate import render_images
-from ia_bench.training.palettes import MAX_ALBEDO, MIN_ALBEDO
-from ia_bench.training.render import MAX_COVERAGE, MIN_COVERAGE
-from ia_bench.training.shading import DirectLight
-from ia_bench.training.shards import CHANNELS
+import ia_bench_training
+from ia_bench_training.generate import render_images
+from ia_bench_training.palettes import MAX_ALBEDO, MIN_ALBEDO
+from ia_bench_training.render import MAX_COVERAGE, MIN_COVERAGE
+from ia_bench_training.shading import DirectLight
+from ia_bench_training.shards import CHANNELS
 
 SIZE = 24
 DIRECT = DirectLight(compiled=False)
@@ -25,7 +25,7 @@ ALLOWED = {
     "__future__", "collections.abc", "dataclasses", "functools", "typing", "math", "pathlib", "numpy", "numpy.random", "torch",
     "torch.nn.functional", "scipy.interpolate", "scipy.spatial", "skimage.measure", "ia_bench.light.latlong",
     "ia_bench.material.brdf", "ia_bench.render.embree", "ia_bench.render.gbuffer", "ia_bench.render.lattice",
-    "ia_bench.render.rays", "ia_bench.scenes.color", "ia_bench.scenes.scene", "ia_bench.training", "ia_bench.training.shards",
+    "ia_bench.render.rays", "ia_bench.scenes.color", "ia_bench.scenes.scene", "ia_bench_training", "ia_bench_training.shards",
 }  # fmt: skip
 
 
@@ -72,12 +72,12 @@ def test_targets_are_consistent(images):
 
 def test_nothing_of_the_benchmark_can_get_in(monkeypatch):
     """The generator imports nothing but mathematics and parts of the renderer, opens no file, and is asked for numbers only."""
-    folder = Path(training.__file__).parent
+    folder = Path(ia_bench_training.__file__).parent
     for name in GENERATOR:
         tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
         modules = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
         modules |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
-        own = {f"ia_bench.training.{other}" for other in GENERATOR}
+        own = {f"ia_bench_training.{other}" for other in GENERATOR}
         assert modules <= ALLOWED | own, f"{name} imports {modules - ALLOWED - own}"
         called = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
         assert not called & {"open", "exec", "eval", "__import__"}, name

@@ -14,14 +14,14 @@ from priors.tiny_network import tiny_weights
 from safetensors.torch import load_file
 from training.test_dataset import shard
 
-from ia_bench.cli.train import main, usage
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
-from ia_bench.training.loop import weighted_error
-from ia_bench.training.settings import TrainSettings
-from ia_bench.training.shards import ShardInfo, shard_path, write_shard
+from ia_bench_training.loop import weighted_error
+from ia_bench_training.settings import TrainSettings
+from ia_bench_training.shards import ShardInfo, shard_path, write_shard
+from ia_bench_training.train import main, usage
 
 SMALL = ["network.size=16", "network.channels=[16,32]", "network.tokens=16", "batch=4", "warmup=2", "compile=false"]
 QUICK = ["validate_steps=1000", "validation_images=4", "validation_sampler_steps=2", "precision=float32", "threads=1"]
@@ -42,7 +42,7 @@ def command(folders, out, *more):
 
 def start(arguments, launcher=()):
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "ACCELERATE_USE_CPU": "true"}
-    line = [sys.executable, "-m", *launcher, "ia_bench.cli.train", *arguments]
+    line = [sys.executable, "-m", *launcher, "ia_bench_training.train", *arguments]
     return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
 
 

@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
-from ia_bench.training.optimiser import MuonAdamW, split_weights
+from ia_bench_training.optimiser import MuonAdamW, split_weights
 
 
 class Layers(nn.Module):

@@ -10,14 +10,14 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor
 
-from ia_bench.cli.fit_data import main as make
-from ia_bench.cli.train_refiner import main, usage
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.priors.refiner.checkpoint import load_refiner
-from ia_bench.training.fit_files import CHANNELS, FitInfo, fit_path, fit_paths, load_fit, write_fit
-from ia_bench.training.refiner import RefinerSettings, Views, _recoloured, train_refiner
+from ia_bench_training.fit_data import main as make
+from ia_bench_training.fit_files import CHANNELS, FitInfo, fit_path, fit_paths, load_fit, write_fit
+from ia_bench_training.refiner import RefinerSettings, Views, _recoloured, train_refiner
+from ia_bench_training.train_refiner import main, usage
 
 SIZE = 16
 SMALL = ["network.channels=[8,16]", "batch=8", "warmup=5", "threads=1"]
@@ -71,7 +71,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights(folders: Path, tmp_p
     with Progress() as progress:
         train_refiner(whole, progress)
         with monkeypatch.context() as patch:
-            patch.setattr("ia_bench.training.refiner.save_refiner", interrupt)
+            patch.setattr("ia_bench_training.refiner.save_refiner", interrupt)
             with pytest.raises(KeyboardInterrupt):
                 train_refiner(stopped, progress)
         assert torch.load(stopped.out / "state.pt", weights_only=True)["step"] == 3
@@ -90,7 +90,7 @@ def test_a_run_that_was_stopped_before_it_kept_its_state_validates_once(
     settings = read_arguments(RefinerSettings, command(folders, tmp_path, "steps=4", "validate_steps=2"))
     with Progress() as progress:
         with monkeypatch.context() as patch:
-            patch.setattr("ia_bench.training.refiner.save_state", interrupt)
+            patch.setattr("ia_bench_training.refiner.save_state", interrupt)
             with pytest.raises(KeyboardInterrupt):
                 train_refiner(settings, progress)
         figures = train_refiner(settings, progress)
@@ -124,7 +124,7 @@ def test_fits_that_show_nothing_are_named_by_their_folder(folders: Path, tmp_pat
 
 def test_views_are_recoloured_and_turned_together(folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The error of an untouched albedo does not depend on the order of the colours, nor on the side."""
-    monkeypatch.setattr("ia_bench.training.refiner.ZOOM", 1.0)
+    monkeypatch.setattr("ia_bench_training.refiner.ZOOM", 1.0)
     views = Views(folders / "data")
     index = torch.arange(8)
     plain = views.batch(index)

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from ia_bench.common.errors import InputError
-from ia_bench.training.resuming import (
+from ia_bench_training.resuming import (
     FINAL_RATE,
     STATE,
     VALIDATIONS,

@@ -12,11 +12,11 @@ import torch
 
 from ia_bench.light.latlong import direction_to_texel, row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import normalize, specular_brdf_cosine
-from ia_bench.training.lights import HEIGHT, LIGHTS, MAX_DISCS, WIDTH, Light, draw_light
-from ia_bench.training.objects import Assembly, _finish
-from ia_bench.training.primitives import vessel
-from ia_bench.training.render import ObjectRenderer, draw_view, lattice
-from ia_bench.training.shading import OFFSET, DirectLight, LightTables, cosine_directions, sample_lights
+from ia_bench_training.lights import HEIGHT, LIGHTS, MAX_DISCS, WIDTH, Light, draw_light
+from ia_bench_training.objects import Assembly, _finish
+from ia_bench_training.primitives import vessel
+from ia_bench_training.render import ObjectRenderer, draw_view, lattice
+from ia_bench_training.shading import OFFSET, DirectLight, LightTables, cosine_directions, sample_lights
 from tests.chi_square import assert_frequencies
 
 DIRECT = DirectLight(compiled=False)
@@ -104,7 +104,7 @@ def test_light_samples_follow_power():
 
 @pytest.mark.parametrize("family", [family for family, _ in LIGHTS], ids=lambda f: f.__name__)
 def test_every_family_of_lights_is_finite_and_bright(family, monkeypatch):
-    monkeypatch.setattr("ia_bench.training.lights.LIGHTS", ((family, 1.0),))
+    monkeypatch.setattr("ia_bench_training.lights.LIGHTS", ((family, 1.0),))
     for seed in range(8):
         light = draw_light(np.random.default_rng(seed))
         assert torch.isfinite(light.radiance).all()

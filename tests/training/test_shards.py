@@ -8,8 +8,8 @@ import torch
 from safetensors.torch import save_file
 
 from ia_bench.common.errors import InputError
-from ia_bench.training import shards
-from ia_bench.training.shards import CHANNELS, ShardInfo, load_shard, read_info, shard_path, shard_paths, write_shard
+from ia_bench_training import shards
+from ia_bench_training.shards import CHANNELS, ShardInfo, load_shard, read_info, shard_path, shard_paths, write_shard
 
 INFO = ShardInfo(seed=3, first=512, count=2, size=5, redrawn=1)
 
@@ -55,8 +55,8 @@ def test_other_versions_and_shapes_are_refused(tmp_path, monkeypatch):
 
 
 def test_reading_brings_in_no_renderer():
-    code = "import sys, ia_bench.training.shards; print(*sys.modules)"
+    code = "import sys, ia_bench_training.shards; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert "ia_bench.training.shards" in loaded
+    assert "ia_bench_training.shards" in loaded
     assert "embree" not in loaded
     assert "ia_bench.render" not in loaded

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from ia_bench.training import primitives
-from ia_bench.training.objects import MAX_SLOTS, MAX_TRIANGLES, make_object
-from ia_bench.training.surfaces import corner_normals, revolve, rounded_box, superquadric, sweep
+from ia_bench_training import primitives
+from ia_bench_training.objects import MAX_SLOTS, MAX_TRIANGLES, make_object
+from ia_bench_training.surfaces import corner_normals, revolve, rounded_box, superquadric, sweep
 
 FAMILIES = sorted({f.__name__: f for f in (*primitives.SOLIDS, *primitives.THIN)}.items())
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from ia_bench.training.noise import PERIOD, cells, fractal, noise
-from ia_bench.training.palettes import MAX_ALBEDO, MIN_ALBEDO, palette
-from ia_bench.training.patterns import PATTERNS
-from ia_bench.training.smooth import smooth_shading
-from ia_bench.training.textures import draw_materials
+from ia_bench_training.noise import PERIOD, cells, fractal, noise
+from ia_bench_training.palettes import MAX_ALBEDO, MIN_ALBEDO, palette
+from ia_bench_training.patterns import PATTERNS
+from ia_bench_training.smooth import smooth_shading
+from ia_bench_training.textures import draw_materials
 
 POINTS = torch.rand(3000, 3, generator=torch.Generator().manual_seed(5)) * 2 - 1
 AXIS = torch.arange(3000) % 3

@@ -22,8 +22,8 @@ from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number
 from ia_bench.common.seeds import derive_seed
-from ia_bench.training.resuming import forget_validations_after, load_state, save_state, write_validation
 from ia_bench_baselines.common.pictures import save_weights
+from ia_bench_training.resuming import forget_validations_after, load_state, save_state, write_validation
 
 WEIGHTS = "weights.safetensors"
 STATE_FORMAT = 1  # of what a state holds: one of another format is refused

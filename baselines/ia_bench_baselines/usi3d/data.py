@@ -10,9 +10,9 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion import encoding
-from ia_bench.training.dataset import TrainingImages
-from ia_bench.training.render import VIEWS
 from ia_bench_baselines.common.pictures import SIDE
+from ia_bench_training.dataset import TrainingImages
+from ia_bench_training.render import VIEWS
 
 DOMAINS = ("image", "albedo", "shading")
 BRIGHTEST = 1.0  # linear, to which the 0.9 quantile of an albedo is scaled: only ratios are learned

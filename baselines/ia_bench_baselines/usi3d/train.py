@@ -21,7 +21,7 @@ from ia_bench_baselines.usi3d.networks import STYLE, AlbedoPath, Discriminator, 
 USAGE = """\
 python -m ia_bench_baselines.usi3d.train data=FOLDER out=FOLDER [KEY=VALUE ...]
 
-Trains on a folder that python -m ia_bench.cli.prior_data made: the first third of its images, the albedos of the second, the
+Trains on a folder that python -m ia_bench_training.prior_data made: the first third of its images, the albedos of the second, the
 shadings of the last. The same command resumes a run that was stopped.
 
 Settings and their defaults

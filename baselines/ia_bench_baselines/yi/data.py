@@ -22,12 +22,12 @@ from ia_bench.common.machine import limit_threads
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number
-from ia_bench.training.generate import render_relit
-from ia_bench.training.lights import Light, draw_light
-from ia_bench.training.render import VIEWS
-from ia_bench.training.shading import DirectLight
-from ia_bench.training.shards import CHANNELS, ShardInfo, load_shard, write_shard
 from ia_bench_baselines.common.pictures import SIDE
+from ia_bench_training.generate import render_relit
+from ia_bench_training.lights import Light, draw_light
+from ia_bench_training.render import VIEWS
+from ia_bench_training.shading import DirectLight
+from ia_bench_training.shards import CHANNELS, ShardInfo, load_shard, write_shard
 
 USAGE = """\
 python -m ia_bench_baselines.yi.data out=FOLDER [objects=300] [seed=24] [compiled=true] [threads=1]

@@ -79,7 +79,7 @@ def read_description(folder: Path) -> dict[str, Any]:
     """What ``prior.json`` says. Raises InputError where there is none or one of another format."""
     path = folder / "prior.json"
     if not is_file(path):
-        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.cli.train")
+        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench_training.train")
     described = read_json(path)
     if described.get("format") != FORMAT:
         raise InputError(f"{path}: format: expected {FORMAT}, found {described.get('format')}")

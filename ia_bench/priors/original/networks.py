@@ -86,7 +86,7 @@ class Networks:
 def _load(kind: Any, folder: Path, **precision: torch.dtype) -> Any:  # noqa: ANN401 (a model class of either library)
     """The model of that class in ``folder``, frozen; only safetensors are read, and nothing is fetched."""
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; expected what python -m ia_bench.cli.convert_weights writes")
+        raise InputError(f"{folder}: no such folder; expected what python -m ia_bench_training.convert_weights writes")
     options = {"use_safetensors": True, "local_files_only": True, "output_loading_info": True}
     try:
         model, report = kind.from_pretrained(folder, **options, **precision)

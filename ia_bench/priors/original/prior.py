@@ -36,7 +36,7 @@ VERSION = 2
 class IntrinsicAnythingPrior:
     """Latent diffusion of albedo and of specular shading given an image, at 256 x 256.
 
-    ``weights``: folder that ``python -m ia_bench.cli.convert_weights`` wrote. ``components``: which models to use,
+    ``weights``: folder that ``python -m ia_bench_training.convert_weights`` wrote. ``components``: which models to use,
     None for all that are there. ``steps``, ``eta``: of DDIM; the authors' are 100 (200 for high-resolution patches) and 1.
     ``guidance_strength``: the authors' scale, recommended from 2 to 5 (:mod:`ia_bench.priors.original.guidance`).
     ``batch``: images at a time, which changes no sample beyond rounding. ``device``: "auto", "cpu", "cuda".
@@ -55,7 +55,7 @@ class IntrinsicAnythingPrior:
         device: Device = "auto",
     ) -> None:
         if weights is None:
-            raise InputError("prior.options.weights: expected the folder that python -m ia_bench.cli.convert_weights wrote")
+            raise InputError("prior.options.weights: expected the folder that python -m ia_bench_training.convert_weights wrote")
         self._folder = Path(weights).expanduser()
         self._records = _records(self._folder, components)
         self._side = _resolution(self._folder, sorted(self._records))
@@ -144,7 +144,7 @@ def _records(folder: Path, components: Iterable[str] | None) -> dict[str, str]:
     absent = sorted(set(wanted) - set(present))
     if not present or (components is not None and absent):
         raise InputError(
-            f"prior.options.weights={folder}: expected {' or '.join(absent)} as python -m ia_bench.cli.convert_weights "
+            f"prior.options.weights={folder}: expected {' or '.join(absent)} as python -m ia_bench_training.convert_weights "
             f"writes it, found no {RECORD} there"
         )
     records = {}

@@ -37,7 +37,7 @@ def load_refiner(folder: Path) -> RefinerNetwork:
     """
     path = folder / DESCRIPTION
     if not is_file(path):
-        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench.cli.train_refiner")
+        raise InputError(f"{path}: no such file; expected a folder of weights written by ia_bench_training.train_refiner")
     described = read_json(path)
     if described.get("format") != FORMAT:
         raise InputError(f"{path}: format: expected {FORMAT}, found {described.get('format')}")

@@ -30,8 +30,8 @@ class RefinerPrior(RegressorPrior):
     roughness as such fits have them when they are right. Those several are all photographs of the fit in training, and in a run
     those that the prior is asked about (with prior.supervision.views=auto about a third of a hundred, say).
 
-    ``refiner``: its weights, a folder that ia_bench.cli.train_refiner wrote, or None for the packaged ones. Other options as in
-    :class:`ia_bench.priors.learned.LearnedPrior`; ``weights`` are the regressor's. The fingerprint is that of the samples, on
+    ``refiner``: its weights, a folder that ia_bench_training.train_refiner wrote, or None for the packaged ones. Other options as
+    in :class:`ia_bench.priors.learned.LearnedPrior`; ``weights`` are the regressor's. The fingerprint is that of the samples, on
     which the refiner's weights have no influence.
 
     Raises InputError for weights that cannot be used.

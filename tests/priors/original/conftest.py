@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from ldm import LatentDiffusion, save
 
-from ia_bench.cli.convert_weights import main
+from ia_bench_training.convert_weights import main
 
 SEEDS = {"albedo": 1, "specular": 2}
 

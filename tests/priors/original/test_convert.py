@@ -14,13 +14,13 @@ import torch
 from ldm import LatentDiffusion, save
 from torch import Tensor
 
-from ia_bench.cli.convert_weights import main
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.original import layout, names
 from ia_bench.priors.original.checkpoint import Checkpoint, open_checkpoint, sha256
 from ia_bench.priors.original.convert import Request, convert, half_precision
+from ia_bench_training.convert_weights import main
 
 TOLERANCE = 2e-5  # two orders of summation in float32; a wrong tensor differs by 0.1 and more
 

@@ -1,0 +1,103 @@
+import json
+import shutil
+
+import numpy as np
+import pytest
+import torch
+from priors.tiny_network import tiny_weights
+from training.test_dataset import shard
+
+from ia_bench.priors.contract import PriorInfo, Samples
+from ia_bench.priors.diffusion.prior import DiffusionPrior
+from ia_bench.scores.alignment import ALIGNMENTS
+from ia_bench_training.shards import ShardInfo, shard_path, write_shard
+from ia_bench_training.single_view import main
+from ia_bench_training.single_view_scores import load_examples, score
+
+
+class Knowing:
+    """Returns what it was told, half as bright."""
+
+    info = PriorInfo(frozenset({"albedo", "specular"}))
+
+    def __init__(self, examples):
+        self.examples = examples
+
+    def sample(self, observations, *, seed, guidance=None):
+        return Samples({"albedo": 0.5 * self.examples.albedo, "specular": self.examples.specular})
+
+
+def test_scale_is_forgiven_in_albedo_alone(tiny_folder):
+    examples = load_examples(str(tiny_folder))
+    figures = score(Knowing(examples), examples, samples=8, seed=0)
+    assert figures["one sample"] == 100
+    assert figures["specular: mean of samples"] == 100
+    assert figures["specular: best constant"] < 60
+
+
+def test_the_image_as_albedo_is_scored_as_by_numpy(tiny_folder):
+    examples = load_examples(str(tiny_folder))
+    values = []
+    for image, truth, mask in zip(examples.shown.images, examples.albedo, examples.shown.masks, strict=True):
+        inside = mask.numpy() > 0.5
+        predicted, true = image.numpy()[inside], truth.numpy()[inside]
+        scaled = predicted * ALIGNMENTS["mean_rgb"](predicted, true).scale
+        values.append(-10 * np.log10(np.square(scaled - true).mean()))
+    figures = score(Knowing(examples), examples, samples=1, seed=0)
+    assert figures["the image"] == pytest.approx(np.mean(values), abs=1e-3)
+
+
+def test_the_command_scores_scenes_and_shards(tmp_path, tiny_folder, capsys):
+    weights = tiny_weights(tmp_path / "weights")
+    (tmp_path / "shards").mkdir()
+    write_shard(shard_path(tmp_path / "shards", 0), shard(count=3), ShardInfo(5, 0, 3, 16))
+    options = ["--option", f"weights={weights}", "--option", "steps=1", "--samples", "2", "--seeds", "0", "1", "--limit", "2"]
+    assert main(["tiny", str(tmp_path / "shards"), *options]) == 0
+    header, _, scene, shards = capsys.readouterr().out.strip().splitlines()
+    assert header.split(" | ")[2:4] == ["albedo: one grey", "one colour"]
+    assert scene.startswith("| diffusion | tiny (2) |")
+    assert shards.startswith("| diffusion | shards (2) |")
+    assert "±" in shards
+    assert not torch.isnan(torch.tensor([float(cell.split()[0]) for cell in shards.split("|")[3:-1]])).any()
+
+
+def test_priors_stand_below_each_other_and_what_one_lacks_is_a_dash(capsys):
+    assert main(["tiny", "--prior", "regressor", "ia_bench_baselines.retinex.prior:RetinexPrior", "--limit", "1"]) == 0
+    _, _, regressor, retinex = capsys.readouterr().out.strip().splitlines()
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in (regressor, retinex)]
+    assert [line[0].rpartition(":")[2] for line in cells] == ["regressor", "RetinexPrior"]
+    assert cells[0][2:6] == cells[1][2:6], "floors do not depend on the prior"
+    assert cells[1][-3:] == ["–"] * 3
+    assert "–" not in cells[0]
+
+
+@pytest.mark.parametrize("scene", [True, False])
+def test_geometry_reaches_a_prior_that_reads_it(tmp_path, tiny_folder, scene):
+    if not scene:
+        write_shard(shard_path(tmp_path, 0), shard(count=3), ShardInfo(5, 0, 3, 16))
+    examples = load_examples(str(tiny_folder if scene else tmp_path), 2, geometry=True)
+    normals, visibility, masks = examples.shown.normals, examples.shown.visibility, examples.shown.masks
+    inside = masks > 0.99
+    assert normals.shape == examples.shown.images.shape
+    assert float(normals[inside].norm(dim=-1).median()) == pytest.approx(1, abs=0.01)
+    assert visibility.shape == (*masks.shape, 1)
+    assert 0.1 < float(visibility[inside].mean()) < 1
+    options = {"weights": str(tiny_weights(tmp_path / "weights", geometry=True)), "steps": 1}
+    reading, blind = DiffusionPrior(**options, geometry=True), DiffusionPrior(**options)
+    with_geometry = score(reading, examples, samples=1, seed=0)
+    without = score(blind, examples, samples=1, seed=0)
+    assert with_geometry["one sample"] != without["one sample"]
+
+
+def test_a_scene_without_test_views_is_a_mistake(tmp_path, tiny_folder, capsys):
+    folder = shutil.copytree(tiny_folder, tmp_path / "scene")
+    (folder / "transforms_test.json").write_text('{"frames": []}')
+    description = json.loads((folder / "scene.json").read_text())
+    (folder / "scene.json").write_text(json.dumps({key: value for key, value in description.items() if key != "splits"}))
+    assert main([str(folder)]) == 2
+    assert "expected test views with true albedo and specular shading, found no test view" in capsys.readouterr().err
+
+
+def test_an_unknown_scene_is_a_mistake(capsys):
+    assert main(["hatt"]) == 2
+    assert "did you mean" in capsys.readouterr().err

@@ -1,0 +1,136 @@
+"""The procedural training images of the priors, rendered into a folder of shards by several processes."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
+from ia_bench.common.ranges import Count, Number
+from ia_bench_training.pool import share_out
+from ia_bench_training.shards import SHARD_IMAGES, SHARDS, load_shard, read_info, shard_path
+
+if TYPE_CHECKING:
+    from ia_bench_training.shading import DirectLight
+
+CONTACT_SHEET = "contact_sheet.png"
+_SHEET_IMAGES = 48
+
+
+@dataclass(frozen=True)
+class Request:
+    """Which images, and how they are made.
+
+    Attributes:
+        out: Folder of the shards; made where it is missing.
+        images: How many images the folder shall hold.
+        size: Pixels a side.
+        seed: Which of the endless sets.
+        workers: Processes, one thread each.
+        shading: "compiled" (torch.compile), "eager" or "auto" (compiled where a C++ compiler is found).
+    """
+
+    out: Path
+    images: Number = 20_000
+    size: Annotated[int, Field(ge=8)] = 64
+    seed: Count = 0
+    workers: Number = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+    shading: Literal["auto", "compiled", "eager"] = "auto"
+
+
+def make_data(request: Request, progress: Progress) -> list[Path]:
+    """Render what the folder lacks and return the paths of its shards.
+
+    Raises InputError if the folder cannot be used, holds other images (seed, size or version), or another process is filling
+    it.
+    """
+    make_writable(request.out, "out")
+    with (request.out / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{request.out}: another process is filling this folder") from None
+        for leftover in request.out.glob(".tmp-*"):  # of a process that was killed while writing
+            leftover.unlink()
+        starts = range(0, request.images, SHARD_IMAGES)
+        counts = [min(SHARD_IMAGES, request.images - first) for first in starts]
+        paths = [shard_path(request.out, number) for number in range(len(counts))]
+        _refuse_more(request, paths, counts[-1])
+        missing = [k for k, path in enumerate(paths) if not _finished(path, request, starts[k], counts[k])]
+        ready = request.images - sum(counts[k] for k in missing)
+        task = progress.task(f"images of seed {request.seed}", request.images, done=ready)
+        if missing:
+            _render(request, progress, [(paths[k], starts[k], counts[k]) for k in missing], task.advance)
+        redrawn = sum(read_info(path).redrawn for path in paths)
+        progress.note(f"{request.out}: {len(paths)} shards, {request.images} images ({redrawn} draws rejected)")
+        _write_sheet(paths[0], request.out / CONTACT_SHEET)
+    return paths
+
+
+def _refuse_more(request: Request, paths: list[Path], last: int) -> None:
+    """Training takes all shards of a folder, so that one with more than was asked for would not be what was asked for."""
+    beyond = sorted({*request.out.glob(SHARDS)} - {*paths})
+    if beyond or (paths[-1].exists() and read_info(paths[-1]).count > last):
+        raise InputError(f"{request.out}: expected at most images={request.images}, found more. Give another out= folder")
+
+
+def _finished(path: Path, request: Request, first: int, count: int) -> bool:
+    if not path.exists():
+        return False
+    info = read_info(path)
+    if (info.seed, info.size, info.first) != (request.seed, request.size, first):
+        raise InputError(
+            f"{path}: expected images from {first} on of seed {request.seed}, size {request.size}; found images from "
+            f"{info.first} on of seed {info.seed}, size {info.size}. Give another out= folder"
+        )
+    return info.count >= count
+
+
+def _render(request: Request, progress: Progress, shards: list[tuple[Path, int, int]], advance: Callable[[int], None]) -> None:
+    """Share the shards among worker processes."""
+    compiled = choose_shading(request.shading, progress.note) == "compiled"
+    jobs = [(path, request.seed, first, count, request.size, compiled) for path, first, count in shards]
+    for finished in share_out(_work, jobs, workers=request.workers):
+        advance(shards[finished][2])
+
+
+def _work(path: Path, seed: int, first: int, count: int, size: int, compiled: bool) -> None:
+    from ia_bench_training.generate import make_shard
+
+    make_shard(path, seed, first, count, size, _direct_light(compiled))
+
+
+@cache
+def _direct_light(compiled: bool) -> DirectLight:
+    """One estimator for all shards of a process."""
+    from ia_bench_training.shading import DirectLight
+
+    return DirectLight(compiled=compiled)
+
+
+def _write_sheet(shard: Path, path: Path) -> None:
+    from ia_bench_training.sheet import contact_sheet
+
+    tensors, info = load_shard(shard)
+    step = max(1, info.count // _SHEET_IMAGES)
+    contact_sheet(path, tensors, list(range(0, info.count, step))[:_SHEET_IMAGES])
+
+
+def choose_shading(wanted: str, notice: Callable[[str], None]) -> str:
+    """Resolve ``shading``: "auto" compiles where a C++ compiler is found, else says so in one line."""
+    if wanted != "auto":
+        return wanted
+    if shutil.which("g++") or shutil.which("clang++"):  # with a GPU too: shading is compiled for the CPU, where it runs
+        return "compiled"
+    notice("shading runs eagerly: no C++ compiler found for torch.compile")
+    return "eager"

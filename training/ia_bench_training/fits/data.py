@@ -1,0 +1,64 @@
+"""A folder of fits of procedural scenes, made by several processes."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
+from ia_bench.common.ranges import Count, Number
+from ia_bench_training.fit_files import fit_path, load_fit, write_fit
+from ia_bench_training.pool import share_out
+
+
+@dataclass(frozen=True)
+class FitRequest:
+    """Which fits, and how they are made.
+
+    Attributes:
+        out: Folder of the files; made where it is missing. Fits of several seeds may lie in it.
+        fits: How many of the seed it shall hold.
+        size: Pixels a side of the photographs.
+        seed: Which of the endless sets.
+        workers: Processes, one thread each.
+    """
+
+    out: Path
+    fits: Number = 2000
+    size: Annotated[int, Field(ge=16, multiple_of=8)] = 64
+    seed: Count = 0
+    workers: Number = field(default_factory=lambda: len(os.sched_getaffinity(0)))
+
+
+def make_fits(request: FitRequest, progress: Progress) -> list[Path]:
+    """Make what the folder lacks and return the paths of the fits asked for.
+
+    Raises InputError if the folder cannot be used, or holds a file under the name of one of them that is no fit, or one in
+    photographs of another size.
+    """
+    make_writable(request.out, "out")
+    paths = [fit_path(request.out, request.seed, index) for index in range(request.fits)]
+    for path in paths:
+        if path.exists():
+            found = load_fit(path)[0]["image"].shape[1]
+            if found != request.size:
+                raise InputError(f"{path}: expected a fit in photographs of size={request.size} pixels a side, found {found}")
+    jobs = [(path, request.seed, index, request.size) for index, path in enumerate(paths) if not path.exists()]
+    task = progress.task(f"fits of seed {request.seed}", request.fits, done=request.fits - len(jobs))
+    if jobs:
+        for _ in share_out(_work, jobs, workers=request.workers):
+            task.advance(1)
+    progress.note(f"{request.out}: {request.fits} fits of seed {request.seed}")
+    return paths
+
+
+def _work(path: Path, seed: int, index: int, size: int) -> None:
+    from ia_bench_training.fits.make import make_fit
+
+    write_fit(path, *make_fit(seed, index, size))
