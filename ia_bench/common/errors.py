@@ -1,4 +1,4 @@
-"""The exceptions that the command line shows as a plain message instead of a traceback."""
+"""The exceptions that the command line shows as a plain message instead of a traceback, and what they say of others."""
 
 from pathlib import Path
 
@@ -7,13 +7,26 @@ class InputError(ValueError):
     """Something the user gave is wrong: the message names the file or key, what was expected and what was found."""
 
 
+class PluginError(InputError):
+    """A plugin raises, or gives back what its contract does not allow; the message names it. A command ends with status 1."""
+
+
 class Fault(RuntimeError):
-    """What was asked for is right and yet cannot be done: a full disk, a plugin that raises. The message is one sentence."""
+    """What was asked for is right and yet cannot be done: a full disk, a dead worker. The message is one sentence."""
+
+
+def printable(text: str) -> str:
+    """``text`` with an escape for every character that no terminal prints, line breaks and lone surrogates among them."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def first_line(error: BaseException) -> str:
     """The first line of an error that may have many; its kind where it says nothing."""
-    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)
+    try:
+        lines = str(error).splitlines()
+    except Exception:  # of an exception that cannot say what it is
+        lines = []
+    return next((printable(line.strip()) for line in lines if line.strip()), type(error).__name__)
 
 
 def place_of(error: BaseException) -> str:
@@ -26,4 +39,5 @@ def place_of(error: BaseException) -> str:
 
 def raised(error: BaseException) -> str:
     """The kind of an exception and the first line of what it says."""
-    return f"{type(error).__name__}: {first_line(error) if str(error) else 'no message'}"
+    kind, said = type(error).__name__, first_line(error)
+    return f"{kind}: {'no message' if said == kind else said}"

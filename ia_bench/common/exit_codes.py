@@ -10,8 +10,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from types import FrameType
 
-from ia_bench.common.errors import Fault, InputError
-from ia_bench.common.files import printable
+from ia_bench.common.errors import Fault, InputError, PluginError, printable
 from ia_bench.common.output import say
 
 OK, FAULT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
@@ -46,7 +45,8 @@ def status_of(work: Callable[[], int]) -> int:
         status = TERMINATED if isinstance(stop, Terminated) else INTERRUPTED
         return complain(f"interrupted{stop.args[0] if stop.args else '; the same command resumes'}", status)
     except (InputError, Fault, FloatingPointError, OSError) as error:  # the last two say themselves which numbers, or which file
-        return complain(str(error), MISTAKE if isinstance(error, InputError) else FAULT)
+        mistake = isinstance(error, InputError) and not isinstance(error, PluginError)
+        return complain(str(error), MISTAKE if mistake else FAULT)
     except Exception:
         say(traceback.format_exc(), sys.stderr)
         return FAULT

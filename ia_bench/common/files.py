@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import yaml
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, printable
 
 MAX_VALUES = 100_000
 """Values that a YAML file may hold once its aliases are written out; a few lines of aliases to aliases stand for billions."""
@@ -121,11 +121,6 @@ def shown(name: object) -> str:
     """A path or value as one short line that every terminal can print."""
     text = printable(str(name))
     return text if len(text) <= 300 else f"{text[:120]}...{text[-120:]} ({len(text)} characters)"
-
-
-def printable(text: str) -> str:
-    """``text`` with an escape for every character that no terminal prints, line breaks and lone surrogates among them."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def _read_text(path: Path, what: str) -> str:

@@ -23,9 +23,10 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from ia_bench.common.errors import InputError, place_of, raised
+from ia_bench.common.errors import Fault, InputError, PluginError, place_of, raised
 from ia_bench.common.files import hash_of_files, read_yaml
 from ia_bench.common.paths import conf_folder
+from ia_bench.common.process_state import process_state_kept
 from ia_bench.common.settings import check_arguments
 from ia_bench.common.suggestions import unknown
 
@@ -178,14 +179,20 @@ def create(kind: Kind, name: str, target: str, options: Mapping[str, Any], *give
 
 @contextmanager
 def at_work(kind: Kind, name: str) -> Iterator[None]:
-    """Whatever a plugin raises inside the block, its sys.exit() too, becomes an InputError that names it in one line.
+    """Whatever a plugin raises inside the block, its sys.exit() too, becomes a PluginError that names it in one line.
 
-    The exception itself is its cause, which IA_BENCH_DEBUG=1 shows. An InputError, which says what is wrong, passes.
+    The exception itself is its cause, which IA_BENCH_DEBUG=1 shows. An InputError or a Fault, which say what is wrong, and an
+    interruption by the user pass. What the plugin changed for the whole process is put back; that it closed a standard stream,
+    which cannot be, is an error.
     """
     try:
-        yield
-    except InputError:
+        with process_state_kept():
+            yield
+    except (InputError, Fault, KeyboardInterrupt):
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         where = f"{place}; " if (place := place_of(error)) else ""
-        raise InputError(f"{kind} {name} raised {raised(error)} ({where}IA_BENCH_DEBUG=1 shows the traceback)") from error
+        raise PluginError(f"{kind} {name} raised {raised(error)} ({where}IA_BENCH_DEBUG=1 shows the traceback)") from error
+    closed = [which for which in ("stdout", "stderr") if getattr(getattr(sys, which), "closed", False)]
+    if closed:
+        raise PluginError(f"{kind} {name}: expected the standard streams left open, found {' and '.join(closed)} closed")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from ia_bench.common.errors import InputError, PluginError
 
 if TYPE_CHECKING:
     from ia_bench.scenes.scene import Scene
@@ -14,7 +17,7 @@ NEEDED = frozenset({"mesh", "uv"})
 
 @dataclass(frozen=True)
 class MethodInfo:
-    """What a method says of itself.
+    """What a method says of itself. Raises InputError, naming the field, for what cannot be meant.
 
     Attributes:
         uses_prior: Whether it asks ``problem.prior``.
@@ -37,8 +40,29 @@ class MethodInfo:
     paper: str = ""
     deviations: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        for name, known in (("needs", NEEDED), ("predicts", PREDICTED)):
+            value = getattr(self, name)
+            if not (isinstance(value, frozenset) and value <= known):
+                raise InputError(f"{name}: expected a frozenset of some of {', '.join(sorted(known))}, found {value!r}")
+
     def lacking(self, scene: Scene) -> list[str]:
         """What of ``needs`` the ``scene`` has not got: triangles, or texture coordinates that differ."""
         mesh = scene.mesh
         there = {"mesh": mesh is not None and len(mesh.faces) > 0, "uv": mesh is not None and bool(mesh.uv.any())}
         return sorted(self.needs - {name for name, has in there.items() if has})
+
+
+def check_declarations(name: str, method: Any) -> None:  # noqa: ANN401 (anything may claim to be a method)
+    """Raise PluginError, naming the method, unless its class has ``Options``, ``presets`` and ``info`` as the contract says."""
+    sound = {
+        "Options": ("a dataclass", isinstance(method.Options, type) and is_dataclass(method.Options)),
+        "presets": (
+            "a mapping of names to options that differ from their defaults",
+            isinstance(method.presets, Mapping) and all(isinstance(part, Mapping) for part in method.presets.values()),
+        ),
+        "info": (f"a {MethodInfo.__module__}.MethodInfo", isinstance(method.info, MethodInfo)),
+    }
+    for part, (expected, holds) in sound.items():
+        if not holds:
+            raise PluginError(f"method {name}: {part}: expected {expected}, found {getattr(method, part)!r:.100}")

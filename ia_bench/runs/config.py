@@ -20,6 +20,7 @@ from ia_bench.common.paths import MORE_SCENES, SCENES_VARIABLE, conf_folder, lac
 from ia_bench.common.settings import check_arguments, merged, parsed
 from ia_bench.common.suggestions import unknown
 from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.methods.info import check_declarations
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
 
@@ -143,16 +144,25 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     return replace(config, scene=scene, threads=threads, device=device)
 
 
+def method_class(method: MethodConfig) -> Any:  # noqa: ANN401 (a Method, whose contract imports torch)
+    """The class of a method. Raises InputError for one that cannot be used, PluginError for one that declares something else."""
+    kind = registry.load(registry.named("method", method.name, method.target))
+    check_declarations(method.name, kind)
+    return kind
+
+
 def options_class(method: MethodConfig) -> type:
     """The dataclass of a method's options."""
-    kind: type = registry.load(registry.named("method", method.name, method.target)).Options
+    kind: type = method_class(method).Options
     return kind
 
 
 def method_of(config: RunConfig) -> Any:  # noqa: ANN401 (a Method, whose contract imports torch)
     """The method of a resolved run, made with its options."""
-    kind = registry.load(registry.named("method", config.method.name, config.method.target))
-    return kind(parsed(kind.Options, config.method.options, "method.options"))
+    kind = method_class(config.method)
+    options = parsed(kind.Options, config.method.options, "method.options")
+    with registry.at_work("method", config.method.name):
+        return kind(options)
 
 
 def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None) -> Path | None:
@@ -207,7 +217,7 @@ def _prior(prior: PriorConfig, device: str) -> PriorConfig:
 def _method(config: RunConfig, here: bool) -> MethodConfig:
     """The method with all its options, those of the preset among them."""
     method = config.method
-    kind = registry.load(registry.named("method", method.name, method.target))
+    kind = method_class(method)
     defaults = fields(kind.Options)
     key = "method.options" if config.fit is None else "fit"
     given = merged(kind.presets.get(config.preset, {}), method.options)

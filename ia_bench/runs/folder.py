@@ -230,7 +230,7 @@ class RunFolder:
         ``labels``: row, scene, seed and protocol, as in the metrics of a finished run.
         """
         if isinstance(failure, BaseException):
-            problem = str(failure) if isinstance(failure, Fault) else f"{type(failure).__name__}: {failure}"
+            problem = str(failure) if isinstance(failure, Fault | InputError) else f"{type(failure).__name__}: {failure}"
             trace = "".join(traceback.format_exception(failure))
         else:
             problem, trace = failure, None

@@ -16,9 +16,10 @@ from ia_bench.common.machine import environment
 from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
 from ia_bench.methods.asking.border import check_prior_info
-from ia_bench.methods.contract import Method, Monitor, Problem, Result
+from ia_bench.methods.contract import Method, Monitor, Problem
 from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import MethodInfo
+from ia_bench.methods.validation import reconstruct
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.inputs import beside_run
 from ia_bench.priors.none import NoPrior
@@ -52,7 +53,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
     # ---- reconstruct -----------------------------------------------------------------------------------------
     scorer = Scorer(scene, config.protocol, problem.device)
     record = Record(folder, scorer, costs)
-    result: Result = method.fit(problem, seed=config.seed, monitor=record.monitor(progress))
+    result = reconstruct(config.method.name, method, problem, seed=config.seed, monitor=record.monitor(progress))
 
     # ---- score and save --------------------------------------------------------------------------------------
     counts = costs.counts()

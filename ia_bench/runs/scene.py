@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ia_bench.capture.capture import captured
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, PluginError
 from ia_bench.common.registry import at_work, create
 from ia_bench.readers.contract import NO_MESH, SceneReader, check_scene, unscored
 from ia_bench.render.agreement import check_agreement
@@ -32,7 +32,7 @@ def read_scene(scene: SceneConfig, reader: ReaderConfig, *, truth: bool) -> Scen
         if reader.target == NATIVE_READER:
             raise
         said = error if isinstance(error, InputError) else f"expected what a Scene describes, found other parts ({error})"
-        raise InputError(f"reader={reader.name}: {said}") from error
+        raise PluginError(f"reader={reader.name}: {said}") from error
 
 
 def captured_scene(config: RunConfig, note: Callable[[str], None]) -> Scene:

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from ia_bench.cli.run import main
+from ia_bench.methods.contract import Monitor
+from ia_bench.methods.validation import reconstruct
 
 PLUGIN = """
 import json, sys
@@ -42,6 +44,14 @@ class LeavesWithAWord(Shaky):
     def fit(self, problem, *, seed, monitor):
         raise SystemExit("I have seen enough")
 
+class LeavesAGenerator(Shaky):
+    def fit(self, problem, *, seed, monitor):
+        raise GeneratorExit
+
+class Unspeakable(Shaky):
+    def fit(self, problem, *, seed, monitor):
+        raise RuntimeError("a lone \\udc80")
+
 class Floats(Shaky):
     def fit(self, problem, *, seed, monitor):
         raise FloatingPointError("my own")
@@ -60,7 +70,7 @@ def outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
 
     def run(config, folder, progress):
         module, _, name = config.method.target.partition(":")
-        getattr(__import__(module), name)(None).fit(None, seed=0, monitor=None)
+        reconstruct(config.method.name, getattr(__import__(module), name)(None), None, seed=0, monitor=Monitor.silent())
 
     fake = types.ModuleType("ia_bench.runs.run")
     fake.run = run  # type: ignore[attr-defined]
@@ -80,17 +90,20 @@ def outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
     [
         ("Raises", "KeyError: 'no such view'"),
         ("RaisesBelow", "JSONDecodeError: Expecting property name enclosed in double quotes: line 1 column 2 (char 1)"),
-        ("Leaves", "sys.exit(0) was called in the middle of a run"),
-        ("LeavesWithAWord", "sys.exit('I have seen enough') was called in the middle of a run"),
+        ("Leaves", "SystemExit: 0"),
+        ("LeavesWithAWord", "SystemExit: I have seen enough"),
+        ("LeavesAGenerator", "GeneratorExit: no message"),
+        ("Unspeakable", r"RuntimeError: a lone \udc80"),
         ("Floats", "FloatingPointError: my own"),
     ],
 )
 def test_a_plugin_that_fails_is_named_in_one_line(outcome, name: str, message: str) -> None:
     status, said, record = outcome(name)
     assert status == 1
-    assert said.splitlines()[-1] == f"ia_bench: method=shaky_plugin:{name}: {message}"
+    assert said.splitlines()[-1].startswith(f"ia_bench: method shaky_plugin:{name} raised {message} (")
     assert "Traceback" not in said
-    assert (record["status"], record["error"]) == ("failed", f"method=shaky_plugin:{name}: {message}")
+    assert record["status"] == "failed"
+    assert record["error"].startswith(f"method shaky_plugin:{name} raised {message} (")
     assert "shaky_plugin.py" in record["traceback"]
 
 
@@ -100,4 +113,4 @@ def test_debugging_shows_where_a_plugin_failed(outcome, monkeypatch: pytest.Monk
     assert status == 1
     assert "Traceback" in said
     assert "in fit\n" in said
-    assert said.splitlines()[-1] == "ia_bench: method=shaky_plugin:Raises: KeyError: 'no such view'"
+    assert "method shaky_plugin:Raises raised KeyError: 'no such view' (shaky_plugin.py:" in said.splitlines()[-1]
