@@ -1,8 +1,9 @@
-"""The networks of one converted model, and the four things that sampling asks of them."""
+"""The networks of one converted model (docs/original_weights.md), what they see of an image, and how guidance reaches them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +14,12 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.torchvision_shim import import_torchvision
+from ia_bench.priors.diffusion.guidance import GuidanceReport
 from ia_bench.priors.diffusion.network import CLIP_DEVIATION, CLIP_MEAN
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, image_behind
+from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule, image_behind
 
-
-@dataclass(frozen=True)
-class Condition:
-    """What the network is told of N images: ``latents`` (N, 4, h, w) of the autoencoder, ``tokens`` (N, 1, D) of CLIP."""
-
-    latents: Tensor
-    tokens: Tensor
+RECORD = "source.json"
+"""File of a folder of weights that says where they come from; the converter writes it last."""
 
 
 class Networks:
@@ -44,11 +41,7 @@ class Networks:
             self.unet = _load(UNet2DConditionModel, folder / "unet", torch_dtype=self.dtype).to(device)
             self.vae = _load(AutoencoderKL, folder / "vae", torch_dtype=torch.float32).to(device)
             self.clip = _load(CLIPVisionModelWithProjection, folder / "image_encoder", dtype=self.dtype).to(device)
-        path = folder / "scheduler" / "scheduler_config.json"
-        try:
-            self.schedule = NoiseSchedule.from_diffusers(read_json(path))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: cannot be read: {error}") from None
+        self.schedule = NoiseSchedule.from_diffusers(read_json(folder / "scheduler" / "scheduler_config.json"))
 
     def latent_shape(self, count: int, side: int) -> tuple[int, int, int, int]:
         """Shape of the latents of ``count`` square images."""
@@ -56,26 +49,26 @@ class Networks:
         return count, self.unet.config.out_channels, reduced, reduced
 
     @torch.no_grad()
-    def condition(self, images: Tensor) -> Condition:
-        """The condition of ``images`` (N, 3, S, S) in [0, 1].
+    def bind(self, images: Tensor) -> Denoise:
+        """The denoiser of latents x_t (N, 4, h, w) float32 that ``images`` (N, 3, S, S) in [0, 1] condition.
 
-        Latents are the mode of the autoencoder's posterior, *without* the factor that scales the latents that are sampled.
-        CLIP sees the image at its own size, by bicubic interpolation between corners, as in the release.
+        The UNet sees the mode of the autoencoder's posterior beside them, *without* the factor that scales the latents that are
+        sampled. CLIP sees the image at its own size, by bicubic interpolation between corners, as in the release.
         """
         images = images.to(self.device)
         latents = self.vae.encode(2 * images - 1).latent_dist.mode()
         side = self.clip.config.image_size
         seen = F.interpolate(images, (side, side), mode="bicubic", align_corners=True)
         mean, deviation = (seen.new_tensor(values)[:, None, None] for values in (CLIP_MEAN, CLIP_DEVIATION))
-        tokens = self.clip(pixel_values=((seen - mean) / deviation).to(self.dtype)).image_embeds
-        return Condition(latents, tokens[:, None])
+        tokens = self.clip(pixel_values=((seen - mean) / deviation).to(self.dtype)).image_embeds[:, None]
 
-    @torch.no_grad()
-    def estimate(self, noisy: Tensor, t: int, condition: Condition) -> Tensor:
-        """The estimate of the clean latents x_0 behind ``noisy`` x_t (N, 4, h, w) float32, by one evaluation."""
-        both = torch.cat([noisy, condition.latents], 1).to(self.dtype)
-        noise = self.unet(both, t, encoder_hidden_states=condition.tokens.to(self.dtype)).sample
-        return image_behind(noise.float(), noisy, float(self.schedule.alpha_bar[t]))
+        @torch.no_grad()
+        def denoise(noisy: Tensor, t: int) -> Tensor:
+            both = torch.cat([noisy, latents], 1).to(self.dtype)
+            noise = self.unet(both, t, encoder_hidden_states=tokens.to(self.dtype)).sample
+            return image_behind(noise.float(), noisy, float(self.schedule.alpha_bar[t]))
+
+        return denoise
 
     def decode(self, latents: Tensor) -> Tensor:
         """Images (N, 3, S, S) in [0, 1] of latents (N, 4, h, w); differentiable."""
@@ -85,15 +78,35 @@ class Networks:
 
 def _load(kind: Any, folder: Path, **precision: torch.dtype) -> Any:  # noqa: ANN401 (a model class of either library)
     """The model of that class in ``folder``, frozen; only safetensors are read, and nothing is fetched."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; expected what python -m ia_bench_training.convert_weights writes")
-    options = {"use_safetensors": True, "local_files_only": True, "output_loading_info": True}
     try:
+        options = {"use_safetensors": True, "local_files_only": True, "output_loading_info": True}
         model, report = kind.from_pretrained(folder, **options, **precision)
     except Exception as error:  # whatever the libraries and their readers raise for a broken folder
-        reason = str(error).strip().splitlines()
-        raise InputError(f"{folder}: cannot be loaded: {reason[0] if reason else type(error).__name__}") from error
-    missing = sorted(report["missing_keys"])
-    if missing:
-        raise InputError(f"{folder}: expected tensors for every parameter, found none for {', '.join(missing[:3])}")
+        raise InputError(f"{folder}: expected converted weights, found: {' '.join(str(error).split()):.200}") from error
+    if report["missing_keys"]:
+        raise InputError(f"{folder}: expected tensors for every parameter, found none for {min(report['missing_keys'])}")
     return model.eval().requires_grad_(False)
+
+
+def pull(
+    x0: Tensor, target: Tensor, decode: Callable[[Tensor], Tensor], strength: float, alpha_bar: float, report: GuidanceReport
+) -> Tensor:
+    """The estimate ``x0`` (N, C, h, w) drawn toward ``target`` (N, 3, S, S), the space of ``decode``; not clipped.
+
+    It is the paper's rule of :mod:`ia_bench.priors.diffusion.guidance` with the autoencoder's decoder D for an operator, and with
+    nothing differentiated through the network, as in the original code. With a = sqrt(alpha_bar_t), b = sqrt(1 - alpha_bar_t):
+
+        phi = |D(x_0) - target|,   eps <- eps + strength grad_{x_t} phi,   that is   x_0 <- x_0 - strength (b / a^2) grad_{x_0} phi
+
+    b / a^2 is 206 at the first of 200 levels; the original's step then carries the estimate far past the render. Here a step ends
+    where phi would vanish if it were linear, at Polyak's length phi / |grad phi|^2; steps that were cut are counted.
+    """
+    with torch.enable_grad():
+        variable = x0.detach().requires_grad_()
+        distance = (decode(variable) - target).flatten(1).norm(dim=1)
+        (gradient,) = torch.autograd.grad(distance.sum(), variable)
+    slope = gradient.flatten(1).square().sum(1)  # zero where the decoder is saturated, or the target reached
+    longest = torch.where(slope > 0, distance.detach() / slope, 0.0)
+    wanted = strength * math.sqrt(1 - alpha_bar) / alpha_bar
+    report.add((longest < wanted) & (slope > 0))
+    return x0 - longest.clamp(max=wanted)[:, None, None, None] * gradient

@@ -32,19 +32,14 @@ class Crop:
 
         The longer side of the box fills the square, the shorter one is centred, to whole pixels.
         """
-        covered = mask > COVERED
-        if not bool(covered.any()):
+        hits = [(mask > COVERED).any(axis).nonzero() for axis in (1, 0)]
+        if not len(hits[0]):
             return None
-        boxes, places = [], []
-        for axis in (1, 0):
-            hit = covered.any(axis).nonzero()
-            boxes.append(slice(int(hit[0]), int(hit[-1]) + 1))
+        boxes = [slice(int(hit[0]), int(hit[-1]) + 1) for hit in hits]
         longest = max(box.stop - box.start for box in boxes)
-        for box in boxes:
-            length = max(round((box.stop - box.start) * side / longest), 1)
-            start = round((side - length) / 2)
-            places.append(slice(start, start + length))
-        return cls(*boxes, *places)
+        lengths = [max(round((box.stop - box.start) * side / longest), 1) for box in boxes]
+        starts = [round((side - length) / 2) for length in lengths]
+        return cls(*boxes, *(slice(start, start + length) for start, length in zip(starts, lengths, strict=True)))
 
 
 def encode(image: Tensor, mask: Tensor, crop: Crop, side: int) -> Tensor:
@@ -52,9 +47,8 @@ def encode(image: Tensor, mask: Tensor, crop: Crop, side: int) -> Tensor:
 
     Radiance above 1 is clipped, as in the 8-bit photographs that the networks know.
     """
-    covered = (mask > COVERED)[..., None]
     colour = (image / mask.clamp(min=COVERED)[..., None]).clamp(0, 1) ** (1 / GAMMA)
-    cut = torch.where(covered, colour, 1.0)[crop.rows, crop.columns]
+    cut = torch.where((mask > COVERED)[..., None], colour, 1.0)[crop.rows, crop.columns]
     square = cut.new_ones(3, side, side)
     place = square[:, crop.square_rows, crop.square_columns]
     place[:] = _resize(cut.movedim(-1, 0), (place.shape[1], place.shape[2]))
@@ -69,7 +63,7 @@ def decode(square: Tensor, mask: Tensor, crop: Crop) -> Tensor:
     cut = square[:, crop.square_rows, crop.square_columns].float().cpu()
     size = crop.rows.stop - crop.rows.start, crop.columns.stop - crop.columns.start
     image = mask.new_zeros(*mask.shape, 3, dtype=torch.float32)
-    image[crop.rows, crop.columns] = _resize(cut, size).clamp(0, 1).movedim(0, -1) ** GAMMA
+    image[crop.rows, crop.columns] = _resize(cut, size).movedim(0, -1) ** GAMMA
     row, column = distance_transform_edt((mask <= COVERED).numpy(), return_distances=False, return_indices=True)
     return image[torch.from_numpy(row).long(), torch.from_numpy(column).long()] * mask[..., None]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from ldm import LatentDiffusion, save
+from ldm import TINY, LatentDiffusion, save
 
-from ia_bench_training.convert_weights import main
+from ia_bench_training import convert_weights
 
 SEEDS = {"albedo": 1, "specular": 2}
 
@@ -24,7 +24,10 @@ def release(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def weights(release: Path) -> Path:
     """Both models converted; read only."""
-    checkpoints = [f"{component}={release / component / 'checkpoints' / 'last.ckpt'}" for component in SEEDS]
     out = release / "converted"
-    assert main([*checkpoints, f"out={out}", "resolution=32"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(convert_weights, "RELEASE", TINY)
+        for component in SEEDS:
+            checkpoint = release / component / "checkpoints" / "last.ckpt"
+            assert convert_weights.main([f"checkpoint={checkpoint}", f"out={out / component}"]) == 0
     return out

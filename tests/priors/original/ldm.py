@@ -17,6 +17,36 @@ from ldm_unet import UNet
 from torch import Tensor, nn
 
 BETA_START, BETA_END = 0.00085, 0.012
+TINY: dict[str, dict[str, Any]] = {
+    "unet": {
+        "sample_size": 8,
+        "in_channels": 8,
+        "block_out_channels": [32, 64],
+        "layers_per_block": 1,
+        "down_block_types": ["CrossAttnDownBlock2D", "DownBlock2D"],
+        "up_block_types": ["UpBlock2D", "CrossAttnUpBlock2D"],
+        "cross_attention_dim": 16,
+        "attention_head_dim": 8,
+    },
+    "vae": {
+        "sample_size": 32,
+        "block_out_channels": [32, 32, 64],
+        "down_block_types": ["DownEncoderBlock2D"] * 3,
+        "up_block_types": ["UpDecoderBlock2D"] * 3,
+        "scaling_factor": 0.18215,
+    },
+    "image_encoder": {
+        "hidden_size": 128,
+        "intermediate_size": 512,
+        "num_hidden_layers": 2,
+        "num_attention_heads": 2,
+        "image_size": 32,
+        "patch_size": 16,
+        "projection_dim": 16,
+        "hidden_act": "quick_gelu",
+    },
+}
+"""The sizes of :meth:`LatentDiffusion.tiny` in the words of diffusers and transformers."""
 
 # ---- the whole, and its checkpoint -----------------------------------------------------------------------------------
 

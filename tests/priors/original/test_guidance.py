@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.priors.diffusion.guidance import GuidanceReport
-from ia_bench.priors.original.guidance import pull
+from ia_bench.priors.original.networks import pull
 
 
 def decoder(latents: Tensor) -> Tensor:
