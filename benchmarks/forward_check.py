@@ -30,6 +30,7 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Scene, View
 from ia_bench.scores.metrics import encode, psnr
 
@@ -117,8 +118,8 @@ def _specular(scene: Scene, view: View) -> np.ndarray:
 def _psnr(rendered: np.ndarray, reference: list[np.ndarray], views: list[View]) -> float:
     values = []
     for ours, theirs, view in zip(rendered, reference, views, strict=True):
-        mask, share = view.mask > 0.5, np.maximum(view.mask, 1e-6)[..., None]
-        values.append(psnr(encode(ours / share, "srgb", mask)[0], encode(theirs / share, "srgb", mask)[0], mask))
+        mask = view.mask > 0.5
+        values.append(psnr(*(encode(straight(one, view.mask), "srgb", mask)[0] for one in (ours, theirs)), mask))
     return float(np.mean(values))
 
 

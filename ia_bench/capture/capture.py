@@ -6,14 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-import numpy as np
-
 from ia_bench.capture.radiometry import photographed
 from ia_bench.capture.settings import MADE, CaptureSettings, FaultSettings, without_effect
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
-from ia_bench.scenes.padding import of_one_size
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.scenes.scene import Scene, View, of_one_size
 
 DOUBTS, MANY = (3, 1), 8
 """Of MANY photographs and more, how many may be wrong about a point of the hull by which poses and masks are judged: the first
@@ -92,13 +89,8 @@ def _saturated_share(before: Sequence[View], after: Sequence[View]) -> float:
     """
     covered = [view.mask > 0 for view in after]
     pairs = zip(before, after, covered, strict=True)
-    lost = sum(int((_known(old) & ~_known(new) & inside).sum()) for old, new, inside in pairs)
+    lost = sum(int((old.known & ~new.known & inside).sum()) for old, new, inside in pairs)
     return lost / max(sum(int(inside.sum()) for inside in covered), 1)
-
-
-def _known(view: View) -> np.ndarray:
-    """Which pixels of a view are known, (H, W) bool."""
-    return np.ones(view.mask.shape, bool) if view.valid is None else view.valid
 
 
 def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:

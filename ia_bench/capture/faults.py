@@ -40,7 +40,7 @@ def misplaced(views: Sequence[View], faults: FaultSettings) -> list[Camera]:
 def _misplaced(view: View, centre: np.ndarray, faults: FaultSettings) -> Camera:
     camera, area = view.camera, max(float((view.mask > HALF).sum()), 1.0)
     focal = 0.5 * (camera.focal[0] + camera.focal[1])
-    distance = float(np.linalg.norm(camera.to_world[:3, 3] - centre))
+    distance = float(np.linalg.norm(camera.position - centre))
     points = centre + np.sqrt(area / np.pi) / focal * distance * np.concatenate([np.eye(3), -np.eye(3)])
     units = pixel_motions(camera, distance, area)
     apart = [seen_at(moved(camera, SMALL * units * one), points) - seen_at(camera, points) for one in np.eye(6)]
@@ -71,8 +71,7 @@ def _grown(view: View, faults: FaultSettings) -> np.ndarray:
     if pixels == 0:
         return view.mask
     grown = (HALF + pixels - outline_distance(view.mask)).clip(0, 1).astype(np.float32)
-    unknown = np.zeros(grown.shape, bool) if view.valid is None else ~view.valid & (view.mask == 0)
-    return np.where(unknown, np.float32(0), grown)
+    return np.where(~view.known & (view.mask == 0), np.float32(0), grown)
 
 
 def _one_side(view: View, faults: FaultSettings) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ia_bench.geometry.silhouettes import carving_mask, outline_distance
+from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import View
 
 
@@ -24,7 +25,5 @@ def _inside(view: View, margin: float) -> View:
     sure = (outline_distance(carving_mask(view)) < -margin) & (view.mask > 0)
     if not sure.any():  # a view of next to nothing: better unsure than unseen
         return view
-    known = sure if view.valid is None else sure & view.valid
-    share = view.mask[..., None]
-    straight = np.divide(view.image, share, out=np.zeros_like(view.image), where=share > 0)
-    return replace(view, image=np.where(sure[..., None], straight, 0).astype(np.float32), mask=sure.astype(np.float32), valid=known)
+    image = np.where(sure[..., None], straight(view.image, view.mask), np.float32(0))
+    return replace(view, image=image, mask=sure.astype(np.float32), valid=sure & view.known)

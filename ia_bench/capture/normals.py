@@ -115,8 +115,7 @@ def _clues(view: View, normals: np.ndarray) -> Iterator[tuple[np.ndarray, np.nda
     camera, turn = view.camera, np.asarray(view.camera.to_world, np.float64)[:3, :3]
     known = (view.mask > SOLID) & (normals != 0).any(-1)
     rows, columns = np.nonzero(known)
-    x, y = (columns + 0.5 - camera.centre[0]) / camera.focal[0], -(rows + 0.5 - camera.centre[1]) / camera.focal[1]
-    toward = np.stack([-x, -y, np.ones(len(rows))], -1)
+    toward = -camera.rays(columns + 0.5, rows + 0.5) @ turn
     yield normals[rows, columns], toward / np.linalg.norm(toward, axis=-1, keepdims=True), turn
     distance = outline_distance(carving_mask(view))
     down, right = np.gradient(distance)

@@ -12,6 +12,7 @@ from PIL import Image
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
+from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import View
 
 COVERED = 0.5  # of a pixel that counts for the exposure
@@ -46,14 +47,13 @@ def photographed(views: Sequence[View], settings: CaptureSettings, masks: Sequen
         if settings.jpeg != "none":
             codes = through_jpeg(codes, settings.jpeg)
         clipped = (codes == WHITE).any(-1) & (mask > 0)
-        known = ~clipped if view.valid is None else view.valid & ~clipped
-        taken.append(_cut_out(replace(view, valid=known), srgb_to_linear(codes / WHITE) / unit, mask))
+        taken.append(_cut_out(replace(view, valid=view.known & ~clipped), srgb_to_linear(codes / WHITE) / unit, mask))
     return tuple(taken)
 
 
-def eight_bits(straight: np.ndarray) -> np.ndarray:
+def eight_bits(radiance: np.ndarray) -> np.ndarray:
     """Radiance as the codes 0 to 255 of its sRGB, clipped at 1."""
-    return np.round(WHITE * linear_to_srgb(straight.clip(0, 1)))
+    return np.round(WHITE * linear_to_srgb(radiance.clip(0, 1)))
 
 
 def through_jpeg(codes: np.ndarray, quality: int) -> np.ndarray:
@@ -70,11 +70,10 @@ def _cut_out(view: View, picture: np.ndarray, mask: np.ndarray) -> View:
 
 def _picture(view: View, background: float | None) -> np.ndarray:
     """The radiance of all pixels (H, W, 3): colours of the object alone, black around it, or the object before a background."""
-    share = view.mask[..., None]
     if background is not None:
-        behind: np.ndarray = view.image + (1 - share) * background
+        behind: np.ndarray = view.image + (1 - view.mask[..., None]) * background
         return behind
-    return np.divide(view.image, share, out=np.zeros(view.image.shape), where=share > 0)
+    return straight(view.image, view.mask).astype(np.float64)
 
 
 def _brightest(view: View) -> np.ndarray:

@@ -22,7 +22,8 @@ from scipy.spatial.transform import Rotation
 
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.silhouettes import HALF, carving_mask, outline_distance, rays_through
+from ia_bench.geometry.silhouettes import HALF, carving_mask, outline_distance
+from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Camera, View
 
 NEAR = 1.0  # pixels from the outline within which pixels are taken for points of it
@@ -71,7 +72,7 @@ def outline(view: View, grid: DistanceGrid) -> Outline:
     normal = np.stack(np.gradient(distance)[::-1], -1)[rows, columns]  # along columns, along rows
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
     points, beyond = nearest_to_rays(view.camera, rows, columns, grid)
-    far = float(np.linalg.norm(points.mean(0) - view.camera.to_world[:3, 3])) if len(points) else 1.0
+    far = float(np.linalg.norm(points.mean(0) - view.camera.position)) if len(points) else 1.0
     units = pixel_motions(view.camera, far, float((view.mask > HALF).sum()))
     here = seen_at(view.camera, points)
     effects = [(seen_at(moved(view.camera, STEP * units * one), points) - here) / STEP for one in np.eye(6)]
@@ -98,11 +99,10 @@ def _mended(view: View, found: Outline, unknowns: np.ndarray) -> View:
     if abs(growth) < LEAST:
         return replace(view, camera=camera)
     mask = (HALF - growth - outline_distance(carving_mask(view))).clip(0, 1).astype(np.float32)
-    known = np.ones(mask.shape, bool) if view.valid is None else view.valid
-    mask = np.where(known | (view.mask > 0), mask, np.float32(0))
-    straight = np.divide(view.image, view.mask[..., None], out=np.zeros_like(view.image), where=view.mask[..., None] > 0)
+    mask = np.where(view.known | (view.mask > 0), mask, np.float32(0))
     added = (mask > 0) & (view.mask == 0)
-    return replace(view, camera=camera, image=straight * mask[..., None], mask=mask, valid=known & ~added)
+    image = straight(view.image, view.mask) * mask[..., None]
+    return replace(view, camera=camera, image=image, mask=mask, valid=view.known & ~added)
 
 
 def _away_from_frame(shape: tuple[int, ...]) -> np.ndarray:
@@ -114,8 +114,7 @@ def _away_from_frame(shape: tuple[int, ...]) -> np.ndarray:
 
 def nearest_to_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray, grid: DistanceGrid) -> tuple[np.ndarray, np.ndarray]:
     """Of each pixel's ray, the point (N, 3) deepest in the shape, or nearest to it, and its distance in pixels (N,)."""
-    along = rays_through(camera, rows + 0.5, columns + 0.5)
-    origin = camera.to_world[:3, 3]
+    along, origin = camera.rays(columns + 0.5, rows + 0.5), camera.position
     corners = np.stack(np.meshgrid(*zip(grid.low.tolist(), grid.high.tolist(), strict=True), indexing="ij"), -1).reshape(-1, 3)
     depths = (origin - corners) @ camera.to_world[:3, 2]
     depth = np.linspace(max(float(depths.min()), 1e-6), float(depths.max()), SAMPLES)
@@ -129,9 +128,8 @@ def nearest_to_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray, grid:
 
 
 def seen_at(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """Columns and rows (N, 2) of points (N, 3), from the middle of the camera's image."""
-    local = (points - camera.to_world[:3, 3]) @ camera.to_world[:3, :3]
-    return np.array(camera.focal) * local[:, :2] / -local[:, 2:] * [1, -1]
+    """Columns and rows (N, 2) of points (N, 3)."""
+    return np.stack(camera.project(points)[:2], -1)
 
 
 def moved(camera: Camera, motion: np.ndarray) -> Camera:

@@ -13,7 +13,6 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.silhouettes import project
 from ia_bench.geometry.sweep import DepthMap
 
 TRUNCATION = 3.0  # cells from its depth within which a view tells how far a point is; before that "outside", behind nothing
@@ -36,7 +35,7 @@ def fused(hull: DistanceGrid, maps: Sequence[DepthMap]) -> DistanceGrid:
     total, weights = torch.zeros(len(points)), torch.full((len(points),), ENOUGH)
     total += ENOUGH * hull.values.reshape(-1)[inside].clamp(-reach, reach)
     for one in maps:
-        column, row, depth = project(one.camera, points)
+        column, row, depth = one.camera.project(points)
         place = torch.stack([2 * column / one.camera.width - 1, 2 * row / one.camera.height - 1], -1)[None, None]
         layers = torch.stack([one.depth, one.trust])[None]
         there, trust = grid_sample(layers, place, mode="nearest", align_corners=False)[0, :, 0]

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.silhouettes import HALF, Silhouette, centre_of, project, silhouettes
+from ia_bench.geometry.silhouettes import HALF, Silhouette, centre_of, silhouettes
 from ia_bench.scenes.scene import View
 
 COARSEST = 16  # cells along the longest side of the box on the first grid, at least
@@ -111,7 +111,7 @@ def _perhaps_inverted(views: Sequence[View]) -> str:
 def _reach(view: View, centre: np.ndarray) -> float:
     """How far from ``centre`` the object reaches across the view, at its depth, scene units."""
     camera = view.camera
-    column, row, depth = (float(part) for part in project(camera, torch.from_numpy(centre).float()[None]))
+    column, row, depth = (float(part) for part in camera.project(torch.from_numpy(centre).float()[None]))
     rows, columns = np.nonzero(view.mask > HALF)
     farthest = np.hypot((columns + 0.5 - column) / camera.focal[0], (rows + 0.5 - row) / camera.focal[1]).max()
     return float(farthest) * max(depth, 0.0)

@@ -18,7 +18,6 @@ from torch.autograd.function import FunctionCtx
 
 from ia_bench.common.warp_launch import launch, launch_summing
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.silhouettes import rays_through
 from ia_bench.geometry.warp_march import gather, gather_adjoint
 from ia_bench.scenes.scene import View
 
@@ -73,15 +72,14 @@ def pixels_of(views: Sequence[View], grid: DistanceGrid, normals: Sequence[np.nd
 def _of_view(number: int, view: View, grid: DistanceGrid, normals: np.ndarray | None) -> tuple[Tensor, ...]:
     camera = view.camera
     rows, columns = np.nonzero(maximum_filter(view.mask > 0, 2 * BESIDE + 1))
-    along = rays_through(camera, rows + 0.5, columns + 0.5)
+    along = camera.rays(columns + 0.5, rows + 0.5)
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
-    origin = np.broadcast_to((camera.to_world[:3, 3] - grid.low.numpy()) / grid.step, along.shape)
+    origin = np.broadcast_to((camera.position - grid.low.numpy()) / grid.step, along.shape)
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = np.stack([-origin / along, (np.array(grid.values.shape) - 1 - origin) / along])
     near, far = np.fmax(np.fmax.reduce(sides.min(0), axis=-1), 1e-3), np.fmin.reduce(sides.max(0), axis=-1)
     met = far > near
-    known = np.ones(view.mask.shape, bool) if view.valid is None else view.valid
-    of_pixels = (view.image, view.mask, known, known | (view.mask > 0))
+    of_pixels = (view.image, view.mask, view.known, view.known | (view.mask > 0))
     values = origin, along, near, far, *(values[rows, columns] for values in of_pixels), np.stack([columns, rows], -1) + 0.5
     *floats, place = (torch.from_numpy(np.ascontiguousarray(one[met], np.float32)) for one in values)
     named = torch.full((len(place),), number)

@@ -30,7 +30,7 @@ class MovingPhotographs:
     def __init__(self, views: Sequence[View]) -> None:
         channels = []
         for view in views:
-            known = np.ones(view.mask.shape, bool) if view.valid is None else view.valid
+            known = view.known
             parts = view.image, view.mask[..., None], known[..., None], (known | (view.mask > 0))[..., None]
             channels.append(np.concatenate(parts, -1, dtype=np.float32))
         self._pictures = torch.from_numpy(np.stack(channels))  # (V, H, W, 6)
@@ -66,9 +66,8 @@ class MovingPhotographs:
         right, down, turned, scaled = self.offsets[number].double().tolist()
         x, y = around.T / radius
         wanted = np.stack([right - turned * y + scaled * x, down + turned * x + scaled * y], -1)
-        far = float(np.linalg.norm(centre - camera.to_world[:3, 3]))
-        local = (middle + around - camera.centre) / camera.focal * [1, -1]
-        points = np.column_stack([local, np.full(len(local), -1.0)]) * far @ camera.to_world[:3, :3].T + camera.to_world[:3, 3]
+        far = float(np.linalg.norm(centre - camera.position))
+        points = camera.position + far * camera.rays(*(middle + around).T)
         units = pixel_motions(camera, far, float(np.pi * radius**2))
         here = seen_at(camera, points)
         effects = [(seen_at(moved(camera, STEP * units * one), points) - here).ravel() / STEP for one in np.eye(6)[USED]]

@@ -1,4 +1,4 @@
-"""Masks as distances to their outlines, to a fraction of a pixel, and what cameras see of points."""
+"""Masks as distances to their outlines, to a fraction of a pixel."""
 
 from __future__ import annotations
 
@@ -33,28 +33,11 @@ class Silhouette:
         Across the ray, at the depth of the point. A point behind the camera is not seen, so nothing is known: minus infinity.
         """
         camera = self.camera
-        column, row, depth = project(camera, points)
+        column, row, depth = camera.project(points)
         place = torch.stack([2 * column / camera.width - 1, 2 * row / camera.height - 1], -1)[None, None]
         pixels = grid_sample(self.distance[None, None], place, mode="bilinear", padding_mode="border", align_corners=False)
         focal = 0.5 * (camera.focal[0] + camera.focal[1])
         return torch.where(depth > 0, pixels[0, 0, 0] * depth / focal, -torch.inf)
-
-
-def project(camera: Camera, points: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Column and row in pixels and depth along the axis in scene units, (N,) each, of (N, 3) points."""
-    to_world = torch.from_numpy(np.asarray(camera.to_world, np.float32))
-    local = (points - to_world[:3, 3]) @ to_world[:3, :3]
-    depth = -local[:, 2]
-    safe = torch.where(depth > 0, depth, torch.ones_like(depth))
-    column = camera.centre[0] + camera.focal[0] * local[:, 0] / safe
-    row = camera.centre[1] - camera.focal[1] * local[:, 1] / safe
-    return column, row, depth
-
-
-def rays_through(camera: Camera, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """What to add to the camera's position per unit of depth, (..., 3), at places (...) of its picture in pixels."""
-    x, y = (columns - camera.centre[0]) / camera.focal[0], -(rows - camera.centre[1]) / camera.focal[1]
-    return np.stack([x, y, -np.ones_like(x)], -1) @ camera.to_world[:3, :3].T
 
 
 def silhouettes(views: Sequence[View]) -> list[Silhouette]:
@@ -110,10 +93,8 @@ def centre_of(views: Sequence[View]) -> np.ndarray:
     origins, directions = [], []
     for view in views:
         row, column = (places.mean() + 0.5 for places in np.nonzero(view.mask > HALF))
-        camera = view.camera
-        local = [(column - camera.centre[0]) / camera.focal[0], -(row - camera.centre[1]) / camera.focal[1], -1.0]
-        direction = camera.to_world[:3, :3] @ local
-        origins.append(camera.to_world[:3, 3])
+        direction = view.camera.rays(column, row)
+        origins.append(view.camera.position)
         directions.append(direction / np.linalg.norm(direction))
     across = np.eye(3) - np.einsum("ni,nj->nij", directions, directions)  # takes the part along a ray away
     point: np.ndarray = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, origins), rcond=None)[0]

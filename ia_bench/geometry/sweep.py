@@ -18,7 +18,7 @@ from torch.nn.functional import avg_pool2d, grid_sample
 
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.silhouettes import centre_of, project, rays_through
+from ia_bench.geometry.silhouettes import centre_of
 from ia_bench.scenes.scene import Camera, View
 
 NEIGHBOURS = 6  # photographs that each is compared with ...
@@ -62,7 +62,7 @@ def depth_maps(views: Sequence[View], hull: DistanceGrid, begin: Begin = unseen)
 
 def neighbours(views: Sequence[View]) -> list[list[int]]:
     """For each view the numbers of those that it is compared with, nearest first; none where there are too few."""
-    directions = np.stack([view.camera.to_world[:3, 3] for view in views]) - centre_of(views)
+    directions = np.stack([view.camera.position for view in views]) - centre_of(views)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     apart = np.degrees(np.arccos((directions @ directions.T).clip(-1, 1)))
     chosen = []
@@ -76,8 +76,8 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     empty = DepthMap(view.camera, *torch.zeros(2, *view.mask.shape))
     rows, columns = (slice(place.min(), place.max() + 1) for place in np.nonzero(view.mask > 0))
     # ---------------------------------------------------------------- planes, and where they are inside of the hull
-    along = torch.from_numpy(rays_through(view.camera, *np.indices(view.mask.shape) + 0.5)).float()[rows, columns]
-    origin = torch.from_numpy(np.array(view.camera.to_world[:3, 3], np.float32))
+    along = torch.from_numpy(view.camera.rays(*np.indices(view.mask.shape)[::-1] + 0.5)).float()[rows, columns]
+    origin = torch.from_numpy(np.array(view.camera.position, np.float32))
     depths = _planes(view.camera, hull)
     points = origin + depths[:, None, None, None] * along  # (K, H, W, 3)
     boxed = ((points >= hull.low) & (points <= hull.high)).all(-1)
@@ -95,7 +95,7 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     best = cost.argmin(0)
     depth = depths[0] + (best + _between(cost, best)) * (depths[1] - depths[0])
     # ---------------------------------------------------------------- pixels that know
-    known = view.mask > WHOLE if view.valid is None else (view.mask > WHOLE) & view.valid
+    known = (view.mask > WHOLE) & view.known
     sure = inside.any(0) & torch.from_numpy(known[rows, columns])
     empty.depth[rows, columns] = torch.where(sure, depth, 0)
     empty.trust[rows, columns] = torch.where(sure, alike.gather(0, best[None])[0].clamp_min(0), 0)
@@ -112,7 +112,7 @@ def _planes(camera: Camera, hull: DistanceGrid) -> Tensor:
     """Depths (K,) of planes through the box of the hull, in front of the camera."""
     box = (torch.tensor(ends) for ends in zip(hull.low.tolist(), hull.high.tolist(), strict=True))
     corners = torch.stack(torch.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3)
-    depth = project(camera, corners)[2]
+    depth = camera.project(corners)[2]
     spacing = SPACING * hull.step
     return torch.arange(max(float(depth.min()), spacing), float(depth.max()), spacing)
 
@@ -120,7 +120,7 @@ def _planes(camera: Camera, hull: DistanceGrid) -> Tensor:
 def _projected(camera: Camera, picture: Tensor, points: Tensor) -> Tensor:
     """What a camera's picture (C, H', W') shows at points (K, H, W, 3): (K, C, H, W)."""
     planes, height, width = points.shape[:3]
-    column, row, _ = project(camera, points.reshape(-1, 3))
+    column, row, _ = camera.project(points.reshape(-1, 3))
     place = torch.stack([2 * column / camera.width - 1, 2 * row / camera.height - 1], -1).reshape(1, planes * height, width, 2)
     seen = grid_sample(picture[None], place, align_corners=False)[0]
     return seen.reshape(-1, planes, height, width).movedim(0, 1)

@@ -15,7 +15,7 @@ def known_pixels(views: Sequence[View]) -> Tensor | None:
     """``valid`` of views of one size, (V, H, W, 1) bool; None where every pixel of all of them is known."""
     if all(view.valid is None for view in views):
         return None
-    known = [np.ones(view.mask.shape, bool) if view.valid is None else view.valid for view in views]
+    known = [view.known for view in views]
     return torch.from_numpy(np.stack(known))[..., None]
 
 

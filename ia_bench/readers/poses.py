@@ -12,8 +12,7 @@ import numpy as np
 from scipy.linalg import rq
 
 from ia_bench.common.errors import InputError
-from ia_bench.scenes.conventions import CONVENTIONS, OPENCV_AXES
-from ia_bench.scenes.scene import Camera, View
+from ia_bench.scenes.scene import CONVENTIONS, OPENCV_AXES, Camera, View
 
 HALF_PIXEL = 0.5  # from an origin at the centre of the first pixel to one at its corner
 SKEW = 1e-3  # of the focal length: what a calibration may leave and no image shows

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any, TypeVar
-
-import numpy as np
+from typing import TypeVar
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.contract import TRUTH_OF_VIEWS
 from ia_bench.scenes.scene import View
 
 T = TypeVar("T")
@@ -28,23 +24,8 @@ def evenly(items: Sequence[T], count: int | None) -> list[T]:
 
 
 def shrunk(view: View, block: int) -> View:
-    """The view with the mean of every ``block`` x ``block`` pixels in place of them; incomplete blocks at the edges are left out.
-
-    Everything in a view is premultiplied by coverage, so means of blocks are what a larger pixel would have seen.
-    """
-    if block == 1:
-        return view
-    camera = view.camera
-    height, width = camera.height // block, camera.width // block
-    if not height or not width:
-        raise InputError(f"reader.options.shrink: expected at most {min(camera.height, camera.width)}, found {block}")
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        blocks = values[: height * block, : width * block].reshape(height, block, width, block, -1)
-        return blocks.mean((1, 3), dtype=np.float64).astype(np.float32).reshape(height, width, *values.shape[2:])
-
-    valid = None if view.valid is None else mean(view.valid) == 1  # a block is known where all of it is
-    known: dict[str, Any] = {name: mean(getattr(view, name)) for name in TRUTH_OF_VIEWS if getattr(view, name) is not None}
-    focal, centre = ((pair[0] / block, pair[1] / block) for pair in (camera.focal, camera.centre))
-    smaller = replace(camera, focal=focal, centre=centre, width=width, height=height)
-    return replace(view, camera=smaller, image=mean(view.image), mask=mean(view.mask), valid=valid, **known)
+    """The view in blocks of pixels (:meth:`View.scaled`). Raises InputError where there are none."""
+    smaller = min(view.camera.height, view.camera.width)
+    if block > smaller:
+        raise InputError(f"reader.options.shrink: expected at most {smaller}, found {block}")
+    return view.scaled(block)

@@ -15,8 +15,7 @@ import torch
 from ia_bench.common.errors import InputError
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.scenes.conventions import CONVENTIONS
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.scenes.scene import CONVENTIONS, Scene, View
 
 VIEWS = 8
 SIDE = 64  # pixels of the larger side, at most: larger images are looked at in blocks
@@ -65,10 +64,5 @@ def _agreement(rays: RayCaster, views: Sequence[View]) -> float:
 
 
 def _small(view: View) -> View:
-    """The view in blocks of pixels, so that it has no more than SIDE x SIDE; incomplete blocks at the edges are left out."""
-    camera = view.camera
-    block = -(-max(camera.width, camera.height) // SIDE)
-    height, width = camera.height // block, camera.width // block
-    mask = view.mask[: height * block, : width * block].reshape(height, block, width, block).mean((1, 3))
-    focal, centre = ((pair[0] / block, pair[1] / block) for pair in (camera.focal, camera.centre))
-    return replace(view, mask=mask, camera=replace(camera, focal=focal, centre=centre, width=width, height=height))
+    """The view in blocks of pixels, so that it has no more than SIDE x SIDE."""
+    return view.scaled(-(-max(view.camera.width, view.camera.height) // SIDE))

@@ -103,7 +103,7 @@ def primary_rays(camera: Camera, side: int, pixels: np.ndarray | None = None) ->
     ``pixels`` (P,): only of these, by their flat indices, (P, S, 3).
     """
     directions = primary_directions(camera, side, pixels)
-    return np.broadcast_to(camera.to_world[:3, 3].astype(np.float32), directions.shape).copy(), directions
+    return np.broadcast_to(camera.position.astype(np.float32), directions.shape).copy(), directions
 
 
 def primary_directions(camera: Camera, side: int, pixels: np.ndarray | None = None) -> np.ndarray:
@@ -111,9 +111,7 @@ def primary_directions(camera: Camera, side: int, pixels: np.ndarray | None = No
     chosen = np.arange(camera.height * camera.width).reshape(camera.height, -1) if pixels is None else pixels
     row, column = np.divmod(chosen[..., None], camera.width)
     down, across = np.divmod(np.arange(side * side), side)
-    x = (column + (across + 0.5) / side - camera.centre[0]) / camera.focal[0]
-    y = -(row + (down + 0.5) / side - camera.centre[1]) / camera.focal[1]
-    directions = np.stack([x, y, np.full(x.shape, -1.0)], -1) @ camera.to_world[:3, :3].T
+    directions = camera.rays(column + (across + 0.5) / side, row + (down + 0.5) / side)
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     return directions.astype(np.float32)
 
@@ -121,10 +119,10 @@ def primary_directions(camera: Camera, side: int, pixels: np.ndarray | None = No
 def pixels_in_reach(camera: Camera, mesh: Mesh) -> np.ndarray:
     """Flat indices (P,) of the pixels inside the bounding box of any triangle's image: no other pixel can see the mesh."""
     size = camera.width, camera.height
-    local = (mesh.vertices - camera.to_world[:3, 3]) @ camera.to_world[:3, :3]
-    if (local[:, 2] >= 0).any():  # a triangle that reaches behind the camera may be anywhere
+    *places, depth = camera.project(mesh.vertices)
+    if (depth <= 0).any():  # a triangle that reaches behind the camera may be anywhere
         return np.arange(size[0] * size[1])
-    image = np.multiply([1, -1], camera.focal) * local[:, :2] / -local[:, 2:] + camera.centre
+    image = np.stack(places, -1)
     corners = [image[corner] for corner in mesh.faces.T]
     first = np.floor(np.minimum.reduce(corners) - MARGIN).clip(0, size).astype(int)
     last = np.ceil(np.maximum.reduce(corners) + MARGIN).clip(0, size).astype(int)
@@ -139,7 +137,7 @@ def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: tor
     """Trace ``side`` x ``side`` points in every pixel of every camera (all of one size)."""
     faces, barycentrics, pixels = [], [], []
     height, width = cameras[0].height, cameras[0].width
-    centres = torch.from_numpy(np.stack([camera.to_world[:3, 3] for camera in cameras]).astype(np.float32)).to(device)
+    centres = torch.from_numpy(np.stack([camera.position for camera in cameras]).astype(np.float32)).to(device)
     for view, camera in enumerate(cameras):
         if (camera.height, camera.width) != (height, width):
             raise ValueError(f"view {view} is {camera.height} x {camera.width}, the first is {height} x {width}")

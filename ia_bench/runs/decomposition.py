@@ -20,8 +20,8 @@ from PIL import Image, ImageDraw
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.runs.composition import compose
-from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.images import display
 from ia_bench.scenes.photograph import read_photograph
 
 SPREAD_GAIN = 4.0
@@ -167,9 +167,7 @@ def _exposure(image: np.ndarray) -> float:
 
 def _shown(linear: np.ndarray, mask: np.ndarray, exposure: float) -> np.ndarray:
     """(H, W, 4) uint8, sRGB with straight alpha, of premultiplied linear values."""
-    straight = exposure * linear / np.maximum(mask, 1e-3)[..., None]
-    encoded = linear_to_srgb(straight.clip(0, 1)) * (mask > 0)[..., None]
-    return np.round(255 * np.dstack([encoded, mask])).astype(np.uint8)
+    return np.round(255 * np.dstack([display(linear, mask, exposure), mask])).astype(np.uint8)
 
 
 def _sheet(cells: list[tuple[str, np.ndarray]]) -> Image.Image:

@@ -1,4 +1,4 @@
-"""Pictures of several views: what a reconstruction answers with, and what truth is compared as."""
+"""Linear images premultiplied by their coverage: what covers a pixel, what a display shows of it, and pictures of several views."""
 
 from __future__ import annotations
 
@@ -6,7 +6,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ia_bench.scenes.color import Array, linear_to_srgb, where
+
 ROUNDING = 1e-3  # a coverage summed in float32 or stored in half precision may exceed 1 by this much
+
+
+def straight(image: Array, coverage: Array, least: float = 0.0) -> Array:
+    """What covers each pixel of ``image`` (..., H, W[, C]), premultiplied by ``coverage`` (..., H, W): the quotient of both.
+
+    It is black where nothing is covered, whatever the image holds there. A coverage below ``least`` counts as that.
+    """
+    share = coverage if image.ndim == coverage.ndim else coverage[..., None]
+    covered = share > 0
+    quotient: Array = where(covered, image / where(covered, share.clip(least), 1.0), 0.0)
+    return quotient
+
+
+def display(image: Array, coverage: Array, exposure: float = 1.0) -> Array:
+    """What covers each pixel, times ``exposure``, as a display shows it: sRGB in [0, 1], clipped."""
+    return linear_to_srgb((exposure * straight(image, coverage)).clip(0, 1))
 
 
 @dataclass(frozen=True)

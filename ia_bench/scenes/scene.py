@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from ia_bench.common.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+Array = TypeVar("Array", np.ndarray, "Tensor")
+
+OPENCV_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Turns OpenCV's axes (+z forward, +y down) into OpenGL's (-z forward, +y up), and back."""
+
+CONVENTIONS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
+    "OpenCV's (+z forward, +y down)": lambda matrix: matrix @ OPENCV_AXES,
+    "world-to-camera": np.linalg.inv,
+    "OpenCV's world-to-camera": lambda matrix: np.linalg.inv(matrix) @ OPENCV_AXES,
+}
+"""What a matrix (4, 4) of others may be in place of :class:`Camera`'s -> what makes that of it."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +44,8 @@ class Mesh:
 class Camera:
     """A pinhole camera. ``to_world`` (4, 4) is OpenGL camera-to-world: it looks along its -z axis, +y is up in the image.
 
-    ``focal`` (fx, fy) and ``centre`` (cx, cy) are in pixels; pixel (row, column) covers [column, column + 1] x [row, row + 1].
+    ``focal`` (fx, fy) and ``centre`` (cx, cy) are in pixels. Places in the image are columns and rows, which count from the
+    image's upper left corner: pixel (row, column) covers [column, column + 1] x [row, row + 1], its middle is at + .5.
     """
 
     to_world: np.ndarray
@@ -35,6 +53,35 @@ class Camera:
     centre: tuple[float, float]
     width: int
     height: int
+
+    @property
+    def position(self) -> np.ndarray:
+        """Where the camera is, (3,) in scene units."""
+        return self.to_world[:3, 3]
+
+    def project(self, points: Array) -> tuple[Array, Array, Array]:
+        """Columns and rows in pixels, and depths along the axis in scene units, (N,) each, of (N, 3) points of the world.
+
+        Points whose depth is not above 0 are not seen, and their columns and rows mean nothing. Tensors keep their type.
+        """
+        to_world: Any = self.to_world if isinstance(points, np.ndarray) else points.new_tensor(self.to_world)
+        local = (points - to_world[:3, 3]) @ to_world[:3, :3]
+        depth = -local[:, 2]
+        safe = abs(depth) + (depth == 0)
+        column = self.centre[0] + self.focal[0] * local[:, 0] / safe
+        row = self.centre[1] - self.focal[1] * local[:, 1] / safe
+        return column, row, depth
+
+    def rays(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """What to add to the camera's position per unit of depth, (..., 3), to be seen at places (...) of the image."""
+        x, y = (columns - self.centre[0]) / self.focal[0], -(rows - self.centre[1]) / self.focal[1]
+        directions: np.ndarray = np.stack([x, y, np.full(np.shape(x), -1.0)], -1) @ self.to_world[:3, :3].T
+        return directions
+
+    def scaled(self, block: int) -> Camera:
+        """The camera whose pixels are ``block`` x ``block`` of this one's; incomplete blocks at the edges are left out."""
+        focal, centre = ((pair[0] / block, pair[1] / block) for pair in (self.focal, self.centre))
+        return replace(self, focal=focal, centre=centre, width=self.width // block, height=self.height // block)
 
 
 @dataclass(frozen=True)
@@ -60,6 +107,68 @@ class View:
     normal: np.ndarray | None = None
     depth: np.ndarray | None = None
     valid: np.ndarray | None = None
+
+    @property
+    def known(self) -> np.ndarray:
+        """Which pixels are known, (H, W) bool: ``valid``, or all of them."""
+        return np.ones(self.mask.shape, bool) if self.valid is None else self.valid
+
+    def _arrays(self) -> dict[str, np.ndarray]:
+        return {part.name: value for part in fields(self) if isinstance(value := getattr(self, part.name), np.ndarray)}
+
+    def scaled(self, block: int) -> View:
+        """The view with the mean of every ``block`` x ``block`` pixels in place of them, as :meth:`Camera.scaled` has them.
+
+        Everything in a view is premultiplied by coverage, so means of blocks are what a larger pixel would have seen. A block
+        is ``valid`` where all of it is.
+        """
+        if block == 1:
+            return self
+        camera = self.camera.scaled(block)
+        height, width = camera.height, camera.width
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            blocks = values[: height * block, : width * block].reshape(height, block, width, block, -1)
+            return blocks.mean((1, 3), dtype=np.float64).astype(np.float32).reshape(height, width, *values.shape[2:])
+
+        smaller: dict[str, Any] = {name: mean(values) for name, values in self._arrays().items()}
+        if self.valid is not None:
+            smaller["valid"] = smaller["valid"] == 1
+        return replace(self, camera=camera, **smaller)
+
+    def padded(self, height: int, width: int) -> View:
+        """The view with pixels added at the right and at the bottom that are unknown: black, mask 0, not ``valid``.
+
+        Pixels keep their places and so their rays.
+        """
+        if self.mask.shape == (height, width):
+            return self
+        more = (0, height - self.mask.shape[0]), (0, width - self.mask.shape[1]), (0, 0)
+        arrays = self._arrays() | {"valid": self.known}
+        larger: dict[str, Any] = {name: np.pad(values, more[: values.ndim]) for name, values in arrays.items()}
+        return replace(self, camera=replace(self.camera, height=height, width=width), **larger)
+
+
+def of_one_size(views: Sequence[View]) -> tuple[View, ...]:
+    """The same photographs, padded to the largest height and width among them, which is what fits and priors take."""
+    height, width = (max(sizes) for sizes in zip(*(view.mask.shape for view in views), strict=True))
+    return tuple(view.padded(height, width) for view in views)
+
+
+def farthest_first(views: Sequence[View], middle: np.ndarray) -> list[int]:
+    """All views by number, the first one first; every next one is that whose direction is farthest from all before it.
+
+    Directions are those from the point ``middle`` (3,) to the cameras: farthest-point sampling (Gonzalez 1985).
+    """
+    directions = np.stack([view.camera.position for view in views]) - middle
+    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
+    order = [0]
+    nearest = directions @ directions[0]  # cosine to the nearest direction that is taken
+    while len(order) < len(views):
+        nearest[order] = np.inf
+        order.append(int(nearest.argmin()))
+        nearest = np.maximum(nearest, directions @ directions[order[-1]])
+    return order
 
 
 @dataclass(frozen=True)

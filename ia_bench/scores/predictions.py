@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ia_bench.scenes.images import Images
+from ia_bench.scenes.images import Images, straight
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> 
         given = None if true.known is None else true.known[index]
         known = np.ones(theirs.shape[:2], bool) if given is None else given
         mask = (true.coverage[index] > mask_threshold) & known
-        truth = _unpremultiplied(theirs, true.coverage[index])
+        truth = straight(theirs, true.coverage[index]).astype(np.float64)
         if not np.isfinite(truth[mask]).all():
             raise ValueError(f"{what}, view {index}: the ground truth is not finite")
-        guess = _unpremultiplied(ours, predicted.coverage[index])
+        guess = straight(ours, predicted.coverage[index]).astype(np.float64)
         broken = ~np.isfinite(guess) if guess.ndim == 2 else ~np.isfinite(guess).all(axis=-1)
         uncovered = predicted.coverage[index] == 0
         coverage = predicted.coverage[index], true.coverage[index]
@@ -81,10 +81,3 @@ def stacked(views: list[Pair]) -> tuple[np.ndarray, np.ndarray]:
     empty = np.zeros((0, 3))
     predicted = np.concatenate([empty, *(view.predicted[view.mask] for view in views)])
     return predicted, np.concatenate([empty, *(view.true[view.mask] for view in views)])
-
-
-def _unpremultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """Divide by coverage; black where nothing is covered (whatever the image holds there)."""
-    share = coverage if image.ndim == 2 else coverage[..., None]
-    covered = np.broadcast_to(share > 0, image.shape)
-    return np.divide(image, share, out=np.zeros(image.shape), where=covered)

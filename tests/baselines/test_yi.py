@@ -17,7 +17,7 @@ from ia_bench.checks.stack import painted_ball
 from ia_bench.common.progress import Progress
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.priors.contract import Observations
-from ia_bench.scenes.tensor_color import linear_to_srgb
+from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_baselines.yi.data import grey, load_objects
 from ia_bench_baselines.yi.losses import chromaticity, low_rank_loss, rank_one_distance
 from ia_bench_baselines.yi.networks import InverseRendering

@@ -14,11 +14,11 @@ from ia_bench.capture import shapes
 from ia_bench.capture.capture import captured, record
 from ia_bench.capture.radiometry import eight_bits, photographed
 from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings, shipped, without_effect
-from ia_bench.capture.views import farthest_first, spread
+from ia_bench.capture.views import spread
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import ProgressBar, unseen
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.scenes.scene import Mesh, Scene, View
+from ia_bench.scenes.scene import Mesh, Scene, View, farthest_first
 
 
 @pytest.fixture(autouse=True)
@@ -53,7 +53,7 @@ def test_views_are_nested_and_spread(tiny: Scene) -> None:
     names = {count: [view.name for view in spread(tiny.train, count)] for count in (1, 4, 8, 16)}
     assert set(names[1]) < set(names[4]) < set(names[8]) < set(names[16])
     assert names[8] == sorted(names[8])
-    assert sorted(farthest_first(tiny.train)) == list(range(16))
+    assert sorted(farthest_first(tiny.train, np.zeros(3))) == list(range(16))
     random = np.random.default_rng(0)
     gaps = [widest_gap(tuple(tiny.train[i] for i in random.permutation(16)[:4]), tiny.train) for _ in range(200)]
     assert widest_gap(spread(tiny.train, 4), tiny.train) < np.quantile(gaps, 0.1)

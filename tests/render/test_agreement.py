@@ -9,7 +9,7 @@ import pytest
 
 from ia_bench.common.errors import InputError
 from ia_bench.render.agreement import GOOD, MISTAKES, check_agreement
-from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.scene import Scene, View
 
 
 def with_cameras(scene: Scene, matrices: list[np.ndarray]) -> Scene:
@@ -66,6 +66,6 @@ def test_large_images_are_looked_at_in_blocks(tiny: Scene) -> None:
         focal, centre = ((6 * pair[0], 6 * pair[1]) for pair in (camera.focal, camera.centre))
         camera = replace(camera, focal=focal, centre=centre, width=6 * camera.width, height=6 * camera.height)
         mask = view.mask.repeat(6, 0).repeat(6, 1)
-        views.append(replace(view, camera=camera, mask=mask, image=np.zeros((*mask.shape, 3), np.float32)))
+        views.append(View(view.name, camera, np.zeros((*mask.shape, 3), np.float32), mask))
     notes: list[str] = []
     assert check_agreement(replace(tiny, train=tuple(views)), notes.append) == pytest.approx(0.95, abs=0.01)

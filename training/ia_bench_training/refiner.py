@@ -21,7 +21,7 @@ from ia_bench.common.ranges import Count, NotNegative, Number, UnitInterval
 from ia_bench.priors.inputs import use_bf16
 from ia_bench.priors.refiner.checkpoint import save_refiner
 from ia_bench.priors.refiner.network import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
-from ia_bench.scenes.tensor_color import linear_to_srgb
+from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_training.fit_files import CHANNELS, fit_paths, load_fit
 from ia_bench_training.optimiser import MuonAdamW, split_weights
 from ia_bench_training.resuming import (

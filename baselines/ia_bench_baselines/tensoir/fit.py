@@ -12,7 +12,7 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
-from ia_bench.scenes.tensor_color import linear_to_srgb
+from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_baselines.common.descent import Descent, Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of

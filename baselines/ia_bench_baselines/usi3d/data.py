@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion import encoding
+from ia_bench.scenes.images import straight
 from ia_bench_baselines.common.pictures import SIDE
 from ia_bench_training.dataset import TrainingImages
 from ia_bench_training.render import VIEWS
@@ -29,7 +30,7 @@ def domain_pictures(domain: str, images: Mapping[str, Tensor]) -> Tensor:
     if domain == "albedo":
         radiance = images["albedo"]
     elif domain == "shading":
-        paint = images["albedo"] / masks[..., None].clamp_min(1e-3)
+        paint = straight(images["albedo"], masks, encoding.FAINTEST)
         radiance = (radiance - images["specular"]).clamp_min(0) / paint.clamp_min(DARKEST_PAINT)
     factor = encoding.exposure(radiance, masks)
     if domain == "albedo":

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from ia_bench.priors.contract import PriorInfo
-from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
+from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench_baselines.common.pictures import PicturePrior
 from ia_bench_baselines.yi.networks import InverseRendering
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.rays import RayCaster
-from ia_bench.scenes.scene import Camera, Scene
+from ia_bench.scenes.scene import Camera, Scene, farthest_first
 
 GRAZING = 0.2
 """Cosine below which a pixel shows a surface too obliquely for a prior to say much about it."""
@@ -22,21 +21,9 @@ def evenly_spread(scene: Scene, count: int | str) -> tuple[int, ...]:
 
 
 def spreading_order(scene: Scene, count: int) -> list[int]:
-    """The first ``count`` training views by farthest-point sampling of the directions from the mesh to the cameras.
-
-    It starts with the first view; every next one is that whose direction is farthest from all chosen ones.
-    """
+    """The first ``count`` training views by farthest-point sampling of the directions from the mesh to the cameras."""
     vertices = scene.expect_mesh().vertices
-    middle = 0.5 * (vertices.min(0) + vertices.max(0))
-    directions = np.stack([view.camera.to_world[:3, 3] for view in scene.train]) - middle
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    chosen = [0]
-    nearest = directions @ directions[0]  # cosine to the nearest chosen direction
-    for _ in range(count - 1):
-        nearest[chosen] = np.inf
-        chosen.append(int(nearest.argmin()))
-        nearest = np.maximum(nearest, directions @ directions[chosen[-1]])
-    return chosen
+    return farthest_first(scene.train, 0.5 * (vertices.min(0) + vertices.max(0)))[:count]
 
 
 def sees(cameras: list[Camera], positions: Tensor, normals: Tensor, rays: RayCaster, offset: float) -> Tensor:
@@ -46,13 +33,9 @@ def sees(cameras: list[Camera], positions: Tensor, normals: Tensor, rays: RayCas
     """
     found = torch.zeros(len(positions), len(cameras), dtype=torch.bool, device=positions.device)
     for index, camera in enumerate(cameras):
-        to_world = torch.from_numpy(camera.to_world).to(positions)
-        toward = to_world[:3, 3] - positions
+        toward = positions.new_tensor(camera.position) - positions
         directions = toward / toward.norm(dim=-1, keepdim=True)
-        local = -toward @ to_world[:3, :3]  # camera coordinates: it looks along -z
-        depth = -local[:, 2]
-        column = camera.focal[0] * local[:, 0] / depth + camera.centre[0]
-        row = -camera.focal[1] * local[:, 1] / depth + camera.centre[1]
+        column, row, depth = camera.project(positions)
         framed = (depth > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
         candidates = torch.nonzero(framed & ((normals * directions).sum(-1) >= GRAZING))[:, 0]
         starts = positions[candidates] + offset * normals[candidates]

@@ -15,7 +15,7 @@ from ia_bench.material.textures import fetch
 from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.targets import Targets
-from ia_bench.scenes.tensor_color import linear_to_srgb
+from ia_bench.scenes.color import linear_to_srgb
 
 PAIRS = 4  # partners of a pixel in one step: others follow in the next, and one is a noisy estimate (docs/log/supervision.md)
 LEVEL = 0.3  # mean albedo to which a prediction of unknown scale is brought before distances are taken

@@ -13,7 +13,7 @@ from torch.autograd.function import once_differentiable
 from ia_bench.common.warp_launch import launch_summing
 from ia_bench.methods.two_stage.neighbours import Neighbours
 from ia_bench.methods.two_stage.warp_smoothness import differences
-from ia_bench.scenes.tensor_color import linear_to_srgb
+from ia_bench.scenes.color import linear_to_srgb
 
 
 def encode(linear: Tensor, encoding: str) -> Tensor:

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.methods.two_stage.refinement import OFFSET
-from ia_bench.scenes.tensor_color import linear_to_srgb
+from ia_bench.scenes.color import linear_to_srgb
 
 PASSES = 0.4, 0.5, 0.6, 0.7, 0.8, 1.0
 """Shares of a fit's steps after which places are made to agree."""

@@ -10,12 +10,15 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
+from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
+from ia_bench.scenes.images import straight
 
 EXPOSED_QUANTILE = 0.9
 """This share of the foreground is darker (in its brightest channel) than EXPOSED_VALUE after exposure."""
 EXPOSED_VALUE = 0.7
 """Linear; leaves half a stop to highlights before an image clips, as a camera's automatic exposure does."""
+FAINTEST = 1e-3
+"""A coverage below it counts as it: what so faint a pixel shows is rounding."""
 
 
 def exposure(images: Tensor, masks: Tensor) -> Tensor:
@@ -38,7 +41,7 @@ def exposure(images: Tensor, masks: Tensor) -> Tensor:
 
 def encode_image(images: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
     """The condition (N, 4, H, W): exposed colour as on a display, clipped at white, in [-1, 1], and the mask in [0, 1]."""
-    colour = _encode(_straight(images, masks) * factor[:, None, None, None], masks)
+    colour = _encode(straight(images, masks, FAINTEST) * factor[:, None, None, None], masks)
     return torch.cat([colour, masks[:, None]], 1)
 
 
@@ -47,14 +50,14 @@ def encode(component: str, linear: Tensor, masks: Tensor, factor: Tensor) -> Ten
 
     Specular shading is exposed like its image and clipped at the image's white, as the paper's training data was.
     """
-    straight = _straight(linear, masks)
-    return _encode(straight if component == "albedo" else straight * factor[:, None, None, None], masks)
+    colour = straight(linear, masks, FAINTEST)
+    return _encode(colour if component == "albedo" else colour * factor[:, None, None, None], masks)
 
 
 def decode(component: str, encoded: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
     """The inverse of :func:`encode`: linear, in [0, 1] or in the units of the image, premultiplied by the masks."""
-    straight = _decode(encoded)
-    return (straight if component == "albedo" else straight / factor[:, None, None, None]) * masks[..., None]
+    colour = _decode(encoded)
+    return (colour if component == "albedo" else colour / factor[:, None, None, None]) * masks[..., None]
 
 
 def encode_geometry(normals: Tensor, visibility: Tensor) -> Tensor:
@@ -62,12 +65,8 @@ def encode_geometry(normals: Tensor, visibility: Tensor) -> Tensor:
     return torch.cat([normals, visibility], -1).movedim(-1, 1)
 
 
-def _straight(linear: Tensor, masks: Tensor) -> Tensor:
-    return linear / masks[..., None].clamp_min(1e-3)
-
-
-def _encode(straight: Tensor, masks: Tensor) -> Tensor:
-    encoded = 2 * linear_to_srgb(straight.clamp(0, 1)) - 1
+def _encode(colour: Tensor, masks: Tensor) -> Tensor:
+    encoded = 2 * linear_to_srgb(colour.clamp(0, 1)) - 1
     return torch.where(masks[..., None] > 0, encoded, torch.zeros_like(encoded)).movedim(-1, 1)
 
 

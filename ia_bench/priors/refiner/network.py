@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
-from ia_bench.scenes.tensor_color import linear_to_srgb, srgb_to_linear
+from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 
 FEATURES = 24
 """Channels of :func:`see`: photograph, albedo, specular shading, log shading, misfit, normal (3 each), evidence (2), roughness,

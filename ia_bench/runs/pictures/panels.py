@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 
 from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.images import display, straight
 
 GREY = 0.5  # behind objects, display-encoded: white paint and sails are seen on it, and black ones
 CUT_MARGIN = 2  # pixels around an object that is cut out
@@ -25,8 +26,8 @@ def exposure(images: Iterable[np.ndarray], masks: Iterable[np.ndarray]) -> float
 
 
 def unmultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """Divide out the coverage: the values (H, W, C) in [0, 1] of what covers a pixel."""
-    return (image / np.maximum(coverage, 1e-3)[..., None]).clip(0, 1)
+    """The values (H, W, C) in [0, 1] of what covers a pixel."""
+    return straight(image, coverage).clip(0, 1)
 
 
 def on_grey(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
@@ -37,7 +38,7 @@ def on_grey(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
 
 def displayed(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     """What covers each pixel of a linear premultiplied image (H, W, 3), as on a display, over GREY."""
-    return on_grey(linear_to_srgb(unmultiplied(image, coverage)), coverage)
+    return on_grey(display(image, coverage), coverage)
 
 
 def plain(values: np.ndarray, coverage: np.ndarray) -> np.ndarray:
