@@ -10,7 +10,6 @@ true albedo), those that face down; then with one scale a channel, as in metrics
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections import defaultdict
 from pathlib import Path
@@ -21,7 +20,7 @@ from recovered_albedo import INSIDE, TestViews, recovered_albedos
 from ia_bench.report.collect import collect
 from ia_bench.report.statistics import over_scenes
 from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.metrics import METRICS_FILE
+from ia_bench.runs.record import RunRecord
 
 PER_CHANNEL = "aligned_albedo_per_channel"
 FACING_DOWN = -0.5  # upward component of the normal below this
@@ -56,7 +55,7 @@ def main() -> None:
         error = ((albedo - test.albedo)[inside] ** 2).mean(-1)
         for part, pixels in parts_of(test).items():
             found[part][run.scene][run.row, run.seed] = -10 * math.log10(error[pixels].mean())
-        variants = json.loads((run.folder / METRICS_FILE).read_text(encoding="utf-8"))["variants"]
+        variants = RunRecord.read(run.folder).variants
         found["one scale a channel"][run.scene][run.row, run.seed] = variants[PER_CHANNEL]["psnr"]
     scenes = sorted({run.scene for run in runs})
     print("| aligned albedo, dB | " + " | ".join(scenes) + " | mean |\n| :--- |" + " ---: |" * (len(scenes) + 1))

@@ -15,7 +15,7 @@ from ia_bench.common.machine import limit_threads
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.runs.folder import folders_among
-from ia_bench.runs.metrics import METRICS_FILE
+from ia_bench.runs.record import METRICS_FILE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from dataclasses import asdict, fields
-from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -22,6 +21,7 @@ from ia_bench.common.paths import conf_folder
 from ia_bench.runs.composition import CONFIG_NAME, HYDRA_VERSION, compose, explain, register, to_run_config, written_out
 from ia_bench.runs.config import RunConfig
 from ia_bench.runs.execute import execute
+from ia_bench.runs.record import RunRecord
 
 
 class JobFailed(RuntimeError):
@@ -42,10 +42,10 @@ def job(composed: DictConfig) -> None:
         raise JobFailed(status)
 
 
-def summary(metrics: dict[str, Any]) -> str:
+def summary(record: RunRecord) -> str:
     """The means of a run, one line per component, under the protocol that decides what they mean."""
-    lines = [f"{metrics['row']}, scene {metrics['scene']}, seed {metrics['seed']}, protocol {metrics['protocol']}:"]
-    for component, values in metrics["metrics"].items():
+    lines = [f"{record.row}, scene {record.scene}, seed {record.seed}, protocol {record.protocol}:"]
+    for component, values in record.metrics.items():
         shown = [f"{name} {'undefined' if value is None else format(value, '.4g')}" for name, value in values.items()]
         lines.append(f"  {component:<16}{', '.join(shown)}")
     return "\n".join(lines)

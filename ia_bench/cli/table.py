@@ -30,7 +30,7 @@ from ia_bench.runs.cells import write_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolve_scene_folder, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
-from ia_bench.runs.metrics import finished_metrics
+from ia_bench.runs.record import finished_record
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Cell, TableRequest, make_cells, refuse_own
 
@@ -121,7 +121,7 @@ def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -
 
     finished: dict[tuple[str, str], Cell] = {}
     for cell in cells:
-        if finished_metrics(cell.folder, cell.config_hash) is not None:
+        if finished_record(cell.folder, cell.config_hash) is not None:
             finished.setdefault((cell.config.scene.name, cell.row.name), cell)
     written = []
     for scene in dict.fromkeys(cell.config.scene.name for cell in cells):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import stat
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,8 @@ import yaml
 
 from ia_bench.common.errors import InputError, printable
 
+MAX_BYTES = 256 << 20
+"""Of a file of text: a larger one was not meant."""
 MAX_VALUES = 100_000
 """Values that a YAML file may hold once its aliases are written out; a few lines of aliases to aliases stand for billions."""
 
@@ -125,6 +128,11 @@ def shown(name: object) -> str:
 
 def _read_text(path: Path, what: str) -> str:
     try:
+        state = path.stat()
+        if not (stat.S_ISREG(state.st_mode) or stat.S_ISDIR(state.st_mode)):  # a pipe or a device may never end
+            raise InputError(f"{shown(path)}: expected a file, found a pipe, a device or a socket")
+        if state.st_size > MAX_BYTES:
+            raise InputError(f"{shown(path)}: expected {what} of at most {MAX_BYTES >> 20} MB, found {state.st_size >> 20} MB")
         return path.read_bytes().decode("utf-8-sig")  # a byte order mark, as editors of Windows write it, says nothing
     except UnicodeDecodeError as error:
         raise InputError(f"{shown(path)}: expected {what} as UTF-8 text, found other bytes at {error.start}") from None
@@ -133,6 +141,8 @@ def _read_text(path: Path, what: str) -> str:
     except FileNotFoundError:
         raise InputError(f"{shown(path)}: no such file") from None
     except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{shown(path)}: no readable file{_unless_absent(error)}") from None
 
 

@@ -18,15 +18,17 @@ PACKAGES = ("ia_bench", "torch", "numpy", "scipy", "scikit-image", "lpips", "emb
 
 def environment(device: str, threads: int) -> dict[str, Any]:
     """Machine, versions and commit, as JSON types; ``device`` is "cpu" or "cuda"."""
-    import torch  # only where a run has it loaded anyway
+    if device == "cuda":
+        import torch  # only where a run has it loaded anyway
 
+        device = torch.cuda.get_device_name()
     return {
         "python": platform.python_version(),
         "system": platform.platform(),
         "cpu": _cpu_model(),
         "cores": os.cpu_count(),
         "threads": threads,
-        "device": torch.cuda.get_device_name() if device == "cuda" else "cpu",
+        "device": device,
         "memory_bytes": total_memory(),
         "packages": {name: _version(name) for name in PACKAGES},
         "commit": commit(),

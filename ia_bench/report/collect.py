@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pandas as pd
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
-from ia_bench.runs.metrics import METRICS_FILE, RecordError, check_metrics
+from ia_bench.runs.record import METRICS_FILE, RunRecord
 from ia_bench.scores.columns import CURVE_METRICS, METRICS
 
 HASH_DIGITS = 16
@@ -172,12 +172,10 @@ def read_run(folder: Path) -> Run:
             raise BadRecord(f"{path}: {key}: expected {kind.__name__}, found {repr(data[key]) if key in data else 'nothing'}")
     run = Run(folder, data["row"], data["scene"], data["seed"])
     try:
-        check_metrics(data)
-        missing = [metric.component for metric in METRICS if data["status"] == "ok" and metric.component not in data["metrics"]]
-        if missing:
-            raise RecordError(f"metrics.{missing[0]}: missing")
-    except RecordError as error:
-        return replace(run, problem=f"{path}: {error}")
+        record = RunRecord.read(folder)
+    except InputError as error:
+        return replace(run, problem=str(error))
+    data = asdict(record)
     about = {"config_hash": data["config_hash"][:HASH_DIGITS]}
     if data["status"] == "failed":
         return replace(run, problem=data["error"], sees_truth=bool(data.get("sees_truth")), about=about)
@@ -194,7 +192,7 @@ def read_run(folder: Path) -> Run:
     return replace(
         run,
         protocol=_protocol_text(data),
-        metrics={metric.key: data["metrics"][metric.component].get(metric.name) for metric in METRICS},
+        metrics={metric.key: record.score(metric.key) for metric in METRICS},
         variants={f"{group}.{name}": value for group, found in variants.items() for name, value in found.items()},
         reasons=data.get("reasons", {}),
         phases=data["time_s"],

@@ -17,7 +17,7 @@ from ia_bench.runs.cells import CellList, Planned, read_cells
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG, find_run_folders
 from ia_bench.runs.lock import held_since
-from ia_bench.runs.metrics import METRICS_FILE
+from ia_bench.runs.record import METRICS_FILE, RunRecord
 
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
 PROGRESS = re.compile(r"^(.+: \d+/\d+, .*)$", re.MULTILINE)  # as common.progress writes it where nobody draws bars
@@ -91,50 +91,46 @@ def look(results: Path) -> Overview:
 
 def _stands(cell: Planned, started: float) -> CellStatus:
     written = _time_of(cell.folder / METRICS_FILE)
-    record = _record(cell.folder / METRICS_FILE, written)
+    record = _record(cell.folder, written)
     began = held_since(cell.folder)
     if began is not None:
         return CellStatus(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
-    if cell.config_hash and record.config_hash != cell.config_hash:
+    if record is None or (cell.config_hash and record.config_hash != cell.config_hash):
         return CellStatus(cell, WAITING)
     if record.status == "ok":
-        return CellStatus(cell, FINISHED, record.seconds, written=written)
+        return CellStatus(cell, FINISHED, record.time_s.get("total"), written=written)
     if record.status == "failed" and written / 1e9 >= started:  # one of before will be tried again
         return CellStatus(cell, FAILED, says=record.error, written=written)
     return CellStatus(cell, WAITING)
 
 
-@dataclass(frozen=True)
-class _Record:
-    """What of a metrics.json says where its cell stands."""
-
-    status: str
-    config_hash: str
-    seconds: float | None
-    error: str
-
-
 @lru_cache(maxsize=100_000)  # every few seconds all of them are looked at, and few have been written since
-def _record(path: Path, written: int) -> _Record:
-    found = _read(path) if written else {}
-    times = found.get("time_s")
-    seconds = times.get("total") if isinstance(times, dict) else None
-    return _Record(str(found.get("status")), str(found.get("config_hash")), seconds, str(found.get("error", "")))
+def _record(folder: Path, written: int) -> RunRecord | None:
+    """What a run has recorded; None where it has not, or what lies there is no record."""
+    try:
+        return RunRecord.read(folder) if written else None
+    except (InputError, FileNotFoundError):
+        return None
 
 
 def _found(folders: Sequence[Path]) -> Iterable[Planned]:
     """Run folders as cells; one that has no record yet is of the row that its folder is called after, as far as that is known."""
-    records = {folder: _read(folder / METRICS_FILE) for folder in folders}
-    rows = {slug(record["row"]): record["row"] for record in records.values() if isinstance(record.get("row"), str)}
+    records = {folder: _record(folder, _time_of(folder / METRICS_FILE)) for folder in folders}
+    rows = {slug(record.row): record.row for record in records.values() if record is not None}
     for folder, record in records.items():
-        if record and "config_hash" not in record:
-            continue  # of another program
-        config = _read(folder / CONFIG).get("config", {})
-        called = OF_A_CELL.sub("", folder.name)
-        row = str(record.get("row", rows.get(called, called)))
-        scene = str(record.get("scene", config.get("scene", {}).get("name", folder.parent.name)))
-        seed = record.get("seed", config.get("seed", 0))
-        yield Planned(row, scene, int(seed), "", folder, folder / "log")
+        if record is not None:
+            yield Planned(record.row, record.scene, record.seed, "", folder, folder / "log")
+        elif (folder / CONFIG).is_file():  # a metrics.json without one is another program's
+            config = _read(folder / CONFIG).get("config", {})
+            called = OF_A_CELL.sub("", folder.name)
+            yield Planned(
+                rows.get(called, called),
+                str(config.get("scene", {}).get("name", folder.parent.name)),
+                int(config.get("seed", 0)),
+                "",
+                folder,
+                folder / "log",
+            )
 
 
 def _read(path: Path) -> dict[str, Any]:

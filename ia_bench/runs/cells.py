@@ -12,7 +12,7 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.metrics import METRICS_FILE
+from ia_bench.runs.record import METRICS_FILE
 from ia_bench.runs.table import Cell
 
 CELLS = "cells.json"

@@ -187,11 +187,6 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
     return found[0]
 
 
-def labels(config: RunConfig) -> dict[str, Any]:
-    """What names a run in its metrics: row, scene, seed and the protocol's label."""
-    return {"row": config.row_name, "scene": config.scene.name, "seed": config.seed, "protocol": config.protocol.label}
-
-
 def slug(text: str) -> str:
     """A label as a folder name: ``oracle w/o guided`` becomes ``oracle-w-o-guided``."""
     return "-".join("".join(c if c.isalnum() or c in "_." else " " for c in text).split())

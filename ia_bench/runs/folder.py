@@ -13,6 +13,7 @@ import os
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -23,17 +24,7 @@ from ia_bench.common.files import read_json
 from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
 from ia_bench.runs.interruption import end_if_asked
 from ia_bench.runs.lock import lock_folder
-from ia_bench.runs.metrics import (
-    METRICS_FILE,
-    SCHEMA,
-    RecordError,
-    check_metrics,
-    damaged_file,
-    digest_of,
-    finished_metrics,
-    json_bytes,
-    refuse_non_finite,
-)
+from ia_bench.runs.record import METRICS_FILE, RunRecord, damaged_file, digest_of, finished_record, json_bytes
 
 CONFIG = "config.json"
 CHECKPOINT = "checkpoint.pt"
@@ -89,12 +80,12 @@ class RunFolder:
         """Release the lock."""
         self._lock.close()
 
-    def finished(self) -> dict[str, Any] | None:
-        """The metrics of this run if it has already finished and all its files are there, else None (also after a failure)."""
-        metrics = finished_metrics(self.path, self.config_hash)
-        damaged = None if metrics is None else damaged_file(self.path, metrics)
+    def finished(self) -> RunRecord | None:
+        """The record of this run if it has already finished and all its files are there, else None (also after a failure)."""
+        record = finished_record(self.path, self.config_hash)
+        damaged = None if record is None else damaged_file(self.path, record)
         if damaged is None:
-            return metrics
+            return record
         self._note(f"{self.path / damaged}: not what the run wrote there, or gone; running again")
         return None
 
@@ -188,54 +179,41 @@ class RunFolder:
         with self.path_for(name) as temporary:
             temporary.write_bytes(content)
 
-    def write_json(self, name: str, content: Any) -> None:  # noqa: ANN401 (any JSON value)
-        """Write JSON. Raises RecordError naming the first key that holds NaN, infinity or no JSON type."""
-        self.write_bytes(name, json_bytes(content, name))
-
     def write_curve(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Write error against run time: one row per evaluation, columns ``stage, step, seconds``, then the metrics.
 
-        An undefined value (None) leaves its cell empty. Raises RecordError for NaN or infinity.
+        An undefined value (None) leaves its cell empty.
         """
         columns = list(dict.fromkeys([*("stage", "step", "seconds"), *(key for row in rows for key in row)]))
-        for number, row in enumerate(rows):
-            refuse_non_finite(row, f"{CURVE}[{number}]")
         text = io.StringIO()
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
         self.write_bytes(CURVE, text.getvalue().encode())
 
-    def write_metrics(self, metrics: Mapping[str, Any]) -> dict[str, Any]:
-        """Write metrics.json and return what it holds; the run is then finished, and its checkpoint no longer needed.
+    def write_record(self, record: RunRecord) -> RunRecord:
+        """Write metrics.json and return what it holds; a finished run needs its checkpoint no longer.
 
-        ``files`` is added: the checksum of every file that this process wrote. Raises RecordError where the schema of
-        metrics.json is not met: a key missing or of the wrong type, another configuration's hash, NaN or infinity, or a null
-        without an entry in ``reasons``.
+        ``files`` becomes the checksum of every file that this process wrote. Raises Fault for what is no record.
         """
-        if metrics.get("status") == "ok":
+        record = replace(record, config_hash=self.config_hash)
+        if record.status == "ok":
             files = sorted(self._written - {CONFIG, METRICS_FILE})
-            metrics = {**metrics, "files": {name: digest_of(self.path / name) for name in files}}
-        check_metrics(metrics)
-        if metrics["config_hash"] != self.config_hash:
-            raise RecordError(f"config_hash: expected {self.config_hash}, found {metrics['config_hash']}")
-        self.write_json(METRICS_FILE, metrics)
-        if metrics["status"] == "ok":
+            record = replace(record, files={name: digest_of(self.path / name) or "" for name in files})
+        self.write_bytes(METRICS_FILE, record.as_json())
+        if record.status == "ok":
             self.drop_checkpoint()
-        return dict(metrics)
+        return record
 
-    def write_failure(self, failure: BaseException | str, labels: Mapping[str, Any]) -> None:
-        """Write a metrics.json with status "failed" and what went wrong as ``error``; the next run tries again.
-
-        ``labels``: row, scene, seed and protocol, as in the metrics of a finished run.
-        """
+    def write_failure(self, failure: BaseException | str, known: Mapping[str, Any]) -> None:
+        """Write the record of a failed run, which the next run tries again; ``known``: labels, and whatever else of it is known."""
         if isinstance(failure, BaseException):
             problem = str(failure) if isinstance(failure, Fault | InputError) else f"{type(failure).__name__}: {failure}"
             trace = "".join(traceback.format_exception(failure))
         else:
             problem, trace = failure, None
-        record = {"schema": SCHEMA, **labels, "config_hash": self.config_hash, "status": "failed", "error": problem}
-        self.write_metrics({**record, "traceback": trace, "metrics": {}})
+        problem, trace = (text and text.encode(errors="backslashreplace").decode() for text in (problem, trace))
+        self.write_record(RunRecord(**known, config_hash=self.config_hash, status="failed", error=problem or "", traceback=trace))
 
     def _claim(self, config: Mapping[str, Any], given: Mapping[str, str]) -> None:
         path = self.path / CONFIG
@@ -249,7 +227,8 @@ class RunFolder:
         elif (self.path / METRICS_FILE).exists():
             raise InputError(f"{self.path}: holds a {METRICS_FILE} but no {CONFIG}, so it is not a run's folder")
         else:
-            self.write_json(CONFIG, {"config_hash": self.config_hash, "config": dict(config), "given": dict(given)})
+            content = {"config_hash": self.config_hash, "config": dict(config), "given": dict(given)}
+            self.write_bytes(CONFIG, json_bytes(CONFIG, content))
         for leftover in self.path.glob(LEFTOVERS):  # of a process that was killed while writing
             with suppress(OSError):  # a folder is somebody else's
                 leftover.unlink()

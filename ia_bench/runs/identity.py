@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import hash_of_files, is_file, shown, user_path
+from ia_bench.common.machine import environment
 from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import NO_NUMBER
 from ia_bench.methods.asking.settings import SupervisionSettings
@@ -114,6 +116,19 @@ def given(config: RunConfig) -> dict[str, str]:
     if config.capture.name != CaptureSettings.name:
         found["capture.name"] = config.capture.name
     return found
+
+
+def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
+    """What every record of a run says from the start, failed or not; ``content``: its identity."""
+    return {
+        "row": config.row_name,
+        "scene": config.scene.name,
+        "seed": config.seed,
+        "protocol": config.protocol.label,
+        "preset": config.preset,
+        "protocol_hash": hash_of({"protocol": content["protocol"], "scene": content["scene"]["content"]}),
+        "environment": environment(config.device, config.threads or 1),
+    }
 
 
 def config_hash(config: RunConfig) -> str:

@@ -22,7 +22,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.runs.config import ReaderConfig, SceneConfig, resolve_scene_folder
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.identity import CONSISTENCY_KEY, HASHED, content_of
-from ia_bench.runs.metrics import METRICS_FILE
+from ia_bench.runs.record import METRICS_FILE, RunRecord
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
@@ -56,7 +56,7 @@ class Recovered:
 
     Attributes:
         folder: The run's folder.
-        metrics: Its metrics.json.
+        record: Its metrics.json.
         config: Its config.json.
         reader: Which reader read its scene.
         scale: (3,), what aligned the albedo of its textures in its scores; ones where it cannot be aligned.
@@ -64,12 +64,15 @@ class Recovered:
 
     def __init__(self, folder: Path) -> None:
         """Raises InputError for a run without results, or whose files lack a key."""
-        self.folder, self.metrics, self.config = folder, RecordFile(folder / METRICS_FILE), RecordFile(folder / CONFIG)
-        status = self.metrics.get("status", str)
-        if status != "ok":
-            raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {status!r}")
-        alignment = self.metrics.get("protocol_description.alignment", str)
-        self.scale = torch.tensor(drawn_scale(self.metrics.get("albedo_scales", dict), alignment) or [1.0] * 3)
+        try:
+            self.record = RunRecord.read(folder)
+        except FileNotFoundError as error:
+            raise InputError(f"{folder}: expected a run's {METRICS_FILE}, found none") from error
+        self.folder, self.config = folder, RecordFile(folder / CONFIG)
+        if self.record.status != "ok":
+            raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {self.record.status!r}")
+        alignment = str(self.record.protocol_description.get("alignment"))
+        self.scale = torch.tensor(drawn_scale(self.record.albedo_scales, alignment) or [1.0] * 3)
         if "geometry" in self.config.get("config", dict):  # before there were readers, there was one
             self.reader = ReaderConfig(options={"uv": self.config.get("config.geometry.uv", str)})
         else:
@@ -83,8 +86,7 @@ class Recovered:
 
     def score(self, key: str) -> float | None:
         """A metric by its dotted name, None where it is undefined."""
-        value: float | None = self.metrics.get(f"metrics.{key}", float | int | None)
-        return value
+        return self.record.score(key)
 
     @property
     def capture(self) -> CaptureSettings:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ from ia_bench.render.stage import Stage
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of
-from ia_bench.runs.metrics import SCHEMA, RecordError
 from ia_bench.runs.pictures.bundle import write_pictures
+from ia_bench.runs.record import METRICS_FILE
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.result import drawn_scale
@@ -48,12 +49,11 @@ class Rescorer:
                 own, which is not stored: what the reference renderer makes of its textures is no score of the same row.
         """
         run = Recovered(folder)
-        fit = run.metrics.content
-        row, scene, seed = (run.metrics.get(key, kind) for key, kind in {"row": str, "scene": str, "seed": int}.items())
-        origin = {"config_hash": run.metrics.get("config_hash", str), "protocol": run.metrics.get("protocol", str)}
+        fit = run.record
+        origin: dict[str, str | None] = {"config_hash": fit.config_hash, "protocol": fit.protocol}
         content = {**run.config.get("config", dict), "protocol": self.protocol.describe(), "rescored_from": origin["config_hash"]}
         new_hash = hash_of(content)
-        place = self.out / slug(scene) / f"{slug(row)}-seed{seed}-{new_hash[:8]}"
+        place = self.out / slug(fit.scene) / f"{slug(fit.row)}-seed{fit.seed}-{new_hash[:8]}"
         with RunFolder.open(place, content, new_hash, given=run.given) as kept:
             if kept.finished() is not None:
                 return place
@@ -67,19 +67,16 @@ class Rescorer:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:
                         shutil.copyfile(folder / name, path)
-            origin |= {"commit": run.metrics.get("environment", dict).get("commit"), "scored_by_commit": commit()}
-            try:
-                kept.write_metrics({**fit, "schema": SCHEMA, "config_hash": new_hash, **scores, "rescored_from": origin})
-            except RecordError as error:
-                raise InputError(f"{run.metrics.path}: {error}") from None
+            origin |= {"commit": fit.environment.get("commit"), "scored_by_commit": commit()}
+            kept.write_record(replace(fit, **scores, rescored_from=origin))
         return place
 
     def _check_renderer(self, run: Recovered, here: str) -> None:
-        """Raise InputError where the run was not drawn by the renderer ``here``; the oldest runs do not say."""
-        drawn = run.metrics.content.get("renderer", here)
+        """Raise InputError where the run was not drawn by the renderer ``here``."""
+        drawn = run.record.renderer
         if drawn != here:
             raise InputError(
-                f"{run.metrics.path}: renderer: expected {here}, found {drawn}: its own renderer is gone; "
+                f"{run.folder / METRICS_FILE}: renderer: expected {here}, found {drawn}: its own renderer is gone; "
                 f"run it again with protocol={self.protocol.name}"
             )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import resource
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
@@ -12,7 +12,6 @@ import torch
 from ia_bench.capture.capture import captured
 from ia_bench.capture.capture import record as capture_record
 from ia_bench.common.errors import InputError
-from ia_bench.common.machine import environment
 from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
 from ia_bench.methods.asking.border import check_prior_info
@@ -28,8 +27,8 @@ from ia_bench.runs import interruption
 from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig, method_of
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.metrics import SCHEMA
 from ia_bench.runs.pictures.bundle import write_pictures
+from ia_bench.runs.record import RunRecord
 from ia_bench.runs.scene import read_scene, tell
 from ia_bench.runs.truth import tell_truth
 from ia_bench.scenes.scene import Scene
@@ -37,8 +36,8 @@ from ia_bench.scores.result import drawn_scale
 from ia_bench.scores.scorer import Scorer
 
 
-def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, Any]:
-    """Do one run (or finish an interrupted one) and return its metrics, which are then in ``folder``."""
+def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping[str, Any]) -> RunRecord:
+    """Do one run (or finish an interrupted one) and return its record, which is then in ``folder``; ``known``: its labels."""
     ask_for_the_same_numbers(config.device)
     costs = CostTracker()
     # ---- load ------------------------------------------------------------------------------------------------
@@ -65,15 +64,10 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         scale = drawn_scale(scores.albedo_scales, config.protocol.alignment)
         write_pictures(folder, scene, scorer.drawn, scale, progress.note)
     asked = method.info.uses_prior and problem.prior.info.sees_truth
-    metrics = {
-        "schema": SCHEMA,
-        "row": config.row_name,
-        "scene": config.scene.name,
-        "seed": config.seed,
-        "config_hash": folder.config_hash,
-        "status": "ok",
-        "sees_truth": bool(asked or method.info.sees_truth),
+    found = {
+        **known,
         **scores.as_dict(),
+        "sees_truth": bool(asked or method.info.sees_truth),
         "time_s": {"bake": 0.0, "prior": 0.0, **result.seconds, **costs.seconds, "total": costs.total()},
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
         "rays": counts.pop("rays", 0),
@@ -81,9 +75,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress) -> dict[str, A
         "counters": {**counts, **result.counters},
         "plan": problem.plan.record() if "plan" in vars(problem) else {"needed": [], "left_out": []},
         "capture": capture_record(scene, config.capture),
-        "environment": environment(config.device, config.threads or 1),
     }
-    return folder.write_metrics(metrics)
+    return folder.write_record(RunRecord(**found, config_hash=folder.config_hash, status="ok"))
 
 
 def ask_for_the_same_numbers(device: str) -> None:

@@ -6,18 +6,16 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.exit_codes import INTERRUPTED, OK, TERMINATED
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
-from ia_bench.runs.config import labels
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.identity import given
+from ia_bench.runs.identity import given, labels
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
-from ia_bench.runs.metrics import METRICS_FILE, damaged_file, finished_metrics
+from ia_bench.runs.record import METRICS_FILE, RunRecord, damaged_file, finished_record
 from ia_bench.runs.table import Cell
 
 ENDING_SECONDS = GRACE_SECONDS + 5
@@ -31,20 +29,20 @@ def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, 
     A cell whose worker dies is started again, ``launcher.attempts`` times in all, and goes on from its checkpoint. One that fails
     by itself would only fail again, and one whose record cannot be read has failed: it is left as it is.
     """
-    finished: list[dict[str, Any]] = []
+    finished: list[RunRecord] = []
     missing: list[Cell] = []
     failed = 0
     for cell in cells:
         try:
-            metrics = finished_metrics(cell.folder, cell.config_hash)
+            record = finished_record(cell.folder, cell.config_hash)
         except InputError as error:
             progress.note(f"{cell.name}: FAILED ({error})")
             failed += 1
             continue
-        if metrics is None or damaged_file(cell.folder, metrics) is not None:
+        if record is None or damaged_file(cell.folder, record) is not None:
             missing.append(cell)
         else:
-            finished.append(metrics)
+            finished.append(record)
     if finished:
         progress.note(f"{len(finished)} of {len(cells)} cells are finished already")
         _note_other_commits(finished, progress)
@@ -111,7 +109,7 @@ class _Attempts:
             cell = self.cell
             with RunFolder.open(cell.folder, cell.content, cell.config_hash, given=given(cell.config)) as folder:
                 if _time_of_record(self.cell) == self._before:  # it could not say why, and nobody else has finished it since
-                    folder.write_failure(problem, labels(self.cell.config))
+                    folder.write_failure(problem, labels(cell.config, cell.content))
         except (InputError, Fault, OSError) as error:  # of this cell; the others go on
             return f"FAILED ({error})"
         return f"FAILED ({problem}), see {self.work.log}"
@@ -134,8 +132,8 @@ def _time_of_record(cell: Cell) -> int | None:
     return record.stat().st_mtime_ns if record.exists() else None
 
 
-def _note_other_commits(finished: Sequence[dict[str, Any]], progress: Progress) -> None:
+def _note_other_commits(finished: Sequence[RunRecord], progress: Progress) -> None:
     here = commit()
-    others = [metrics for metrics in finished if metrics["environment"].get("commit") != here]
+    others = [record for record in finished if record.environment.get("commit") != here]
     if here is not None and others:
         progress.note(f"{len(others)} of them come from another state of the code; delete their folders to repeat them")

@@ -26,7 +26,7 @@ from ia_bench.runs import table as module
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.launchers import Local
-from ia_bench.runs.metrics import finished_metrics
+from ia_bench.runs.record import finished_record
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Row, Table, TableRequest, load_table, make_cells
 
@@ -307,7 +307,7 @@ def test_whole_table_on_the_tiny_scene(monkeypatch: pytest.MonkeyPatch, capfd: p
     assert [path.stat().st_mtime_ns for path in files] == times
     (folder,) = results.glob("runs/tiny/none-*")
     config_hash = json.loads((folder / "config.json").read_text())["config_hash"]
-    assert finished_metrics(folder, config_hash) is not None
+    assert finished_record(folder, config_hash) is not None
 
 
 def test_help_is_the_module_text(capfd: pytest.CaptureFixture[str]) -> None:

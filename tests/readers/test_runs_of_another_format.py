@@ -15,10 +15,12 @@ from ia_bench.common.errors import InputError
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import given, hash_of, identity
+from ia_bench.runs.record import RunRecord
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene
 
-METRICS = {"status": "ok", "protocol_description": {"alignment": "none"}, "albedo_scales": {}}
+SCORES = {"albedo": {"psnr": 20.0}}
+RECORD = RunRecord(row="none", scene="tiny", seed=0, protocol="none", config_hash="", status="ok", metrics=SCORES)
 
 
 @pytest.fixture
@@ -31,7 +33,7 @@ def finished(tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest
     config = compose(["reader=nerfactor", *files, "prior=none", "device=cpu", "capture=phone"])
     content = identity(config)
     with RunFolder.open(tmp_path / "run", content, hash_of(content), given=given(config)) as folder:
-        folder.write_json("metrics.json", METRICS)
+        folder.write_record(RECORD)
     monkeypatch.chdir(tmp_path)
     return tmp_path / "run"
 

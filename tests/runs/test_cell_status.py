@@ -23,7 +23,7 @@ def cell(results: Path, row: str, seed: int = 0, /, **record: object) -> Path:
     folder = results / "runs" / "hat" / f"{row}-seed{seed}-00000000"
     folder.mkdir(parents=True)
     (folder / "config.json").write_text(json.dumps({"config_hash": HASH, "config": {"scene": {"name": "hat"}, "seed": seed}}))
-    labels = {"scene": "hat", "seed": seed, "config_hash": HASH}
+    labels = {"schema": 2, "scene": "hat", "seed": seed, "config_hash": HASH, "protocol": "p", "metrics": {"albedo": {}}}
     if record:
         (folder / "metrics.json").write_text(json.dumps({"row": row, **labels, **record}))
     return folder

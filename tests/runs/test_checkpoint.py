@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from run_folders import CONFIG, HASH, good_metrics
+from run_folders import CONFIG, HASH, good_record
 
 from ia_bench.runs import checkpoint
 from ia_bench.runs.folder import RunFolder
@@ -96,7 +96,7 @@ def test_what_stays_is_stored_once_and_goes_with_the_checkpoint(tmp_path: Path) 
         assert not first.exists()
         first.write_bytes(b"of another run")
         assert folder.load_checkpoint() == {"step": 3}
-        folder.write_metrics(good_metrics())
+        folder.write_record(good_record())
     assert not list(tmp_path.glob("checkpoint*"))
 
 

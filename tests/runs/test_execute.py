@@ -68,7 +68,7 @@ def outcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.Captu
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
-    def run(config, folder, progress):
+    def run(config, folder, progress, known):
         module, _, name = config.method.target.partition(":")
         reconstruct(config.method.name, getattr(__import__(module), name)(None), None, seed=0, monitor=Monitor.silent())
 

@@ -14,59 +14,20 @@ from pathlib import Path
 
 import pytest
 import torch
-from run_folders import CONFIG, HASH, LABELS, good_metrics
+from run_folders import CONFIG, HASH, LABELS, good_record
 
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.machine import environment
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.metrics import METRICS_FILE, METRICS_KEYS, RecordError, check_metrics, finished_metrics, read_metrics
+from ia_bench.runs.record import METRICS_FILE
 
 
 def test_finished_only_after_metrics(folder: RunFolder) -> None:
     assert folder.finished() is None
     folder.save_checkpoint({"step": 3})
-    folder.write_metrics(good_metrics())
-    assert folder.finished() == good_metrics() == read_metrics(folder.path)
+    folder.write_record(good_record())
+    assert folder.finished() == good_record()
     assert folder.load_checkpoint() is None, "a finished run needs no checkpoint"
-    assert finished_metrics(folder.path, "b" * 64) is None
-
-
-@pytest.mark.parametrize("key", sorted({*METRICS_KEYS} - {"files"}))  # which the folder adds
-def test_metrics_lacking_a_key_are_refused(folder: RunFolder, key: str) -> None:
-    metrics = good_metrics()
-    del metrics[key]
-    with pytest.raises(RecordError, match=key):
-        folder.write_metrics(metrics)
-    assert not (folder.path / METRICS_FILE).exists()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"metrics": {"albedo": {"psnr": float("nan")}}}, r"albedo\.psnr: is nan"),
-        ({"metrics": {"albedo": {"psnr": float("inf")}}}, r"albedo\.psnr: is inf"),
-        ({"per_image": {"albedo": {"psnr": [1.0, float("nan")]}}}, r"per_image\.albedo\.psnr\[1\]: is nan"),
-        ({"metrics": {"albedo": {"psnr": None}}, "reasons": {}}, r"albedo\.psnr: is null without a reason"),
-        ({"metrics": {"albedo": {"psnr": "20"}}}, r"albedo\.psnr: expected a number, found '20'"),
-        ({"metrics": {"albedo": {"psnr": True}}}, "expected a number"),
-        ({"rays": None}, "rays: expected int, found None"),
-        ({"seed": True}, "seed: expected int, found True"),
-        ({"seed": "0"}, "seed: expected int, found '0'"),
-        ({"schema": 1}, "schema: expected 2, found 1"),
-        ({"time_s": {"total": "1"}}, r"time_s\.total: expected a number, found '1'"),
-        ({"status": "done"}, "status: expected 'ok' or 'failed', found 'done'"),
-        ({"config_hash": "b" * 64}, "config_hash: expected aaa"),
-        ({"environment": {"where": Path()}}, "not JSON serializable"),
-    ],
-)
-def test_metrics_that_are_wrong_are_refused_by_key(folder: RunFolder, change: dict, message: str) -> None:
-    with pytest.raises(RecordError, match=message):
-        folder.write_metrics(good_metrics() | change)
-    assert not (folder.path / METRICS_FILE).exists()
-
-
-def test_a_null_with_its_reason_is_fine() -> None:
-    check_metrics(good_metrics() | {"rays": None, "reasons": {"rays": "not counted", "roughness.mse": "no truth"}})
 
 
 def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
@@ -107,8 +68,6 @@ def test_curve_is_csv_with_every_column(folder: RunFolder) -> None:
         read = list(csv.DictReader(file))
     assert list(read[0]) == ["stage", "step", "seconds", "albedo_psnr", "roughness_mse"]
     assert [row["albedo_psnr"] for row in read] == ["13.25", ""]
-    with pytest.raises(RecordError, match=r"curve\.csv\[0\]: albedo_psnr: is nan"):
-        folder.write_curve([{"stage": 1, "step": 1, "seconds": 0.1, "albedo_psnr": float("nan")}])
 
 
 def test_another_configuration_is_refused_by_key(folder: RunFolder) -> None:
@@ -142,7 +101,7 @@ def test_a_finished_run_that_lost_a_file_is_none(tmp_path: Path) -> None:
     notes: list[str] = []
     with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
         folder.write_bytes("albedo.exr", b"red")
-        folder.write_metrics(good_metrics())
+        folder.write_record(good_record())
         assert folder.finished() is not None
         (tmp_path / "preview.png").write_bytes(b"of somebody else")
         assert folder.finished() is not None
@@ -166,7 +125,7 @@ def test_no_link_is_written_through(tmp_path: Path, name: str) -> None:
             assert opened.load_checkpoint() is None
             opened.save_checkpoint({"step": 3})
             opened.write_bytes("albedo.exr", b"red")
-            opened.write_metrics(good_metrics())
+            opened.write_record(good_record())
         assert theirs.read_text() == "precious"
         assert not (tmp_path / "nowhere").exists()
 
@@ -190,7 +149,7 @@ def test_folders_where_files_are_expected_are_plain_errors_or_in_nobodys_way(tmp
             assert folder.load_checkpoint() is None
             folder.save_checkpoint({"step": 3})
             folder.write_bytes("albedo.exr", b"red")
-            folder.write_metrics(good_metrics())
+            folder.write_record(good_record())
             assert folder.finished() is not None
 
 
@@ -210,7 +169,7 @@ with RunFolder.open(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
     assert folder.load_checkpoint()["step"] == 3
     for write in (
         lambda: folder.write_bytes("albedo.exr", bytes(30000)),
-        lambda: folder.write_json("metrics.json", list(range(30000))),
+        lambda: folder.write_bytes("metrics.json", bytes(30000)),
         lambda: write_map(folder),
     ):
         try:
@@ -260,37 +219,18 @@ def test_a_record_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str,
     for name in ("config.json", "metrics.json"):
         with RunFolder.open(tmp_path / name, CONFIG, HASH) as folder:
             (tmp_path / name / name).write_bytes(content.encode(encoding, "replace"))
-            with pytest.raises(InputError, match=rf"{name}: (not valid JSON|expected JSON|expected a |status: )"):
+            with pytest.raises(InputError, match=rf"{name}: (not valid JSON|expected JSON|expected a |schema|row: )"):
                 folder._claim(CONFIG, {}) if name == "config.json" else folder.finished()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"metrics": []}, "metrics: expected dict, found"),
-        ({"metrics": {"albedo": 3}}, r"metrics\.albedo: expected dict, found 3"),
-        ({"metrics": {"albedo": {"psnr": {"deep": "text"}}}}, r"metrics\.albedo\.psnr\.deep: expected a number, found 'text'"),
-        ({"reasons": ["none"]}, "reasons: expected dict"),
-        ({"time_s": 3}, "time_s: expected dict, found 3"),
-        ({"sees_truth": 1}, "sees_truth: expected bool, found 1"),
-        ({"files": {"albedo.exr": None}}, r"files\.albedo\.exr: expected str, found None"),
-        ({"per_image": {"psnr": [1e999]}}, "Infinity is no number of JSON"),
-    ],
-)
-def test_metrics_of_others_are_named_by_file_and_key(tmp_path: Path, change: dict, message: str) -> None:
-    (tmp_path / METRICS_FILE).write_text(json.dumps(good_metrics() | change))
-    with pytest.raises(InputError, match=rf"metrics\.json: .*{message}"):
-        read_metrics(tmp_path)
-
-
 WRITER = """
-import sys
+import json, sys
 from ia_bench.runs.folder import RunFolder
 from pathlib import Path
 with RunFolder.open(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
     print("ready", flush=True)
     for number in range(10**9):
-        folder.write_json("big.json", {"number": number, "filler": list(range(20000))})
+        folder.write_bytes("big.json", json.dumps({"number": number, "filler": list(range(20000))}).encode())
 """
 
 

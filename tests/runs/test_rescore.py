@@ -21,7 +21,6 @@ from ia_bench.runs import rescore
 from ia_bench.runs import run as running
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
-from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.rescore import Rescorer
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.result import Scores
@@ -41,17 +40,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def old_run(run: Path, tmp_path: Path) -> Path:
-    """The same as the code before readers and paper-v2 wrote it."""
-    folder = shutil.copytree(run, tmp_path / "old" / "ceiling")
-    config, metrics = (json.loads((folder / name).read_text()) for name in ("config.json", "metrics.json"))
-    config["config"]["geometry"] = config["config"].pop("reader")["options"] | {"uv": "mesh"}
-    config["config"]["scene"]["reader"] = "ia_bench.scenes.native:load_scene"
-    for key in ("files", "renderer"):
-        del metrics[key]
-    metrics |= {"schema": 1, "protocol": "paper-v1", "environment": {**metrics["environment"], "commit": "c9028e5"}}
-    (folder / "config.json").write_text(json.dumps(config))
-    (folder / "metrics.json").write_text(json.dumps(metrics))
-    return folder
+    """The same in another folder, to be spoiled."""
+    return shutil.copytree(run, tmp_path / "old" / "ceiling")
 
 
 def small() -> Protocol:
@@ -76,6 +66,8 @@ def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> N
     assert after["config_hash"] != before["config_hash"]
     assert after["rescored_from"]["config_hash"] == before["config_hash"]
     assert again.name == f"ceiling-seed3-{after['config_hash'][:8]}"
+    (reported,) = collect([again]).runs
+    assert (reported.problem, reported.protocol) == (None, after["protocol"])
     for name in ("albedo.exr", "pictures.zip"):
         assert (again / name).read_bytes() == (run / name).read_bytes()
     written = (again / "metrics.json").stat().st_mtime_ns
@@ -98,17 +90,6 @@ def test_pictures_are_handed_the_scale_of_what_was_exported(run: Path, tmp_path:
     Rescorer(small(), tmp_path / "new").rescore(run)
     execute(compose(["scene=tiny", "method=ceiling", "device=cpu", "threads=1", *SMALL, f"out={tmp_path / 'run'}"]))
     assert handed == [[2.0, 3.0, 4.0]] * 2
-
-
-def test_a_run_of_older_code_is_scored_and_reported(run: Path, old_run: Path, tmp_path: Path) -> None:
-    again = Rescorer(small(), tmp_path / "new").rescore(old_run)
-    before, after = (json.loads((folder / "metrics.json").read_text()) for folder in (run, again))
-    assert after["metrics"] == before["metrics"]
-    assert after["schema"] == before["schema"]
-    assert (after["rescored_from"]["commit"], after["rescored_from"]["protocol"]) == ("c9028e5", "paper-v1")
-    (reported,) = collect(find_run_folders(tmp_path / "new")).runs
-    assert (reported.problem, reported.curve, reported.protocol) == (None, None, after["protocol"])
-    assert reported.about["rescored_from_commit"] == "c9028e5"
 
 
 def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ from ia_bench.report.collect import HASH_DIGITS, Run
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.identity import CONSISTENCY_KEY, HASHED, identity
-from ia_bench.runs.metrics import METRICS_FILE
+from ia_bench.runs.record import METRICS_FILE
 from ia_bench.scores.protocol import ComparisonSettings, Protocol, SsimSettings, shipped
 
 Settings = dict[str, Any]

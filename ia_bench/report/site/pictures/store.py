@@ -77,7 +77,7 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
         if _scene_of(run_) != _scene_of(reference):
             missing.append(f"{row}, {folder.name}: another reading of the scene than that of {next(iter(recovered))}")
             continue
-        files = run_.metrics.get("files", dict)
+        files = run_.record.files
         names = (PICTURES, *(f"{name}.exr" for name in ("albedo", "roughness", "light")))
         if (own := kept[row]) is not None and own.views.get("fitted", []) != fitted:
             missing.append(f"{row}, {folder.name}: no view was held out, and it is pictured in other training views")
@@ -178,7 +178,7 @@ def _write_row(kept: Bundle, folder: Path) -> dict[str, Any]:
 
 def _scores(views: dict[str, Any], run: Recovered) -> dict[str, list[float | None]]:
     """The recorded score of every view that is shown: PSNR, of roughness the squared error."""
-    recorded = run.metrics.get("per_image", dict)
+    recorded: dict[str, Any] = run.record.per_image
 
     def of(values: dict[str, Any] | None, name: str, views: int, stride: int) -> list[float | None]:
         found = (values or {}).get(name, [])[::stride]

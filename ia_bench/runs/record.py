@@ -1,0 +1,189 @@
+"""metrics.json: the one typed record of a run, which everything that writes or reads one goes through.
+
+A new metric needs nothing here: ``metrics`` and ``variants`` hold whatever groups of numbers :mod:`ia_bench.scores` makes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from ia_bench.common.errors import Fault, InputError
+from ia_bench.common.files import read_json
+from ia_bench.common.ranges import Name
+from ia_bench.common.settings import parsed
+
+METRICS_FILE = "metrics.json"
+SCHEMA: Literal[2] = 2
+CHANGED = "+changes"
+"""What ends the commit of a checkout whose source differs from it (:func:`ia_bench.common.machine.commit`)."""
+
+Group = dict[str, float | None]
+Images = dict[str, list[float | None]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """What a run leaves in numbers; a failed one has labels, ``error`` and whatever was known before.
+
+    Attributes:
+        row: Label in tables.
+        scene: Name of the scene.
+        seed: Of everything that is drawn.
+        protocol: The protocol's label: numbers compare under one label.
+        config_hash: SHA-256 of the run's identity.
+        status: "ok" or "failed".
+        preset: Name of the preset; None in records of before it was kept, as with the next.
+        protocol_hash: SHA-256 of the protocol and the content of the scene's files.
+        error: Why it failed, in one sentence.
+        traceback: The same for developers.
+        sees_truth: Whether prior or method saw the ground truth.
+        protocol_description: Every number that decides a score.
+        renderer: Who drew the pictures that were scored.
+        metrics: Component -> metric -> mean; None where it is undefined.
+        variants: The same under other definitions.
+        per_image: Component (-> light) -> metric -> one value per view.
+        reasons: Dotted name of a None -> why it is undefined.
+        counts: Component -> numbers of views, pixels, clipped values.
+        albedo_scales: Alignment -> RGB scale, None where there is none.
+        geometry: A shape that was made for the run against the true one.
+        time_s: Phase -> seconds, scoring and ``total`` included.
+        peak_memory_bytes: Of the process.
+        rays: Rays that were traced.
+        network_calls: Images times evaluations of the prior's network.
+        counters: Whatever else was counted.
+        plan: What the method measured on the scene and decided by it.
+        capture: What the scene was left with.
+        environment: Machine, threads, versions and commit.
+        files: Every other file that the run wrote -> its SHA-256.
+        rescored_from: Hash, protocol and commits of the run whose results are scored here again; empty for a run of its own.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="ignore", allow_inf_nan=False)  # of a later version, which knows more
+
+    schema: Literal[2] = SCHEMA
+    row: Name
+    scene: Name
+    seed: Annotated[int, Field(ge=0)]
+    protocol: str
+    config_hash: str
+    status: Literal["ok", "failed"]
+    preset: str | None = None
+    protocol_hash: str | None = None
+    error: str = ""
+    traceback: str | None = None
+    sees_truth: bool = False
+    protocol_description: dict[str, Any] = field(default_factory=dict)
+    renderer: str = ""
+    metrics: dict[str, Group] = field(default_factory=dict)
+    variants: dict[str, Group] = field(default_factory=dict)
+    per_image: dict[str, Images | dict[str, Images]] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, dict[str, int]] = field(default_factory=dict)
+    albedo_scales: dict[str, list[float] | None] = field(default_factory=dict)
+    geometry: dict[str, Any] = field(default_factory=dict)
+    time_s: dict[str, float] = field(default_factory=dict)
+    peak_memory_bytes: int = 0
+    rays: int = 0
+    network_calls: int = 0
+    counters: dict[str, int | float] = field(default_factory=dict)
+    plan: dict[str, Any] = field(default_factory=dict)
+    capture: dict[str, Any] = field(default_factory=dict)
+    environment: dict[str, Any] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)
+    rescored_from: dict[str, str | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a finished run without scores, a failed one without a reason, and an undefined score without one."""
+        if self.status == "failed" and not self.error:
+            raise InputError("error: expected why the run failed, found nothing")
+        if self.status == "ok" and not self.metrics:
+            raise InputError("metrics: expected the scores of a finished run, found none")
+        for kind, groups in (("metrics", self.metrics), ("variants", self.variants)):
+            for name in (f"{group}.{name}" for group, values in groups.items() for name, value in values.items() if value is None):
+                if not self.reasons.get(name):
+                    raise InputError(f"{kind}.{name}: expected a number, or why there is none in reasons['{name}'], found neither")
+
+    @classmethod
+    def read(cls, folder: Path) -> RunRecord:
+        """The record in a run's folder. Raises FileNotFoundError where there is none, InputError for what is none."""
+        path = folder / METRICS_FILE
+        if not os.path.lexists(path):
+            raise FileNotFoundError(path)
+        content = read_json(path)
+        try:
+            return parsed(cls, content)
+        except InputError as error:
+            raise InputError(f"{path}: {error}; delete its folder to run again") from None
+
+    def as_json(self) -> bytes:
+        """What the file holds. Raises Fault for a value that no program can rely on: of another type, NaN or infinite."""
+        content = asdict(self)
+        try:
+            parsed(RunRecord, content)
+        except InputError as error:
+            raise Fault(f"{METRICS_FILE}: {error}") from None
+        return json_bytes(METRICS_FILE, content)
+
+    @property
+    def commit(self) -> str | None:
+        """The commit of the code that made the run, None where it was no checkout."""
+        found = self.environment.get("commit")
+        return str(found).removesuffix(CHANGED) if found else None
+
+    @property
+    def clean(self) -> bool:
+        """Whether that code was a commit's, without changes."""
+        found = self.environment.get("commit")
+        return bool(found) and not str(found).endswith(CHANGED)
+
+    @property
+    def threads(self) -> int | None:
+        """CPU threads of the run, which decide its last digits; None where they were not recorded."""
+        found = self.environment.get("threads")
+        return found if type(found) is int else None
+
+    def score(self, key: str) -> float | None:
+        """A metric by its dotted name, "albedo.psnr"; None where it is undefined or was not measured."""
+        component, _, name = key.rpartition(".")
+        return self.metrics.get(component, {}).get(name)
+
+
+def finished_record(folder: Path, config_hash: str) -> RunRecord | None:
+    """The record in a run's folder if it is of this configuration and of no failure, else None. Takes no lock."""
+    try:
+        record = RunRecord.read(folder)
+    except FileNotFoundError:
+        return None
+    return record if record.status == "ok" and record.config_hash == config_hash else None
+
+
+def damaged_file(folder: Path, record: RunRecord) -> str | None:
+    """The first of a finished run's files that is gone or is not what the run wrote; None if all are there."""
+    return next((name for name, digest in record.files.items() if digest_of(folder / name) != digest), None)
+
+
+def digest_of(path: Path) -> str | None:
+    """SHA-256 (hex) of a file, None where there is no such file."""
+    try:
+        if not path.is_file():  # a pipe would never end
+            return None
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return None
+
+
+def json_bytes(name: str, content: Mapping[str, Any]) -> bytes:
+    """The content of the JSON file ``name``. Raises Fault for NaN, infinity and what is no type of JSON."""
+    try:
+        return (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    except (TypeError, ValueError) as error:
+        raise Fault(f"{name}: expected finite numbers, texts, lists and tables, found: {error}") from None
