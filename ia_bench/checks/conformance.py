@@ -6,20 +6,18 @@ wants truth is shown it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from ia_bench.checks.finding import Finding, judge
-from ia_bench.checks.members import check_members
 from ia_bench.checks.stack import Stack, painted_ball
-from ia_bench.checks.subject import GEOMETRY, Images, Subject
+from ia_bench.checks.subject import GEOMETRY, Images, Subject, check_members
 from ia_bench.common.errors import InputError, raised
+from ia_bench.common.process_state import process_state_kept
 from ia_bench.methods.asking.border import checked, checked_refinement
 from ia_bench.priors.contract import COMPONENTS, Samples
 
@@ -35,7 +33,8 @@ def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
     ``stack`` holds at least three views. Later rules need the earlier ones: where the members or the plain sample fail,
     the list ends with a line that says so. Never raises for what the prior does.
     """
-    with _as_in_a_run():
+    with process_state_kept():
+        torch.use_deterministic_algorithms(not torch.cuda.is_available())  # as a run asks for where nothing is on CUDA
         try:
             prior = make()
             members = list(check_members(prior))
@@ -100,14 +99,13 @@ def _judge_sound(subject: Subject, what: str, expected: str, samples: Samples, s
 
 
 def _other_images(subject: Subject) -> Iterator[Finding]:
-    ball = painted_ball(*ODD, len(subject.stack.views))
-    for what, stack in (
-        (f"{ODD[0]} x {ODD[1]} images", ball),
-        ("all-black images", subject.stack.black()),
-        ("a view with an empty mask", subject.stack.with_empty_view()),
-    ):
-        expected = "a sound sample (what a run accepts, range, premultiplied)"
-        yield _judge_sound(subject, what, expected, subject.ask(stack), stack)
+    others = {
+        f"{ODD[0]} x {ODD[1]} images": painted_ball(*ODD, len(subject.stack.views)),
+        "all-black images": subject.stack.black(),
+        "a view with an empty mask": subject.stack.with_empty_view(),
+    }
+    for what, stack in others.items():
+        yield _judge_sound(subject, what, "a sound sample (what a run accepts, range, premultiplied)", subject.ask(stack), stack)
 
 
 # ---- repeatability ---------------------------------------------------------------------------------------------------
@@ -130,14 +128,14 @@ def _independent(subject: Subject) -> Iterator[Finding]:
     if subject.info.sees_truth:
         yield Finding("skip", what, "", "a prior that sees truth is asked about a scene, and may draw for all of its views")
         return
-    together = subject.base
     alone = [subject.ask(subject.stack.one(view)) for view in range(len(subject.stack.views))]
-    difference = max(
-        float((torch.cat([one.values[name] for one in alone]) - together.values[name]).abs().mean())
-        for name in subject.components
-    )
-    expected = f"its sample in a batch of {len(alone)}, up to {NEIGHBOUR_TOLERANCE:g} in the mean"
-    yield judge(difference <= NEIGHBOUR_TOLERANCE, what, expected, f"a mean difference of {difference:.3g}")
+    yield _beside_others(what, {name: torch.cat([one.values[name] for one in alone]) for name in subject.components}, subject.base)
+
+
+def _beside_others(what: str, alone: Mapping[str, Tensor], together: Samples) -> Finding:
+    difference = max(float((alone[name] - together.values[name][: len(alone[name])]).abs().mean()) for name in alone)
+    expected = f"what it is beside others, up to {NEIGHBOUR_TOLERANCE:g} in the mean"
+    return judge(difference <= NEIGHBOUR_TOLERANCE, what, expected, f"a mean difference of {difference:.3g}")
 
 
 # ---- guidance --------------------------------------------------------------------------------------------------------
@@ -196,10 +194,8 @@ def _refined(subject: Subject) -> Iterator[Finding]:
     outside = max(float(maps[stack.masks == 0].abs().max()) for maps in corrected.values.values())
     yield judge(outside <= 1e-6, what, expected, f"at most {outside:.3g} outside")
     yield _same("corrected again", corrected, subject.refine(stack, _finished(stack)))
-    alone = subject.refine(stack.one(1), {name: render[1:2].clone() for name, render in _finished(stack).items()})
-    difference = max(float((alone.values[name] - maps[1:2]).abs().mean()) for name, maps in corrected.values.items())
-    expected = f"what it is beside others, up to {NEIGHBOUR_TOLERANCE:g} in the mean"
-    yield judge(difference <= NEIGHBOUR_TOLERANCE, "one corrected on its own", expected, f"a mean difference of {difference:.3g}")
+    alone = subject.refine(stack.one(0), {name: render[:1].clone() for name, render in _finished(stack).items()})
+    yield _beside_others("one corrected on its own", alone.values, corrected)
     subject.refine(stack.with_empty_view(), _finished(stack.with_empty_view()))
 
 
@@ -234,18 +230,18 @@ def _refuses(subject: Subject) -> Iterator[Finding]:
     shown = subject.shown(subject.stack)
     spoiled = shown.images.clone()
     spoiled[0, spoiled.shape[1] // 2, spoiled.shape[2] // 2] = torch.nan
-    for what, wrong in (
-        ("a NaN pixel", replace(shown, images=spoiled)),
-        ("images of one channel", replace(shown, images=shown.images[..., :1].clone())),
-        ("masks of another size", replace(shown, masks=shown.masks[:, 1:].clone())),
-    ):
+    mistakes = {
+        "a NaN pixel": replace(shown, images=spoiled),
+        "images of one channel": replace(shown, images=shown.images[..., :1].clone()),
+        "masks of another size": replace(shown, masks=shown.masks[:, 1:].clone()),
+    }
+    for what, wrong in mistakes.items():
+        expected, clear, found = "a ValueError or TypeError that says what is wrong", False, "a sample"
         try:
             subject.ask_about(wrong)
         except Exception as error:
-            clear = isinstance(error, ValueError | TypeError) and bool(str(error))
-            yield judge(clear, what, "a ValueError or TypeError that says what is wrong", raised(error))
-        else:
-            yield Finding("fail", what, "a ValueError or TypeError that says what is wrong", "a sample")
+            clear, found = isinstance(error, ValueError | TypeError) and bool(str(error)), raised(error)
+        yield judge(clear, what, expected, found)
 
 
 def _untouched(subject: Subject) -> Iterator[Finding]:
@@ -254,9 +250,9 @@ def _untouched(subject: Subject) -> Iterator[Finding]:
 
 
 def _counted(subject: Subject) -> Iterator[Finding]:
-    if any(isinstance(value, torch.nn.Module) for value in (subject.prior, *vars(subject.prior).values())):
+    if subject.forwards:
         calls = sum(cost.get("network_calls", 0) for cost in subject.costs)
-        yield judge(calls > 0, "cost: network_calls", "some, because the prior holds a network", f"{calls} in all samples")
+        yield judge(calls > 0, "cost: network_calls", "some, because the prior asks a network", f"{calls} in all samples")
 
 
 RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
@@ -275,9 +271,6 @@ RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
 """Every rule after the declared members, in order; the first name stands for the rule where it raises."""
 
 
-# ---- helpers ---------------------------------------------------------------------------------------------------------
-
-
 def _same(what: str, base: Samples, again: Samples) -> Finding:
     largest = max(_largest(value, again.values[name]) for name, value in base.values.items())
     found = "the same" if largest == 0 else f"a difference of up to {largest:.3g}"
@@ -286,17 +279,3 @@ def _same(what: str, base: Samples, again: Samples) -> Finding:
 
 def _largest(a: Tensor, b: Tensor) -> float:
     return float((a - b).abs().max())
-
-
-@contextmanager
-def _as_in_a_run() -> Iterator[None]:
-    """Deterministic algorithms only where a prior cannot be on CUDA, as run.py asks for; global random states are put back."""
-    deterministic = torch.are_deterministic_algorithms_enabled()
-    state, numpy_state = torch.get_rng_state(), np.random.get_state()
-    torch.use_deterministic_algorithms(not torch.cuda.is_available())
-    try:
-        yield
-    finally:
-        torch.use_deterministic_algorithms(deterministic)
-        torch.set_rng_state(state)
-        np.random.set_state(numpy_state)

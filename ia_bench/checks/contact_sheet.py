@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
-from ia_bench.checks.splits import HELD_OUT, counted, splits
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import RayCaster, make_rays
@@ -20,32 +19,54 @@ from ia_bench.scenes.scene import Scene, View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 COLUMNS, PHOTOS = 8, 16
 POINTS = 4000  # of the mesh that are drawn
+HELD_OUT = "held-out"  # test views that are the novel ones, too
 COLOURS = {"train": "tab:blue", "test": "tab:orange", HELD_OUT: "tab:orange", "novel": "tab:green"}
 DIRECTIONS = {"above (x right, y up)": (0, 1), "the front (x right, z up)": (0, 2), "the side (y right, z up)": (1, 2)}
+
+
+def splits(scene: Scene) -> dict[str, tuple[View, ...]]:
+    """The views of each split by its name, without empty ones.
+
+    A capture of one light has no other novel views than its test views: they are one split then, HELD_OUT.
+    """
+
+    def identity(view: View) -> tuple[str, bytes, bytes]:
+        return view.light, view.camera.to_world.tobytes(), view.image.tobytes()
+
+    same = scene.test and list(map(identity, scene.test)) == list(map(identity, scene.novel))
+    held_out = {HELD_OUT: scene.test} if same else {"test": scene.test, "novel": scene.novel}
+    return {name: views for name, views in {"train": scene.train, **held_out}.items() if views}
+
+
+def counted(scene: Scene, shown: Mapping[str, int] | None = None) -> str:
+    """How many views of each split there are, such as "17 train, 3 held-out views"; ``shown``: how many of them a picture has."""
+    said = []
+    for name, views in splits(scene).items():
+        part = (shown or {}).get(name, len(views))
+        said.append(f"{len(views)} {name}" + (f" ({part} of {len(views)} shown)" if part < len(views) else ""))
+    return f"{', '.join(said)} views"
 
 
 def write_sheet(scene: Scene, path: Path) -> None:
     """Draw the scene and write it as a PNG; raises OSError where the file cannot be written."""
     from matplotlib.figure import Figure
 
-    train = _spread(scene.train, PHOTOS)
-    held_out = _spread(scene.novel or scene.test, COLUMNS)
+    train, held_out = _spread(scene.train, PHOTOS), _spread(scene.novel or scene.test, COLUMNS)
     true = [(view.name, view.albedo, view.mask) for view in _spread(scene.test, COLUMNS) if view.albedo is not None]
     lights = [] if scene.truth is None else list(scene.truth.lights.items())[: COLUMNS // 2]
     bright = exposure([view.image for view in train], [view.mask for view in train])
     rays = None if scene.mesh is None else make_rays(scene.mesh, torch.device("cpu"))
 
-    def photo(kind: str, view: View) -> Callable[[Axes], None]:
-        return lambda axes: _photo(axes, view, bright, f"{kind} {view.name}", rays)
+    def photographs(kind: str, views: Sequence[View]) -> list[Callable[[Axes], None]]:
+        return [partial(_photograph, view=view, bright=bright, title=f"{kind} {view.name}", rays=rays) for view in views]
 
     rows: list[list[Callable[[Axes], None]]] = [
-        [photo("train", view) for view in train[:COLUMNS]],
-        [photo("train", view) for view in train[COLUMNS:]],
-        [photo("held out", view) for view in held_out],
+        photographs("train", train[:COLUMNS]),
+        photographs("train", train[COLUMNS:]),
+        photographs("held out", held_out),
         [partial(_picture, image=albedo, mask=mask, title=f"true albedo {name}") for name, albedo, mask in true],
         [partial(_light, name=name, radiance=radiance) for name, radiance in lights],
     ]
@@ -59,27 +80,22 @@ def write_sheet(scene: Scene, path: Path) -> None:
         for place, draw in enumerate(row):
             draw(figure.add_subplot(grid[number, place * wide : place * wide + wide]))
     of_held_out = next((name for name in (HELD_OUT, "novel", "test") if name in splits(scene)), HELD_OUT)
-    _title(figure, scene, {"train": len(train), of_held_out: len(held_out)})
+    mesh = "no mesh" if scene.mesh is None else "red: outline of the mesh"
+    figure.suptitle(f"{scene.source}: {counted(scene, {'train': len(train), of_held_out: len(held_out)})}; {mesh}")
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as unfinished:
         figure.savefig(unfinished, format="png", dpi=70)
 
 
-def _title(figure: Figure, scene: Scene, shown: Mapping[str, int]) -> None:
-    mesh = "no mesh" if scene.mesh is None else "red: outline of the mesh"
-    figure.suptitle(f"{scene.source}: {counted(scene, shown)}; {mesh}")
-
-
 def _cameras(scene: Scene) -> dict[str, np.ndarray]:
     """Camera-to-world matrices (V, 4, 4) of each split; a camera of several views stands once, in the first split that has it."""
-    places: dict[bytes, tuple[str, np.ndarray]] = {}
+    found: dict[str, dict[bytes, np.ndarray]] = {}
     for split, views in splits(scene).items():
         for view in views:
-            places.setdefault(view.camera.to_world.tobytes(), (split, view.camera.to_world))
-    found: dict[str, list[np.ndarray]] = {}
-    for split, matrix in places.values():
-        found.setdefault(split, []).append(matrix)
-    return {split: np.stack(matrices) for split, matrices in found.items()}
+            key = view.camera.to_world.tobytes()
+            if not any(key in known for known in found.values()):
+                found.setdefault(split, {})[key] = view.camera.to_world
+    return {split: np.stack(list(matrices.values())) for split, matrices in found.items()}
 
 
 def _spread(views: Sequence[View], count: int) -> list[View]:
@@ -92,21 +108,16 @@ def _plan(axes: Axes, scene: Scene, name: str, pair: tuple[int, int]) -> None:
     across, up = pair
     cameras = _cameras(scene)
     places = np.concatenate([matrices[:, :3, 3] for matrices in cameras.values()])
-    length = 0.12 * float(np.abs(places - places.mean(0)).max())
+    middle, reach = places.mean(0), float(np.abs(places - places.mean(0)).max())
     if scene.mesh is not None:
-        step = max(1, len(scene.mesh.vertices) // POINTS)
-        points = scene.mesh.vertices[::step]
+        points = scene.mesh.vertices[:: max(1, len(scene.mesh.vertices) // POINTS)]
         axes.scatter(points[:, across], points[:, up], s=1, c="0.4", linewidths=0)
     for split, matrices in cameras.items():
-        ahead = -matrices[:, :3, 2] * length
-        start = matrices[:, :3, 3]
-        axes.quiver(
-            start[:, across], start[:, up], ahead[:, across], ahead[:, up],
-            color=COLOURS[split], angles="xy", scale_units="xy", scale=1, width=0.004, label=split,
-        )  # fmt: skip
-    middle, reach = places.mean(0), 1.3 * float(np.abs(places - places.mean(0)).max())
-    axes.set_xlim(middle[across] - reach, middle[across] + reach)
-    axes.set_ylim(middle[up] - reach, middle[up] + reach)
+        start, ahead = matrices[:, :3, 3], -0.12 * reach * matrices[:, :3, 2]
+        arrows = start[:, across], start[:, up], ahead[:, across], ahead[:, up]
+        axes.quiver(*arrows, color=COLOURS[split], label=split, angles="xy", scale_units="xy", scale=1, width=0.004)
+    axes.set_xlim(middle[across] - 1.3 * reach, middle[across] + 1.3 * reach)
+    axes.set_ylim(middle[up] - 1.3 * reach, middle[up] + 1.3 * reach)
     axes.set_aspect("equal")
     axes.set_title(f"cameras from {name}")
     axes.legend(loc="upper right")
@@ -118,7 +129,7 @@ def _picture(axes: Axes, image: np.ndarray, mask: np.ndarray, title: str) -> Non
     axes.set_axis_off()
 
 
-def _photo(axes: Axes, view: View, bright: float, title: str, rays: RayCaster | None) -> None:
+def _photograph(axes: Axes, view: View, bright: float, title: str, rays: RayCaster | None) -> None:
     """A photograph, and where the mesh ends as its camera sees it: on the photograph's own edge where all is well."""
     _picture(axes, view.image * bright, view.mask, title)
     if rays is not None:

@@ -11,25 +11,24 @@ import inspect
 import io
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import is_dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 from scipy.ndimage import maximum_filter
-from torch import Tensor
 
-from ia_bench.checks.blindness import leaks, with_other_truth
 from ia_bench.checks.finding import Finding, judge
-from ia_bench.common.errors import raised
+from ia_bench.common.errors import PluginError, raised
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.methods.contract import Monitor, Problem, Result
-from ia_bench.methods.info import PREDICTED, MethodInfo
-from ia_bench.readers.contract import unscored
-from ia_bench.render.reconstruction import Assets, Quality, Reconstruction
+from ia_bench.methods.info import MethodInfo, check_declarations
+from ia_bench.methods.validation import reconstruct
+from ia_bench.readers.contract import TRUTH_OF_VIEWS, unscored
+from ia_bench.render.reconstruction import Quality, Reconstruction
 from ia_bench.scenes.images import Images
-from ia_bench.scenes.scene import Camera, Scene
+from ia_bench.scenes.scene import Camera, Scene, View
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 
@@ -38,11 +37,10 @@ KILLED = "killed and resumed"
 TOLERANCE = 1e-3  # beyond [0, 1]: interpolation and antialiasing
 COMPONENTS = {"albedo": ("albedo", "aligned_albedo"), "roughness": ("roughness",)}  # of scores, where they have other names
 
+Fit = Callable[[Scene, "Memory"], Result]
 
-Fit = Callable[[Scene, "Memory"], Reconstruction]
 
-
-class Killed(BaseException):
+class Killed(KeyboardInterrupt):
     """The end of the process in the middle of a fit."""
 
 
@@ -93,56 +91,64 @@ def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Proble
     if any(finding.status == "fail" for finding in members):
         yield Finding("skip", "everything else", "", "it needs the members above")
         return
-    problem, started = make_problem(scene), time.perf_counter()
+    problem, started, name = make_problem(scene), time.perf_counter(), type(method).__qualname__
     before = _digest(problem.scene)
-    yield _blind(method.info, problem, scene)
+
+    def fit(scene: Scene, memory: Memory) -> Result:
+        return reconstruct(name, make(), make_problem(scene), seed=SEED, monitor=memory.monitor())
+
     try:
-        result = method.fit(problem, seed=SEED, monitor=Memory().monitor())
+        result = reconstruct(name, method, problem, seed=SEED, monitor=Memory().monitor())
     except (Exception, SystemExit) as error:
-        yield Finding("fail", "a fit", "no exception", raised(error))
-        return
-    seconds = time.perf_counter() - started
-    findings = list(_result(result))
-    yield from findings
-    same = _digest(problem.scene) == before
-    yield judge(same, "the scene", "nothing modified", "nothing" if same else "images, masks, cameras or mesh modified")
-    if any(finding.status == "fail" for finding in findings):
+        yield Finding("fail", "a fit", "a result as the contract describes it", raised(error))
         yield Finding("skip", "everything else", "", "it needs a sound result")
         return
+    found, seconds = result.reconstruction, time.perf_counter() - started
+    yield Finding("pass", "a fit", "", f"{seconds:.1f} s, of {result.steps} steps")
+    same = _digest(problem.scene) == before
+    yield judge(same, "the scene", "nothing modified", "nothing" if same else "images, masks, cameras or mesh modified")
     cameras = [view.camera for view in (scene.test or scene.novel or scene.train)[:VIEWS]]
-
-    def fit(scene: Scene, memory: Memory) -> Reconstruction:
-        found: Reconstruction = make().fit(make_problem(scene), seed=SEED, monitor=memory.monitor()).reconstruction
-        return found
-
     rules: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
-        ("what it predicts", lambda: _predicted(method.info, result.reconstruction, cameras)),
-        ("the same seed again", lambda: _repeated(fit, problem, scene, result.reconstruction, cameras)),
-        (KILLED, lambda: _resumed(fit, scene, result.reconstruction, cameras)),
-        ("scores", lambda: _scored(method.info, result.reconstruction, scene)),
+        ("what it predicts", lambda: _predicted(method.info, found, cameras)),
+        ("the same seed again", lambda: _repeated(fit, problem, scene, found, cameras)),
+        (KILLED, lambda: _resumed(fit, scene, found, cameras)),
+        ("scores", lambda: _scored(method.info, found, scene)),
     )
     for title, rule in rules:
         try:
             yield from rule()
         except (Exception, SystemExit) as error:
             yield Finding("fail", title, "no exception", raised(error))
-    yield Finding("pass", "a fit", "", f"{seconds:.1f} s, of {result.steps} steps")
 
 
-# ---- members and result ----------------------------------------------------------------------------------------------
+def with_other_truth(scene: Scene) -> Scene:
+    """The same training images, masks, cameras and mesh, and another truth wherever there is one."""
+
+    def changed(view: View) -> View:
+        values: dict[str, Any] = {name: 0.5 * value for name in TRUTH_OF_VIEWS if (value := getattr(view, name)) is not None}
+        return replace(view, **values)
+
+    def held_out(views: tuple[View, ...]) -> tuple[View, ...]:
+        return tuple(replace(changed(view), image=0.5 * view.image) for view in views)
+
+    truth = scene.truth
+    if truth is not None:
+        albedo, roughness = (None if texture is None else 1 - texture for texture in (truth.albedo, truth.roughness))
+        mesh = truth.mesh and replace(truth.mesh, vertices=0.5 * truth.mesh.vertices, normals=-truth.mesh.normals)
+        lights = {name: 2 * light for name, light in truth.lights.items()}
+        truth = replace(truth, lights=lights, albedo=albedo, roughness=roughness, mesh=mesh)
+    train = tuple(map(changed, scene.train))
+    return replace(scene, train=train, truth=truth, test=held_out(scene.test), novel=held_out(scene.novel))
 
 
 def _members(method: Any) -> Iterator[Finding]:  # noqa: ANN401 (anything may claim to be a method)
-    parts: list[Any] = [getattr(method, name, None) for name in ("Options", "presets", "info")]
-    options, presets, info = parts
-    named = getattr(options, "__name__", repr(options))
-    yield judge(isinstance(options, type) and is_dataclass(options), "Options", "a dataclass", named)
-    names = isinstance(presets, Mapping) and all(isinstance(changes, Mapping) for changes in presets.values())
-    shown = ", ".join(map(str, presets)) or "none" if names else repr(presets)
-    yield judge(names, "presets", "a mapping of names to options that differ from their defaults", shown)
-    sound = isinstance(info, MethodInfo) and info.predicts <= PREDICTED
-    predicts = ", ".join(sorted(info.predicts)) if sound else repr(info)
-    yield judge(sound, "info", f"a MethodInfo that predicts some of {', '.join(sorted(PREDICTED))}", predicts)
+    try:
+        check_declarations(type(method).__qualname__, method)
+    except (PluginError, AttributeError) as error:
+        yield Finding("fail", "Options, presets and info", "as the contract describes them", str(error))
+    else:
+        found = f"presets {', '.join(method.presets) or 'none'}; predicts {', '.join(sorted(method.info.predicts))}"
+        yield Finding("pass", "Options, presets and info", "", found)
     signature = "fit(problem, *, seed, monitor)"
     try:
         inspect.signature(method.fit).bind("problem", seed=0, monitor=None)
@@ -152,67 +158,46 @@ def _members(method: Any) -> Iterator[Finding]:  # noqa: ANN401 (anything may cl
         yield Finding("pass", "fit", signature, f"fit{inspect.signature(method.fit)}")
 
 
-def _blind(info: MethodInfo, problem: Problem, scene: Scene) -> Finding:
-    if info.sees_truth:
-        return Finding("skip", "what it is handed", "", "it declares that it sees the truth")
-    found = leaks(problem, scene)
-    return judge(not found, "what it is handed", "no way to the truth", ", ".join(found) or "none")
-
-
-def _result(result: Any) -> Iterator[Finding]:  # noqa: ANN401 (whatever the method returned)
-    if not isinstance(result, Result):
-        yield Finding("fail", "a result", "a Result", type(result).__name__)
-        return
-    found = result.reconstruction
-    members = isinstance(found, Reconstruction) and isinstance(found.renderer, str) and bool(found.renderer)
-    yield judge(members, "a reconstruction", "maps, render, assets, environment and the name of a renderer", type(found).__name__)
-    times = all(isinstance(value, float) and value >= 0 for value in result.seconds.values())
-    yield judge(times, "seconds", "phase -> seconds", f"{dict(result.seconds)}")
-    counts = all(isinstance(value, int) for value in (result.steps, *result.counters.values()))
-    yield judge(counts, "steps and counters", "whole numbers", f"{result.steps} steps, {dict(result.counters)}")
-
-
 # ---- what was recovered ----------------------------------------------------------------------------------------------
 
 
 def _predicted(info: MethodInfo, found: Reconstruction, cameras: list[Camera]) -> Iterator[Finding]:
     maps = found.maps(cameras, ("albedo", "roughness"), points=QUALITY.points)
-    for name, channels in (("albedo", (3,)), ("roughness", ())):
-        if name in info.predicts:
-            yield _sound(f"map of {name}", maps.get(name), cameras, channels, 1 + TOLERANCE)
+    for name in sorted({"albedo", "roughness"} & info.predicts):
+        yield _sound(f"map of {name}", maps.get(name), 1 + TOLERANCE)
     if "view_synthesis" in info.predicts:
-        yield _sound("render under its own light", _render(found, cameras, None), cameras, (3,), math.inf)
+        yield _sound("render under its own light", _render(found, cameras, None), math.inf)
+    assets = found.assets()
     if "relighting" in info.predicts:
-        relit = _render(found, cameras, _sky(), torch.tensor([0.9, 1.0, 1.1]))
-        if relit is None and found.assets() is not None:
+        sky = LatLongEnvironment(torch.linspace(1, 0.2, 8)[:, None, None].expand(8, 16, 3).contiguous())
+        relit = _render(found, cameras, sky, torch.tensor([0.9, 1.0, 1.1]))
+        if relit is None and assets is not None:
             yield Finding("pass", "render under another light", "", "none: the reference renderer draws its textures")
         else:
-            yield _sound("render under another light", relit, cameras, (3,), math.inf)
+            yield _sound("render under another light", relit, math.inf)
     if found.environment is not None:
         yield _environment(found.environment)
-    assets = found.assets()
     if assets is not None:
-        yield _assets(assets)
+        parts = (assets.albedo, assets.roughness, assets.metallic, assets.light)
+        low = min(float(array.min()) for array in parts if array is not None)
+        yield judge(low >= 0, "assets", "textures and a light that are >= 0", f"{low:.3g} at least")
 
 
-def _sound(what: str, images: Images | None, cameras: list[Camera], channels: tuple[int, ...], most: float) -> Finding:
-    shapes = [(camera.height, camera.width, *channels) for camera in cameras]
-    expected = f"images of {shapes[0]}, finite, >= 0" + (" and <= 1" if math.isfinite(most) else "")
+def _sound(what: str, images: Images | None, most: float) -> Finding:
+    expected = "finite, >= 0" + (" and <= 1" if math.isfinite(most) else "") + ", nothing outside the object"
     if images is None:
         return Finding("fail", what, expected, "none, though info.predicts it")
-    found = [image.shape for image in images.images]
     values = np.concatenate([image.ravel() for image in images.images])
-    bad, text = int((~np.isfinite(values)).sum()), f"{found[0] if found else 'no image'}, {values.min():.3g} ... {values.max():.3g}"
-    fits = found == shapes and not bad and values.min() >= -TOLERANCE and values.max() <= most
+    bad = int((~np.isfinite(values)).sum())
+    fits = not bad and values.min() >= -TOLERANCE and values.max() <= most
     far = [maximum_filter(cover, 3) == 0 for cover in images.coverage]  # a pixel away, for a renderer's own pixel filter
     outside = max(float(np.abs(image[empty]).max(initial=0)) for image, empty in zip(images.images, far, strict=True))
-    return judge(fits and outside < TOLERANCE, what, expected, f"{text}, {bad} not finite, up to {outside:.2g} outside the object")
+    found = f"{values.min():.3g} ... {values.max():.3g}, {bad} not finite, up to {outside:.2g} outside the object"
+    return judge(fits and outside < TOLERANCE, what, expected, found)
 
 
-def _environment(environment: Any) -> Finding:  # noqa: ANN401 (whatever the method returned)
+def _environment(environment: Environment) -> Finding:
     expected = "radiance(directions (N, 3)) -> (N, 3) and latlong(8) -> (8, 16, 3), finite, >= 0"
-    if not isinstance(environment, Environment):
-        return Finding("fail", "environment", expected, type(environment).__name__)
     directions = torch.nn.functional.normalize(torch.randn(5, 3, generator=torch.Generator().manual_seed(0)), dim=1)
     found = (environment.radiance(directions), environment.latlong(8))
     sound = all(bool(torch.isfinite(value).all() and (value >= 0).all()) for value in found)
@@ -221,22 +206,10 @@ def _environment(environment: Any) -> Finding:  # noqa: ANN401 (whatever the met
     return judge(sound and shapes == [(5, 3), (8, 16, 3)], "environment", expected, found_text)
 
 
-def _assets(assets: Assets) -> Finding:
-    side = len(assets.albedo)
-    shapes = {"albedo": (side, side, 3), "roughness": (side, side), "metallic": (side, side)}
-    arrays = {name: getattr(assets, name) for name in (*shapes, "light") if getattr(assets, name) is not None}
-    fits = all(np.isfinite(array).all() and array.min() >= 0 for array in arrays.values())
-    fits = fits and all(array.shape == shapes.get(name, array.shape) for name, array in arrays.items())
-    found = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
-    return judge(fits, "assets", "square textures of one size and a light, finite, >= 0", found)
-
-
-def _render(found: Reconstruction, cameras: list[Camera], light: Environment | None, scale: Tensor | None = None) -> Images | None:
+def _render(
+    found: Reconstruction, cameras: list[Camera], light: Environment | None, scale: torch.Tensor | None = None
+) -> Images | None:
     return found.render(cameras, light=light, albedo_scale=scale, quality=QUALITY)
-
-
-def _sky() -> Environment:
-    return LatLongEnvironment(torch.linspace(1, 0.2, 8)[:, None, None].expand(8, 16, 3).contiguous())
 
 
 # ---- once more -------------------------------------------------------------------------------------------------------
@@ -245,11 +218,11 @@ def _sky() -> Environment:
 def _repeated(fit: Fit, problem: Problem, scene: Scene, first: Reconstruction, cameras: list[Camera]) -> Iterator[Finding]:
     what = "the same seed again"
     if problem.truth is not None or ("prior" in vars(problem) and problem.prior.info.sees_truth):
-        yield _same(what, first, fit(scene, Memory()), cameras)
+        yield _same(what, first, fit(scene, Memory()).reconstruction, cameras)
         return
-    blind = _same(f"{what}, with another truth", first, fit(with_other_truth(scene), Memory()), cameras)
+    blind = _same(f"{what}, with another truth", first, fit(with_other_truth(scene), Memory()).reconstruction, cameras)
     if blind.status == "fail":  # because of the truth, or because no two fits are the same?
-        yield _same(what, first, fit(scene, Memory()), cameras)
+        yield _same(what, first, fit(scene, Memory()).reconstruction, cameras)
     yield blind
 
 
@@ -259,7 +232,7 @@ def _resumed(fit: Fit, scene: Scene, whole: Reconstruction, cameras: list[Camera
         fit(scene, memory)
     except Killed:
         memory.deadly = False
-        yield _same(KILLED, whole, fit(scene, memory), cameras)
+        yield _same(KILLED, whole, fit(scene, memory).reconstruction, cameras)
     else:
         why = "it saves nothing when it is told to stop: one that is interrupted begins again"
         yield Finding("skip", KILLED, "", why) if memory.state is None else judge(False, KILLED, "an end", "a fit that went on")

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ia_bench.checks.contact_sheet import write_sheet
+from ia_bench.checks.contact_sheet import counted, write_sheet
 from ia_bench.checks.finding import Finding, judge
-from ia_bench.checks.splits import counted
 from ia_bench.checks.views import check_views
 from ia_bench.common.errors import raised
 from ia_bench.readers.contract import TRUTH_OF_VIEWS, SceneReader, check_scene, unscored
@@ -27,8 +26,11 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
 
     ``sheet``: where a picture of the scene is written (:mod:`ia_bench.checks.contact_sheet`).
     """
+    def read(truth: bool) -> Scene:
+        return check_scene(make().read(truth=truth), truth=truth)
+
     try:
-        scene = check_scene(make().read(truth=True), truth=True)
+        scene = read(truth=True)
     except (Exception, SystemExit) as error:
         yield Finding("fail", "scene", "a Scene as its description says", raised(error))
         yield Finding("skip", "everything else", "", "it needs a sound scene")
@@ -37,30 +39,38 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
     yield Finding("pass", "scene", "", f"{counted(scene)}, {mesh}")
     yield from _contents(scene)
     yield from (Finding("pass", "note of the reader", "", note) for note in scene.notes)
-    try:
-        without = check_scene(make().read(truth=False), truth=False)
-        found = difference(without.blind(), scene.blind())
-    except (Exception, SystemExit) as error:
-        found = raised(error)
-    yield judge(found is None, "without truth", "the same training views and no truth", found or "that")
-    try:
+    yield _equal("without truth", "the same training views and no truth", lambda: (read(truth=False).blind(), scene.blind()))
+
+    def twice() -> tuple[Scene, Scene]:
         reader = make()
-        found = difference(reader.read(truth=True), reader.read(truth=True), "the scene of the same reader")
-        found = found or difference(scene, check_scene(reader.read(truth=True), truth=True), "the scene of another reader")
-    except (Exception, SystemExit) as error:
-        found = raised(error)
-    yield judge(found is None, "reading again", "an equal scene", found or "that")
+        return reader.read(truth=True), reader.read(truth=True)
+
+    yield _equal("reading again", "an equal scene", twice, "the scene of the same reader")
+    yield _equal("another reader", "an equal scene", lambda: (scene, read(truth=True)))
     seen = {view.image.tobytes() for view in scene.train}
-    twice = [view.name for view in (*scene.test, *scene.novel) if view.image.tobytes() in seen]
-    yield judge(not twice, "held-out views", "no training image among them", ", ".join(twice) or "none")
+    repeated = [view.name for view in (*scene.test, *scene.novel) if view.image.tobytes() in seen]
+    yield judge(not repeated, "held-out views", "no training image among them", ", ".join(repeated) or "none")
     yield from _agreement(scene)
     yield from check_views(scene.train, meshless=scene.mesh is None)
     if sheet is not None:
-        yield _drawn(scene, sheet)
+        try:
+            write_sheet(scene, sheet)
+        except Exception as error:
+            yield Finding("fail", "contact sheet", "a picture of the scene", raised(error))
+        else:
+            yield Finding("pass", "contact sheet", "", str(sheet))
     lacking = unscored(scene)
     for name in COMPONENTS:
         said_of = f"not scored: {lacking[name]}" if name in lacking else "scored"
         yield Finding("skip" if name in lacking else "pass", name, "", said_of)
+
+
+def _equal(what: str, expected: str, scenes: Callable[[], tuple[Scene, Scene]], where: str = "scene") -> Finding:
+    try:
+        found = difference(*scenes(), where)
+    except (Exception, SystemExit) as error:
+        found = raised(error)
+    return judge(found is None, what, expected, found or "that")
 
 
 def _contents(scene: Scene) -> Iterator[Finding]:
@@ -97,14 +107,6 @@ def _agreement(scene: Scene) -> Iterator[Finding]:
     except Exception as error:
         agrees, said = False, [raised(error)]
     yield judge(agrees, AGREEMENT, f"an intersection over union of {GOOD} at least", said[-1])
-
-
-def _drawn(scene: Scene, sheet: Path) -> Finding:
-    try:
-        write_sheet(scene, sheet)
-    except Exception as error:
-        return Finding("fail", "contact sheet", "a picture of the scene", raised(error))
-    return Finding("pass", "contact sheet", "", str(sheet))
 
 
 def difference(one: object, two: object, where: str = "scene") -> str | None:

@@ -1,16 +1,20 @@
-"""The prior that is checked, and how it is asked."""
+"""The prior that is checked: which members it declares, and how it is asked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import inspect
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.modules.module import register_module_forward_pre_hook
 
+from ia_bench.checks.finding import Finding, judge
 from ia_bench.checks.stack import Stack
-from ia_bench.priors.contract import Distiller, Observations, Prior, Refiner, Samples
+from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Refiner, Samples
 
 GEOMETRY = frozenset({"normals", "visibility", "view_count"})
 """What a prior may want of a scene, and must do without."""
@@ -27,6 +31,7 @@ class Subject:
         self.modified: set[str] = set()
         self.geometry = False  # whether a prior that wants geometry is shown it
         self.costs: list[Mapping[str, int]] = []
+        self.forwards = 0  # of networks, while it was asked
         self._asked = 0
         self._base: Samples | None = None
 
@@ -66,7 +71,11 @@ class Subject:
         self._asked += 1  # another state of the global generators each time: a sample must not depend on them
         torch.manual_seed(self._asked)
         np.random.seed(self._asked)
-        samples = call()
+        counting = register_module_forward_pre_hook(lambda module, inputs: self._count())
+        try:
+            samples = call()
+        finally:
+            counting.remove()
         self.modified |= {n for n, v in inputs.items() if not torch.equal(v.nan_to_num(), kept[n].nan_to_num())}
         if isinstance(samples, Samples) and isinstance(samples.values, Mapping):
             self.costs.append(samples.cost)
@@ -74,9 +83,44 @@ class Subject:
             samples = replace(samples, values=copies)  # because the prior may write to what it has handed out
         return samples
 
+    def _count(self) -> None:
+        self.forwards += 1
+
     @property
     def base(self) -> Samples:
         """The unguided sample of the stack for seed 0."""
         if self._base is None:
             self._base = self.ask(self.stack)
         return self._base
+
+
+def check_members(prior: Any) -> Iterator[Finding]:  # noqa: ANN401 (anything may claim to be a prior)
+    """One finding per member of :class:`ia_bench.priors.contract.Prior`, and per optional one that is there."""
+    info = getattr(prior, "info", None)
+    found = repr(info)
+    if isinstance(info, PriorInfo):  # its sets in one order whatever the hash seed is
+        found = ", ".join(f"{name} {sorted(v) if isinstance(v, frozenset) else v}" for name, v in vars(info).items())
+    yield judge(isinstance(info, PriorInfo), "info", "an ia_bench.priors.contract.PriorInfo", found[:300])
+    signature = "sample(observations, *, seed, guidance=None)"
+    yield _callable(prior, "sample", signature, ("observations",), {"seed": 0, "guidance": None})
+    if hasattr(prior, "distill"):
+        yield _callable(prior, "distill", "distill(observations, renders, *, seed)", ("observations", "renders"), {"seed": 0})
+    if hasattr(prior, "refine"):
+        yield _callable(prior, "refine", "refine(observations, renders)", ("observations", "renders"), {})
+    if hasattr(prior, "fingerprint"):
+        value = prior.fingerprint
+        yield judge(isinstance(value, str) and bool(value), "fingerprint", "a text", f"{value!r:.300}")
+
+
+def _callable(prior: Any, name: str, expected: str, positional: tuple[str, ...], named: dict[str, Any]) -> Finding:  # noqa: ANN401
+    method = getattr(prior, name, None)
+    if not callable(method):
+        return Finding("fail", name, expected, "no such method")
+    signature = inspect.signature(method)
+    bare = [parameter.replace(annotation=inspect.Parameter.empty) for parameter in signature.parameters.values()]
+    found = f"{name}{inspect.Signature(bare)}"
+    try:
+        signature.bind(*positional, **named)
+    except TypeError as error:
+        return Finding("fail", name, expected, f"{found}: {error}")
+    return Finding("pass", name, expected, found)

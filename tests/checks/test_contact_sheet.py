@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ia_bench.checks.contact_sheet import _cameras
-from ia_bench.checks.splits import counted, splits
+from ia_bench.checks.contact_sheet import _cameras, counted, splits
 from ia_bench.scenes.scene import Scene
 
 
