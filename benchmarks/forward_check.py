@@ -32,7 +32,8 @@ from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Scene, View
-from ia_bench.scores.metrics import encode, psnr
+from ia_bench.scores.comparison import encode
+from ia_bench.scores.metrics import Compared, psnr
 
 SAMPLES = 1024  # per pixel: noise must not be a cause
 LIGHT_ROWS = (64, 128)
@@ -119,7 +120,8 @@ def _psnr(rendered: np.ndarray, reference: list[np.ndarray], views: list[View]) 
     values = []
     for ours, theirs, view in zip(rendered, reference, views, strict=True):
         mask = view.mask > 0.5
-        values.append(psnr(*(encode(straight(one, view.mask), "srgb", mask)[0] for one in (ours, theirs)), mask))
+        pair = (encode(straight(one, view.mask), "srgb", mask)[0] for one in (ours, theirs))
+        values.append(psnr(Compared.of_object(*pair, mask)))
     return float(np.mean(values))
 
 

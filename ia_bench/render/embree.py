@@ -13,23 +13,24 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import torch
-import warp as wp
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.warp_launch import launch
-from ia_bench.render.embree_packets import BLOCK, nearest, occluded
+from ia_bench.render import embree_packets
+from ia_bench.render.embree_packets import BLOCK
+from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Mesh
 
 TRIANGLES, INDICES, VERTICES, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # Embree's enumerations
 
 
-class EmbreeRays:
-    """See :class:`ia_bench.render.rays.RayCaster`."""
+class EmbreeRays(RayCaster):
+    """The tracer of the CPU."""
 
     def __init__(self, mesh: Mesh) -> None:
         """Raises InputError where the embreex that is installed brings no Embree 4 that can be loaded."""
+        super().__init__(mesh)
         library, device = _library()
         self._scene = library.rtcNewScene(device)
         weakref.finalize(self, library.rtcReleaseScene, self._scene)
@@ -45,43 +46,16 @@ class EmbreeRays:
         self._occluded, self._nearest = (
             ctypes.cast(getattr(library, name), c_void_p).value for name in ("rtcOccluded16", "rtcIntersect16")
         )
-        self.mesh, self.rays = mesh, 0
 
-    def intersect(
-        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None, *, coherent: bool = False
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """See :meth:`ia_bench.render.rays.RayCaster.intersect`."""
-        shape = directions.shape[:-1]
-        face = torch.full(shape, -1, dtype=torch.int32)
-        barycentric, distance = torch.zeros(*shape, 2), torch.full(shape, torch.inf)
-        results = face.reshape(-1), barycentric.reshape(-1, 2), distance.reshape(-1)
-        self._ask(nearest, self._nearest, origins, directions, asked, *results, coherent=coherent)
-        return face.long(), barycentric, distance
-
-    def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:
-        """See :meth:`ia_bench.render.rays.RayCaster.occluded`."""
-        blocked = torch.zeros(directions.shape[:-1], dtype=torch.uint8)
-        self._ask(occluded, self._occluded, origins, directions, asked, blocked.reshape(-1))
-        return blocked.bool()
-
-    def _ask(
-        self,
-        kernel: wp.Kernel,
-        query: int | None,
-        origins: Tensor,
-        directions: Tensor,
-        asked: Tensor | None,
-        *results: Tensor,
-        coherent: bool = False,
+    def _trace(
+        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor
     ) -> None:
-        count = directions.numel() // 3
-        if count:
-            mask = None if asked is None else asked.contiguous().view(torch.uint8).reshape(-1)
-            launch(
-                kernel, -(-count // BLOCK), query, self._scene, origins.contiguous(), directions.contiguous().reshape(-1, 3),
-                count // len(origins), int(asked is not None), mask, int(coherent), count, *results, device=origins.device,
-            )  # fmt: skip
-        self.rays += count if asked is None else int(asked.sum())
+        count = len(directions)
+        kernel, query = (embree_packets.nearest, self._nearest) if nearest else (embree_packets.occluded, self._occluded)
+        launch(
+            kernel, -(-count // BLOCK), query, self._scene, origins, directions,
+            count // len(origins), int(asked is not None), asked, int(coherent), count, *results, device=origins.device,
+        )  # fmt: skip
 
 
 @cache

@@ -1,8 +1,8 @@
-"""Rays against a fixed mesh, behind one small interface: Embree on the CPU, Warp on CUDA."""
+"""Rays against a fixed mesh: Embree on the CPU, Warp on CUDA."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
 
 import torch
 from torch import Tensor
@@ -10,11 +10,16 @@ from torch import Tensor
 from ia_bench.scenes.scene import Mesh
 
 
-class RayCaster(Protocol):
-    """What the renderer asks of a ray tracer of a ``mesh``. ``rays`` counts every ray traced so far."""
+class RayCaster(ABC):
+    """A ray tracer.
 
-    mesh: Mesh
-    rays: int
+    Attributes:
+        mesh: The triangles that it traces.
+        rays: How many rays it has traced so far.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh, self.rays = mesh, 0
 
     def intersect(
         self, origins: Tensor, directions: Tensor, asked: Tensor | None = None, *, coherent: bool = False
@@ -27,14 +32,38 @@ class RayCaster(Protocol):
 
         ``coherent`` says that rays that follow each other take nearly the same way, which some tracers find sooner.
         """
-        ...
+        shape, device = directions.shape[:-1], origins.device
+        face = torch.full(shape, -1, dtype=torch.int32, device=device)
+        barycentric, distance = torch.zeros(*shape, 2, device=device), torch.full(shape, torch.inf, device=device)
+        self._ask(True, origins, directions, asked, coherent, face.reshape(-1), barycentric.reshape(-1, 2), distance.reshape(-1))
+        return face.long(), barycentric, distance
 
     def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:
         """Whether rays of infinite length hit anything: (N,) bool for (N, 3) origins and directions.
 
         Or (N, K) for (N, K, 3) directions, as :meth:`intersect` has them; those that are not asked for count as free.
         """
-        ...
+        blocked = torch.zeros(directions.shape[:-1], dtype=torch.uint8, device=origins.device)
+        self._ask(False, origins, directions, asked, False, blocked.reshape(-1))
+        return blocked.bool()
+
+    def _ask(
+        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor
+    ) -> None:
+        count = directions.numel() // 3
+        if count:
+            mask = None if asked is None else asked.contiguous().view(torch.uint8).reshape(-1)
+            self._trace(nearest, origins.contiguous(), directions.contiguous().reshape(-1, 3), mask, coherent, *results)
+        self.rays += count if asked is None else int(asked.sum())
+
+    @abstractmethod
+    def _trace(
+        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor
+    ) -> None:
+        """Fill ``results`` for (M, 3) directions, as many after another of each origin.
+
+        They are triangle, barycentrics and distance of the ``nearest`` hit, else whether there is any. ``asked`` (M,) uint8.
+        """
 
 
 def make_rays(mesh: Mesh, device: torch.device) -> RayCaster:

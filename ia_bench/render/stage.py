@@ -13,7 +13,7 @@ from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import ATLAS_SIZE, bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays
 from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import make_visibility
+from ia_bench.render.visibility import NoShadows, TracedShadows
 from ia_bench.scenes.scene import Camera, Mesh
 
 POINT_BYTES, RAY_BYTES = 12, 200  # of a point in a G-buffer, of a primary ray while a row of a view is traced
@@ -93,11 +93,11 @@ class Stage:
         ``atlas_size``: texels along a side of the atlas between whose texels light is exchanged.
 
         Raises:
-            InputError: ``shadows`` is no such kind, or the mesh has no texture coordinates that indirect light could use.
+            InputError: The mesh has no texture coordinates that indirect light could use.
         """
         key = (shadows, bounces, coat, atlas_size)
         if key not in self._renderers:
-            visibility = make_visibility(shadows, self.surface, self.rays)
+            visibility = NoShadows() if shadows == "none" else TracedShadows(self.rays, self.surface.offset)
             indirect = None
             if bounces:
                 parts = self.mesh, self.surface, self.rays, bounces, cache_folder()

@@ -7,8 +7,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from ia_bench.common.errors import InputError
-from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
+from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.rays import RayCaster
 
 
@@ -41,12 +40,3 @@ class TracedShadows:
         """See :class:`Visibility`."""
         origin = points.position + self._offset * points.geometric
         return self._rays.occluded(origin, direction, asked)
-
-
-def make_visibility(kind: str, surface: SurfaceInterpolator, rays: RayCaster) -> Visibility:
-    """The visibility named by ``render.shadows``. Raises InputError for another name."""
-    if kind == "none":
-        return NoShadows()
-    if kind == "traced":
-        return TracedShadows(rays, surface.offset)
-    raise InputError(f"render.shadows: expected auto, traced or none, found {kind!r}")

@@ -7,6 +7,7 @@ import warp as wp
 from torch import Tensor
 
 from ia_bench.common.warp_launch import launch
+from ia_bench.render.rays import RayCaster
 from ia_bench.scenes.scene import Mesh
 
 FAR = 1e30
@@ -49,38 +50,19 @@ def _any(
             blocked[i] = wp.uint8(1)
 
 
-class WarpRays:
-    """See :class:`ia_bench.render.rays.RayCaster`."""
+class WarpRays(RayCaster):
+    """The tracer of CUDA devices."""
 
     def __init__(self, mesh: Mesh, device: torch.device) -> None:
+        super().__init__(mesh)
         where = str(device)  # Warp knows "cuda", a device without a number; wp.device_from_torch does not
         points = wp.array(mesh.vertices, dtype=wp.vec3, device=where)
         self._mesh = wp.Mesh(points, wp.array(mesh.faces.reshape(-1), dtype=wp.int32, device=where))
-        self.mesh, self.rays = mesh, 0
 
-    def intersect(
-        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None, *, coherent: bool = False
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        """See :meth:`ia_bench.render.rays.RayCaster.intersect`."""
-        shape, device = directions.shape[:-1], origins.device
-        face = torch.full(shape, -1, dtype=torch.int32, device=device)
-        barycentric = torch.zeros(*shape, 2, device=device)
-        distance = torch.full(shape, torch.inf, device=device)
-        self._ask(_nearest, origins, directions, asked, face.reshape(-1), barycentric.reshape(-1, 2), distance.reshape(-1))
-        return face.long(), barycentric, distance
-
-    def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:
-        """See :meth:`ia_bench.render.rays.RayCaster.occluded`."""
-        blocked = torch.zeros(directions.shape[:-1], dtype=torch.uint8, device=origins.device)
-        self._ask(_any, origins, directions, asked, blocked.reshape(-1))
-        return blocked.bool()
-
-    def _ask(self, kernel: wp.Kernel, origins: Tensor, directions: Tensor, asked: Tensor | None, *results: Tensor) -> None:
-        shape, device = directions.shape[:-1], origins.device
-        mask = torch.ones(shape, dtype=torch.bool, device=device) if asked is None else asked.contiguous()
-        if mask.numel():
-            launch(
-                kernel, mask.numel(), self._mesh.id, origins.contiguous(), directions.contiguous().reshape(-1, 3),
-                mask.numel() // len(origins), mask.view(torch.uint8).reshape(-1), *results, device=device,
-            )  # fmt: skip
-        self.rays += int(mask.sum())
+    def _trace(
+        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor
+    ) -> None:
+        count = len(directions)
+        mask = torch.ones(count, dtype=torch.uint8, device=origins.device) if asked is None else asked
+        kernel = _nearest if nearest else _any
+        launch(kernel, count, self._mesh.id, origins, directions, count // len(origins), mask, *results, device=origins.device)

@@ -1,20 +1,40 @@
-"""The metrics as data: name, place in the paper's table, direction, precision. Tables, arrows and figures follow it."""
+"""The metrics as data: function, name, place in the paper's table, direction, precision. Scores, tables and figures follow it.
+
+A new metric is a function in ``metrics.py`` and one line in :data:`METRICS`: it is then computed, recorded, tabulated and drawn.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+
+from ia_bench.scores.metrics import Compared, psnr, squared_error, ssim
+from ia_bench.scores.perceptual import lpips
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One column: ``component`` and ``name`` as in metrics.json; ``group`` and ``label`` as the paper prints them."""
+    """One column.
+
+    Attributes:
+        component: What is measured, as in metrics.json: "albedo", "aligned_albedo", "view_synthesis", "relighting", "roughness".
+        name: The metric's own, as in metrics.json.
+        of: Two pictures of one view -> a number. Raises :class:`ia_bench.scores.metrics.Undefined` where there is none.
+        group: The component as the paper prints it.
+        label: The name as the paper prints it.
+        higher_is_better: Whether larger values are.
+        digits: Places after the point that are printed.
+        on_curve: Whether it is measured during a run, for curve.csv.
+    """
 
     component: str
     name: str
+    of: Callable[[Compared], float]
     group: str
     label: str
     higher_is_better: bool
     digits: int
+    on_curve: bool = False
 
     @property
     def key(self) -> str:
@@ -43,9 +63,9 @@ class Metric:
 
 def _image_metrics(component: str, group: str) -> tuple[Metric, ...]:
     return (
-        Metric(component, "psnr", group, "PSNR", higher_is_better=True, digits=2),
-        Metric(component, "ssim", group, "SSIM", higher_is_better=True, digits=4),
-        Metric(component, "lpips", group, "LPIPS", higher_is_better=False, digits=4),
+        Metric(component, "psnr", psnr, group, "PSNR", higher_is_better=True, digits=2, on_curve=True),
+        Metric(component, "ssim", ssim, group, "SSIM", higher_is_better=True, digits=4),
+        Metric(component, "lpips", lpips, group, "LPIPS", higher_is_better=False, digits=4),
     )
 
 
@@ -54,8 +74,9 @@ METRICS = (
     *_image_metrics("aligned_albedo", "Aligned albedo"),
     *_image_metrics("view_synthesis", "View synthesis"),
     *_image_metrics("relighting", "Relighting"),
-    Metric("roughness", "mse", "Roughness", "MSE", higher_is_better=False, digits=4),
+    Metric("roughness", "mse", squared_error, "Roughness", "MSE", higher_is_better=False, digits=4, on_curve=True),
 )
 
-CURVE_METRICS = tuple(metric for metric in METRICS if metric.name in ("psnr", "mse"))  # the columns of curve.csv
+COMPONENTS = tuple(dict.fromkeys(metric.component for metric in METRICS))
+CURVE_METRICS = tuple(metric for metric in METRICS if metric.on_curve)  # the columns of curve.csv
 METRIC_OF = {metric.key: metric for metric in METRICS}

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from ia_bench.scenes.images import Images
-from ia_bench.scores.alignment import ALIGNMENTS, VARIANTS, Alignment
-from ia_bench.scores.components import hdr_measure, image_measure, roughness_measure, whole_image_measure
+from ia_bench.scores import comparison
+from ia_bench.scores.alignment import VARIANTS, scale
+from ia_bench.scores.columns import CURVE_METRICS, METRIC_OF, METRICS, Metric
+from ia_bench.scores.metrics import Undefined
 from ia_bench.scores.predictions import Pair, Predictions, pairs, stacked
 from ia_bench.scores.protocol import Encoding, Protocol
-from ia_bench.scores.result import COMPONENTS, Scores, Views
+from ia_bench.scores.result import Scores, Views
 
-IMAGE_METRICS = ("psnr", "ssim", "lpips")
 NO_TRUTH = {
     "albedo": "the scene has no true albedo in its test views",
     "view_synthesis": "the scene has no held-out view under its training light",
     "relighting": "the scene has no view under a novel light whose map it knows",
     "roughness": "the scene has no true roughness in its test views",
 }
-
-
-def not_predicted(component: str) -> str:
-    """The reason why a component of a scene that has its truth is undefined."""
-    return f"the method does not predict {component.replace('_', ' ')}"
-
-
-def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> Alignment:
-    """Return the scale that multiplies the linear albedo *before* it is relit: the protocol's, from all given views."""
-    return ALIGNMENTS[protocol.alignment](*stacked(pairs(predicted, true, protocol.mask_threshold, "albedo")))
 
 
 def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, renderer: str = "") -> Scores:
@@ -40,43 +34,56 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
         ValueError: Predictions and truth differ in views, shapes or lights, or the truth is not finite.
     """
     scores = Scores(protocol, renderer)
-    views = _record(scores, predictions, truth, IMAGE_METRICS)
+    views = _record(scores, predictions, truth, METRICS)
+    psnr = [METRIC_OF["albedo.psnr"]]
     for name, of in views.items():
         if name != "roughness":
-            encoding = protocol.albedo_encoding if "albedo" in name else protocol.radiance_encoding
-            scores.record(f"{name}_whole_image", of, whole_image_measure(encoding))
+            over_white = partial(comparison.over_white, protocol=protocol, encoding=_encoding(name, protocol))
+            scores.record(f"{name}_whole_image", of, over_white, psnr)
     other: Encoding = "linear" if protocol.albedo_encoding == "srgb" else "srgb"
-    as_usual, in_other = (image_measure(protocol, one, names) for one, names in (
-        (protocol.albedo_encoding, IMAGE_METRICS), (other, ("psnr",))))  # fmt: skip
+    in_other = partial(comparison.pictures, protocol=protocol, encoding=other)
     for name in ("albedo", "aligned_albedo"):
-        scores.record(f"{name}_{other}", views[name], in_other)
+        scores.record(f"{name}_{other}", views[name], in_other, psnr)
     if protocol.comparison.hdr_clip is not None:
         for name in ("view_synthesis", "relighting"):
-            scores.record(f"{name}_hdr", views[name], hdr_measure(protocol))
+            scores.record(f"{name}_hdr", views[name], partial(comparison.linear_pictures, protocol=protocol), psnr)
     for name in VARIANTS:
         if name != protocol.alignment:
             aligned = _aligned(scores, name, views["albedo"])
-            scores.record(f"aligned_albedo_{name}", aligned, as_usual)
-            scores.record(f"aligned_albedo_{name}_{other}", aligned, in_other)
+            _record_one(scores, "aligned_albedo", aligned, METRICS, f"_{name}")
+            scores.record(f"aligned_albedo_{name}_{other}", aligned, in_other, psnr)
     return scores
 
 
 def score_again(scores: Scores, predictions: Predictions, truth: Predictions, suffix: str) -> None:
-    """Record the five components of other pictures of the same reconstruction as variants, named by ``suffix``."""
-    _record(scores, predictions, truth, IMAGE_METRICS, suffix)
+    """Record the components of other pictures of the same reconstruction as variants, named by ``suffix``."""
+    _record(scores, predictions, truth, METRICS, suffix)
 
 
 def score_quick(predictions: Predictions, truth: Predictions, protocol: Protocol) -> dict[str, float | None]:
-    """Return the metric columns of curve.csv, PSNRs and roughness error only; None stands for an undefined value."""
+    """Return the metric columns of curve.csv; None stands for an undefined value."""
     scores = Scores(protocol)
-    _record(scores, predictions, truth, ("psnr",))
-    return {f"{component}_{name}": value for component, values in scores.metrics.items() for name, value in values.items()}
+    _record(scores, predictions, truth, CURVE_METRICS)
+    return {metric.column: scores.metrics[metric.component][metric.name] for metric in CURVE_METRICS}
+
+
+def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> np.ndarray | None:
+    """The scale (3,) that multiplies the linear albedo *before* it is relit: the protocol's, from all given views."""
+    try:
+        return scale(protocol.alignment, *stacked(pairs(predicted, true, protocol.mask_threshold, "albedo")))
+    except Undefined:
+        return None
+
+
+def not_predicted(component: str) -> str:
+    """The reason why a component of a scene that has its truth is undefined."""
+    return f"the method does not predict {component.replace('_', ' ')}"
 
 
 def _record(
-    scores: Scores, predictions: Predictions, truth: Predictions, names: tuple[str, ...], suffix: str = ""
+    scores: Scores, predictions: Predictions, truth: Predictions, metrics: tuple[Metric, ...], suffix: str = ""
 ) -> dict[str, Views]:
-    """Score the five components, taking the image metrics ``names``; return what was compared."""
+    """Score the five components by those of ``metrics`` that belong to each; return what was compared."""
     protocol = scores.protocol
     albedo = _paired(predictions.albedo, truth.albedo, "albedo", protocol)
     aligned = _aligned(scores, protocol.alignment, albedo, suffix)
@@ -90,12 +97,23 @@ def _record(
         "relighting": relit,
         "roughness": _paired(predictions.roughness, truth.roughness, "roughness", protocol),
     }
-    of_albedo = image_measure(protocol, protocol.albedo_encoding, names)
-    of_radiance = image_measure(protocol, protocol.radiance_encoding, names)
-    measures = dict(zip(COMPONENTS, (of_albedo, of_albedo, of_radiance, of_radiance, roughness_measure(protocol)), strict=True))
-    for component, pictures in views.items():
-        scores.record(component + suffix, pictures, measures[component])
+    for component, found in views.items():
+        _record_one(scores, component, found, metrics, suffix)
     return views
+
+
+def _record_one(scores: Scores, component: str, views: Views, metrics: tuple[Metric, ...], suffix: str) -> None:
+    """One component, as the protocol compares it."""
+    mine = [metric for metric in metrics if metric.component == component]
+    if component == "roughness":
+        scores.record(component + suffix, views, partial(comparison.roughness, protocol=scores.protocol), mine)
+    else:
+        compare = partial(comparison.pictures, protocol=scores.protocol, encoding=_encoding(component, scores.protocol))
+        scores.record(component + suffix, views, compare, mine)
+
+
+def _encoding(component: str, protocol: Protocol) -> Encoding:
+    return protocol.albedo_encoding if "albedo" in component else protocol.radiance_encoding
 
 
 def _paired(predicted: Images | None, true: Images | None, what: str, protocol: Protocol) -> list[Pair] | str:
@@ -118,13 +136,15 @@ def _paired_by_light(
     }
 
 
-def _aligned(scores: Scores, name: str, albedo: Views, suffix: str = "") -> list[Pair] | str:
+def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") -> list[Pair] | str:
     """Scale the predicted albedo by one of the alignments and note the scale."""
     if isinstance(albedo, str):
         return albedo
     assert not isinstance(albedo, dict)  # of lights, which albedo has none of
-    alignment = ALIGNMENTS[name](*stacked(albedo))
-    scores.albedo_scales[name + suffix] = None if alignment.scale is None else alignment.scale.tolist()
-    if alignment.scale is None:
-        return f"albedo cannot be aligned: {alignment.reason}"
-    return [replace(view, predicted=view.predicted * alignment.scale) for view in albedo]
+    try:
+        factor = scale(alignment, *stacked(albedo))
+    except Undefined as reason:
+        scores.albedo_scales[alignment + suffix] = None
+        return f"albedo cannot be aligned: {reason}"
+    scores.albedo_scales[alignment + suffix] = factor.tolist()
+    return [replace(view, predicted=view.predicted * factor) for view in albedo]

@@ -1,17 +1,13 @@
-"""PSNR, SSIM and squared error of one pair of images inside a mask.
-
-Images are (H, W, 3) in [0, 1], already encoded and un-premultiplied; ``mask`` is (H, W) bool. Pixels outside the mask
-never matter: they are left out (PSNR) or painted white in both images (SSIM, LPIPS), whose windows reach over the edge.
-"""
+"""The metrics: functions of two pictures as a protocol compares them. A metric is one function, and one line of ``columns.py``."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
-from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scores.protocol import Encoding, SsimSettings
+from ia_bench.scores.protocol import Protocol, SsimSettings
 
 C1, C2 = 0.01**2, 0.03**2  # of SSIM, for a data range of 1
 
@@ -28,58 +24,91 @@ class NoScoredPixel(Undefined):
         super().__init__("no scored pixel")
 
 
-def encode(linear: np.ndarray, encoding: Encoding, inside: np.ndarray) -> tuple[np.ndarray, int]:
-    """Encode (H, W, 3) linear values and clip them to [0, 1]; also the number of values ``inside`` (H, W) clipped."""
-    return clipped(linear_to_srgb(linear) if encoding == "srgb" else linear, 1.0, inside)
+@dataclass(frozen=True)
+class Compared:
+    """Two pictures of one view as they are compared (:mod:`ia_bench.scores.comparison` makes them).
 
-
-def clipped(values: np.ndarray, largest: float, inside: np.ndarray) -> tuple[np.ndarray, int]:
-    """Clip (H, W, 3) values to [0, largest]; also how many of those ``inside`` (H, W) that changes."""
-    beyond = ((values < 0) | (values > largest)) & inside[..., None]
-    return np.clip(values, 0.0, largest), int(beyond.sum())
-
-
-def white_outside(image: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Return the image with everything outside ``inside`` (H, W) painted white."""
-    return np.where(inside[..., None], image, 1.0)
-
-
-def squared_error(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float:
-    """Mean of (predicted - true)^2 over the mask's pixels (and channels).
-
-    Raises :class:`NoScoredPixel` on an empty mask.
+    Attributes:
+        predicted: (H, W, 3), or (H, W) of roughness, encoded and clipped.
+        true: The same of the truth.
+        area: (H, W) bool, the pixels that means are taken over.
+        protocol: Its settings of SSIM and LPIPS are read.
+        whole: Whether the pictures are compared as whole images. If not, both are white outside of ``area``, so that windows
+            that reach over its edge find the same there.
+        grey: The picture whose PSNR is the least that counts, None for no such floor.
+        clipped: How many values of scored pixels were clipped, in prediction and truth.
     """
-    if not mask.any():
-        raise NoScoredPixel
-    return float(np.square(predicted[mask].astype(np.float64) - true[mask].astype(np.float64)).mean())
+
+    predicted: np.ndarray
+    true: np.ndarray
+    area: np.ndarray
+    protocol: Protocol = field(default_factory=Protocol)
+    whole: bool = False
+    grey: np.ndarray | None = None
+    clipped: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def of_object(
+        cls,
+        predicted: np.ndarray,
+        true: np.ndarray,
+        mask: np.ndarray,
+        protocol: Protocol | None = None,
+        clipped: tuple[int, int] = (0, 0),
+    ) -> Compared:
+        """Compare the pixels of ``mask`` (H, W) alone: everything else is painted white in both pictures (H, W, 3)."""
+        inside = mask[..., None]
+        return cls(np.where(inside, predicted, 1.0), np.where(inside, true, 1.0), mask, protocol or Protocol(), clipped=clipped)
+
+    def expect_windows(self, side: int) -> None:
+        """Raise Undefined for pictures that a window of ``side`` pixels does not fit into, NoScoredPixel for an empty area."""
+        if not self.area.any():
+            raise NoScoredPixel
+        height, width = self.area.shape
+        if min(height, width) < side:
+            raise Undefined(f"image of {width} x {height} pixels is smaller than the window of {side}")
 
 
-def psnr(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float:
-    """Peak signal-to-noise ratio -10 log10(MSE) in dB, peak 1; +inf for images that are identical inside the mask."""
-    error = squared_error(predicted, true, mask)
-    return float("inf") if error == 0 else -10.0 * float(np.log10(error))
+def squared_error(pair: Compared) -> float:
+    """Mean of (predicted - true)^2 over the area's pixels and channels. Raises NoScoredPixel on an empty area."""
+    return _squared_error(pair.predicted, pair.true, pair.area)
 
 
-def ssim(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: SsimSettings) -> float:
-    """Structural similarity map of the white-filled images, averaged over the mask's pixels and channels.
+def psnr(pair: Compared) -> float:
+    """Peak signal-to-noise ratio -10 log10(MSE) in dB, peak 1; +inf for pictures that are identical in the area.
 
-    As scikit-image computes it with a Gaussian window and population covariance, with all channels in one filter: at the size of
+    It is no less than that of ``pair.grey``, where the protocol has such a floor. Raises NoScoredPixel on an empty area.
+    """
+    errors = [_squared_error(shown, pair.true, pair.area) for shown in (pair.predicted, pair.grey) if shown is not None]
+    return float("inf") if min(errors) == 0 else -10.0 * float(np.log10(min(errors)))
+
+
+def ssim(pair: Compared) -> float:
+    """Structural similarity (Wang et al. 2004), the mean of its map over pixels and channels.
+
+    The pixels are those of the area; of whole images all, or all whose window lies within the picture (``ssim.border=valid``). As
+    scikit-image computes it with a Gaussian window and population covariance, with all channels in one filter: at the size of
     our images its calls for each moment and channel take longer than their arithmetic.
 
-    Raises :class:`Undefined` on an image smaller than the window, :class:`NoScoredPixel` on an empty mask.
+    Raises Undefined on pictures smaller than the window, NoScoredPixel on an empty area.
     """
-    if not mask.any():
+    settings = pair.protocol.ssim
+    pair.expect_windows(settings.window)
+    if pair.whole:
+        found = _similarity(pair.predicted, pair.true, settings)
+        border = settings.window // 2 if settings.border == "valid" else 0
+        return float(found[border : len(found) - border, border : found.shape[1] - border].mean())
+    seen = tuple(_reach(places, settings.window) for places in np.nonzero(pair.area))  # no window of a scored pixel looks farther
+    return float(_similarity(pair.predicted[seen], pair.true[seen], settings)[pair.area[seen]].mean())
+
+
+def _squared_error(predicted: np.ndarray, true: np.ndarray, area: np.ndarray) -> float:
+    if not area.any():
         raise NoScoredPixel
-    if min(mask.shape) < settings.window:
-        size = f"{mask.shape[1]} x {mask.shape[0]}"
-        raise Undefined(f"image of {size} pixels is smaller than the window of {settings.window}")
-    seen = tuple(_reach(places, settings.window) for places in np.nonzero(mask))  # no window of a scored pixel looks farther
-    mask = mask[seen]
-    x, y = (white_outside(image[seen], mask) for image in (predicted, true))
-    return float(similarity(x, y, settings)[mask].mean())
+    return float(np.square(predicted[area].astype(np.float64) - true[area].astype(np.float64)).mean())
 
 
-def similarity(predicted: np.ndarray, true: np.ndarray, settings: SsimSettings) -> np.ndarray:
+def _similarity(predicted: np.ndarray, true: np.ndarray, settings: SsimSettings) -> np.ndarray:
     """The SSIM map (H, W, 3) of two images (H, W, 3), which are mirrored at their borders."""
     from scipy.ndimage import gaussian_filter  # only the scores of a whole run need it
 

@@ -7,14 +7,15 @@ import functools
 import socket
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.paths import PACKAGE
-from ia_bench.scores.metrics import NoScoredPixel, Undefined, white_outside
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined
 from ia_bench.scores.protocol import LpipsSettings
 
 if TYPE_CHECKING:
@@ -26,35 +27,32 @@ SMALLEST = 32  # pixels; AlexNet's deepest features vanish below 31
 DOWNLOAD_SECONDS = 10.0  # of silence before a download is given up; torch.hub itself would wait for minutes
 
 
-def lpips(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: LpipsSettings) -> float:
-    """LPIPS map (Zhang et al. 2018) of the white-filled images, averaged over the mask's pixels.
+def lpips(pair: Compared) -> float:
+    """LPIPS (Zhang et al. 2018): the network's own ``spatial`` map, averaged over the area's pixels.
 
-    ``predicted`` and ``true`` (H, W, 3) in [0, 1]; ``mask`` (H, W) bool. The map is the network's own ``spatial``
-    output: each layer's distance, bilinearly enlarged to the image. Raises :class:`NoScoredPixel` on an empty mask,
-    :class:`Undefined` on an image below 32 pixels, or where the package or its weights are not to be had.
+    The map is the sum of each layer's distance, bilinearly enlarged to the picture. Of whole images it is taken as its authors
+    do: every layer's distance averaged over its own pixels, and summed; ``comparison.lpips_encoded_again`` encodes both before.
+
+    Raises NoScoredPixel on an empty area, and Undefined for pictures below 32 pixels, or where the package or its weights are
+    not to be had.
     """
-    if not mask.any():
+    if not pair.area.any():
         raise NoScoredPixel
+    settings, pictures = pair.protocol.lpips, (pair.predicted, pair.true)
+    if pair.whole:
+        if pair.protocol.comparison.lpips_encoded_again:
+            pictures = linear_to_srgb(pair.predicted), linear_to_srgb(pair.true)
+        return sum(float(layer.mean()) for layer in layer_distances(*pictures, settings))
 
-    def enlarged(layer: Tensor) -> Tensor:
-        from torch.nn.functional import interpolate
+    from torch.nn.functional import interpolate
 
-        return interpolate(layer, mask.shape, mode="bilinear", align_corners=False)
-
-    layers = _layers(white_outside(predicted, mask), white_outside(true, mask), settings, enlarged)
-    return float(sum(layers[1:], layers[0]).numpy()[0, 0][mask].mean(dtype=np.float64))
-
-
-def lpips_whole(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings) -> float:
-    """LPIPS of whole images as its authors compute it: every layer's distance averaged over its own pixels, and summed.
-
-    Raises as :func:`lpips` does.
-    """
-    return sum(float(layer) for layer in _layers(predicted, true, settings, lambda layer: layer.mean()))
+    layers = layer_distances(*pictures, settings)
+    enlarged = [interpolate(layer, pair.area.shape, mode="bilinear", align_corners=False) for layer in layers]
+    return float(sum(enlarged[1:], enlarged[0]).numpy()[0, 0][pair.area].mean(dtype=np.float64))
 
 
-def _layers(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings, of: Callable[[Tensor], Tensor]) -> list[Tensor]:
-    """``of`` the distances (1, 1, h, w) in each layer, of which the network's ``forward`` is the sum; both images in one batch."""
+def layer_distances(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings) -> list[Tensor]:
+    """The distances (1, 1, h, w) of two pictures (H, W, 3) in each layer of the network; both go through it in one batch."""
     if min(predicted.shape[:2]) < SMALLEST:
         raise Undefined(f"image of {predicted.shape[1]} x {predicted.shape[0]} pixels is smaller than {SMALLEST}")
     network = load(settings)
@@ -64,11 +62,11 @@ def _layers(predicted: np.ndarray, true: np.ndarray, settings: LpipsSettings, of
     import torch
     from lpips import normalize_tensor
 
-    pair = torch.from_numpy(np.stack([predicted, true]).astype(np.float32)).permute(0, 3, 1, 2)
+    batch = torch.from_numpy(np.stack([predicted, true]).astype(np.float32)).permute(0, 3, 1, 2)
     with torch.inference_mode(), _one_thread():
-        layers = zip(network.lins, network.net(network.scaling_layer(2 * pair - 1)), strict=True)
+        layers = zip(network.lins, network.net(network.scaling_layer(2 * batch - 1)), strict=True)
         pairs = ((head, *normalize_tensor(features).split(1)) for head, features in layers)
-        return [of(head((one - other) ** 2)) for head, one, other in pairs]
+        return [head((one - other) ** 2) for head, one, other in pairs]
 
 
 def check_weights(settings: LpipsSettings) -> None:

@@ -36,9 +36,7 @@ class Pair:
         true: The same of the truth.
         mask: (H, W), True where scored: where the object is, and the truth known.
         known: (H, W), True where the truth is known.
-        coverage: (H, W) each, of prediction and truth.
-        uncovered: Scored pixels that the prediction does not cover at all, which count as black.
-        broken: Scored pixels with a NaN or an infinity in the prediction.
+        coverage: (H, W) each, of prediction and truth. What the prediction does not cover counts as black.
     """
 
     predicted: np.ndarray
@@ -46,8 +44,6 @@ class Pair:
     mask: np.ndarray
     known: np.ndarray
     coverage: tuple[np.ndarray, np.ndarray]
-    uncovered: int
-    broken: int
 
 
 def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> list[Pair]:
@@ -69,10 +65,7 @@ def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> 
         if not np.isfinite(truth[mask]).all():
             raise ValueError(f"{what}, view {index}: the ground truth is not finite")
         guess = straight(ours, predicted.coverage[index]).astype(np.float64)
-        broken = ~np.isfinite(guess) if guess.ndim == 2 else ~np.isfinite(guess).all(axis=-1)
-        uncovered = predicted.coverage[index] == 0
-        coverage = predicted.coverage[index], true.coverage[index]
-        result.append(Pair(guess, truth, mask, known, coverage, int((uncovered & mask).sum()), int((broken & mask).sum())))
+        result.append(Pair(guess, truth, mask, known, (predicted.coverage[index], true.coverage[index])))
     return result
 
 

@@ -122,7 +122,7 @@ class Scorer:
         if protocol.alignment == "none":
             scale = np.ones(3)  # what is not aligned needs no truth to be relit
         elif albedo is not None and truth.albedo is not None:
-            scale = albedo_scale(albedo, truth.albedo, protocol).scale
+            scale = albedo_scale(albedo, truth.albedo, protocol)
         if truth.relighting and scale is not None:
             factors = torch.from_numpy(scale).float().to(self._device)
             relit = {name: rendered(name, factors) for name in truth.relighting}

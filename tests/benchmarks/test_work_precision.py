@@ -10,17 +10,14 @@ import pytest
 import torch
 
 from benchmarks.work_precision.__main__ import main
-from benchmarks.work_precision.inverse import BUDGETS, SPLITS, Setting, against_default
+from benchmarks.work_precision.inverse import BUDGETS, SPLITS, Setting
 from benchmarks.work_precision.precision import (
     Moments,
     converged,
-    efficiency,
-    first_time,
     log_slope,
     relative_rmse,
     time_in_turns,
     without_compilation,
-    write_rows,
 )
 
 
@@ -32,14 +29,6 @@ def other_tests_as_before():
     torch.use_deterministic_algorithms(before)
 
 
-def test_relative_rmse_is_the_root_mean_square_over_the_mean():
-    reference = np.array([[1.0, 3.0], [2.0, 2.0]])
-    assert relative_rmse(reference + np.array([[3.0, 0.0], [0.0, -4.0]]), reference) == pytest.approx(2.5 / 2.0)
-
-
-def test_relative_rmse_of_float32_images_is_taken_in_float64():
-    reference = np.full((1000, 1000), 1e4, np.float32)
-    assert relative_rmse(reference + np.float32(1), reference) == pytest.approx(1e-4, rel=1e-6)
 
 
 def test_converged_knows_its_own_error():
@@ -50,14 +39,6 @@ def test_converged_knows_its_own_error():
     assert error == pytest.approx(1 / math.sqrt(8) / 2, rel=0.05)
     assert error == pytest.approx(true, rel=0.05)
 
-
-def test_moments_match_numpy():
-    gradients = np.random.default_rng(0).normal(3, 2, size=(6, 5, 7))
-    moments = Moments()
-    for gradient in gradients:
-        moments.add(gradient.astype(np.float64))
-    assert moments.variance == pytest.approx(gradients.var(0, ddof=1).sum())
-    np.testing.assert_allclose(moments.mean, gradients.mean(0))
 
 
 def test_relative_variance_and_distance_have_no_bias_from_few_estimates():
@@ -76,21 +57,6 @@ def test_relative_variance_and_distance_have_no_bias_from_few_estimates():
     assert one.relative_distance(other) == pytest.approx(0, abs=0.1)
 
 
-def test_relative_variance_of_a_mean_hidden_in_noise_is_undefined():
-    moments = Moments()
-    moments.add(np.array([1.0, -1.0]))
-    moments.add(np.array([-1.0, 1.0]))
-    assert math.isnan(moments.relative_variance)
-
-
-def test_efficiency_does_not_depend_on_the_number_of_samples():
-    assert efficiency(variance=0.5, seconds=2.0) == pytest.approx(efficiency(variance=0.125, seconds=8.0))
-
-
-def test_log_slope_of_independent_samples():
-    work = [8, 16, 32, 64]
-    assert log_slope(work, [3 / math.sqrt(w) for w in work]) == pytest.approx(-0.5)
-    assert math.isnan(log_slope([8], [1.0]))
 
 
 def test_log_slope_leaves_out_what_has_no_logarithm():
@@ -103,10 +69,6 @@ def test_without_compilation_replaces_the_time_of_the_first_steps():
     assert seconds == pytest.approx([2.5, 5.0, 10.0])
 
 
-def test_first_time_takes_measured_points_only():
-    assert first_time([1, 2, 3], [20.0, 25.0, 24.0], 24.0) == 2
-    assert first_time([1, 2, 3], [20.0, 25.0, 24.0], 26.0) is None
-
 
 def test_cases_are_timed_in_turns_without_their_warm_up():
     calls, results = [], []
@@ -117,18 +79,6 @@ def test_cases_are_timed_in_turns_without_their_warm_up():
     assert all(wall.shape == cpu.shape == (2,) for wall, cpu in times.values())
 
 
-def test_rows_become_a_csv_with_empty_cells_for_none(tmp_path):
-    rows = [{"case": "a, b", "error": 1 / 3, "failure": ""}, {"case": "c", "error": None, "failure": "NaN in 3 values"}]
-    write_rows(tmp_path / "x.csv", rows)
-    with (tmp_path / "x.csv").open(newline="") as file:
-        read = list(csv.DictReader(file))
-    assert read == [
-        {"case": "a, b", "error": "0.333333", "failure": ""},
-        {"case": "c", "error": "", "failure": "NaN in 3 values"},
-    ]
-    with pytest.raises(ValueError, match="columns"):
-        write_rows(tmp_path / "x.csv", [*rows, {"case": "d"}])
-
 
 def test_every_way_of_dividing_a_budget_draws_as_many_samples():
     for budget in BUDGETS:
@@ -136,14 +86,6 @@ def test_every_way_of_dividing_a_budget_draws_as_many_samples():
         assert drawn == {budget * 4096 * 32}
         assert min(Setting.of("none", split, budget).steps for split in SPLITS) > 25, "the first score has to come earlier"
 
-
-def test_a_split_is_compared_with_the_default_at_the_same_budget():
-    def row(case: str, budget: int, value: float | None) -> dict:
-        return {"prior": "none", "case": case, "budget": budget, "aligned_albedo_psnr": value}
-
-    default, other = "4096 pixels x 32 samples", "4096 pixels x 8 samples"
-    rows = [row(default, 1, 20.0), row(default, 2, 22.0), row(other, 1, 21.0), row(other, 2, None)]
-    assert against_default(rows) == {"none": {default: 0.0, other: 1.0}}
 
 
 @pytest.mark.slow

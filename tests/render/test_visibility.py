@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 import torch
-from shapes import camera_at, plate, sphere
+from shapes import camera_at, sphere
 from stage import Stage
 
-from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.visibility import NoShadows, TracedShadows, Visibility, make_visibility
+from ia_bench.render.visibility import NoShadows, TracedShadows, Visibility
 
 
 def picture(stage: Stage, shadows: Visibility, material: Material, radiance: torch.Tensor) -> torch.Tensor:
@@ -45,11 +44,3 @@ def test_no_shadows_is_close_on_a_convex_mesh_with_smooth_normals(grey: Material
     none = picture(stage, NoShadows(), grey, radiance)
     assert (none >= traced - 1e-6).all()
     assert float((none - traced).mean() / traced.mean()) < 0.01
-
-
-def test_kinds_by_name() -> None:
-    stage = Stage.of(plate(1.0), [camera_at((0.5, 0.5, 3.0))])
-    for name, kind in {"none": NoShadows, "traced": TracedShadows}.items():
-        assert isinstance(make_visibility(name, stage.surface, stage.rays), kind)
-    with pytest.raises(InputError, match=r"render\.shadows: expected auto, traced or none, found 'soft'"):
-        make_visibility("soft", stage.surface, stage.rays)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
+import torch
 
 from ia_bench.scenes.images import Images
-from ia_bench.scores import components
-from ia_bench.scores.metrics import squared_error
+from ia_bench.scores import perceptual
 from ia_bench.scores.predictions import Predictions
 
 HEIGHT, WIDTH = 37, 43  # larger than the SSIM window and than the smallest LPIPS image, and not square
@@ -31,13 +29,13 @@ def random_images(seed: int, views: int = 3, channels: int | None = 3, scale: fl
 
 
 @pytest.fixture
-def root_mean_square_as_lpips(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Root mean square in place of the network: quick, zero for identical images, blind outside the mask."""
+def mean_square_as_lpips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mean square over channels in place of the network: quick, zero for identical images."""
 
-    def distance(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray, settings: object) -> float:
-        return math.sqrt(squared_error(predicted, true, mask))
+    def distances(predicted: np.ndarray, true: np.ndarray, settings: object) -> list[torch.Tensor]:
+        return [torch.from_numpy(((predicted - true) ** 2).mean(-1))[None, None]]
 
-    monkeypatch.setattr(components, "lpips", distance)
+    monkeypatch.setattr(perceptual, "layer_distances", distances)
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from ia_bench.scores.evaluate import albedo_scale, score, score_quick
 from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import Protocol
 
-pytestmark = pytest.mark.usefixtures("root_mean_square_as_lpips")
+pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
 
 PAPER = Protocol()
 
@@ -54,7 +54,7 @@ def test_every_component_against_scikit_image(guess: Predictions, truth: Predict
     }
     assert {name: scores.metrics[name]["psnr"] for name in expected} == pytest.approx(expected, abs=1e-9)
     assert scores.albedo_scales["mean_rgb"] == pytest.approx([scale] * 3, rel=1e-12)
-    assert albedo_scale(guess.albedo, truth.albedo, PAPER).scale == pytest.approx([scale] * 3, rel=1e-12)
+    assert albedo_scale(guess.albedo, truth.albedo, PAPER) == pytest.approx([scale] * 3, rel=1e-12)
 
     rough = zip(guess.roughness.images, truth.roughness.images, truth.roughness.coverage, inside, strict=True)
     errors = [np.square((p[m] - t[m]) / c[m]).mean() for p, t, c, m in rough]

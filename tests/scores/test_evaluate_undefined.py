@@ -20,7 +20,7 @@ from ia_bench.scores.evaluate import score
 from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import Protocol
 
-pytestmark = pytest.mark.usefixtures("root_mean_square_as_lpips")
+pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
 
 PAPER = Protocol()
 

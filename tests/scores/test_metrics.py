@@ -8,8 +8,8 @@ from skimage.draw import disk
 from skimage.metrics import mean_squared_error, peak_signal_noise_ratio, structural_similarity
 
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scores.metrics import NoScoredPixel, Undefined, encode, psnr, squared_error, ssim
-from ia_bench.scores.protocol import SsimSettings
+from ia_bench.scores.comparison import encode
+from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined, psnr, squared_error, ssim
 
 HEIGHT, WIDTH = 37, 43  # larger than the SSIM window, and not square
 RANDOM = np.random.default_rng(0)
@@ -17,7 +17,8 @@ TRUE, GUESS = RANDOM.random((HEIGHT, WIDTH, 3)), RANDOM.random((HEIGHT, WIDTH, 3
 EVERYWHERE, NOWHERE = np.ones((HEIGHT, WIDTH), bool), np.zeros((HEIGHT, WIDTH), bool)
 DISC = NOWHERE.copy()
 DISC[disk((18, 21), 12)] = True
-SETTINGS = SsimSettings()
+
+of = Compared.of_object
 
 
 def test_srgb_meets_its_published_values() -> None:
@@ -46,19 +47,19 @@ def test_clipping_is_counted_inside_the_mask_only() -> None:
 
 
 def test_psnr_and_error_agree_with_scikit_image() -> None:
-    assert psnr(GUESS, TRUE, EVERYWHERE) == pytest.approx(peak_signal_noise_ratio(TRUE, GUESS, data_range=1), abs=1e-10)
-    assert squared_error(GUESS, TRUE, EVERYWHERE) == pytest.approx(mean_squared_error(TRUE, GUESS), rel=1e-12)
+    assert psnr(of(GUESS, TRUE, EVERYWHERE)) == pytest.approx(peak_signal_noise_ratio(TRUE, GUESS, data_range=1), abs=1e-10)
+    assert squared_error(of(GUESS, TRUE, EVERYWHERE)) == pytest.approx(mean_squared_error(TRUE, GUESS), rel=1e-12)
 
 
 @pytest.mark.parametrize("offset", [0.1, 0.01, -0.5])
 def test_psnr_of_a_constant_offset_is_its_closed_form(offset: float) -> None:
     grey = np.full_like(TRUE, 0.5)
-    assert psnr(grey + offset, grey, DISC) == pytest.approx(-20 * np.log10(abs(offset)), abs=1e-9)
+    assert psnr(of(grey + offset, grey, DISC)) == pytest.approx(-20 * np.log10(abs(offset)), abs=1e-9)
 
 
 def test_psnr_is_of_the_masks_pixels_alone() -> None:
     half = np.where(DISC[..., None], TRUE + 0.1, 77.0)
-    assert psnr(half, TRUE, DISC) == pytest.approx(20.0, abs=1e-9)
+    assert psnr(of(half, TRUE, DISC)) == pytest.approx(20.0, abs=1e-9)
 
 
 def test_ssim_agrees_with_scikit_image_away_from_the_border() -> None:
@@ -68,7 +69,7 @@ def test_ssim_agrees_with_scikit_image_away_from_the_border() -> None:
     guess, true = np.where(inner[..., None], GUESS, 1.0), np.where(inner[..., None], TRUE, 1.0)
     options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
     expected = structural_similarity(guess, true, channel_axis=-1, data_range=1, **options)
-    assert ssim(GUESS, TRUE, inner, SETTINGS) == pytest.approx(expected, abs=1e-12)
+    assert ssim(of(GUESS, TRUE, inner)) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("corner", [(0, 0), (0, -1), (-1, 0), (-1, -1), (3, 17)])
@@ -79,43 +80,43 @@ def test_ssim_looks_no_farther_than_it_must_and_no_less(corner: tuple[int, int])
     options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
     guess, true = np.where(mask[..., None], GUESS, 1.0), np.where(mask[..., None], TRUE, 1.0)
     whole = structural_similarity(guess, true, channel_axis=-1, data_range=1, full=True, **options)[1]
-    assert ssim(GUESS, TRUE, mask, SETTINGS) == pytest.approx(whole[corner].mean(), abs=1e-12)
+    assert ssim(of(GUESS, TRUE, mask)) == pytest.approx(whole[corner].mean(), abs=1e-12)
 
 
 def test_ssim_of_two_constants_is_its_closed_form() -> None:
     # No variance: only the luminance term is left, (2ab + c1) / (a^2 + b^2 + c1) with c1 = 0.01^2.
     a, b, c1 = 0.3, 0.6, 1e-4
-    value = ssim(np.full_like(TRUE, a), np.full_like(TRUE, b), EVERYWHERE, SETTINGS)
+    value = ssim(of(np.full_like(TRUE, a), np.full_like(TRUE, b), EVERYWHERE))
     assert value == pytest.approx((2 * a * b + c1) / (a * a + b * b + c1), abs=1e-6)
 
 
 def test_the_window_reaches_over_the_masks_edge_onto_white() -> None:
     # The same constants in a disc: near its edge both windows see white, so the images look more alike there.
     dark, bright = np.full_like(TRUE, 0.3), np.full_like(TRUE, 0.6)
-    assert abs(ssim(dark, bright, DISC, SETTINGS) - ssim(dark, bright, EVERYWHERE, SETTINGS)) > 0.01
+    assert abs(ssim(of(dark, bright, DISC)) - ssim(of(dark, bright, EVERYWHERE))) > 0.01
 
 
 @pytest.mark.parametrize("outside", [0.0, 3.0, np.nan])
 def test_what_is_outside_the_mask_changes_nothing(outside: float) -> None:
     painted = np.where(DISC[..., None], GUESS, outside)
-    assert psnr(painted, TRUE, DISC) == psnr(GUESS, TRUE, DISC)
-    assert ssim(painted, TRUE, DISC, SETTINGS) == ssim(GUESS, TRUE, DISC, SETTINGS)
+    assert psnr(of(painted, TRUE, DISC)) == psnr(of(GUESS, TRUE, DISC))
+    assert ssim(of(painted, TRUE, DISC)) == ssim(of(GUESS, TRUE, DISC))
 
 
 def test_identical_images() -> None:
-    assert psnr(TRUE, TRUE.copy(), DISC) == float("inf")
-    assert ssim(TRUE, TRUE.copy(), DISC, SETTINGS) == pytest.approx(1.0, abs=1e-12)
+    assert psnr(of(TRUE, TRUE.copy(), DISC)) == float("inf")
+    assert ssim(of(TRUE, TRUE.copy(), DISC)) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_images_smaller_than_the_window_have_no_ssim_but_a_psnr() -> None:
     small = np.ones((10, 40), bool)
     with pytest.raises(Undefined, match="image of 40 x 10 pixels is smaller than the window of 11"):
-        ssim(GUESS[:10, :40], TRUE[:10, :40], small, SETTINGS)
-    assert psnr(GUESS[:10, :40], TRUE[:10, :40], small) > 0
-    assert ssim(GUESS[:11, :11], TRUE[:11, :11], small[:1, :11].repeat(11, axis=0), SETTINGS) < 1
+        ssim(of(GUESS[:10, :40], TRUE[:10, :40], small))
+    assert psnr(of(GUESS[:10, :40], TRUE[:10, :40], small)) > 0
+    assert ssim(of(GUESS[:11, :11], TRUE[:11, :11], small[:1, :11].repeat(11, axis=0))) < 1
 
 
-@pytest.mark.parametrize("metric", [psnr, squared_error, lambda a, b, m: ssim(a, b, m, SETTINGS)])
+@pytest.mark.parametrize("metric", [psnr, squared_error, ssim])
 def test_an_empty_mask_has_no_number(metric: object) -> None:
     with pytest.raises(NoScoredPixel):
-        metric(GUESS, TRUE, NOWHERE)
+        metric(of(GUESS, TRUE, NOWHERE))

@@ -16,11 +16,12 @@ import yaml
 from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
 from ia_bench.scenes.images import Images
-from ia_bench.scores import whole_images
 from ia_bench.scores.evaluate import score
 from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import ComparisonSettings, Protocol, shipped
 from ia_bench.scores.result import Scores
+
+pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
 
 CONF = Path(__file__).parents[2] / "conf" / "protocol"
 SIDE, FROM, TO = 40, 10, 30
@@ -46,14 +47,6 @@ def decibel(*errors: tuple[int, float]) -> float:
     return -10 * math.log10(sum(count * error**2 for count, error in errors) / PIXELS)
 
 
-@pytest.fixture(autouse=True)
-def root_mean_square_as_lpips(monkeypatch: pytest.MonkeyPatch) -> None:
-    def distance(predicted: np.ndarray, true: np.ndarray, settings: object) -> float:
-        return float(np.sqrt(((predicted - true) ** 2).mean()))
-
-    monkeypatch.setattr(whole_images, "lpips_whole", distance)
-
-
 def scored(name: str, predicted: Predictions, true: Predictions) -> Scores:
     return score(predicted, true, shipped(name))
 
@@ -64,7 +57,7 @@ def test_tensoir() -> None:
     found = scored("tensoir", Predictions(albedo=guess, view_synthesis=guess), Predictions(albedo=true, view_synthesis=true))
     assert found.albedo_scales["median_ratio"] == pytest.approx([2, 2, 2])
     assert found.metrics["aligned_albedo"]["psnr"] == pytest.approx(decibel((160, 0.4)))
-    assert found.metrics["aligned_albedo"]["lpips"] == pytest.approx(math.sqrt(160 * 0.16 / PIXELS))
+    assert found.metrics["aligned_albedo"]["lpips"] == pytest.approx(160 * 0.16 / PIXELS)
     assert found.metrics["albedo"]["psnr"] == pytest.approx(decibel((400, 0.1)))
     errors = (240, curve(0.2) - curve(0.1)), (160, curve(0.6) - curve(0.5))
     assert found.metrics["view_synthesis"]["psnr"] == pytest.approx(decibel(*errors))
@@ -112,7 +105,7 @@ def test_stanford_orb() -> None:
     assert found.metrics["view_synthesis"]["psnr"] == pytest.approx(decibel(*encoded))
     assert found.metrics["albedo"]["psnr"] == pytest.approx(decibel((128, 0.2 - dark), (128, 0.6 - bright)))
     again = (128, curve(curve(0.2)) - curve(curve(dark))), (128, curve(curve(0.6)) - curve(curve(bright)))
-    lpips = math.sqrt(sum(count * error**2 for count, error in again) / PIXELS)
+    lpips = sum(count * error**2 for count, error in again) / PIXELS
     assert found.metrics["view_synthesis"]["lpips"] == pytest.approx(lpips)
     gain = (curve(0.2) + curve(0.6)) / 0.8
     linear = (128, gain * (0.2 - dark)), (128, gain * (0.6 - bright))

@@ -15,8 +15,8 @@ from skimage.draw import disk
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.scores import perceptual
-from ia_bench.scores.metrics import NoScoredPixel, Undefined
-from ia_bench.scores.protocol import LpipsSettings
+from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined
+from ia_bench.scores.protocol import LpipsSettings, Protocol
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = perceptual.SHIPPED["squeeze"]
@@ -27,6 +27,10 @@ RANDOM = np.random.default_rng(0)
 TRUE, GUESS = RANDOM.random((HEIGHT, WIDTH, 3)), RANDOM.random((HEIGHT, WIDTH, 3))
 DISC, EVERYWHERE = np.zeros((HEIGHT, WIDTH), bool), np.ones((HEIGHT, WIDTH), bool)
 DISC[disk((18, 21), 12)] = True
+
+
+def distance(guess: np.ndarray, mask: np.ndarray = DISC, settings: LpipsSettings = SETTINGS) -> float:
+    return perceptual.lpips(Compared.of_object(guess, TRUE, mask, Protocol(lpips=settings)))
 
 
 @pytest.fixture(autouse=True)
@@ -47,17 +51,17 @@ def test_a_masked_value_is_the_networks_own_map_averaged_over_the_mask() -> None
     white = [torch.tensor(np.where(DISC[..., None], image, 1.0)).float() for image in (GUESS, TRUE)]
     with torch.no_grad():
         spatial = network(*(2 * image.permute(2, 0, 1)[None] - 1 for image in white))[0, 0].numpy()
-    assert perceptual.lpips(GUESS, TRUE, DISC, SETTINGS) == pytest.approx(float(spatial[DISC].mean()), rel=1e-5)
+    assert distance(GUESS) == pytest.approx(float(spatial[DISC].mean()), rel=1e-5)
 
 
 def test_identical_and_litter_outside_and_order() -> None:
-    assert perceptual.lpips(TRUE, TRUE, DISC, SETTINGS) == 0.0
-    value = perceptual.lpips(GUESS, TRUE, DISC, SETTINGS)
+    assert distance(TRUE) == 0.0
+    value = distance(GUESS)
     assert value > 0.05
     littered = np.where(DISC[..., None], GUESS, np.nan)
-    assert perceptual.lpips(littered, TRUE, DISC, SETTINGS) == value
+    assert distance(littered) == value
     slight = TRUE + 0.02 * (GUESS - TRUE)
-    assert perceptual.lpips(slight, TRUE, DISC, SETTINGS) < 0.1 * value
+    assert distance(slight) < 0.1 * value
 
 
 def test_loading_leaves_the_global_random_state_alone() -> None:
@@ -69,31 +73,24 @@ def test_loading_leaves_the_global_random_state_alone() -> None:
     assert torch.equal(torch.get_rng_state(), before)
 
 
-def test_weights_of_another_network_are_named_not_used() -> None:
-    with pytest.raises(Undefined, match="lpips_squeeze.safetensors is no full state dict of lpips net alex"):
-        perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings(net="alex", weights=str(WEIGHTS)))
-
-
-def test_a_wrong_file_is_an_error_before_a_run_and_none_is_not() -> None:
-    wrong = r"protocol\.lpips\.weights: .*squeeze\.safetensors is no full state dict of lpips net alex"
-    with pytest.raises(InputError, match=wrong):
-        perceptual.check_weights(LpipsSettings(net="alex", weights=str(WEIGHTS)))
+def test_weights_of_another_network_and_files_of_none_are_named_not_used(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.safetensors"
+    broken.write_text("not weights")
+    for net, path in (("alex", WEIGHTS), ("squeeze", broken)):
+        message = rf"{path.name} is no full state dict of lpips net {net}"
+        with pytest.raises(Undefined, match=message):
+            distance(GUESS, settings=LpipsSettings(net=net, weights=str(path)))
+        with pytest.raises(InputError, match=r"protocol\.lpips\.weights: .*" + message):  # before a run
+            perceptual.check_weights(LpipsSettings(net=net, weights=str(path)))
     perceptual.check_weights(LpipsSettings(net="squeeze", weights=str(WEIGHTS)))
     perceptual.check_weights(LpipsSettings(net="alex"))
 
 
-def test_a_file_that_holds_no_weights_is_named(tmp_path: Path) -> None:
-    broken = tmp_path / "broken.safetensors"
-    broken.write_text("not weights")
-    with pytest.raises(Undefined, match="broken.safetensors is no full state dict of lpips net squeeze"):
-        perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings(net="squeeze", weights=str(broken)))
-
-
 def test_empty_masks_and_small_images_have_no_number() -> None:
     with pytest.raises(NoScoredPixel):
-        perceptual.lpips(GUESS, TRUE, ~EVERYWHERE, SETTINGS)
+        distance(GUESS, ~EVERYWHERE)
     with pytest.raises(Undefined, match="image of 43 x 31 pixels is smaller than 32"):
-        perceptual.lpips(GUESS[:31], TRUE[:31], EVERYWHERE[:31], SETTINGS)
+        perceptual.lpips(Compared.of_object(GUESS[:31], TRUE[:31], EVERYWHERE[:31]))
 
 
 def test_without_internet_there_is_a_reason_and_it_is_remembered(
@@ -109,7 +106,7 @@ def test_without_internet_there_is_a_reason_and_it_is_remembered(
     monkeypatch.setattr("torch.hub.urlopen", unreachable)
     for _ in range(2):
         with pytest.raises(Undefined, match="net alex are not cached and cannot be downloaded: .*not known"):
-            perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings(net="alex"))
+            distance(GUESS, settings=LpipsSettings(net="alex"))
     assert attempts == [perceptual.DOWNLOAD_SECONDS]
     assert perceptual.socket.getdefaulttimeout() is None
 
@@ -135,7 +132,7 @@ def test_a_server_that_never_answers_is_given_up(monkeypatch: pytest.MonkeyPatch
 def test_a_missing_package_costs_lpips_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "lpips", None)  # makes the import fail
     with pytest.raises(Undefined, match="the lpips package cannot be imported"):
-        perceptual.lpips(GUESS, TRUE, DISC, LpipsSettings())
+        distance(GUESS, settings=LpipsSettings())
 
 
 def run_python(code: str) -> str:

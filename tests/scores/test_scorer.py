@@ -23,21 +23,16 @@ from ia_bench.render.settings import REFERENCE
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Scene, Truth, View
-from ia_bench.scores import components
 from ia_bench.scores import scorer as scorer_module
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.result import Scores, drawn_scale
 from ia_bench.scores.scorer import Scorer
 
+pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
+
 CPU = torch.device("cpu")
 BALL = Ball()
 QUICK = Protocol(name="quick", map_points=2, render_points=1, samples_per_pixel=2)
-
-
-@pytest.fixture(autouse=True)
-def no_lpips(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes longer than all the rest."""
-    monkeypatch.setattr(components, "lpips", lambda *_, **__: 0.0)
 
 
 @pytest.fixture(scope="module")

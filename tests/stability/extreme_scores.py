@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from stability.case import Case, Measured, refused
 
-from ia_bench.scores.alignment import ALIGNMENTS
-from ia_bench.scores.metrics import NoScoredPixel, Undefined, psnr, ssim
-from ia_bench.scores.protocol import SsimSettings
+from ia_bench.scores.alignment import scale
+from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined, psnr, ssim
 
 GROUP = "scores"
 
@@ -19,18 +18,18 @@ def cases() -> Iterator[Case]:
     """All of them."""
     image = np.random.default_rng(0).random((16, 16, 3))
     constant, everywhere, nowhere = np.full((16, 16, 3), 0.3), np.ones((16, 16), bool), np.zeros((16, 16), bool)
-    settings = SsimSettings()
+    of = Compared.of_object
     one = nowhere.copy()
     one[3, 3] = True
-    yield _equal("identical images", "PSNR", math.inf, lambda: psnr(image, image, everywhere))
-    yield _equal("identical images", "SSIM", 1.0, lambda: ssim(image, image, everywhere, settings))
-    yield _equal("two constant images", "PSNR", 20.0, lambda: psnr(constant, constant + 0.1, everywhere))
-    yield _equal("identical constant images", "SSIM", 1.0, lambda: ssim(constant, constant, everywhere, settings))
-    yield _equal("a mask of one pixel", "PSNR", 20.0, lambda: psnr(image, image + 0.1, one))
-    yield _refusal("empty mask", "PSNR", NoScoredPixel, "no scored pixel", lambda: psnr(image, image, nowhere))
-    yield _refusal("empty mask", "SSIM", NoScoredPixel, "no scored pixel", lambda: ssim(image, image, nowhere, settings))
+    yield _equal("identical images", "PSNR", math.inf, lambda: psnr(of(image, image, everywhere)))
+    yield _equal("identical images", "SSIM", 1.0, lambda: ssim(of(image, image, everywhere)))
+    yield _equal("two constant images", "PSNR", 20.0, lambda: psnr(of(constant, constant + 0.1, everywhere)))
+    yield _equal("identical constant images", "SSIM", 1.0, lambda: ssim(of(constant, constant, everywhere)))
+    yield _equal("a mask of one pixel", "PSNR", 20.0, lambda: psnr(of(image, image + 0.1, one)))
+    yield _refusal("empty mask", "PSNR", NoScoredPixel, "no scored pixel", lambda: psnr(of(image, image, nowhere)))
+    yield _refusal("empty mask", "SSIM", NoScoredPixel, "no scored pixel", lambda: ssim(of(image, image, nowhere)))
     small, corner = image[:3, :3], everywhere[:3, :3]
-    yield _refusal("3 x 3 pixels", "SSIM", Undefined, "smaller than the window", lambda: ssim(small, small, corner, settings))
+    yield _refusal("3 x 3 pixels", "SSIM", Undefined, "smaller than the window", lambda: ssim(of(small, small, corner)))
     pixels = np.random.default_rng(1).random((64, 3))
     inputs = {
         "constant": (np.full((64, 3), 0.3), 1.0), "zero": (np.zeros((64, 3)), None), "negative": (-pixels, None),
@@ -60,10 +59,11 @@ def _refusal(extreme: str, quantity: str, error: type[Exception], words: str, ac
 
 
 def _scale(predicted: np.ndarray, true: np.ndarray, expected: float | None) -> Measured:
-    found = ALIGNMENTS["mean_rgb"](predicted, true[: len(predicted)])
-    if found.scale is None:
-        return Measured(0.0 if expected is None and found.reason else math.inf, guards=1)
+    try:
+        found = scale("mean_rgb", predicted, true[: len(predicted)])
+    except Undefined as reason:
+        return Measured(0.0 if expected is None and str(reason) else math.inf, guards=1)
     if expected is None:
         return Measured(math.inf)
     closed_form = float(true.mean() / predicted.mean())
-    return Measured(abs(float(found.scale[0]) / closed_form - 1), finite=bool(np.isfinite(found.scale).all()))
+    return Measured(abs(float(found[0]) / closed_form - 1), finite=bool(np.isfinite(found).all()))

@@ -9,7 +9,7 @@ from training.test_dataset import shard
 
 from ia_bench.priors.contract import PriorInfo, Samples
 from ia_bench.priors.diffusion.prior import DiffusionPrior
-from ia_bench.scores.alignment import ALIGNMENTS
+from ia_bench.scores.alignment import scale
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 from ia_bench_training.single_view import main
 from ia_bench_training.single_view_scores import load_examples, score
@@ -41,7 +41,7 @@ def test_the_image_as_albedo_is_scored_as_by_numpy(tiny_folder):
     for image, truth, mask in zip(examples.shown.images, examples.albedo, examples.shown.masks, strict=True):
         inside = mask.numpy() > 0.5
         predicted, true = image.numpy()[inside], truth.numpy()[inside]
-        scaled = predicted * ALIGNMENTS["mean_rgb"](predicted, true).scale
+        scaled = predicted * scale("mean_rgb", predicted, true)
         values.append(-10 * np.log10(np.square(scaled - true).mean()))
     figures = score(Knowing(examples), examples, samples=1, seed=0)
     assert figures["the image"] == pytest.approx(np.mean(values), abs=1e-3)
