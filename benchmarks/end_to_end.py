@@ -66,7 +66,7 @@ class Clock:
 def curve_of(method: Method, problem: Problem, scorer: Scorer) -> list[dict[str, float]]:
     """The curve of one fit."""
     clock = Clock(scorer)
-    monitor = Monitor.silent(note=print, score=lambda _, step, __, found: clock.score(step, found))
+    monitor = Monitor.silent(note=print, score=lambda _, step, __, found: clock.score(step, found()))
     result = method.fit(problem, seed=0, monitor=monitor)
     clock.score(result.steps, result.reconstruction)
     return clock.finished()

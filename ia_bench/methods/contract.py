@@ -139,22 +139,24 @@ class Monitor:
     Attributes:
         task: Begins a bar of the display: its name, steps in all, steps already done.
         note: Takes one-line messages to the user.
-        score: Takes phase, step, seconds so far and what is recovered so far; its own time and rays are not counted.
+        score: Takes phase, step, seconds so far, and what gives what is recovered so far; its time and rays are not counted.
         save: Keeps the state of the fit: tensors, numbers, texts, and lists and dicts of them.
         load: Gives back what was saved last by an interrupted process with the same configuration, or None.
         stopping: Says that the run is to end: the method saves at its next step, and ``save`` does not return.
         keep: Keeps a part of the state under a name until that name is kept again: what is large and seldom changes.
         kept: Gives back the part that belongs to the state that was loaded, or None.
+        checkpoint_seconds: Time between two states that are saved.
     """
 
     task: Callable[[str, int, int], ProgressBar]
     note: Callable[[str], None]
-    score: Callable[[str, int, float, Reconstruction], None]
+    score: Callable[[str, int, float, Callable[[], Reconstruction]], None]
     save: Callable[[dict[str, Any]], None]
     load: Callable[[], dict[str, Any] | None]
     stopping: Callable[[], bool] = lambda: False
     keep: Callable[[str, dict[str, Any]], None] = lambda name, state: None
     kept: Callable[[str], dict[str, Any] | None] = lambda name: None
+    checkpoint_seconds: float = 15.0
 
     @classmethod
     def silent(cls, **parts: Any) -> Monitor:  # noqa: ANN401 (what the attributes are)

@@ -56,7 +56,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
 
     # ---- score and save --------------------------------------------------------------------------------------
     counts = costs.counts()
-    record.score("final", result.steps, sum(result.seconds.values()), result.reconstruction)
+    record.score("final", result.steps, sum(result.seconds.values()), lambda: result.reconstruction)
     with costs.exclude("score"):
         scores = scorer.full(result.reconstruction)
     write_assets(folder, result.reconstruction)
@@ -137,10 +137,10 @@ class Record:
         keep, kept = self._folder.keep, self._folder.kept
         return Monitor(begin, progress.note, self.score, self._save, self._load, interruption.asked, keep, kept)
 
-    def score(self, phase: str, step: int, seconds: float, reconstruction: Reconstruction) -> None:
+    def score(self, phase: str, step: int, seconds: float, recovered: Callable[[], Reconstruction]) -> None:
         """Add a row to the curve and write the file."""
         with self._costs.exclude("score"):
-            quick = self._scorer.quick(reconstruction)
+            quick = self._scorer.quick(recovered())
             quick = {key: value if value is None or math.isfinite(value) else None for key, value in quick.items()}
             self._curve.append({"stage": phase, "step": step, "seconds": seconds, **quick})
             self._folder.write_curve(self._curve)

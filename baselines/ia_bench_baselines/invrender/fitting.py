@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
-from ia_bench_baselines.common.descent import Phase
+from ia_bench.methods.descent import Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, bake
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
@@ -35,7 +35,7 @@ class Fitting:
         self._indirect: IndirectLight | None = None
 
     def phases(self) -> list[Phase]:
-        """What :class:`ia_bench_baselines.common.descent.Descent` goes through."""
+        """What :class:`ia_bench.methods.descent.Descent` goes through."""
         options, model = self._options, self.model
 
         def decay(share: float) -> float:
@@ -51,9 +51,24 @@ class Fitting:
 
         steps = options.radiance_steps if options.indirect_steps else 0
         return [
-            Phase("radiance", steps, lambda: adam(model.radiance), self._of_radiance, decay, scored=False),
-            Phase("indirect", options.indirect_steps, lambda: adam(model.indirect), self._of_indirect, decay, scored=False),
-            Phase("material", options.steps, adam_of_all, self._of_images, decay, self._keep_indirect, model.project),
+            Phase("radiance", steps, self._of_radiance, lambda: adam(model.radiance), rate=decay, scored=False),
+            Phase(
+                "indirect",
+                options.indirect_steps,
+                self._of_indirect,
+                lambda: adam(model.indirect),
+                rate=decay,
+                scored=False,
+            ),
+            Phase(
+                "material",
+                options.steps,
+                self._of_images,
+                adam_of_all,
+                rate=decay,
+                begin=self._keep_indirect,
+                project=model.project,
+            ),
         ]
 
     # ---- losses ------------------------------------------------------------------------------------------------------
@@ -98,7 +113,7 @@ class Fitting:
         return image + options.sparsity * sparsity(code) + options.smoothness * change
 
     @torch.no_grad()
-    def _keep_indirect(self) -> None:
+    def _keep_indirect(self, done: int) -> None:
         """Indirect light is known by now: write its lobes down for all texels."""
         if self._options.indirect_steps:
             lobes = self.model.indirect(self.model.unit(self._transport.position))

@@ -54,14 +54,12 @@ class InvRender:
         import time
         from dataclasses import replace
 
-        from ia_bench_baselines.common.descent import Descent
+        from ia_bench.methods.descent import Descent
         from ia_bench_baselines.invrender.fitting import Fitting
 
         problem.stage  # noqa: B018 (made here, and booked as baking)
         started = time.perf_counter()
         fitting = Fitting(problem, self.options, seed)
         traced = time.perf_counter() - started
-        every, costs = self.options.checkpoint_seconds, problem.costs
-        descent = Descent(fitting.model, fitting.phases(), seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every)
-        found = descent.run(fitting.recovered)
+        found = Descent(fitting.model, fitting.phases(), seed=seed, monitor=monitor).run(fitting.recovered)
         return replace(found, seconds={"visibility": traced, **found.seconds})

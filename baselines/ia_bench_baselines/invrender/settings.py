@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Weight
+from ia_bench.common.ranges import Count, Number, Positive, Rate, Weight
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,6 @@ class InvRenderOptions:
         directions: Over the sphere, in which what every texel of the atlas sees of the object is traced once, for indirect light.
         atlas: Texels along a side of the atlas of points that indirect light is known at.
         texture: Texels along a side of the textures that the material is written to.
-        checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
     radiance_steps: Number = 800
@@ -46,4 +45,3 @@ class InvRenderOptions:
     directions: Number = 256
     atlas: Number = 128
     texture: Number = 512
-    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,8 +14,6 @@ if TYPE_CHECKING:
 
 if importlib.util.find_spec("mitsuba") is None:  # told once, where plugins are listed or asked for, and before any fit
     raise ImportError("it needs Mitsuba 3: pip install mitsuba==3.9.1, and libLLVM")
-
-FIRST_SCORE = 25  # steps; later scores follow at doubling steps
 
 
 class MitsubaAdam:
@@ -39,51 +36,30 @@ class MitsubaAdam:
 
         Raises InputError where Mitsuba cannot render.
         """
-        import torch
-
         from ia_bench.methods.asking.sampling import PriorSampler
-        from ia_bench.methods.contract import Result
+        from ia_bench.methods.descent import Descent, Phase
         from ia_bench_baselines.mitsuba_adam.loop import Loop
         from ia_bench_baselines.mitsuba_adam.reconstruction import MitsubaReconstruction
 
-        options, seconds, albedo, counters = self.options, {"prior": 0.0, "loop": 0.0}, None, {"network_calls": 0}
-        state = monitor.load()
-        if "albedo" in problem.prior.info.provides and options.albedo_weight:
-            kept = monitor.kept("prior") if state is not None else None
-            if kept is None:
-                started = time.perf_counter()
-                sampler = PriorSampler(problem, problem.prior, seed, monitor.note)
-                kept = {"albedo": sampler.draw(None).values["albedo"], "views": list(sampler.views), "counters": sampler.counters}
-                seconds["prior"] = time.perf_counter() - started + sampler.kept_seconds
-                monitor.keep("prior", kept)
-            albedo, counters = dict(zip(kept["views"], kept["albedo"], strict=True)), kept["counters"]
-        problem.gbuffer  # noqa: B018 (made here, the plan as well, and booked as baking)
-        started = time.perf_counter()
-        loop = Loop(problem, options, albedo=albedo, threads=torch.get_num_threads(), seed=seed)
-        seconds["loop"] = time.perf_counter() - started
-        if state is not None:
-            seconds = dict(state["seconds"])
-            loop.restore(state["loop"])
-            monitor.note(f"resumed at step {loop.step} of {options.steps}")
+        options = self.options
+        wanted = "albedo" in problem.prior.info.provides and options.albedo_weight > 0
+        with problem.costs.exclude("bake"):
+            problem.gbuffer  # noqa: B018 (made here, and the plan)
+            loop = Loop(problem, options, seed=seed)
+
+        def start() -> None:
+            albedo = None
+            if wanted:
+                with descent.book("prior"):
+                    sampler = PriorSampler(problem, problem.prior, seed, monitor.note)
+                    albedo = dict(zip(sampler.views, sampler.draw(None).values["albedo"], strict=True))
+                descent.seconds["prior"] += sampler.kept_seconds
+                descent.counters.update(sampler.counters)
+            loop.start(albedo)
 
         def found() -> MitsubaReconstruction:
             return MitsubaReconstruction(problem.stage, *loop.recovered(), depth=options.depth)
 
-        task, saved = monitor.task("loop", options.steps, loop.step), time.monotonic()
-        while loop.step < options.steps:
-            started = time.perf_counter()
-            loss = loop.advance()
-            seconds["loop"] += time.perf_counter() - started
-            task.advance(1, loss=loss)
-            if loop.step == options.steps:
-                break
-            if loop.step % FIRST_SCORE == 0 and (loop.step // FIRST_SCORE).bit_count() == 1:
-                with problem.costs.exclude("score"):
-                    monitor.score("loop", loop.step, sum(seconds.values()), found())
-            if monitor.stopping() or time.monotonic() - saved >= options.checkpoint_seconds:
-                monitor.save({"loop": loop.state(), "seconds": dict(seconds)})
-                saved = time.monotonic()
-        started = time.perf_counter()
-        recovered = found()
-        seconds["loop"] += time.perf_counter() - started
-        return Result(recovered, seconds, counters, options.steps)
+        phase = Phase("loop", options.steps, step=lambda step, _: loop.advance(step))
+        descent = Descent({}, [phase], seed=seed, monitor=monitor, start=start, beside={"loop": loop})
+        return descent.run(found)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field
 
-from ia_bench.common.ranges import NO_NUMBER, Number, Positive, Rate, UnitInterval, Weight
+from ia_bench.common.ranges import Number, Positive, Rate, UnitInterval, Weight
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,6 @@ class MitsubaAdamOptions:
         final_rate: What the rates fall to over the fit, as a fraction.
         albedo_initial: Mean albedo at the start, in the images' mean colour, where no prior gives one.
         roughness_initial: Roughness at the start.
-        checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
     steps: Number = 600
@@ -36,4 +35,3 @@ class MitsubaAdamOptions:
     final_rate: Positive = 0.05
     albedo_initial: UnitInterval = 0.5
     roughness_initial: UnitInterval = 0.5
-    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

@@ -10,9 +10,9 @@ from torch import Tensor
 from ia_bench.light.environment import Environment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.descent import Descent, Phase
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
-from ia_bench_baselines.common.descent import Descent, Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
 from ia_bench_baselines.neilfpp.fields import BRIGHTEST, Neilf
@@ -53,13 +53,13 @@ class NeilfFit:
             return lambda: torch.optim.AdamW(parameters, lr=options.rate, eps=1e-12)
 
         return [
-            Phase("surface_light", options.surface_light_steps, adam(outgoing), self._surface_light_loss, scored=False),
-            Phase("material", options.material_steps, adam(optics), lambda _, generator: self._loss(generator, held=True)),
+            Phase("surface_light", options.surface_light_steps, self._surface_light_loss, adam(outgoing), scored=False),
+            Phase("material", options.material_steps, lambda _, generator: self._loss(generator, held=True), adam(optics)),
             Phase(
                 "joint",
                 options.joint_steps,
-                adam(optics + outgoing),
                 lambda _, generator: self._loss(generator, held=False),
+                adam(optics + outgoing),
                 rate=lambda share: RATE_DROP ** int(3 * share),
             ),
         ]
@@ -109,9 +109,7 @@ def fit(problem: Problem, options: NeilfppOptions, *, seed: int, monitor: Monito
     def recovered() -> ShadedReconstruction:
         return reconstruction(problem, fields.neilf, size, options.rendered_directions)
 
-    every, costs = options.checkpoint_seconds, problem.costs
-    descent = Descent(fields.neilf, fields.phases(), seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every)
-    return descent.run(recovered)
+    return Descent(fields.neilf, fields.phases(), seed=seed, monitor=monitor).run(recovered)
 
 
 def reconstruction(problem: Problem, neilf: Neilf, size: int, directions: int) -> ShadedReconstruction:

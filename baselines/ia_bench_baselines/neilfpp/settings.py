@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from ia_bench.common.ranges import NO_NUMBER, Count, Number, Rate, Weight
+from ia_bench.common.ranges import Count, Number, Rate, Weight
 
 LEAST_ROUGHNESS = 0.1  # a narrower lobe falls between the directions of any affordable quadrature
 
@@ -29,7 +29,6 @@ class NeilfppOptions:
         trace_weight: Weight of the distance between incident light and the surface light field where rays hit.
         metallic_weight: Weight of the mean metal.
         smooth_weight: Weight of the gradients of roughness and metal over the surface, where images have none.
-        checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
     surface_light_steps: Number = 600
@@ -47,7 +46,6 @@ class NeilfppOptions:
     trace_weight: Weight = 0.1
     metallic_weight: Weight = 0.005
     smooth_weight: Weight = 0.00005
-    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)
 
     def __post_init__(self) -> None:
         """Raises ValueError where there is no middle for the second input to enter."""

@@ -8,10 +8,10 @@ from torch import Tensor
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.descent import Descent, Phase
 from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
-from ia_bench_baselines.common.descent import Descent, Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader
 from ia_bench_baselines.common.textured import TexturedScene
@@ -58,14 +58,12 @@ def fit(problem: Problem, options: NvdiffrecOptions, *, seed: int, monitor: Moni
     phase = Phase(
         "fit",
         options.steps,
-        lambda: scene.optimizer(material=options.material_rate, light=options.light_rate),
         loss,
+        lambda: scene.optimizer(material=options.material_rate, light=options.light_rate),
         rate=lambda share: options.final_rate**share,
         project=scene.project,
     )
-    every, costs = options.checkpoint_seconds, problem.costs
-    descent = Descent(scene, [phase], seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every, start=start)
-    return descent.run(recovered)
+    return Descent(scene, [phase], seed=seed, monitor=monitor, start=start).run(recovered)
 
 
 def _radiance(textures: Tensor, light: PrefilteredLight, points: SurfacePoints) -> Tensor:

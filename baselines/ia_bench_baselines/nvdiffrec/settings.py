@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from ia_bench.common.ranges import NO_NUMBER, Number, Positive, Rate, UnitInterval, Weight
+from ia_bench.common.ranges import Number, Positive, Rate, UnitInterval, Weight
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,6 @@ class NvdiffrecOptions:
         smooth_material: Weight of the same of roughness and metal.
         smooth_texels: Standard deviation of their distance, texels.
         grey_light: Weight of the light's mean absolute distance from grey, which leaves hue to the base colour.
-        checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
     steps: Number = 1500
@@ -37,4 +36,3 @@ class NvdiffrecOptions:
     smooth_material: Weight = 0.2
     smooth_texels: Positive = 1.0
     grey_light: Weight = 0.005
-    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

@@ -8,9 +8,9 @@ from torch import Tensor
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.descent import Descent, Phase
 from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.render.renderer import PixelRadiance
-from ia_bench_baselines.common.descent import Descent, Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.textured import TexturedScene
 from ia_bench_baselines.nvdiffrecmc.denoiser import Guides, denoise
@@ -42,15 +42,12 @@ class Fit:
         phase = Phase(
             "fit",
             options.steps,
-            lambda: self._scene.optimizer(material=options.material_rate, light=options.light_rate),
             self._loss,
+            lambda: self._scene.optimizer(material=options.material_rate, light=options.light_rate),
             rate=lambda share: options.final_rate**share,
             project=self._scene.project,
         )
-        every, costs = options.checkpoint_seconds, problem.costs
-        self._descent = Descent(
-            self._scene, [phase], seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every, start=self._start
-        )
+        self._descent = Descent(self._scene, [phase], seed=seed, monitor=monitor, start=self._start)
 
     def finish(self) -> Result:
         """Take the remaining steps and return what was recovered."""

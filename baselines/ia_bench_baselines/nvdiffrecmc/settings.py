@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from ia_bench.common.ranges import NO_NUMBER, Count, NotNegative, Number, Positive, Rate, UnitInterval, Weight
+from ia_bench.common.ranges import Count, NotNegative, Number, Positive, Rate, UnitInterval, Weight
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,6 @@ class NvdiffrecmcOptions:
         smooth_texels: Standard deviation of their distance, texels.
         monochrome_light: Weight of what keeps the demodulated light as bright as the photographs and leaves hue to the base colour.
         defensive_share: Share of light samples spread over the sphere, so that dark texels are visited too.
-        checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
     steps: Number = 1000
@@ -43,4 +42,3 @@ class NvdiffrecmcOptions:
     smooth_texels: Positive = 1.0
     monochrome_light: Weight = 0.05
     defensive_share: UnitInterval = 0.2
-    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)

@@ -10,10 +10,10 @@ from torch import Tensor
 from ia_bench.light.environment import Environment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.descent import Descent, Phase
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench_baselines.common.descent import Descent, Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
 from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment
@@ -61,9 +61,16 @@ class TensoirFit:
 
         coarse, fine = model.tensor.coarse(), model.tensor.fine()
         return [
-            Phase("radiance", options.radiance_steps, lambda: adam(coarse, light=False), self._radiance_loss, scored=False),
-            Phase("coarse", options.coarse_steps, lambda: adam(coarse, light=True), self._joint_loss, decay),
-            Phase("fine", options.fine_steps, lambda: adam(fine, light=True), self._joint_loss, decay, begin=model.tensor.refine),
+            Phase("radiance", options.radiance_steps, self._radiance_loss, lambda: adam(coarse, light=False), scored=False),
+            Phase("coarse", options.coarse_steps, self._joint_loss, lambda: adam(coarse, light=True), rate=decay),
+            Phase(
+                "fine",
+                options.fine_steps,
+                self._joint_loss,
+                lambda: adam(fine, light=True),
+                rate=decay,
+                begin=lambda _: model.tensor.refine(),
+            ),
         ]
 
     def _radiance_loss(self, step: int, generator: torch.Generator) -> Tensor:
@@ -112,9 +119,7 @@ def fit(problem: Problem, options: TensoirOptions, *, seed: int, monitor: Monito
     def recovered() -> ShadedReconstruction:
         return reconstruction(problem, trained.model, size, options)
 
-    every, costs = options.checkpoint_seconds, problem.costs
-    descent = Descent(trained.model, trained.phases(), seed=seed, monitor=monitor, costs=costs, checkpoint_seconds=every)
-    return descent.run(recovered)
+    return Descent(trained.model, trained.phases(), seed=seed, monitor=monitor).run(recovered)
 
 
 def reconstruction(problem: Problem, model: Tensoir, size: int, options: TensoirOptions) -> ShadedReconstruction:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
-from ia_bench.common.ranges import NO_NUMBER, Count, Number, Rate, Weight
+from ia_bench.common.ranges import Count, Number, Rate, Weight
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,6 @@ class TensoirOptions:
         brdf_weight: Weight of the image loss of the material's head, beside 1 of the radiance head.
         smooth_weight: Weight of the relative change of albedo and of roughness between points near by.
         variation_weight: Weight of the tensor's total variation in the first phase.
-        checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
     head: Literal["brdf", "radiance"] = "brdf"
@@ -54,7 +53,6 @@ class TensoirOptions:
     brdf_weight: Weight = 10.0
     smooth_weight: Weight = 0.001
     variation_weight: Weight = 0.005
-    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)
 
     def __post_init__(self) -> None:
         """Raises ValueError where the tensor would shrink."""

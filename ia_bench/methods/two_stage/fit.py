@@ -151,7 +151,7 @@ class Fit:
         ratio = self.step / FIRST_SCORE
         if self.step < self.steps and ratio >= 1 and math.log2(ratio).is_integer():
             seconds = self._prior_seconds + sum(self.seconds.values())
-            self.monitor.score(stage, self.step, seconds, self._recovered(final=False))
+            self.monitor.score(stage, self.step, seconds, lambda: self._recovered(final=False))
         due = time.monotonic() - self.saved >= self.settings.checkpoint_seconds and self.step < self.steps
         if due or self.monitor.stopping():
             self._save()
