@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import isfinite
@@ -28,8 +28,8 @@ LARGEST_SIDE = 16384
 def reconstruct(name: str, method: Method, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
     """What ``method``, called ``name``, makes of a problem, checked. Raises PluginError, naming it, for anything else."""
 
-    def score(phase: str, step: int, seconds: float, found: Reconstruction) -> None:
-        monitor.score(phase, step, seconds, checked_reconstruction(name, found))
+    def score(phase: str, step: int, seconds: float, recovered: Callable[[], Reconstruction]) -> None:
+        monitor.score(phase, step, seconds, lambda: checked_reconstruction(name, recovered()))
 
     with _at_work(name, method):
         result = method.fit(problem, seed=seed, monitor=replace(monitor, score=score))
