@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from zlib import crc32
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -96,7 +95,7 @@ def _blurred(view: View, pixels: float) -> View:
 
 # ---------------------------------------------------------------- draws
 def _random(faults: FaultSettings, purpose: int, view: View) -> np.random.Generator:
-    return np.random.default_rng(derive_seed(faults.seed, purpose, crc32(view.name.encode())))
+    return np.random.default_rng(derive_seed(faults.seed, purpose, view.name))
 
 
 def _chosen(views: Sequence[View], count: int, faults: FaultSettings, purpose: int, setting: str) -> set[int]:

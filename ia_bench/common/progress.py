@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import sys
 import time
 from collections.abc import Callable
@@ -17,27 +16,23 @@ from rich.progress import Progress as RichProgress
 from ia_bench.common.output import say
 
 LINE_SECONDS = 5.0
-"""Piped output gets at most one line of progress in this time."""
+"""At most one line of progress in this time where the output is no terminal."""
 
 
 class ProgressBar:
-    """One piece of work of ``total`` steps. Made by :meth:`Progress.task`."""
+    """Work of a known number of steps, shown by :meth:`Progress.task`."""
 
-    def __init__(self, progress: Progress, name: str, total: int, done: int) -> None:
+    def __init__(self, name: str, total: int, done: int, unit: str, show: Callable[[ProgressBar], None]) -> None:
         """Start the clock; ``done`` steps were made before (by a run that this one resumes) and count in no rate."""
-        self.name = name
-        self.total = total
-        self.done = done
+        self.name, self.total, self.done = name, total, done
         self.values: dict[str, float] = {}
-        self._progress = progress
-        self._first = done
-        self._start = time.monotonic()
+        self._first, self._start, self._unit, self._show = done, time.monotonic(), unit, show
 
     def advance(self, amount: int = 1, **values: float) -> None:
         """Count steps done, and show ``values`` (the current loss, say) beside them until others replace them."""
         self.done += amount
         self.values |= values
-        self._progress._show(self)
+        self._show(self)
 
     @property
     def status(self) -> str:
@@ -46,7 +41,7 @@ class ProgressBar:
         elapsed, made = time.monotonic() - self._start, self.done - self._first
         if made and elapsed > 0:
             rate = made / elapsed
-            shown.append(f"{rate:.3g} steps/s" if rate >= 1 else f"{duration(1 / rate)}/step")
+            shown.append(f"{rate:.3g} {self._unit}s/s" if rate >= 1 else f"{duration(1 / rate)}/{self._unit}")
             shown.append(f"{duration((self.total - self.done) / rate)} left" if self.done < self.total else "done")
         return ", ".join(shown)
 
@@ -66,13 +61,8 @@ class Progress:
         self._bars: dict[ProgressBar, TaskID] = {}
         self._last_line = -LINE_SECONDS
         if self._stream is not None and self._stream.isatty():
-            columns = (
-                SpinnerColumn(),
-                TextColumn("{task.description}", markup=False),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TextColumn("{task.fields[status]}", markup=False),
-            )
+            name, status = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[status]}"))
+            columns = (SpinnerColumn(), name, BarColumn(), MofNCompleteColumn(), status)
             self._rich = RichProgress(*columns, console=Console(file=self._stream), refresh_per_second=4)
 
     def __enter__(self) -> Progress:
@@ -87,28 +77,26 @@ class Progress:
             with suppress(OSError):
                 self._rich.stop()
 
-    def task(self, name: str, total: int, done: int = 0) -> ProgressBar:
-        """Begin a task of ``total`` steps, of which ``done`` are made already."""
-        task = ProgressBar(self, name, total, done)
+    def task(self, name: str, total: int, done: int = 0, unit: str = "step") -> ProgressBar:
+        """Begin a task of ``total`` steps, of which ``done`` are made already; ``unit``: what a step is, in the singular."""
+        task = ProgressBar(name, total, done, unit, self._show)
         if self._rich is not None:
             self._bars[task] = self._rich.add_task(name, total=total, completed=done, status="")
         return task
 
     def note(self, text: str) -> None:
         """Say something in one line: a decision of the plan, a fallback."""
-        if self._rich is not None:
-            with suppress(OSError):  # of a terminal that is gone
-                self._rich.console.print(text, markup=False, highlight=False, soft_wrap=True)
-        else:
+        if self._rich is None:
             say(text, self._stream)
+            return
+        with suppress(OSError):  # of a terminal that is gone
+            self._rich.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def _show(self, task: ProgressBar) -> None:
         if self._rich is not None:
             self._rich.update(self._bars[task], completed=task.done, status=task.status)
-            return
-        now = time.monotonic()
-        if task.done >= task.total or now - self._last_line >= LINE_SECONDS:
-            self._last_line = now
+        elif task.done >= task.total or time.monotonic() - self._last_line >= LINE_SECONDS:
+            self._last_line = time.monotonic()
             self.note(f"{task.name}: {task.done}/{task.total}, {task.status}")
 
 
@@ -118,7 +106,7 @@ Begin = Callable[[str, int], ProgressBar]
 
 def unseen(name: str, total: int) -> ProgressBar:
     """A task that nobody is shown, for work that is asked for without a :class:`Progress`."""
-    return Progress(io.StringIO()).task(name, total)
+    return ProgressBar(name, total, 0, "step", lambda task: None)
 
 
 def duration(seconds: float) -> str:
@@ -130,6 +118,5 @@ def duration(seconds: float) -> str:
     whole = round(seconds)
     if whole < 60:
         return f"{whole} s" if whole >= 10 or whole == seconds else f"{seconds:.1f} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
+    minutes, left = divmod(whole, 60)
+    return f"{minutes} min {left} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"

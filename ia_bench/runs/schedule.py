@@ -49,7 +49,7 @@ def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, 
     if not missing:
         return failed
     logs.mkdir(parents=True, exist_ok=True)
-    task = progress.task("table", total=len(cells), done=len(cells) - len(missing))
+    task = progress.task("table", total=len(cells), done=len(cells) - len(missing), unit="cell")
     waiting = deque(_Attempts(cell, logs) for cell in missing)
     running: dict[Job, _Attempts] = {}
     with launcher.opened(logs) as start:
