@@ -13,15 +13,14 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-STAGE = ROOT / "build" / "docs"
 FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench")
 LINK = re.compile(r"\]\(([^()\s#]+)[^()\s]*\)")
 
 
-def documents() -> list[Path]:
+def documents(root: Path) -> list[Path]:
     """All Markdown files of the repository that belong to it."""
-    below = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))
-    return [ROOT / "README.md", ROOT / "CHANGELOG.md", *below]
+    below = sorted(path for folder in FOLDERS for path in (root / folder).rglob("*.md"))
+    return [path for path in (root / "README.md", root / "CHANGELOG.md") if path.is_file()] + below
 
 
 def linked(document: Path) -> list[Path]:
@@ -30,18 +29,24 @@ def linked(document: Path) -> list[Path]:
     return [path.resolve() for path in targets if path.is_file() and path.suffix != ".md"]
 
 
-def main() -> int:
-    """Build the site into results/docs and return MkDocs's exit status."""
-    shutil.rmtree(STAGE, ignore_errors=True)
-    pages = documents()
-    own = [Path(__file__).with_name(name) for name in ("wide.css", "iframe-worker.js")]
-    for path in [*own, *pages, *(file for page in pages for file in linked(page))]:
-        place = STAGE / path.relative_to(ROOT)
+def main(root: Path = ROOT) -> int:
+    """Build the site of the repository ``root`` into its results/docs and return MkDocs's exit status.
+
+    What MkDocs says is shown from warnings on, of which each fails the build. (With its own --quiet it counts no warning.)
+    """
+    stage, site = root / "build" / "docs", root / "docs" / "site"
+    shutil.rmtree(stage, ignore_errors=True)
+    pages = documents(root)
+    for path in [site / "wide.css", site / "iframe-worker.js", *pages, *(file for page in pages for file in linked(page))]:
+        place = stage / path.relative_to(root)
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, place)
-    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--config-file", str(Path(__file__).with_name("mkdocs.yml"))]
-    return subprocess.call(command, cwd=ROOT)
+    command = [sys.executable, "-m", "mkdocs", "build", "--config-file", str(site / "mkdocs.yml")]
+    ended = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    said = ended.stderr.splitlines()
+    print("\n".join(line for line in said if ended.returncode and not line.startswith("INFO")), file=sys.stderr)
+    return ended.returncode
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(*map(Path, sys.argv[1:])))
