@@ -1,4 +1,4 @@
-"""``make docs`` fails on a link that leads nowhere and on a page that is in no menu: tiny trees under the site's own configuration."""
+"""``make docs`` fails on a link that leads nowhere and on a page that is in no menu: tiny trees, configured as the site is."""
 
 from __future__ import annotations
 
