@@ -23,8 +23,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.reconstruction import Quality
 from ia_bench.render.stage import Stage
+from ia_bench.runs.pictures.drawing import views_of_maps
 from ia_bench.runs.pictures.panels import cut_out, displayed, exposure, extent, light_exposure, light_map, plain, to_image
-from ia_bench.runs.pictures.views import views_of_maps
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene, Truth, View
 

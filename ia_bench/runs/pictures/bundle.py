@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.pictures import packing, solid
+from ia_bench.runs.pictures import packing
 from ia_bench.runs.pictures.drawing import VERSION, Pictures, SceneRenderer
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.predictions import Predictions
@@ -52,11 +51,9 @@ class Bundle:
         """The file."""
         buffer = io.BytesIO()
         about = {"version": VERSION, "shapes": self.shapes, "errors": self.errors, "solid": self.solid, "views": self.views}
+        files = {f"{name}.webp": sheet for name, sheet in self.sheets.items()} | {"about.json": packing.compact(about).encode()}
         with zipfile.ZipFile(buffer, "w") as archive:
-            for name, content in {
-                **{f"{name}.webp": sheet for name, sheet in self.sheets.items()},
-                "about.json": packing.compact(about).encode(),
-            }.items():
+            for name, content in files.items():
                 archive.writestr(zipfile.ZipInfo(name, EPOCH), content)
         return buffer.getvalue()
 
@@ -84,11 +81,11 @@ def bundle(
     packed = Bundle(
         *sheets(pictures),
         errors={"tile": tile, "sheets": errors, "levels": packing.LEVELS, "largest": packing.LARGEST},
-        solid=textures_of(*textures),
+        solid=packing.textures(*textures),
         views=views,
     )
     if "light" not in true.sheets and found.environment is not None:
-        packed.solid["light"] = solid.light(LatLongEnvironment(found.environment.texels.detach().cpu()))
+        packed.solid["light"] = packing.light(LatLongEnvironment(found.environment.texels.detach().cpu()))
     return packed
 
 
@@ -98,11 +95,6 @@ def sheets(pictures: Pictures) -> tuple[dict[str, bytes], dict[str, list[int]]]:
     return {name: packing.sheet(tiles) for name, tiles in pictures.sheets.items()}, shapes
 
 
-def textures_of(albedo: np.ndarray, roughness: np.ndarray) -> dict[str, str]:
-    """Textures (T, T, 3) and (T, T), linear, for the viewer."""
-    return {"albedo": solid.texture(albedo, encoded=True), "roughness": solid.texture(roughness, encoded=False)}
-
-
 def write_pictures(
     folder: RunFolder,
     scene: Scene,
@@ -110,9 +102,10 @@ def write_pictures(
     scale: list[float] | None,
     note: Callable[[str], None],
 ) -> None:
-    r"""Write pictures.zip: what a report shows of the run, of the views that were drawn for its scores.
+    """Write pictures.zip: what a report shows of the run, of the views that were drawn for its scores.
 
-    ``scale`` aligns the albedo. Nothing of a reconstruction without textures; a scene that cannot be pictured is told to ``note``.
+    ``scale`` aligns the albedo. A reconstruction without textures has nothing to show, and a scene that cannot be pictured is told
+    to ``note``.
     """
     if drawn is None:
         return
@@ -124,7 +117,7 @@ def write_pictures(
         note(f"no pictures for the report: {error}")
     else:
         if scene.mesh_is_made:
-            packed.solid["mesh"] = solid.solid(scene.expect_mesh())
+            packed.solid["mesh"] = packing.solid(scene.expect_mesh())
         folder.write_bytes(PICTURES, packed.zipped())
 
 

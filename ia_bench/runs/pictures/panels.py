@@ -25,11 +25,6 @@ def exposure(images: Iterable[np.ndarray], masks: Iterable[np.ndarray]) -> float
     return 1 / max(float(np.quantile(np.concatenate(parts), 0.99)), 1e-12)
 
 
-def unmultiplied(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """The values (H, W, C) in [0, 1] of what covers a pixel."""
-    return straight(image, coverage).clip(0, 1)
-
-
 def on_grey(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     """A picture (H, W, C) in [0, 1] over GREY, (H, W, 3)."""
     alpha = coverage[..., None].clip(0, 1)
@@ -43,7 +38,7 @@ def displayed(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
 
 def plain(values: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     """What covers each pixel of a premultiplied map (H, W), black is 0, over GREY."""
-    return on_grey(unmultiplied(values[..., None], coverage), coverage)
+    return on_grey(straight(values[..., None], coverage).clip(0, 1), coverage)
 
 
 def extent(mask: np.ndarray) -> int:

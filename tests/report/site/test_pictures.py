@@ -23,7 +23,7 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.report.collect import Run
 from ia_bench.report.site.gallery import folder_names
 from ia_bench.report.site.pictures.store import write_pictures
-from ia_bench.runs.pictures import packing, solid
+from ia_bench.runs.pictures import packing
 from ia_bench.runs.pictures.bundle import bundle
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Pictures, SceneRenderer
 from ia_bench.runs.recovered import Recovered
@@ -68,7 +68,7 @@ def test_a_light_is_read_back_from_radiance_where_a_viewer_looks_for_it() -> Non
     environment = LatLongEnvironment(texels)
     for direction, value in ours.items():
         texels.reshape(-1, 3)[direction_to_texel(torch.tensor([direction]), 32, 64)] = value
-    header, _, body = base64.b64decode(solid.light(environment)).partition(b"-Y 32 +X 64\n")
+    header, _, body = base64.b64decode(packing.light(environment)).partition(b"-Y 32 +X 64\n")
     assert header.startswith(b"#?RADIANCE\n")
     bytes_ = np.frombuffer(body, np.uint8).reshape(32, 64, 4).astype(float)
     radiance = bytes_[..., :3] * 2.0 ** (bytes_[..., 3:] - 136)
@@ -82,7 +82,7 @@ def test_a_light_is_read_back_from_radiance_where_a_viewer_looks_for_it() -> Non
 
 def test_the_solid_is_the_mesh_to_less_than_a_pixel(scene_folder: Path) -> None:
     mesh = NativeReader(scene_folder).read(truth=False).expect_mesh()
-    content = gzip.decompress(base64.b64decode(solid.solid(mesh)))
+    content = gzip.decompress(base64.b64decode(packing.solid(mesh)))
     found = next(iter(trimesh.load(io.BytesIO(content), file_type="glb", process=False).geometry.values()))
     assert found.faces.tolist() == mesh.faces.tolist()
     expected = mesh.vertices[:, [0, 2, 1]] * [1, 1, -1]  # y up
@@ -96,9 +96,10 @@ def picture_of(address: str) -> np.ndarray:
 
 def test_a_texture_keeps_its_mean_and_its_side() -> None:
     """Linear .25 is 137 of 255 on a display; roughness stays as it is."""
-    assert picture_of(solid.texture(np.full((512, 512, 3), 0.25), encoded=True)).shape == (256, 256, 3)
-    assert picture_of(solid.texture(np.full((16, 16, 3), 0.25), encoded=True)).mean() == pytest.approx(137, abs=1.5)
-    assert picture_of(solid.texture(np.full((16, 16), 0.5), encoded=False)).mean() == pytest.approx(127.5, abs=1.5)
+    large = packing.textures(np.full((512, 512, 3), 0.25), np.full((16, 16), 0.5))
+    assert picture_of(large["albedo"]).shape == (256, 256, 3)
+    assert picture_of(large["albedo"]).mean() == pytest.approx(137, abs=1.5)
+    assert picture_of(large["roughness"]).mean() == pytest.approx(127.5, abs=1.5)
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +230,7 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
     scores = gallery.scenes["tiny"]["rows"]["perfect"]["scores"]
     assert (scores["albedo"], scores["roughness"], len(scores["relit"])) == ([1.0, 2.0, None, 4.0], [None] * 4, 3)
     files = {path: path.read_bytes() for path in (tmp_path / "parts").rglob("*") if path.is_file()}
-    assert {path.name for path in files} >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "solid.js"}
+    assert {path.name for path in files} >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "packing.js"}
 
     again = write_pictures(runs, tmp_path / "parts", notes.append)
     assert (again, len(notes)) == (gallery, 2)

@@ -21,8 +21,8 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.report.collect import Run
 from ia_bench.report.site.gallery import KEY, NOT_ROWS, TRUTH, Gallery, folder_names
 from ia_bench.runs.folder import CONFIG
-from ia_bench.runs.pictures import packing, solid
-from ia_bench.runs.pictures.bundle import PICTURES, Bundle, bundle, read_bundle, sheets, textures_of
+from ia_bench.runs.pictures import packing
+from ia_bench.runs.pictures.bundle import PICTURES, Bundle, bundle, read_bundle, sheets
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, Pictures, SceneRenderer
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Truth
@@ -150,12 +150,12 @@ def _kept(folder: Path, known: list[Any], write: Callable[[Path], dict[str, Any]
 def _write_truth(scene_renderer: SceneRenderer, pictures: Pictures, folder: Path) -> dict[str, Any]:
     scene, truth = scene_renderer.scene, scene_renderer.scene.truth or Truth({})
     lights = {name: truth.lights[name] for name in ("train", *scene_renderer.lights) if name in truth.lights}
-    maps = {name: solid.light(LatLongEnvironment(torch.from_numpy(map_).float())) for name, map_ in lights.items()}
+    maps = {name: packing.light(LatLongEnvironment(torch.from_numpy(map_).float())) for name, map_ in lights.items()}
     content: dict[str, Any] = {"lights": maps}
     if scene.mesh is not None:  # else every run has one of its own
-        content["mesh"] = solid.solid(scene.mesh)
+        content["mesh"] = packing.solid(scene.mesh)
         if truth.albedo is not None and truth.roughness is not None:
-            content |= textures_of(truth.albedo, truth.roughness)
+            content |= packing.textures(truth.albedo, truth.roughness)
     _write(folder / "solid.js", packing.script(f"{folder.parent.name}/truth/solid", content))
     found, shapes = sheets(pictures)
     _write_sheets(found, folder)
