@@ -43,7 +43,7 @@ def call(installed: Path, module: str, *arguments: str, folder: Path) -> subproc
     paths = os.pathsep.join([str(installed), str(ROOT)])
     variables = {**os.environ, "PYTHONPATH": paths, "IA_BENCH_DATASETS": str(ROOT / "datasets"), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", module, *arguments]
-    return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=1200)
 
 
 def test_example_keeps_the_contract(installed: Path, tmp_path: Path) -> None:

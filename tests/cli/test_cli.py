@@ -238,7 +238,7 @@ def test_ray_runs_a_sweep(tmp_path: Path) -> None:
     pytest.importorskip("hydra_plugins.hydra_ray_launcher", reason="needs the extra: pip install -e '.[ray]'")
     environment = os.environ | {"RAY_AUTH_MODE": "disabled", "HOME": str(tmp_path)}
     arguments = command("-m", "hydra/launcher=ray", "seed=0,1")
-    done = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run(arguments, env=environment, capture_output=True, text=True, check=False, timeout=1200)
     assert done.returncode == 0, done.stderr
     assert sorted(started()) == ["hat none 0", "hat none 1"]
     assert [r["status"] for r in results()] == ["ok", "ok"]

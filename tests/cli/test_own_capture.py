@@ -43,7 +43,7 @@ def write_capture(folder: Path, scene: Scene) -> None:
 
 def command(module: str, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     line = [sys.executable, "-m", module, "reader=nerfstudio", f"scene.path={folder}", *words]
-    return subprocess.run(line, capture_output=True, text=True, cwd=folder.parent, timeout=540, check=False, env=os.environ | {
+    return subprocess.run(line, capture_output=True, text=True, cwd=folder.parent, timeout=1200, check=False, env=os.environ | {
         "OMP_NUM_THREADS": "1", "IA_BENCH_CACHE": str(folder.parent / "cache"),
     })  # fmt: skip
 

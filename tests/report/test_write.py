@@ -333,5 +333,5 @@ def test_the_report_needs_no_trainer_no_prior_and_no_matplotlib_to_be_imported()
         "import sys, ia_bench.report.write\n"
         "print([n for n in sys.modules if n.startswith(('ia_bench.fit', 'ia_bench.priors', 'torch', 'matplotlib'))])"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=1200, check=True)
     assert done.stdout.strip() == "[]"

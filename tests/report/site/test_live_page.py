@@ -52,7 +52,7 @@ def news(results: Path) -> dict[str, Any]:
 
 
 def told(results: Path, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 1200
     while not ((results / "live" / "parts" / "live.js").is_file() and wanted(news(results))):
         assert time.monotonic() < deadline, news(results)
         time.sleep(0.05)
@@ -76,7 +76,7 @@ def test_a_watch_follows_the_runs_and_ctrl_c_ends_it(
     write_run_below(results, "kernel", "hat", 1, psnr=22.0)
     assert told(results, lambda one: one["cells"][3][3] == "finished")["key"] != first["key"]
     watched.send_signal(signal.SIGINT)
-    _, said = watched.communicate(timeout=20)
+    _, said = watched.communicate(timeout=1200)
     assert (watched.returncode, "Traceback" in said) == (0, False)
     assert news(results)["ended"]
     assert "22.00" in (results / "live" / "index.html").read_text()
@@ -106,9 +106,9 @@ def test_the_page_shows_the_cells_their_curves_and_what_has_finished_since(
         assert len(dashes(page)) == 5  # the run that goes on, once in every plot, and nothing else
     write_run_below(results, "kernel", "hat", 1, psnr=22.0)
     number = page.locator("#scope-0 tr[data-row='kernel'] td >> nth=9").get_by_text("22.00")
-    number.wait_for(timeout=30_000)  # the page loads itself again
+    number.wait_for(timeout=1_200_000)  # the page loads itself again
     watched.send_signal(signal.SIGINT)
-    page.wait_for_function("document.querySelector('#now-title').textContent.endsWith('when the watch ended')", timeout=20_000)
+    page.wait_for_function("document.querySelector('#now-title').textContent.endsWith('when the watch ended')", timeout=1_200_000)
 
 
 @pytest.mark.parametrize(
