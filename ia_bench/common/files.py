@@ -102,6 +102,8 @@ def is_file(path: Path) -> bool:
 def hash_of_files(root: Path, files: Iterable[Path]) -> str:
     """SHA-256 (hex) over the names below ``root`` and the bytes of ``files``, in the order in which they are given.
 
+    A file that lies elsewhere has its own name alone.
+
     Kept for as long as no size and no time of change differs: a table asks once for every cell. Raises OSError for a file that
     cannot be read.
     """
@@ -113,7 +115,8 @@ def hash_of_files(root: Path, files: Iterable[Path]) -> str:
 def _hash_of_states(root: Path, files: tuple[tuple[Path, int, int], ...]) -> str:
     digest = hashlib.sha256()
     for path, size, _ in files:
-        digest.update(f"{path.relative_to(root).as_posix()}\0{size}\n".encode())
+        name = path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
+        digest.update(f"{name}\0{size}\n".encode())
         with path.open("rb") as opened:
             while block := opened.read(1 << 20):
                 digest.update(block)

@@ -110,6 +110,12 @@ def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None
     return f"{plugin.distribution}, {' '.join(hashes) or 'no file'}"
 
 
+def foreign_files(plugin: Plugin) -> list[Path]:
+    """The files that :func:`foreign_code` hashes, none for a plugin that is built in."""
+    groups = [] if plugin.distribution == BUILT_IN else _sources(plugin.target.partition(":")[0])
+    return [file for _, files in groups for file in files]
+
+
 def _sources(module: str) -> list[tuple[Path, list[Path]]]:
     """The files that :func:`foreign_code` hashes, as absolute paths, and the folder that each group of them lies in."""
     try:

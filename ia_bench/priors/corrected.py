@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -33,6 +34,14 @@ class CorrectedPrior(WrappedPrior):
         """The options with those of the prior behind made explicit, where these depend on the machine."""
         resolve = getattr(registry.load(registry.find("prior", options.get("of", "diffusion"))), "resolved_options", None)
         return dict(options) if resolve is None else {**options, "of_options": resolve(options.get("of_options") or {})}
+
+    @classmethod
+    def files(cls, options: Mapping[str, Any]) -> list[Path]:
+        """What the samples of the prior behind depend on, and its code where it is not the package's own."""
+        plugin = registry.find("prior", options.get("of", "diffusion"))
+        behind = getattr(registry.load(plugin), "files", None)
+        weights = [] if behind is None else behind(options.get("of_options") or {})
+        return [*weights, *registry.foreign_files(plugin)]
 
     def __init__(self, *, of: str = "diffusion", share: UnitInterval = 0.5, of_options: Mapping[str, Any] | None = None) -> None:
         behind: Prior = registry.create("prior", of, registry.find("prior", of).target, of_options or {})

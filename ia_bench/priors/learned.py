@@ -48,6 +48,11 @@ class Framed:
 Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor], Counter[str]], Tensor]
 
 
+def weights_folder(weights: str | None, kind: str) -> Path:
+    """The folder of weights that an option names, or that of the package with those of this ``kind``."""
+    return Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / kind))
+
+
 class LearnedPrior(ABC):
     """Base of the priors with networks.
 
@@ -68,6 +73,11 @@ class LearnedPrior(ABC):
         bf16 = use_bf16(options.get("precision", "auto"), choose_device(options.get("device", "auto")))
         return {**options, "precision": "bf16" if bf16 else "float32"}
 
+    @classmethod
+    def files(cls, options: Mapping[str, Any]) -> list[Path]:
+        """What samples depend on beside code and options: the weights."""
+        return [weights_folder(options.get("weights"), cls.kind)]
+
     def __init__(
         self,
         *,
@@ -77,7 +87,7 @@ class LearnedPrior(ABC):
         precision: Precision = "auto",
         device: Device = "auto",
     ) -> None:
-        self._folder = Path(weights).expanduser() if weights else Path(str(files("ia_bench.priors") / "weights" / self.kind))
+        self._folder = weights_folder(weights, self.kind)
         self._device = choose_device(device)
         self.bf16 = use_bf16(precision, self._device)
         parts = [self._folder / name for name in COMPONENTS if (self._folder / name / "prior.json").is_file()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import MISSING, asdict, fields
+from dataclasses import MISSING, asdict, fields, replace
 from typing import Any
 
 from hydra import compose as hydra_compose
@@ -42,7 +42,7 @@ def register(overrides: Sequence[str]) -> None:
         if value in ("", "null", "~") and (conf_folder() / key).is_dir():
             raise InputError(unknown(key, value, sorted(path.stem for path in (conf_folder() / key).glob("*.yaml"))))
     store = ConfigStore.instance()
-    defaults: dict[str, Any] = {f.name: None for f in fields(RunConfig) if f.default is not MISSING} | {
+    defaults: dict[str, Any] = {f.name: None for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"} | {
         "scene": {"path": None},
         "reader": {"options": {}},
         "capture": asdict(CaptureSettings()),
@@ -70,11 +70,12 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
 
     ``here``: see :func:`ia_bench.runs.config.resolved`.
     """
+    given = tuple(overrides)
     overrides = written_out(overrides)
     register(overrides)
     try:
         with initialize_config_dir(str(conf_folder()), version_base=HYDRA_VERSION):
-            return to_run_config(hydra_compose(CONFIG_NAME, list(overrides)), here)
+            return replace(to_run_config(hydra_compose(CONFIG_NAME, list(overrides)), here), command=given)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(explain(error)) from error
 

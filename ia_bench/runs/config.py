@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from ia_bench.capture.settings import CaptureSettings
+from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
@@ -89,6 +89,7 @@ class RunConfig:
         threads: CPU threads, None for all that this process may use.
         row: Label in tables, None for the prior's or the method's name.
         out: The run's folder, None for ``runs/<scene>/<row>-<hash>``.
+        command: The overrides that it was composed of, as they were given.
     """
 
     scene: SceneConfig
@@ -105,6 +106,7 @@ class RunConfig:
     threads: Annotated[int, Field(ge=1)] | None = None
     row: str | None = None
     out: str | None = None
+    command: tuple[str, ...] = ()
 
     @property
     def row_name(self) -> str:
@@ -134,6 +136,8 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
         scene = replace(scene, name=folder.name, path=str(folder))
     elif config.reader.target != NATIVE_READER:  # which reads something else than the shipped scene of that name
         scene = replace(scene, name=config.reader.name)
+    if config.capture.geometry == "sdf" and config.capture.sdf.normals != SdfSettings.normals:
+        user_path("capture.sdf.normals", config.capture.sdf.normals, folder=True)
     _check_finite("reader.options", config.reader.options)
     reader = registry.load(registry.named("reader", config.reader.name, config.reader.target))
     check_arguments(reader, config.reader.options, "reader.options", 1)

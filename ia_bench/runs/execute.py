@@ -10,7 +10,7 @@ from ia_bench.common.machine import limit_threads
 from ia_bench.common.progress import Progress
 from ia_bench.runs.config import RunConfig
 from ia_bench.runs.folder import CHECKPOINT, RunFolder
-from ia_bench.runs.identity import given, hash_of, identity, labels, run_folder
+from ia_bench.runs.identity import hash_of, identity, labels, run_folder, setup
 from ia_bench.runs.interruption import deferred
 from ia_bench.runs.record import METRICS_FILE, RunRecord
 
@@ -21,8 +21,9 @@ def execute(config: RunConfig) -> RunRecord:
     Whatever goes wrong is recorded in the folder as a failed run, and raised; what a plugin raised as a PluginError that names it.
     """
     content = identity(config)
-    place, key = run_folder(config), hash_of(content)
-    with Progress() as progress, RunFolder.open(place, content, key, progress.note, given(config)) as folder:
+    key = hash_of(content)
+    place = run_folder(config, key)
+    with Progress() as progress, RunFolder.open(place, content, key, progress.note, setup(config)) as folder:
         record = folder.finished()
         if record is not None:
             progress.note(f"{folder.path}: already finished, nothing to do")

@@ -24,9 +24,8 @@ from ia_bench.common.files import read_json
 from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
 from ia_bench.runs.interruption import end_if_asked
 from ia_bench.runs.lock import lock_folder
-from ia_bench.runs.record import METRICS_FILE, RunRecord, damaged_file, digest_of, finished_record, json_bytes
+from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, damaged_file, digest_of, finished_record, json_bytes
 
-CONFIG = "config.json"
 CHECKPOINT = "checkpoint.pt"
 CURVE = "curve.csv"
 
@@ -50,21 +49,21 @@ class RunFolder:
     def open(
         cls,
         path: Path,
-        config: Mapping[str, Any],
+        identity: Mapping[str, Any],
         config_hash: str,
         note: Callable[[str], None] = print,
-        given: Mapping[str, str] | None = None,
+        setup: Mapping[str, Any] | None = None,
     ) -> RunFolder:
         """Make the folder if need be, wait for its lock, and claim it for this configuration.
 
-        ``config`` is what ``config_hash`` was computed from, ``given`` what :func:`ia_bench.runs.identity.given` keeps beside
-        it; ``note`` receives one-line messages. Raises InputError for a folder that holds another configuration's results
-        (naming the keys that differ), or that cannot be written.
+        ``identity`` is what ``config_hash`` was computed from, ``setup`` what else :class:`RunSetup` keeps; ``note`` receives
+        one-line messages. Raises InputError for a folder that holds another configuration's results (naming the keys that
+        differ), or that cannot be written. One with nothing but a failed run is used again.
         """
         lock = lock_folder(path, note)
         try:
             folder = cls(path, config_hash, lock, note)
-            folder._claim(config, given or {})
+            folder._claim(identity, setup or {})
         except BaseException:
             lock.close()
             raise
@@ -212,26 +211,34 @@ class RunFolder:
             trace = "".join(traceback.format_exception(failure))
         else:
             problem, trace = failure, None
-        problem, trace = (text and text.encode(errors="backslashreplace").decode() for text in (problem, trace))
-        self.write_record(RunRecord(**known, config_hash=self.config_hash, status="failed", error=problem or "", traceback=trace))
+        said = {"error": problem, "traceback": trace}
+        said = {key: text and text.encode(errors="backslashreplace").decode() for key, text in said.items()}
+        self.write_record(RunRecord(**known, **said, config_hash=self.config_hash, status="failed"))  # type: ignore[arg-type]
 
-    def _claim(self, config: Mapping[str, Any], given: Mapping[str, str]) -> None:
+    def _claim(self, identity: Mapping[str, Any], setup: Mapping[str, Any]) -> None:
         path = self.path / CONFIG
-        if path.exists():
-            held = read_json(path)
-            if not isinstance(held.get("config_hash"), str) or not isinstance(held.get("config"), dict):
-                raise InputError(f"{path}: expected a run's config_hash and config, found {', '.join(held) or 'nothing'}")
-            if held["config_hash"] != self.config_hash:
-                keys = ", ".join(_differing(held["config"], config))
-                raise InputError(f"{self.path}: holds the results of another configuration; these differ: {keys}")
-        elif (self.path / METRICS_FILE).exists():
+        held = RunSetup.read(self.path) if path.exists() else None
+        if held is None and (self.path / METRICS_FILE).exists():
             raise InputError(f"{self.path}: holds a {METRICS_FILE} but no {CONFIG}, so it is not a run's folder")
-        else:
-            content = {"config_hash": self.config_hash, "config": dict(config), "given": dict(given)}
+        if held is not None and held.config_hash != self.config_hash:
+            if not self._holds_a_failure():
+                keys = ", ".join(_differing(held.identity, identity)) or "the version of the code"
+                raise InputError(f"{self.path}: holds the results of another configuration; these differ: {keys}")
+            self.drop_checkpoint()
+            (self.path / METRICS_FILE).unlink()
+            held = None
+        if held is None:
+            content = {"config_hash": self.config_hash, **setup, "identity": dict(identity)}
             self.write_bytes(CONFIG, json_bytes(CONFIG, content))
         for leftover in self.path.glob(LEFTOVERS):  # of a process that was killed while writing
             with suppress(OSError):  # a folder is somebody else's
                 leftover.unlink()
+
+    def _holds_a_failure(self) -> bool:
+        try:
+            return RunRecord.read(self.path).status == "failed"
+        except FileNotFoundError:
+            return False
 
 
 def folders_among(paths: Sequence[Path], note: Callable[[str], object]) -> list[Path]:

@@ -1,121 +1,74 @@
-"""What makes a run the run that it is: everything that decides its numbers, and the hash of it."""
+"""What makes a run the run that it is: everything that decides its numbers, and the hash of it.
+
+Priors, couplings, methods and readers say themselves which files they take numbers from, by ``files``; nothing else is hashed.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+import shlex
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import asdict, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import hash_of_files, is_file, shown, user_path
+from ia_bench.common.files import hash_of_files, shown
 from ia_bench.common.machine import environment
-from ia_bench.common.paths import PACKAGE
 from ia_bench.common.ranges import NO_NUMBER
-from ia_bench.methods.asking.settings import SupervisionSettings
-from ia_bench.runs.config import RunConfig, options_class, resolve_scene_folder, slug
+from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, method_of, options_class, resolve_scene_folder, slug
 
-IDENTITY_VERSION = 9
+IDENTITY_VERSION = 10
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
-
-CONSISTENCY_VERSION, CONSISTENCY_KEY = 2, "consistency_version"
-"""Like that, of what captures with ``capture.consistency`` alone go through; it stands among the settings of a capture."""
-
-HASHED = "content "
-"""What begins the text that stands in an identity for a path: the hash of what lies there follows."""
-
-PACKAGED_WEIGHTS = PACKAGE / "priors" / "weights"
-WEIGHTS = ("weights", "refiner")
-"""Options that hold weights: a file or folder, by whatever name, or None for the packaged ones."""
+LABELS = ("command", "out", "row", "preset", "fit")
+"""Settings that decide no number: what a run is called, where its results go, and what other settings already hold."""
+CONTENT = "content"
+"""What stands in an identity for a path: where a file lies decides no number."""
 
 
 def identity(config: RunConfig) -> dict[str, Any]:
-    """Everything that decides the numbers of a resolved run, as JSON types.
+    """Everything that decides the numbers of a resolved run, as JSON types: its settings, and hashes of code and files.
 
-    Left out: where results go, the row's label, the preset's name (its values are in), how often checkpoints are
-    written, whether samples are kept, and where files lie. Instead of the path of the scene, or of a file that an option names,
-    there is a hash of the content; the weights of the package count for every prior that takes some. Readers, priors and methods
-    of other distributions, or of the command line, count with their code (:func:`ia_bench.common.registry.foreign_code`).
+    Code counts by IDENTITY_VERSION, and of plugins that are not the package's own by a hash
+    (:func:`ia_bench.common.registry.foreign_code`). Files are those that a plugin says it takes numbers from: a prior, a coupling
+    or a method by a class method ``files(options)``, a reader by its method ``files()``. Where one says nothing, they are those
+    that its options name, and with a reader everything below the scene's folder.
     """
-    content = asdict(config)
-    for label in ("out", "row", "preset", "fit"):
-        del content[label]
-    sdf = config.capture.sdf if config.capture.geometry == "sdf" else SdfSettings()
-    if replace(config.capture, name=CaptureSettings.name, sdf=sdf) == CaptureSettings():
-        del content["capture"]  # so that a scene as it is read has the identity that it had before there were captures
-    else:
-        del content["capture"]["name"]
-        if config.capture.geometry != "sdf":
-            del content["capture"]["sdf"]  # which then decides nothing
-        else:
-            content["capture"]["sdf"] = _of_sdf(sdf)
-        if config.capture.consistency:
-            content["capture"][CONSISTENCY_KEY] = CONSISTENCY_VERSION
-    checked = {SupervisionSettings: content["prior"]["supervision"], options_class(config.method): content["method"]["options"]}
-    for known, settings in checked.items():
-        for field in fields(known):
-            if field.metadata == NO_NUMBER:
-                del settings[field.name]
-    for kind in ("prior", "method", "reader"):
-        content[kind]["options"] = _without_paths("options", content[kind]["options"])
-    options = config.prior.options
-    if "of_options" in options:  # of the prior that is sampled behind this one
-        takes_packaged = (options["of_options"] or {}).get("weights") is None
-    else:
-        takes_packaged = any(name in options and options[name] is None for name in WEIGHTS)
-    if takes_packaged:
-        content["prior"]["packaged_weights"] = content_of(PACKAGED_WEIGHTS)
-    foreign = {
-        "prior": registry.foreign_code("prior", config.prior.name, config.prior.target),
-        "prior.options.of": registry.foreign_code("prior", options["of"]) if isinstance(options.get("of"), str) else None,
-        "method": registry.foreign_code("method", config.method.name, config.method.target),
-        "reader": registry.foreign_code("reader", config.reader.name, config.reader.target),
-    }
-    if any(foreign.values()):
-        content["foreign_code"] = {key: code for key, code in foreign.items() if code is not None}
-    folder = resolve_scene_folder(config.scene, config.reader)
-    content["scene"] = {"name": config.scene.name, "content": None if folder is None else content_of(folder)}
-    protocol = config.protocol.describe()
-    protocol["lpips"]["weights"] = _without_paths("weights", protocol["lpips"]["weights"])
-    content["protocol"] = protocol
+    content = {key: value for key, value in _deciding(config).items() if key not in LABELS}
+    hidden = [field.name for field in fields(options_class(config.method)) if field.metadata == NO_NUMBER]
+    content["method"]["options"] = {key: value for key, value in config.method.options.items() if key not in hidden}
+    content["method"]["fingerprint"] = getattr(method_of(config), "fingerprint", None)
+    if config.capture.geometry != "sdf":
+        del content["capture"]["sdf"]  # which then decides nothing
+    for plugin, options in _plugins(config):
+        paths = _files_of(plugin, options)
+        content[plugin.kind] |= {
+            "options": _mapped(content[plugin.kind]["options"], partial(_without_path, paths)),
+            "files": [_content(path) for path in paths if plugin.kind != "reader"],
+            "code": registry.foreign_code(plugin.kind, plugin.name, plugin.target),
+        }
+    content["scene"] = {"name": config.scene.name, "content": scene_content(config.scene, config.reader)}
+    content["protocol"] = config.protocol.describe()
     content["identity_version"] = IDENTITY_VERSION
-    return content
-
-
-def _of_sdf(sdf: SdfSettings) -> dict[str, Any]:
-    """How a surface is made; what came later is left out where it is off, so that runs without it are those that they were."""
-    found = asdict(sdf)
-    if not sdf.align:
-        del found["align"]
-    if sdf.normals == SdfSettings.normals:
-        del found["normals"]
-    else:
-        found["normals"] = HASHED + content_of(user_path("capture.sdf.normals", sdf.normals, folder=True))
+    named = {path: _content(path) for path in _paths_in(content)}  # of what is no plugin: a protocol, a capture
+    found: dict[str, Any] = _mapped(content, lambda text: named.get(_path_of(text), text))  # type: ignore[arg-type]
     return found
 
 
-def given(config: RunConfig) -> dict[str, str]:
-    """What :func:`identity` leaves out of a resolved run and reading the run again takes, by dotted key.
-
-    The absolute path of everything of which it has a hash, and the name of the capture.
-    """
-    parts = {"prior": config.prior.options, "method": config.method.options, "reader": config.reader.options}
-    found: dict[str, str] = {}
-    for kind, options in parts.items():
-        found |= _paths_in(f"{kind}.options", options)
-    found |= _paths_in("protocol.lpips.weights", config.protocol.lpips.weights)
-    if config.scene.path is not None:
-        found["scene.path"] = str(user_path("scene.path", config.scene.path, folder=True))
-    if config.capture.geometry == "sdf" and config.capture.sdf.normals != SdfSettings.normals:
-        found["capture.sdf.normals"] = str(user_path("capture.sdf.normals", config.capture.sdf.normals, folder=True))
-    if config.capture.name != CaptureSettings.name:
-        found["capture.name"] = config.capture.name
-    return found
+def scene_content(scene: SceneConfig, reader: ReaderConfig) -> str | None:
+    """SHA-256 (hex) over the files of a scene that its reader reads; None where it says of none and was given no folder."""
+    folder = resolve_scene_folder(scene, reader)
+    made = registry.create("reader", reader.name, reader.target, reader.options, folder)
+    if hasattr(made, "files"):
+        with registry.at_work("reader", reader.name):
+            return content_of(folder or Path(), map(Path, made.files()))
+    if folder is None:
+        return None
+    return content_of(folder, [folder, *_paths_in(reader.options)])
 
 
 def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -131,67 +84,121 @@ def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def setup(config: RunConfig) -> dict[str, Any]:
+    """What config.json keeps beside the identity: the command line and the configuration, which can be run again from anywhere."""
+    paths = [path for plugin, options in _plugins(config) for path in _files_of(plugin, options)]
+    settings = _mapped(asdict(config), lambda text: str(_path_in(text, paths) or text))
+    return {"command": shlex.join(("python", "-m", "ia_bench", *settings.pop("command"))), "config": settings}
+
+
 def config_hash(config: RunConfig) -> str:
     """The run's identity: SHA-256 (hex) over the canonical JSON of :func:`identity`."""
     return hash_of(identity(config))
 
 
-def hash_of(content: dict[str, Any]) -> str:
+def hash_of(content: Mapping[str, Any]) -> str:
     """SHA-256 (hex) over canonical JSON: sorted keys, no spaces."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def run_folder(config: RunConfig) -> Path:
-    """Where a resolved run leaves its results: ``out``, or ``runs/<scene>/<row>-<hash>`` below the current folder.
+def run_folder(config: RunConfig, key: str) -> Path:
+    """Where a resolved run with the hash ``key`` leaves its results: ``out``, or ``runs/<scene>/<row>-<hash>``.
 
     Raises InputError for a place in the scene's folder, whose content is part of a run's identity.
     """
     if config.out is not None:
         folder = Path(config.out).expanduser()
     else:
-        folder = Path("runs", slug(config.scene.name), f"{slug(config.row_name)}-{config_hash(config)[:8]}")
+        folder = Path("runs", slug(config.scene.name), f"{slug(config.row_name)}-{key[:8]}")
     scene = resolve_scene_folder(config.scene, config.reader)
     if scene is not None and Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(scene)):
         raise InputError(f"out={folder}: expected a folder outside of the scene's, found one in {scene}")
     return folder
 
 
-def content_of(path: Path) -> str:
-    """SHA-256 (hex) over the names and bytes of a file, or of all files of a folder but its documents (a card decides nothing)."""
+def content_of(root: Path, paths: Iterable[Path] | None = None) -> str:
+    """SHA-256 (hex) over names below ``root`` and bytes of the files among ``paths``, and in its folders of all but documents.
+
+    ``paths``: None for ``root`` itself.
+    """
     try:
-        files = [path] if path.is_file() else sorted(part for part in path.rglob("*") if part.is_file() and part.suffix != ".md")
-        return hash_of_files(path, files)
+        found: list[Path] = []
+        for path in [root] if paths is None else paths:
+            found += [path] if path.is_file() else sorted(path.rglob("*"))
+        return hash_of_files(root, [path for path in found if path.is_file() and path.suffix != ".md"])
     except OSError as error:
-        raise InputError(f"{shown(error.filename or path)}: expected a file that can be read, found: {error.strerror}") from None
+        raise InputError(f"{shown(error.filename or root)}: expected a file that can be read, found: {error.strerror}") from None
 
 
-def _without_paths(key: str, value: Any) -> Any:  # noqa: ANN401 (an option, whatever it is)
-    """``value`` with a hash of the content in place of every file or folder that it names."""
-    if isinstance(value, dict):
-        return {inner: _without_paths(inner, part) for inner, part in value.items()}
+def _content(path: Path) -> str:
+    return content_of(path, [path])
+
+
+def _plugins(config: RunConfig) -> Iterator[tuple[registry.Plugin, Mapping[str, Any]]]:
+    """The plugins of a run with their options; a coupling that the prior will choose is none yet."""
+    for kind in registry.KINDS:
+        part = getattr(config, kind, None)
+        if part is not None and part.target is not None:
+            yield registry.named(kind, part.name, part.target), part.options
+
+
+def _files_of(plugin: registry.Plugin, options: Mapping[str, Any]) -> list[Path]:
+    """The files and folders that a plugin takes numbers from besides its code; a reader's own are its scene's."""
+    said = getattr(registry.load(plugin), "files", None) if plugin.kind != "reader" else None
+    if said is None:
+        return _paths_in(options)
+    with registry.at_work(plugin.kind, plugin.name):
+        return [Path(path).expanduser().resolve() for path in said(options)]
+
+
+def _deciding(settings: Any) -> Any:  # noqa: ANN401 (a dataclass, or a value in one)
+    """Settings as JSON types, without those fields that decide no number."""
+    if not is_dataclass(settings):
+        return settings
+    return {field.name: _deciding(getattr(settings, field.name)) for field in fields(settings) if field.metadata != NO_NUMBER}
+
+
+def _mapped(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 (JSON)
+    """JSON with every text in it changed, keys but for."""
+    if isinstance(value, Mapping):
+        return {key: _mapped(part, change) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_paths(key, part) for part in value]
-    path = _path_of(key, value)
-    return value if path is None else HASHED + content_of(path)
+        return [_mapped(part, change) for part in value]
+    return change(value) if isinstance(value, str) else value
 
 
-def _paths_in(key: str, value: Any) -> dict[str, str]:  # noqa: ANN401 (an option, whatever it is)
-    """The files and folders that :func:`_without_paths` would put a hash for, by dotted key; items of a list by their number."""
-    if isinstance(value, dict | list | tuple):
-        found: dict[str, str] = {}
-        for name, part in value.items() if isinstance(value, dict) else enumerate(value):
-            found |= _paths_in(f"{key}.{name}", part)
-        return found
-    words = key.split(".")
-    path = _path_of(next(word for word in reversed(words) if not word.isdecimal()), value)
-    return {} if path is None else {key: str(path)}
+def _path_of(text: str) -> Path | None:
+    """The file or folder that a setting names; a word alone, which may be called like one by chance, names none."""
+    path = _resolved(text) if os.sep in text or "." in text else None
+    return path if path is not None and (path.is_file() or (os.sep in text and path.is_dir())) else None
 
 
-def _path_of(key: str, value: object) -> Path | None:
-    """The file or folder that an option names; a word alone, which may be called like one by chance, names none."""
-    if not isinstance(value, str) or not value:
+def _path_in(text: str, paths: Collection[Path]) -> Path | None:
+    """The same, or that of ``paths`` which a setting names, be it by a word."""
+    path = _resolved(text)
+    return path if path is not None and path in paths else _path_of(text)
+
+
+def _without_path(paths: Collection[Path], text: str) -> str:
+    return CONTENT if _path_in(text, paths) else text
+
+
+def _resolved(text: str) -> Path | None:
+    try:
+        path = Path(text).expanduser().resolve()
+        return path if text and path.exists() else None
+    except (OSError, ValueError, RuntimeError):  # no name of a file
         return None
-    path = Path(value).expanduser()
-    named = path.exists() if key in WEIGHTS or os.sep in value else bool(path.suffix) and is_file(path)
-    return path.resolve() if named else None
+
+
+def _paths_in(options: Mapping[str, Any]) -> list[Path]:
+    """The files and folders that options name."""
+    found: list[Path | None] = []
+
+    def note(text: str) -> str:
+        found.append(_path_of(text))
+        return text
+
+    _mapped(options, note)
+    return [path for path in found if path is not None]

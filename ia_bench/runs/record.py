@@ -21,6 +21,7 @@ from ia_bench.common.ranges import Name
 from ia_bench.common.settings import parsed
 
 METRICS_FILE = "metrics.json"
+CONFIG = "config.json"
 SCHEMA: Literal[2] = 2
 CHANGED = "+changes"
 """What ends the commit of a checkout whose source differs from it (:func:`ia_bench.common.machine.commit`)."""
@@ -154,6 +155,33 @@ class RunRecord:
         """A metric by its dotted name, "albedo.psnr"; None where it is undefined or was not measured."""
         component, _, name = key.rpartition(".")
         return self.metrics.get(component, {}).get(name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSetup:
+    """config.json: what a run was asked for.
+
+    Attributes:
+        config_hash: SHA-256 of the identity.
+        command: The command line that makes the run, as it was given, for a shell.
+        config: The resolved configuration, with absolute paths.
+        identity: What of it decides numbers, with hashes of files and code for paths (:func:`ia_bench.runs.identity.identity`).
+    """
+
+    config_hash: str
+    command: str = ""
+    config: dict[str, Any] = field(default_factory=dict)
+    identity: dict[str, Any]
+
+    @classmethod
+    def read(cls, folder: Path) -> RunSetup:
+        """That of a run's folder. Raises InputError where there is none, or something else."""
+        path = folder / CONFIG
+        content = read_json(path)
+        try:
+            return parsed(cls, content)
+        except InputError as error:
+            raise InputError(f"{path}: expected the configuration of a run: {error}") from None
 
 
 def finished_record(folder: Path, config_hash: str) -> RunRecord | None:

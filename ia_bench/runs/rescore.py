@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import torch
 
@@ -14,7 +13,7 @@ from ia_bench.common.machine import commit
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.identity import hash_of
+from ia_bench.runs.identity import hash_of, labels, setup
 from ia_bench.runs.pictures.bundle import write_pictures
 from ia_bench.runs.record import METRICS_FILE
 from ia_bench.runs.recovered import Recovered
@@ -49,17 +48,20 @@ class Rescorer:
                 own, which is not stored: what the reference renderer makes of its textures is no score of the same row.
         """
         run = Recovered(folder)
-        fit = run.record
-        origin: dict[str, str | None] = {"config_hash": fit.config_hash, "protocol": fit.protocol}
-        content = {**run.config.get("config", dict), "protocol": self.protocol.describe(), "rescored_from": origin["config_hash"]}
-        new_hash = hash_of(content)
-        place = self.out / slug(fit.scene) / f"{slug(fit.row)}-seed{fit.seed}-{new_hash[:8]}"
-        with RunFolder.open(place, content, new_hash, given=run.given) as kept:
+        record, config = run.record, replace(run.config, protocol=self.protocol)
+        content = {**run.setup.identity, "protocol": self.protocol.describe(), "rescored_from": record.config_hash}
+        key = hash_of(content)
+        place = self.out / slug(record.scene) / f"{slug(record.row)}-seed{record.seed}-{key[:8]}"
+        with RunFolder.open(place, content, key, setup={**setup(config), "command": run.setup.command}) as kept:
             if kept.finished() is not None:
                 return place
             stage, scorer = self._scene_of(run)
             reconstruction = run.reconstruction(stage)
-            self._check_renderer(run, reconstruction.renderer)
+            if record.renderer != reconstruction.renderer:
+                raise InputError(
+                    f"{folder / METRICS_FILE}: renderer: expected {reconstruction.renderer}, found {record.renderer}: its own "
+                    f"renderer is gone; run it again with protocol={self.protocol.name}"
+                )
             scores = scorer.full(reconstruction).as_dict()
             scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
             write_pictures(kept, self._scene, scorer.drawn, scale, print)
@@ -67,25 +69,17 @@ class Rescorer:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:
                         shutil.copyfile(folder / name, path)
-            origin |= {"commit": fit.environment.get("commit"), "scored_by_commit": commit()}
-            kept.write_record(replace(fit, **scores, rescored_from=origin))
+            origin: dict[str, str | None] = {"config_hash": record.config_hash, "protocol": record.protocol}
+            origin |= {"commit": record.environment.get("commit"), "scored_by_commit": commit()}
+            protocol = {"protocol_hash": labels(config, content)["protocol_hash"]}
+            kept.write_record(replace(record, **scores, **protocol, rescored_from=origin))
         return place
-
-    def _check_renderer(self, run: Recovered, here: str) -> None:
-        """Raise InputError where the run was not drawn by the renderer ``here``."""
-        drawn = run.record.renderer
-        if drawn != here:
-            raise InputError(
-                f"{run.folder / METRICS_FILE}: renderer: expected {here}, found {drawn}: its own renderer is gone; "
-                f"run it again with protocol={self.protocol.name}"
-            )
 
     def _scene_of(self, run: Recovered) -> tuple[Stage, Scorer]:
         """The stage and the scorer of the run's scene; those of the run before where that is the same."""
-        config = run.config.get("config", dict)
-        on_gpu = config.get("device") == "cuda" and torch.cuda.is_available()  # as the scores of the run itself are
+        on_gpu = run.config.device == "cuda" and torch.cuda.is_available()  # as the scores of the run itself are
         device = torch.device("cuda" if on_gpu else "cpu")
-        key: tuple[Any, ...] = (run.config.get("config.scene.content", str | None), run.reader, config.get("capture"), device)
+        key = (run.scene_content, run.reader, run.capture, device)
         if key != self._key:
             scene = run.read_scene(self.scene)
             self._stage, self._scorer = Stage(scene.expect_mesh(), device), Scorer(scene, self.protocol, device)

@@ -12,7 +12,7 @@ from ia_bench.common.exit_codes import INTERRUPTED, OK, TERMINATED
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.identity import given, labels
+from ia_bench.runs.identity import labels, setup
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
 from ia_bench.runs.record import METRICS_FILE, RunRecord, damaged_file, finished_record
@@ -107,7 +107,7 @@ class _Attempts:
             problem += f"; {self.made} attempts"
         try:
             cell = self.cell
-            with RunFolder.open(cell.folder, cell.content, cell.config_hash, given=given(cell.config)) as folder:
+            with RunFolder.open(cell.folder, cell.content, cell.config_hash, setup=setup(cell.config)) as folder:
                 if _time_of_record(self.cell) == self._before:  # it could not say why, and nobody else has finished it since
                     folder.write_failure(problem, labels(cell.config, cell.content))
         except (InputError, Fault, OSError) as error:  # of this cell; the others go on

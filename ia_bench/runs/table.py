@@ -330,7 +330,7 @@ def _cell(row: Row, config: RunConfig, own: list[str], request: TableRequest, re
     content = identity(config)
     folder = results / "runs" / slug(config.scene.name) / f"{slug(row.name)}-seed{config.seed}-{hash_of(content)[:8]}"
     overrides = (*row.overrides, *own, *request.overrides, f"out={_quoted(str(folder))}")
-    return Cell(row, replace(config, out=str(folder)), content, overrides)
+    return Cell(row, replace(config, out=str(folder), command=overrides), content, overrides)
 
 
 def _key_of(override: str) -> str:

@@ -210,17 +210,23 @@ def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> No
     assert below.exists()
 
 
-NO_RECORD = ["{", "[]", "{}", '{"config_hash": 1}', "\0\xff", "[" * 100_000, '{"seed": ' + "9" * 5000 + "}", "\ufeff{}"]
+@pytest.mark.parametrize("content", ["{", "[]", "{}", '{"config_hash": 1, "identity": {}}', '{"config_hash": "a", "identity": null}'])
+def test_a_configuration_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str) -> None:
+    (tmp_path / "config.json").write_text(content)
+    with pytest.raises(InputError, match=r"config\.json: (not valid JSON|expected )"):
+        RunFolder.open(tmp_path, CONFIG, HASH)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "latin-1"])
-@pytest.mark.parametrize("content", NO_RECORD, ids=range(len(NO_RECORD)))
-def test_a_record_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str, encoding: str) -> None:
-    for name in ("config.json", "metrics.json"):
-        with RunFolder.open(tmp_path / name, CONFIG, HASH) as folder:
-            (tmp_path / name / name).write_bytes(content.encode(encoding, "replace"))
-            with pytest.raises(InputError, match=rf"{name}: (not valid JSON|expected JSON|expected a |schema|row: )"):
-                folder._claim(CONFIG, {}) if name == "config.json" else folder.finished()
+def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder) -> None:
+    """After the scene was mended, which makes it another configuration."""
+    folder.save_checkpoint({"step": 3})
+    folder.write_failure("the scene is broken", LABELS)
+    folder.__exit__(None, None, None)
+    with RunFolder.open(folder.path, {"seed": 1}, "b" * 64) as again:
+        assert again.load_checkpoint() is None
+        again.write_record(good_record())
+    with pytest.raises(InputError, match="holds the results of another configuration"):
+        RunFolder.open(folder.path, CONFIG, HASH)
 
 
 WRITER = """

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 import os
+import shlex
 import sys
 import textwrap
 from pathlib import Path
@@ -14,15 +15,26 @@ import pytest
 from shipped_choices import _variations
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.settings import parsed
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors import learned
 from ia_bench.runs import identity as identities
 from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import slug
-from ia_bench.runs.identity import config_hash, identity, run_folder
+from ia_bench.runs.config import RunConfig, slug
+from ia_bench.runs.identity import config_hash, identity, run_folder, setup
 
 pytestmark = pytest.mark.usefixtures("scenes")
+
+
+PRIORS = ("none", "diffusion", "ia_bench.priors.diffusion.prior:DiffusionPrior", "regressor", "refiner", "corrected")
+FILES_READER = """
+class Silent:
+    def __init__(self, folder): self.folder = folder
+    def read(self, truth): ...
+class Says(Silent):
+    def files(self): return [self.folder / "mine" / "0.png"]
+"""
 
 
 def hash_with(*overrides: str) -> str:
@@ -33,11 +45,6 @@ def test_hash_is_sha256_of_canonical_json() -> None:
     config = compose(["device=cpu"])
     text = json.dumps(identity(config), sort_keys=True, separators=(",", ":"))
     assert config_hash(config) == hashlib.sha256(text.encode()).hexdigest()
-
-
-def test_a_scene_as_it_is_read_is_known_by_what_identified_it_before_there_were_captures() -> None:
-    assert "capture" not in identity(compose(["device=cpu"]))
-    assert identity(compose(["device=cpu", "capture.views=8"]))["capture"]["views"] == 8
 
 
 @pytest.mark.parametrize(
@@ -64,9 +71,6 @@ def test_hash_ignores_how_an_sdf_is_made_where_there_is_none() -> None:
 
 
 def test_given_normals_count_by_their_content(tmp_path: Path) -> None:
-    """Not by where they lie; without any, a run has the identity that it had before there could be some."""
-    plain = identity(compose(["device=cpu", "capture.geometry=sdf"]))
-    assert plain["capture"]["sdf"].keys() == {"cells", "steps", "seed"}
     assert hash_with("capture.geometry=sdf", "capture.sdf.align=true") != hash_with("capture.geometry=sdf")
     hashes = []
     for name, content in (("a", b"1"), ("b", b"1"), ("c", b"2")):
@@ -103,7 +107,8 @@ def test_hash_changes_with_what_decides_numbers(override: str) -> None:
     assert hash_with(override) != hash_with()
 
 
-def test_hash_changes_with_every_setting_of_fit_and_render() -> None:
+def test_hash_changes_with_every_setting_of_fit_and_render(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(identities, "method_of", lambda config: None)  # which some of these texts would be refused by
     config = compose(["device=cpu"])
     hashes = [config_hash(config)]
     for changed in _variations(config.render):
@@ -156,19 +161,52 @@ def test_hash_follows_the_content_of_weights_and_not_their_place(tmp_path: Path)
     assert hash_with("prior=corrected", nested[0]) != hash_with("prior=corrected", nested[1])
 
 
-def test_hash_follows_the_refiners_weights_beside_those_of_its_regressor(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Packaged ones where only the regressor's are given, and a folder of the current one that is named by one word."""
+def test_weights_are_the_prior_s_own_knowledge(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Packaged ones count however the prior is named, and behind another one; of two folders of weights each counts."""
+    before = {name: hash_with(f"prior={name}") for name in PRIORS}
+    monkeypatch.setattr(learned, "files", lambda package: tmp_path)
+    for kind in ("diffusion", "regressor", "refiner"):
+        (tmp_path / "weights" / kind).mkdir(parents=True)
+        (tmp_path / "weights" / kind / "weights.safetensors").write_bytes(kind.encode())
+    changed = {name: hash_with(f"prior={name}") for name in PRIORS}
+    assert {name for name in PRIORS if changed[name] == before[name]} == {"none"}
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(identities, "PACKAGED_WEIGHTS", tmp_path / "packaged")
-    hashes: dict[str, list[str]] = {"weights": [], "refiner": [], "both": []}
-    for content in (b"one", b"other"):
-        for name, held in (("packaged", content), ("named", content), ("constant", b"")):
-            (tmp_path / name).mkdir(exist_ok=True)
-            (tmp_path / name / "weights.safetensors").write_bytes(held)
-        given = {"weights": ("weights=constant",), "refiner": ("weights=constant", "refiner=named")}
-        for which, options in {**given, "both": ("weights=constant", "refiner=constant")}.items():
-            hashes[which].append(hash_with("prior=refiner", *(f"prior.options.{option}" for option in options)))
-    assert {which: one == other for which, (one, other) in hashes.items()} == {"weights": False, "refiner": False, "both": True}
+    one = hash_with("prior=refiner", "prior.options.refiner=weights")  # a folder that is named by one word
+    assert one != changed["refiner"]
+    assert setup(compose(["prior=refiner", "prior.options.refiner=weights"]))["config"]["prior"]["options"]["refiner"] == str(
+        tmp_path / "weights"
+    )
+    (tmp_path / "weights" / "refiner" / "weights.safetensors").write_bytes(b"other")
+    assert hash_with("prior=refiner", "prior.options.refiner=weights") != one
+
+
+def test_a_reader_s_files_are_the_scene_s_and_no_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """With a reader that says what it reads, what else lies below the folder counts for nothing; with another one all counts."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "files_reader.py").write_text(FILES_READER)
+    folder = tmp_path / "captures"
+    for name in ("mine", "theirs"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "0.png").write_bytes(name.encode())
+    hashes: dict[str, list[str]] = {"Says": [], "Silent": []}
+    for content in (b"1", b"2"):
+        (folder / "theirs" / "0.png").write_bytes(content)
+        for kind, found in hashes.items():
+            found.append(hash_with(f"reader=files_reader:{kind}", f"scene.path={folder}"))
+    assert hashes["Says"][0] == hashes["Says"][1]
+    assert hashes["Silent"][0] != hashes["Silent"][1]
+
+
+def test_the_setup_holds_the_command_line_and_absolute_paths(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, scenes: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("model.safetensors", "uniform"):
+        Path(name).write_bytes(b"one")
+    overrides = [f"scene.path={scenes / 'hat'}", "row='a b'", "protocol.lpips.weights=model.safetensors"]
+    found = setup(compose(overrides))
+    assert shlex.split(found["command"]) == ["python", "-m", "ia_bench", *overrides]
+    assert found["config"]["protocol"]["lpips"]["weights"] == str(tmp_path / "model.safetensors")
+    assert found["config"]["scene"]["path"] == str(scenes / "hat")
+    assert parsed(RunConfig, found["config"]).row_name == "a b"
 
 
 @pytest.mark.parametrize("prior", ["diffusion", "corrected"])
@@ -178,47 +216,6 @@ def test_the_precision_that_auto_means_is_part_of_the_hash(prior: str, monkeypat
         monkeypatch.setattr(learned, "use_bf16", lambda *_, fast=fast: fast)
         hashes.append(hash_with(f"prior={prior}"))
     assert hashes[0] != hashes[1]
-
-
-def test_hash_follows_files_named_without_a_folder_or_in_a_list(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.chdir(tmp_path)
-    found = []
-    for content in (b"one", b"other"):
-        (tmp_path / "model.pt").write_bytes(content)
-        options = {"checkpoint": "model.pt", "list": ["./model.pt", 3], "word": "model", "empty": "", "long": "x" * 5000}
-        found.append(identities._without_paths("options", options))
-    one, other = found
-    assert one["checkpoint"] == one["list"][0] != other["checkpoint"]
-    assert other["checkpoint"] == other["list"][0]
-    assert all(each["checkpoint"].startswith("content ") for each in found)
-    assert [{**one, "checkpoint": 0, "list": 0}, one["list"][1]] == [{**options, "checkpoint": 0, "list": 0}, 3]
-
-
-def test_what_the_hash_stands_for_is_kept_beside_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, scenes: Path) -> None:
-    """Every path absolute, and none of a word that a file is called like by chance."""
-    monkeypatch.chdir(tmp_path)
-    for name in ("model.safetensors", "given", "uniform"):
-        Path(name).write_bytes(b"one")
-    overrides = [f"scene.path={scenes / 'hat'}", "prior=corrected", "prior.options.of_options={weights: given}", "capture=phone"]
-    config = compose(["device=cpu", *overrides, "protocol.lpips.weights=model.safetensors"])
-    assert identities.given(config) == {
-        "scene.path": str(scenes / "hat"),
-        "capture.name": "phone",
-        "prior.options.of_options.weights": str(tmp_path / "given"),
-        "protocol.lpips.weights": str(tmp_path / "model.safetensors"),
-    }
-    options = {"list": ["./uniform", 3], "word": "uniform"}
-    assert identities._paths_in("method.options", options) == {"method.options.list.0": str(tmp_path / "uniform")}
-    assert identities._without_paths("options", options)["word"] == "uniform"
-    assert identities.given(compose(["device=cpu", "scene=hat"])) == {}
-
-
-def test_packaged_weights_are_part_of_the_hash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    before = {name: hash_with(f"prior={name}") for name in ("none", "diffusion", "corrected")}
-    (tmp_path / "weights").write_bytes(b"others")
-    monkeypatch.setattr(identities, "PACKAGED_WEIGHTS", tmp_path)
-    after = {name: hash_with(f"prior={name}") for name in before}
-    assert {name: after[name] == before[name] for name in before} == {"none": True, "diffusion": False, "corrected": False}
 
 
 @pytest.mark.parametrize(
@@ -281,7 +278,7 @@ def test_hash_follows_the_content_of_lpips_weights_and_not_their_place(tmp_path:
 
 def test_folder_is_named_by_scene_row_and_hash() -> None:
     config = compose(["device=cpu", "prior=oracle", "row='oracle w/o guided'"])
-    assert run_folder(config) == Path("runs", "hat", f"oracle-w-o-guided-{config_hash(config)[:8]}")
-    assert run_folder(compose(["device=cpu", "out=some/where"])) == Path("some/where")
-    assert run_folder(compose(["device=cpu", "method=ceiling"])).name.startswith("ceiling-")
+    assert run_folder(config, "0123456789") == Path("runs", "hat", "oracle-w-o-guided-01234567")
+    assert run_folder(compose(["device=cpu", "out=some/where"]), "") == Path("some/where")
+    assert run_folder(compose(["device=cpu", "method=ceiling"]), "").name.startswith("ceiling-")
     assert slug("../x y") == "..-x-y"

@@ -97,7 +97,7 @@ def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path
     with pytest.raises(InputError, match="roughness.exr: no such image"):
         Rescorer(small(), tmp_path / "new").rescore(old_run)
     config = json.loads((old_run / "config.json").read_text())
-    config["config"]["scene"]["content"] = "0" * 64
+    config["identity"]["scene"]["content"] = "0" * 64
     (old_run / "config.json").write_text(json.dumps(config))
     with pytest.raises(InputError, match="the run was on another scene"):
         Rescorer(small(), tmp_path / "new").rescore(old_run)

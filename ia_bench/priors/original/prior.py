@@ -43,6 +43,11 @@ class IntrinsicAnythingPrior:
     Its cost counts guided estimates and those whose step was cut. Raises InputError.
     """
 
+    @classmethod
+    def files(cls, options: Mapping[str, Any]) -> list[str]:
+        """What samples depend on beside code and options: the weights."""
+        return [options["weights"]] if options.get("weights") else []
+
     def __init__(
         self,
         *,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,6 +15,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.inputs import Device, Precision, check_views
+from ia_bench.priors.learned import weights_folder
 from ia_bench.priors.refiner.checkpoint import load_refiner
 from ia_bench.priors.refiner.network import EMPTY, RENDERS, RefinerNetwork, see
 from ia_bench.priors.regressor import RegressorPrior
@@ -37,6 +38,11 @@ class RefinerPrior(RegressorPrior):
     Raises InputError for weights that cannot be used.
     """
 
+    @classmethod
+    def files(cls, options: Mapping[str, Any]) -> list[Path]:
+        """The weights of both networks."""
+        return [*super().files(options), weights_folder(options.get("refiner"), "refiner")]
+
     def __init__(
         self,
         *,
@@ -49,8 +55,7 @@ class RefinerPrior(RegressorPrior):
     ) -> None:
         super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
         self.info = replace(self.info, wants=WANTS)
-        folder = Path(refiner).expanduser() if refiner else Path(str(files("ia_bench.priors") / "weights" / "refiner"))
-        self._network: RefinerNetwork = load_refiner(folder).to(self._device)
+        self._network: RefinerNetwork = load_refiner(weights_folder(refiner, "refiner")).to(self._device)
 
     @torch.no_grad()
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:

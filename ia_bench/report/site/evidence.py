@@ -16,7 +16,7 @@ from ia_bench.common.settings import flat
 from ia_bench.report.collect import HASH_DIGITS, Run
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import CONFIG
-from ia_bench.runs.identity import CONSISTENCY_KEY, HASHED, identity
+from ia_bench.runs.identity import identity
 from ia_bench.runs.record import METRICS_FILE
 from ia_bench.scores.protocol import ComparisonSettings, Protocol, SsimSettings, shipped
 
@@ -29,6 +29,7 @@ SETTABLE = (
 )
 """What begins the names that a command line may set, of those that decide a run; the protocol's are :data:`PROTOCOL`."""
 DIGITS = 12  # of a file's checksum
+CONSISTENCY_KEY, HASHED = "consistency_version", "content "
 MACHINE = ("cpu", "cores", "threads", "device", "system", "python", "commit")
 
 

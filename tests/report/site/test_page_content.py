@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -24,9 +23,7 @@ from ia_bench.report.site.evidence import Commands, common
 from ia_bench.report.site.gallery import Gallery
 from ia_bench.report.site.write import write_page
 from ia_bench.report.write import write_report
-from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.identity import config_hash, given, identity
 from ia_bench.runs.table import Claim
 
 Write = Callable[..., Path]
@@ -137,39 +134,6 @@ def test_the_same_runs_give_the_same_bytes_and_no_address_to_fetch(folders: list
 def test_common_settings_are_told_once() -> None:
     assert flat({"a": {"b": 1, "c": {}}, "d": [2]}) == {"a.b": 1, "a.c": {}, "d": [2]}
     assert common([{"x": 1, "y": 1}, {"x": 1, "y": 2}, {"x": 1, "y": 3}, {"x": 2}]) == {"x": 1}
-
-
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        ("prior=none",),
-        ("prior=oracle", "fit.stage1_steps=7", "render.samples=16"),
-        ("prior=none", "capture.views=4", "protocol.samples_per_pixel=64", "protocol.ssim.side=9"),
-        ("prior=none", "capture=phone", "capture.jpeg=none", "protocol=stanford-orb", "protocol.map_points=2"),
-    ],
-)
-@pytest.mark.parametrize("known", [True, False])
-def test_the_command_gives_the_configuration_again(overrides: tuple[str, ...], known: bool, write_run: Write) -> None:
-    """With the row's overrides known, and from the run folder alone."""
-    config = compose([*overrides, "scene=tiny", "seed=3", "row=mine, or so".replace(", ", " ")], here=False)
-    settings = flat(identity(config))
-    run = collect([write_run("mine or so", "tiny", 3)]).runs[0]
-    command = Commands({"mine or so": overrides[:1]} if known else {}).of(run, settings, {})
-    assert command is not None
-    words = shlex.split(f"{command[0]} scene=tiny seed=3{command[1]}")
-    assert words[:3] == ["python", "-m", "ia_bench"]
-    assert config_hash(compose(words[3:], here=False)) == config_hash(config)
-
-
-def test_a_file_stands_in_the_command_where_it_lies_and_without_that_there_is_none(tmp_path: Path, write_run: Write) -> None:
-    for name in ("a", "b"):
-        (tmp_path / name).write_bytes(name.encode())
-    config = compose(["prior=diffusion", f"prior.options.weights={tmp_path / 'a'}", "scene=tiny"], here=False)
-    run, settings = collect([write_run("diffusion", "tiny")]).runs[0], flat(identity(config))
-    command = Commands({}).of(run, settings, given(config))
-    assert command is not None
-    assert config_hash(compose(shlex.split(f"{command[0]} scene=tiny{command[1]}")[3:], here=False)) == config_hash(config)
-    assert Commands({}).of(run, settings, {}) is None
 
 
 def test_a_name_with_a_comma_stands_in_quotes_that_can_be_read(write_run: Write) -> None:

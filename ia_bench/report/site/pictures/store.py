@@ -121,7 +121,7 @@ class _PictureWriter:
     def write_row(self, run: Recovered, kept: Bundle | None, folder: Path) -> dict[str, Any]:
         """The same of a run: what it has ``kept``, else drawn from its textures."""
         if kept is None:
-            if run.config.get("config", dict).get("capture", {}).get("geometry", "given") != "given":
+            if run.capture.geometry != "given":
                 raise InputError("its mesh is not the scene's, and its folder has no pictures")
             self._note(f"pictures of {folder.parent.name}: {folder.name}")
             kept = bundle(self._scene_renderer, self._truth, run.reconstruction(self._scene_renderer.stage), run.scale)
@@ -130,7 +130,7 @@ class _PictureWriter:
 
 def _scene_of(run: Recovered) -> list[Any]:
     """What decides the scene as it is pictured: its files, and how they were read. What a capture leaves out is no truth."""
-    return [run.config.get("config.scene.content", str), asdict(run.reader)]
+    return [run.scene_content, asdict(run.reader)]
 
 
 def _kept(folder: Path, known: list[Any], write: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
