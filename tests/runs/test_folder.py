@@ -210,7 +210,10 @@ def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> No
     assert below.exists()
 
 
-@pytest.mark.parametrize("content", ["{", "[]", "{}", '{"config_hash": 1, "identity": {}}', '{"config_hash": "a", "identity": null}'])
+NO_SETUP = ["{", "[]", "{}", '{"config_hash": 1, "identity": {}}', '{"config_hash": "a", "identity": null}']
+
+
+@pytest.mark.parametrize("content", NO_SETUP)
 def test_a_configuration_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str) -> None:
     (tmp_path / "config.json").write_text(content)
     with pytest.raises(InputError, match=r"config\.json: (not valid JSON|expected )"):
