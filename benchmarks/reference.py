@@ -279,7 +279,7 @@ class TorchRenderer(Renderer):
         light: SampledLight,
         indirect: IndirectLight | None,
         samples: int,
-        shift: Tensor,
+        rotation: Tensor,
         part: int = 0,
         parts: int = 1,
         ray_cache: BrdfRayCache | None = None,
@@ -291,7 +291,7 @@ class TorchRenderer(Renderer):
             face = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1).reshape(-1)
             camera = gbuffer.seen_from(pixels).repeat_interleave(points, 0)
             surface = self.surface(face, gbuffer.barycentric[pixels].reshape(-1, 2), camera)
-            by_light, by_brdf = (lattice(start, points, count, part, parts).reshape(-1, count, 3) for start in shift)
+            by_light, by_brdf = (lattice(start, points, count, part, parts).reshape(-1, count, 3) for start in rotation)
             roughness = fetch(material.roughness.detach(), surface.uv)
             direction, texel, weight = self._sample(surface.normal, surface.view, roughness, by_light, by_brdf, light.sampler)
             blocked = self.visibility.blocked(surface, direction, (weight[..., 0] > 0) & (face >= 0)[:, None])

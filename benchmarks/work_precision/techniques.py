@@ -31,7 +31,7 @@ def unit_points(rule: str, pixels: int, points: int, count: int, generator: torc
     """``count`` samples for each of ``points`` points of a pixel: (pixels, points, count, 3) in [0, 1)^3, float64.
 
     "independent"; "stratified": the first coordinate has one sample in each of points x count equal strata of a pixel, the
-    others are independent; "lattice": the renderer's randomly shifted rank-1 lattice.
+    others are independent; "lattice": the renderer's rank-1 lattice under a Cranley-Patterson rotation.
     """
     device = generator.device
     if rule == "lattice":

@@ -30,7 +30,7 @@ class Seen:
 
 @wp.func
 def seen_point(normal: wp.vec3, view: wp.vec3, alpha: float) -> Seen:
-    """With the tangents of Duff et al. 2017."""
+    """The point that has this normal and is seen along ``view``, with the tangents of Duff et al. 2017."""
     point = Seen()
     sign = wp.where(normal[2] >= 0.0, 1.0, -1.0)
     a = -1.0 / (sign + normal[2])

@@ -52,7 +52,14 @@ class FromObject(NamedTuple):
 
 
 class Shaded(NamedTuple):
-    """Of N points, each (N, 3): ``diffuse`` and ``specular`` radiance, what the object ``mirrored`` of itself, and ``albedo``."""
+    """What N points send to the camera, each (N, 3).
+
+    Attributes:
+        diffuse: Radiance of the diffuse lobe.
+        specular: Radiance of the specular lobe, of the light itself.
+        mirrored: Radiance of the specular lobe, of the object itself.
+        albedo: The texture, no radiance.
+    """
 
     diffuse: Tensor
     specular: Tensor
@@ -66,7 +73,7 @@ def draw_samples(
     hit: Tensor,
     roughness: Tensor,
     sampler: LatLongSampler,
-    shift: Tensor,
+    rotation: Tensor,
     *,
     points: int,
     count: int,
@@ -79,12 +86,12 @@ def draw_samples(
         surface: The points, those of a pixel one after another.
         hit: (N,) bool, whether there is a point.
         roughness: Texture (T, T, 1).
-        sampler: Of the light.
-        shift: (2, P, 3) float64 in [0, 1), where the lattices of both techniques start.
-        points: Of a pixel.
+        sampler: The light's tables.
+        rotation: (2, P, 3) float64 in [0, 1), the Cranley-Patterson rotations of each pixel's lattices, by light and by BRDF.
+        points: How many of them a pixel has.
         count: Directions of each technique.
-        part: Which of the entries of a lattice that is dealt out to ``parts`` passes.
-        parts: Passes.
+        part: Which pass this is, where a lattice is dealt out to several.
+        parts: How many passes there are.
     """
     n, device = len(surface.position), surface.position.device
     direction = torch.empty(n, 2 * count, 3, device=device)
@@ -92,7 +99,7 @@ def draw_samples(
     terms, boost = torch.empty(n, 2 * count, 4, device=device), torch.empty(n, count, device=device)
     launch(
         draw, n, hit.view(torch.uint8), surface.normal, surface.view, surface.uv,
-        _flat(roughness, 1), len(roughness), shift, tables_of(sampler), points, count, part, parts,
+        _flat(roughness, 1), len(roughness), rotation, tables_of(sampler), points, count, part, parts,
         direction, texel, terms, boost, device=device,
     )  # fmt: skip
     return DirectionSamples(direction, texel, terms, boost)
@@ -127,7 +134,7 @@ def _flat(texture: Tensor, channels: int) -> Tensor:
 
 
 def _table(values: Tensor | None) -> tuple[Tensor | None, int]:
-    """Square and flat, and its side."""
+    """A square table, flat, and its side; 0 stands for none."""
     return (None, 0) if values is None else (values.reshape(-1), len(values))
 
 

@@ -1,4 +1,7 @@
-"""What every pixel sees: triangle and barycentrics of a few points per pixel, found once, interpolated on use."""
+"""What every pixel sees: triangle and barycentrics of a few points per pixel, found once, interpolated on use.
+
+Sizes: P pixels that see the mesh, S points in each of them, V views of H x W pixels; N = P S points when they lie flat.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +25,15 @@ MARGIN = 0.5  # pixels around the image of a triangle, for the rounding of rays
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """Points on the surface as seen by a camera, (N, ...) each.
+    """Points on the surface as seen by a camera.
 
-    ``position``; unit ``normal`` (shading normal, on the viewer's side); unit ``view`` toward the camera; ``uv``;
-    ``geometric``, the triangle's unit normal, on the viewer's side; ``front`` (N, 1) bool, whether the viewer is on the side
-    from which the triangle is wound counter-clockwise.
+    Attributes:
+        position: (N, 3) in scene units.
+        normal: (N, 3), unit: the shading normal, on the viewer's side.
+        view: (N, 3), unit: toward the camera.
+        uv: (N, 2) in [0, 1], (0, 0) at the texture's lower left corner.
+        geometric: (N, 3), unit: the triangle's own normal, on the viewer's side.
+        front: (N, 1) bool, whether the viewer is on the side from which the triangle is wound counter-clockwise.
     """
 
     position: Tensor
@@ -41,9 +48,14 @@ class SurfacePoints:
 class GBuffer:
     """Hits of ``subsamples`` stratified points in every pixel that sees the mesh at all: P entries, one a pixel.
 
-    ``face`` (P, S) int32 with -1 where a point of the pixel misses; ``barycentric`` (P, S, 2); ``pixel`` (P,) int64 flat
-    index into the stacked views (view, row, column); ``origin`` (V, 3) camera centres; ``shape`` (V, H, W).
     Where a method takes ``entries``, they are any index into the P, and None stands for all of them.
+
+    Attributes:
+        face: (P, S) int32, the triangle that each point of the pixel hits, -1 for a miss.
+        barycentric: (P, S, 2) in [0, 1], the weights of the triangle's corners 1 and 2.
+        pixel: (P,) int64, flat index into the stacked views (view, row, column).
+        origin: (V, 3) in scene units, the camera centres.
+        shape: (V, H, W), the number of views and their size in pixels.
     """
 
     face: Tensor
@@ -54,7 +66,7 @@ class GBuffer:
 
     @property
     def subsamples(self) -> int:
-        """Points per pixel (S)."""
+        """The number of points in a pixel, S."""
         return self.face.shape[1]
 
     @property
@@ -83,7 +95,7 @@ class GBuffer:
         return (self.face >= 0).all(1)
 
     def at(self, entries: Tensor) -> GBuffer:
-        """Of these (Q,) entries alone."""
+        """The G-buffer of these (Q,) entries alone."""
         return replace(self, face=self.face[entries], barycentric=self.barycentric[entries], pixel=self.pixel[entries])
 
     def images(self, values: Tensor) -> Tensor:
@@ -160,7 +172,14 @@ def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: tor
 
 
 class SurfaceInterpolator:
-    """Turns (face, barycentric, camera) into shaded points over one mesh."""
+    """Turns what a G-buffer holds into points of the surface, with normals and texture coordinates.
+
+    Attributes:
+        offset: How far a point is lifted off its triangle before a ray leaves it, in scene units.
+        geometric: (F, 3), the unit normals of the triangles, as they are wound.
+        points: How many points it has made so far ...
+        bent_normals: ... and of how many the shading normal faced away from the viewer and was bent to grazing.
+    """
 
     def __init__(self, mesh: Mesh, device: torch.device) -> None:
         corners = torch.from_numpy(mesh.faces).long()
@@ -173,9 +192,8 @@ class SurfaceInterpolator:
         self._uv = uv.contiguous().to(device)
         self.geometric = normalize(geometric).to(device)
         extent = position.reshape(-1, 3)
-        self.offset = 1e-4 * float((extent.amax(0) - extent.amin(0)).norm())  # of shadow rays, in scene units
-        self.bent_normals = 0  # how many shading normals faced away from the viewer and were bent to grazing ...
-        self.points = 0  # ... of how many points
+        self.offset = 1e-4 * float((extent.amax(0) - extent.amin(0)).norm())
+        self.points = self.bent_normals = 0
 
     @cached_property
     def area_per_uv(self) -> Tensor:

@@ -42,7 +42,12 @@ BURIED = 0.3  # a texel that sees more backs of triangles than this (cosine-weig
 
 
 class IndirectLight(NamedTuple):
-    """Of the N texels of the atlas, each (N, 3): ``arriving``, the irradiance from the object itself, and ``leaving``, radiance."""
+    """What the object throws onto itself, at the N texels of its atlas.
+
+    Attributes:
+        arriving: (N, 3), the irradiance from the object itself.
+        leaving: (N, 3), the radiance that the texels send out.
+    """
 
     arriving: Tensor
     leaving: Tensor
@@ -52,14 +57,14 @@ class Operator:
     """A fixed sparse matrix (rows, columns), kept by rows; its transpose likewise, as soon as a gradient asks for it."""
 
     def __init__(self, matrix: Tensor) -> None:
-        """From a dense matrix or a sparse one."""
+        """``matrix`` may be dense or sparse."""
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta state", category=UserWarning)
             self.matrix = _by_rows(matrix)
 
     @cached_property
     def transposed(self) -> Operator:
-        """Of the transpose."""
+        """The operator of the transpose."""
         return Operator(self.matrix.t())
 
     def apply(self, values: Tensor) -> Tensor:

@@ -1,10 +1,10 @@
 """The Monte-Carlo estimator of the paper's equation 3 as Warp kernels: light and BRDF samples joined by the balance heuristic.
 
-Half of the samples of a point follow the light, half the visible GGX
-normals. Both come from one randomly shifted lattice per pixel: its first coordinate is stratified over all the samples of the
-pixel, each sample alone is uniform, so every point of the pixel has an unbiased estimate whatever its share of the samples.
-Directions, densities and visibility carry no gradient: gradients flow through the radiance of the light, the albedo, and the
-BRDF's value only ("detached" sampling).
+Half of the samples of a point follow the light, half the visible GGX normals. Each half comes from one lattice per pixel, which a
+Cranley-Patterson rotation moves: its first coordinate is stratified over all the samples of the pixel, and each sample alone is
+uniform, so every point of the pixel has an unbiased estimate whatever its share of the samples. Directions, densities and
+visibility carry no gradient: gradients flow through the radiance of the light, the albedo, and the BRDF's value only ("detached"
+sampling).
 
 :func:`shade_adjoint` is written by hand: what Warp 1.19 derives of :func:`shade` takes several times as long and loses a part of
 the gradient of the albedo. Tests compare it with torch's.
@@ -42,7 +42,7 @@ def draw(
     uvs: wp.array(dtype=wp.vec2),
     roughness: wp.array(dtype=float),
     roughness_side: int,
-    shifts: wp.array2d(dtype=wp.vec3d),
+    rotations: wp.array2d(dtype=wp.vec3d),
     tables: Tables,
     points: int,
     count: int,
@@ -55,10 +55,11 @@ def draw(
 ):
     """Draw ``count`` directions by each technique for a point of a pixel of ``points``.
 
-    Of each: the texel of the light, -1 below the horizon and where the camera sees nothing; the cosine, the lobe's value and its
-    slope, times the balance heuristic's weight 1 / (n_light p_light + n_brdf p_brdf), and its grazing part. ``boosts`` are the
-    weights of the directions by the BRDF if there were no others, over that. Of a lattice that is dealt out to several ``parts``
-    this one takes every such entry of each point.
+    ``texels`` says where a direction ends in the light, -1 below the horizon and where the camera sees nothing. ``terms`` holds
+    the cosine, the lobe's value and its slope in alpha, each times the balance heuristic's weight
+    1 / (n_light p_light + n_brdf p_brdf), and the lobe's grazing part. ``boosts`` is the weight that a direction by the BRDF would
+    have if there were no others, over that. A lattice may be dealt out to several ``parts``: this one takes every such entry of
+    each point.
     """
     n = first + wp.tid()
     if hit[n] == wp.uint8(0):
@@ -74,14 +75,14 @@ def draw(
     for k in range(2 * count):
         technique = wp.where(k < count, 0, 1)
         index = wp.float64(start + points * parts * (k - technique * count))
-        shift = shifts[technique, pixel]
-        u = fraction(shift[0] + index * spacing)
-        v = float(fraction(shift[1] + index * _GOLDEN))
+        rotation = rotations[technique, pixel]
+        u = fraction(rotation[0] + index * spacing)
+        v = float(fraction(rotation[1] + index * _GOLDEN))
         direction = wp.vec3(0.0, 0.0, 0.0)
         texel = int(0)
         if technique == 0:
             texel = sample_texel(tables, cell, u)
-            w = float(fraction(shift[2] + index * _PLASTIC))
+            w = float(fraction(rotation[2] + index * _PLASTIC))
             direction = texel_to_direction(texel, v, w, tables.height, tables.width)
         else:
             direction = sample_visible_ggx(point, float(u), v)

@@ -100,7 +100,8 @@ class TexturedReconstruction:
     """Textures over a mesh and a lat-long light, drawn by the reference renderer whatever renderer they were fitted with.
 
     The reference renderer traces every shadow, follows REFERENCE_BOUNCES reflections and lays the coat over the diffuse lobe. What
-    is smoother than MIN_ROUGHNESS is drawn with that, for float32 resolves no narrower lobe; maps and assets keep it as it is.
+    is smoother than MIN_ROUGHNESS is drawn with that, for float32 resolves no narrower lobe, and counted (:meth:`counts`); maps and
+    assets keep it as it is.
     With ``coat`` "added", the paper's sum of both lobes, or other ``bounces``, it is another renderer and goes by another name.
     """
 
@@ -176,6 +177,11 @@ class TexturedReconstruction:
             self._last = picture, BrdfRayCache()
         self._last[1].begin()
         return self._last[1]
+
+    def counts(self) -> dict[str, int]:
+        """How many texels of the roughness there are, and how many of them are drawn rougher than they are."""
+        roughness = self.material.roughness
+        return {"texels": roughness.numel(), "roughness_raised": int((roughness < MIN_ROUGHNESS).sum())}
 
     def assets(self) -> Assets:
         """See :meth:`Reconstruction.assets`."""

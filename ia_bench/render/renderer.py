@@ -23,8 +23,11 @@ MET_BYTES = 512 * 2**20  # of what directions by the BRDF meet, kept between pic
 class PixelRadiance:
     """Premultiplied values of P pixels, each (P, 3).
 
-    ``diffuse`` radiance, indirect light included; ``specular`` radiance of the light itself, the paper's specular shading;
-    ``mirrored``, specular radiance of the object in itself, None without indirect light; ``albedo``.
+    Attributes:
+        diffuse: Radiance of the diffuse lobe, indirect light included.
+        specular: Radiance of the specular lobe under the light itself: the paper's specular shading.
+        albedo: The mean of the texture over the pixel.
+        mirrored: Specular radiance of the object in itself, None without indirect light.
     """
 
     diffuse: Tensor
@@ -69,15 +72,15 @@ class BrdfRayCache:
         self._next = 0
 
     def known(self) -> tuple[Tensor, Tensor | None] | None:
-        """Of the next pass: (N, count) bool, whether the object is in the way, and (N, count) int32, which of its texels is seen.
+        """What the next pass found: (N, count) bool, whether the object is in the way, and (N, count) int32, the texel seen of it.
 
-        The latter is None without indirect light, the whole where it has to be traced.
+        The latter is None without indirect light. None in place of both: the pass has to be traced.
         """
         self._next += 1
         return self._passes[self._next - 1] if self._next <= len(self._passes) else None
 
     def keep(self, blocked: Tensor, seen: Tensor | None) -> None:
-        """What the pass that was not known has found."""
+        """Keep what the pass that was not known has found."""
         if self._next > len(self._passes):
             size = blocked.nbytes + (0 if seen is None else seen.nbytes)
             fits = self._bytes + size <= MET_BYTES
@@ -113,8 +116,8 @@ class Renderer:
         Every point of a pixel takes as many, at least two, so ``samples`` is rounded to a multiple of twice the points. An
         entry of -1 is none: it is black, and no ray is spent on it.
         """
-        shift = lattice_shift(pixels, generator)
-        return self._render(gbuffer, pixels, material, light, self._bounce(material, light), samples, shift)
+        rotation = random_rotation(pixels, generator)
+        return self._render(gbuffer, pixels, material, light, self._bounce(material, light), samples, rotation)
 
     def _bounce(self, material: Material, light: SampledLight) -> IndirectLight | None:
         return None if self.interreflection is None else self.interreflection.solve(material.albedo, light.radiance)
@@ -127,34 +130,48 @@ class Renderer:
         light: SampledLight,
         indirect: IndirectLight | None,
         samples: int,
-        shift: Tensor,
+        rotation: Tensor,
         part: int = 0,
         parts: int = 1,
         ray_cache: BrdfRayCache | None = None,
     ) -> PixelRadiance:
-        """As :meth:`render_pixels`, for one of several parts of the lattices that start at ``shift`` (2, P, 3)."""
+        """As :meth:`render_pixels`, for one of several parts of the lattices that ``rotation`` (2, P, 3) moves.
+
+        For each point x of a pixel, seen from o, the estimate of equation 3 is a sum over directions w by light and by BRDF,
+
+            L_o(x, o) = sum_w V(x, w) L(w) f(x, w, o) cos(w) / (n_light p_light(w) + n_brdf p_brdf(w)).
+
+        Everything that is chosen by chance is chosen first, without gradient; the sum is then differentiable in textures and light.
+        What it neglects: light that arrives from the object by way of its mirrored parts (see :mod:`ia_bench.render.indirect`).
+        """
         points = gbuffer.subsamples
         count = samples_taken(samples, points) // (2 * points)
         with torch.no_grad():
-            # ---- surface points, (N = P S, ...) ---------------------------------------------------------------
-            face = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1).reshape(-1)
+            # ---------------- Surface points, N = P S: x, and o ----------------
+            face = gbuffer.face[pixels].masked_fill(pixels[:, None] < 0, -1).reshape(-1)  # an entry of -1 is none
             camera = gbuffer.seen_from(pixels).repeat_interleave(points, 0)
             surface = self.surface(face, gbuffer.barycentric[pixels].reshape(-1, 2), camera)
 
-            # ---- directions by light and by BRDF, (N, 2 count), and what is in their way -------------------------
+            # ---------------- Directions, (N, 2 count): w by light, then by BRDF, with their weights ----------------
             drawn = draw_samples(
-                surface, face >= 0, material.roughness.detach(), light.sampler, shift,
+                surface, face >= 0, material.roughness.detach(), light.sampler, rotation,
                 points=points, count=count, part=part, parts=parts,
             )  # fmt: skip
+
+            # ---------------- Visibility, V = 0 where the object blocks the light ----------------
             blocked, seen = self._in_the_way(surface, drawn, count, ray_cache)
             drawn.texel[blocked] = -1
+
+            # ---------------- Indirect light: what arrives from the object in the place of the light ----------------
             of_object = None
             if indirect is not None and seen is not None:
                 assert self.interreflection is not None
                 of_object = FromObject(indirect.arriving, indirect.leaving, self.interreflection.atlas.row, seen)
 
-        # ---- what reaches the camera, (N, 3), and its mean over the points of a pixel, (P, 3); a miss is black ------
+        # ---------------- The sum, (N, 3), differentiable from here on ----------------
         shaded = shade_samples(surface, drawn, material, light.radiance, self.coat, of_object)
+
+        # ---------------- Pixels, (P, 3): the mean over their points, of which a miss is black ----------------
         pool = (face >= 0).reshape(-1, points, 1) / points
         diffuse, specular, mirrored, albedo = ((part.reshape(-1, points, 3) * pool).sum(1) for part in shaded)
         return PixelRadiance(diffuse, specular, albedo, None if of_object is None else mirrored)
@@ -210,18 +227,18 @@ class Renderer:
         indirect = self._bounce(material, light)
         for chunk in every.split(CHUNK) if len(every) else ():
             padded = torch.cat([chunk, chunk.new_full((CHUNK - len(chunk),), -1)])
-            shift = lattice_shift(padded, generator)
+            rotation = random_rotation(padded, generator)
             for part in range(passes):
                 each = round(samples / passes)
-                rendered = self._render(gbuffer, padded, material, light, indirect, each, shift, part, passes, ray_cache)
+                rendered = self._render(gbuffer, padded, material, light, indirect, each, rotation, part, passes, ray_cache)
                 for name in parts:
                     values[name][chunk] += getattr(rendered, name)[: len(chunk)] / passes
         values["radiance"] = sum((values[name] for name in parts if name != "albedo"), torch.zeros(()))
         return values
 
 
-def lattice_shift(pixels: Tensor, generator: torch.Generator) -> Tensor:
-    """Random starts of the lattices of light and BRDF samples of (P,) pixels: (2, P, 3) float64."""
+def random_rotation(pixels: Tensor, generator: torch.Generator) -> Tensor:
+    """Cranley-Patterson rotations of the lattices by light and by BRDF of (P,) pixels: (2, P, 3) float64."""
     return torch.rand(2, len(pixels), 3, generator=generator, dtype=torch.float64, device=pixels.device)
 
 

@@ -36,7 +36,10 @@ class Stage:
 
     @cached_property
     def surface(self) -> SurfaceInterpolator:
-        """What turns a triangle and barycentrics into a point with normal and texture coordinates."""
+        """What turns (N,) triangles, (N, 2) barycentrics and (N, 3) camera centres into points of the surface.
+
+        ``stage.surface(face, barycentric, centre)`` has their normals and texture coordinates: :class:`SurfacePoints`.
+        """
         return SurfaceInterpolator(self.mesh, self.device)
 
     @cached_property

@@ -29,8 +29,8 @@ def interpolate(
 ):
     """See :class:`ia_bench.render.gbuffer.SurfaceInterpolator`.
 
-    Of a triangle's ``corners`` the first three are positions, the others normals; of a point's ``flags`` the first says whether its
-    front is seen, the second whether its normal had to be bent.
+    A triangle's first three ``corners`` are positions, the others normals. A point's first flag says whether its front is seen,
+    its second whether its normal had to be bent.
     """
     n = first + wp.tid()
     face = wp.max(faces[n], 0)

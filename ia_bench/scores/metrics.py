@@ -122,5 +122,5 @@ def _similarity(predicted: np.ndarray, true: np.ndarray, settings: SsimSettings)
 
 
 def _reach(places: np.ndarray, window: int) -> slice:
-    """From a ``window`` before the first of some rows or columns to a window behind the last one."""
+    """The range from a ``window`` before the first of some rows or columns to a window behind the last one."""
     return slice(max(int(places.min()) - window, 0), int(places.max()) + window + 1)

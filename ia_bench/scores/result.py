@@ -35,7 +35,7 @@ class Scores:
         variants: The same under other definitions, each named.
         per_image: Component (-> light) -> metric -> one value per view.
         reasons: Dotted path -> why it is null in JSON.
-        counts: Component -> numbers of views, pixels, clipped values.
+        counts: Component -> numbers of views, pixels, clipped values; "textures" -> texels, and those drawn rougher than they are.
         albedo_scales: Alignment -> RGB scale, None where there is none.
         geometry: The recovered shape against the true one, empty where it was given.
     """

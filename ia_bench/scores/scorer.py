@@ -68,6 +68,8 @@ class Scorer:
         scores = score(own, truth, self._protocol, renderer=renderer)
         if redrawn is not None:
             score_again(scores, redrawn, truth, REDRAWN)
+        if self.drawn is not None:
+            scores.counts["textures"] = self.drawn[0].counts()
         scores.geometry.update(self._geometry())
         for name in self._novel:
             if name != "train" and name not in self._lights:

@@ -118,9 +118,9 @@ def test_detached_sampling_has_an_unbiased_gradient_of_roughness() -> None:
     group = torch.arange(count) % groups
     uv = torch.stack([(group % side + 0.5) / side, (group // side + 0.5) / side], -1)
     sampler = SampledLight.of(radiance).sampler
-    shift = torch.rand(2, count, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(17))
+    rotation = torch.rand(2, count, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(17))
     points = surface_of(normal.repeat(count, 1), view.repeat(count, 1), uv)
-    drawn = draw_samples(points, torch.ones(count, dtype=torch.bool), texture.detach(), sampler, shift, points=1, count=4)
+    drawn = draw_samples(points, torch.ones(count, dtype=torch.bool), texture.detach(), sampler, rotation, points=1, count=4)
     _, specular, _, _ = shade_samples(points, drawn, Material(torch.zeros(1, 1, 3), texture), radiance, "added", None)
     (gradient,) = torch.autograd.grad(specular.mean(-1).sum() / draws_each, texture)
     means = gradient.flatten().double()

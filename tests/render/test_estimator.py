@@ -48,10 +48,10 @@ def test_weights_are_the_balance_heuristic() -> None:
     normal = torch.nn.functional.normalize(torch.randn(50, 3, generator=generator), dim=-1)
     view = torch.nn.functional.normalize(normal + 0.5 * torch.randn(50, 3, generator=generator), dim=-1)
     light = SampledLight.of(torch.rand(8, 16, 3, generator=generator))
-    shift = torch.rand(2, 50, 3, dtype=torch.float64, generator=generator)
+    rotation = torch.rand(2, 50, 3, dtype=torch.float64, generator=generator)
     drawn = draw_samples(
         surface_of(normal, view, torch.zeros(50, 2)), torch.ones(50, dtype=torch.bool), torch.full((1, 1, 1), 0.4),
-        light.sampler, shift, points=1, count=12,
+        light.sampler, rotation, points=1, count=12,
     )  # fmt: skip
     assert drawn.direction.shape == (50, 24, 3)
     torch.testing.assert_close(drawn.direction.norm(dim=-1), torch.ones(50, 24), atol=1e-5, rtol=0)

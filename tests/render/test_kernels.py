@@ -78,11 +78,11 @@ def made_up_object(drawn: DirectionSamples) -> FromObject:
 def draw(
     light: SampledLight, roughness: Tensor, part: int = 0, parts: int = 1
 ) -> tuple[SurfacePoints, Tensor, Tensor, DirectionSamples]:
-    """Points, which are hits, shifts and samples."""
+    """Points, which are hits, rotations and samples."""
     surface, hit = made_up_points()
-    shift = torch.rand(2, PIXELS, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(10))
-    drawn = draw_samples(surface, hit, roughness, light.sampler, shift, points=POINTS, count=COUNT, part=part, parts=parts)
-    return surface, hit, shift, drawn
+    rotation = torch.rand(2, PIXELS, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(10))
+    drawn = draw_samples(surface, hit, roughness, light.sampler, rotation, points=POINTS, count=COUNT, part=part, parts=parts)
+    return surface, hit, rotation, drawn
 
 
 def exact(surface: SurfacePoints) -> SurfacePoints:
@@ -102,8 +102,8 @@ def assert_near(found: Tensor, wanted: Tensor, close: float = CLOSE) -> None:
 def test_directions_and_texels(name: str, part: int, parts: int) -> None:
     """The lattice, the table and the lobe give the directions of torch; texels differ at their borders alone."""
     light, material = light_of(name), made_up_material(metallic=False)
-    surface, hit, shift, drawn = draw(light, material.roughness, part, parts)
-    lattices = [lattice(start, POINTS, COUNT, part, parts).reshape(-1, COUNT, 3) for start in shift]
+    surface, hit, rotation, drawn = draw(light, material.roughness, part, parts)
+    lattices = [lattice(start, POINTS, COUNT, part, parts).reshape(-1, COUNT, 3) for start in rotation]
     points = exact(surface)
     roughness = reference.fetch(material.roughness.double(), points.uv)
     direction, texel = reference.draw_directions(points.normal, points.view, roughness, *lattices, light.sampler)

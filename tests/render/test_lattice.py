@@ -14,9 +14,9 @@ pytestmark = pytest.mark.verify
 
 @pytest.mark.parametrize(("points", "count"), [(1, 16), (4, 8), (9, 3)])
 def test_lattice_is_uniform_and_stratified(points: int, count: int) -> None:
-    """Over random shifts every entry is uniform; in each pixel the first coordinate has one entry per stratum."""
-    shift = torch.rand(4000, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    samples = lattice(shift, points, count)
+    """Over random rotations every entry is uniform; in each pixel the first coordinate has one entry per stratum."""
+    rotation = torch.rand(4000, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    samples = lattice(rotation, points, count)
     assert samples.shape == (4000, points, count, 3)
     assert 0 <= float(samples.min()) <= float(samples.max()) < 1
     assert float(samples.float().max()) < 1
@@ -31,7 +31,7 @@ def test_lattice_is_uniform_and_stratified(points: int, count: int) -> None:
 
 def test_passes_deal_one_lattice_out() -> None:
     """Three passes of 4 entries a point are the 12 entries of a single one, each once."""
-    shift = torch.rand(5, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
-    whole = lattice(shift, 2, 12)
-    parts = [lattice(shift, 2, 4, part, 3) for part in range(3)]
+    rotation = torch.rand(5, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    whole = lattice(rotation, 2, 12)
+    parts = [lattice(rotation, 2, 4, part, 3) for part in range(3)]
     torch.testing.assert_close(torch.stack(parts, 3).flatten(2, 3), whole)

@@ -70,8 +70,8 @@ def _ambient(problem: Problem, hit: Tensor, points: SurfacePoints, generator: to
     """Open share of the cosine-weighted hemisphere at each point, 0 where it misses: (R, S)."""
     pixels, side = hit.shape
     count = max(1, AMBIENT_RAYS // side)
-    shift = torch.rand(pixels, 3, generator=generator, dtype=torch.float64, device=hit.device)
-    samples = lattice(shift, side, count)[..., :2].float().reshape(pixels * side, count, 2)
+    rotation = torch.rand(pixels, 3, generator=generator, dtype=torch.float64, device=hit.device)
+    samples = lattice(rotation, side, count)[..., :2].float().reshape(pixels * side, count, 2)
     direction = cosine_directions(points.normal, samples)
     asked = hit.reshape(-1, 1).expand(-1, count)
     visible = asked & ~problem.renderer.visibility.blocked(points, direction, asked)
