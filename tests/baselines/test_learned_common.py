@@ -117,7 +117,7 @@ def test_a_state_that_is_no_state_is_refused(tmp_path: Path):
     run(Line(0), settings(tmp_path, steps=3), {}, Progress())
     whole = torch.load(tmp_path / STATE, weights_only=True)
     torch.save({**whole, "format": 0}, tmp_path / STATE)
-    with pytest.raises(InputError, match=r"state\.pt: expected format 1, found 0"):
+    with pytest.raises(InputError, match=r"state\.pt: expected format 4, found 0"):
         run(Line(0), settings(tmp_path), {}, Progress())
     (tmp_path / STATE).write_bytes(b"no state")
     with pytest.raises(InputError, match=r"state\.pt: expected the state of a training run"):

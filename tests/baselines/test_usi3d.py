@@ -157,7 +157,8 @@ def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
     train(Settings(out=tmp_path / "whole", steps=3, **common), Progress())  # type: ignore[arg-type]
     for steps in (1, 3):
         train(Settings(out=tmp_path / "parts", steps=steps, **common), Progress())  # type: ignore[arg-type]
-    whole, parts = (torch.load(tmp_path / name / "state.pt", weights_only=True)["networks"] for name in ("whole", "parts"))
+    states = (torch.load(tmp_path / name / "state.pt", weights_only=True) for name in ("whole", "parts"))
+    whole, parts = (state["parts"]["trainee"]["networks"] for state in states)
     assert all(torch.equal(whole[name], parts[name]) for name in whole)
 
 

@@ -90,7 +90,7 @@ def test_a_run_that_was_stopped_before_it_kept_its_state_validates_once(
     settings = read_arguments(RefinerSettings, command(folders, tmp_path, "steps=4", "validate_steps=2"))
     with Progress() as progress:
         with monkeypatch.context() as patch:
-            patch.setattr("ia_bench_training.refiner.save_state", interrupt)
+            patch.setattr("ia_bench_training.resuming.save_state", interrupt)
             with pytest.raises(KeyboardInterrupt):
                 train_refiner(settings, progress)
         figures = train_refiner(settings, progress)
@@ -110,7 +110,8 @@ def test_no_limit_of_the_gradient_is_one_that_is_never_reached(folders: Path, tm
     weights = {}
     for limit in ("0", "1e9", "1e-3"):
         assert main(command(folders, tmp_path / limit, "steps=3", "muon_rate=0", f"clip_gradient={limit}")) == 0
-        weights[limit] = torch.load(tmp_path / limit / "state.pt", weights_only=True)["network"]["conv_in.weight"]
+        state = torch.load(tmp_path / limit / "state.pt", weights_only=True)["parts"]["trainee"]
+        weights[limit] = state["network"]["conv_in.weight"]
     assert torch.equal(weights["0"], weights["1e9"])
     assert not torch.equal(weights["0"], weights["1e-3"])
 

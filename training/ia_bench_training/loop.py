@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 import platform
-import time
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -28,10 +28,8 @@ from ia_bench_training.resuming import (
     batch_index,
     check_gradient,
     check_seeds,
-    forget_validations_after,
-    load_state,
     rate_factor,
-    save_state,
+    run,
     stream,
     write_validation,
 )
@@ -39,7 +37,6 @@ from ia_bench_training.settings import TrainSettings
 from ia_bench_training.validation import score_single_view
 
 PICTURES = 8  # images of a sample grid
-STATE_FORMAT = 3  # raised when a change of the code changes what state.pt holds
 
 
 def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
@@ -56,10 +53,24 @@ def train(settings: TrainSettings, progress: Progress) -> dict[str, Any]:
     accelerator = Accelerator(mixed_precision="bf16" if use_bf16(settings.precision, device) else "no")
     if settings.batch % accelerator.num_processes:
         raise InputError(f"batch: expected a multiple of the {accelerator.num_processes} processes, found {settings.batch}")
-    if accelerator.is_main_process:
-        return _Training(settings, accelerator, progress).finish()
-    _Training(settings, accelerator, Progress(io.StringIO())).finish()
-    return {}
+    main = accelerator.is_main_process
+    progress = progress if main else Progress(io.StringIO())
+    trainee = _Training(settings, accelerator, progress)
+    run(
+        trainee,
+        settings.out,
+        steps=settings.steps,
+        identity=settings.identity(),
+        progress=progress,
+        validate_steps=settings.validate_steps,
+        checkpoint_minutes=settings.checkpoint_minutes,
+        minutes=settings.minutes,
+        writes=main,
+        agree=trainee.agree,
+    )
+    trainee.ahead.shutdown(cancel_futures=True)
+    accelerator.wait_for_everyone()
+    return trainee.figures if main else {}
 
 
 class _Training:
@@ -88,72 +99,35 @@ class _Training:
         hidden, others = split_weights(self.network, muon=settings.muon_rate > 0)
         adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
         self.ema = EMAModel(self.network.parameters(), decay=settings.ema, use_ema_warmup=True, power=0.75)
-        self.step, self.seconds = 0, 0.0
         self.figures: dict[str, Any] = {}
-        state = load_state(settings.out, STATE_FORMAT, settings.identity())
-        if state is not None:
-            self.network.load_state_dict(state["network"])
-            self.ema.load_state_dict(state["ema"])
-            self.step, self.seconds, self.figures = state["step"], state["seconds"], state["figures"]
-            for name, now in self._circumstances().items():
-                if state["circumstances"][name] != now:
-                    progress.note(
-                        f"{settings.out}: {now} {name}, and {state['circumstances'][name]} when the run was stopped; "
-                        "the weights will not be those of a run without the stop"
-                    )
         self.model, adamw = accelerator.prepare(self.network, adamw)
         self.optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
-        if state is not None:
-            self.optimizer.load_state_dict(state["optimizer"])
         self.ema.to(accelerator.device)
         self.predict = torch.compile(self.model) if settings.compile else self.model
-        self._ahead = ThreadPoolExecutor(1)
+        self.ahead = ThreadPoolExecutor(1)
         self._coming: Future[tuple[Batch, dict[str, Tensor]]] | None = None
+        self._writer: Any = None  # of the main process
 
-    def finish(self) -> dict[str, Any]:
-        from torch.utils.tensorboard import SummaryWriter
-
-        settings, main = self.settings, self.accelerator.is_main_process
-        self.writer = SummaryWriter(settings.out / "tensorboard", purge_step=self.step) if main else None
-        if main:
-            forget_validations_after(self.step, settings.out)
-        task = self.progress.task("training", settings.steps, self.step)
-        started = saved = time.monotonic()
-        while self.step < settings.steps:
-            before = time.monotonic()
-            loss = self._optimise()
-            self.step += 1
-            self.seconds += time.monotonic() - before
-            task.advance(1, loss=loss)
-            if self.writer is not None and self.step % 20 == 0:
-                self.writer.add_scalar("loss", loss, self.step)
-                self.writer.add_scalar("rate", rate_factor(self.step, settings.steps, settings.warmup), self.step)
-            now = time.monotonic()
-            out_of_time = settings.minutes is not None and now - started > 60 * settings.minutes
-            last = self.step == settings.steps or self._agree(out_of_time)
-            if self.step % settings.validate_steps == 0 or last:
-                self._validate()
-            if self._agree(now - saved > 60 * settings.checkpoint_minutes) or last:
-                self._save()
-                saved = now
-            if last:
-                break
-        self._ahead.shutdown(cancel_futures=True)
-        self.accelerator.wait_for_everyone()
-        return self.figures
-
-    def _optimise(self) -> float:
+    def step(self, number: int) -> float:
+        """See :class:`ia_bench_training.resuming.Trainee`."""
         settings = self.settings
-        batch, draws = self._coming.result() if self._coming is not None else self._draw(self.step)
-        self._coming = self._ahead.submit(self._draw, self.step + 1)  # while the network works on this one
+        if self.accelerator.is_main_process and self._writer is None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self._writer = SummaryWriter(settings.out / "tensorboard", purge_step=number)
+        batch, draws = self._coming.result() if self._coming is not None else self._draw(number)
+        self._coming = self.ahead.submit(self._draw, number + 1)  # while the network works on this one
         with self.accelerator.autocast():
             output = self._predicted(batch, draws)
         loss = weighted_error(output.float() - batch.target, batch.masks, level=settings.level, background=settings.background)
         self.accelerator.backward(loss)
         norm = self.accelerator.clip_grad_norm_(self.model.parameters(), settings.clip_gradient or math.inf)
-        check_gradient(norm, self.step)
-        self.optimizer.step(rate_factor(self.step, settings.steps, settings.warmup))
+        check_gradient(norm, self.network)
+        self.optimizer.step(rate_factor(number, settings.steps, settings.warmup))
         self.ema.step(self.network.parameters())
+        if self._writer is not None and (number + 1) % 20 == 0:
+            self._writer.add_scalar("loss", loss.detach(), number + 1)
+            self._writer.add_scalar("rate", rate_factor(number + 1, settings.steps, settings.warmup), number + 1)
         return float(loss.detach())
 
     def _draw(self, step: int) -> tuple[Batch, dict[str, Tensor]]:
@@ -180,7 +154,7 @@ class _Training:
         noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]
         return self.predict(noisy, draws["timestep"], batch.condition)
 
-    def _agree(self, mine: bool) -> bool:
+    def agree(self, mine: bool) -> bool:
         """The main process decides for all, since clocks differ."""
         from accelerate.utils import broadcast
 
@@ -188,8 +162,9 @@ class _Training:
             return mine
         return bool(broadcast(torch.tensor(float(mine), device=self.accelerator.device)) > 0)
 
-    def _validate(self) -> None:
-        if self.writer is None:
+    def validate(self, done: int, seconds: float) -> None:
+        """See :class:`ia_bench_training.resuming.Trainee`; the main process alone does."""
+        if self._writer is None:
             return
         settings = self.settings
         self.ema.store(self.network.parameters())
@@ -201,30 +176,42 @@ class _Training:
         self.ema.restore(self.network.parameters())
         self.figures = {name: round(value, 3) for name, value in scored.figures.items()}
         for name, value in scored.figures.items():
-            self.writer.add_scalar(f"validation/{name}", value, self.step)
+            self._writer.add_scalar(f"validation/{name}", value, done)
         rows = [image[:PICTURES].flatten(0, 1).clamp(0, 1) ** (1 / 2.2) for image in scored.pictures.values()]
-        self.writer.add_image("validation", torch.cat(rows, 1), self.step, dataformats="HWC")
-        self.progress.note(f"step {self.step}: " + ", ".join(f"{name} {value:.2f}" for name, value in self.figures.items()))
-        write_validation(settings.out, self.step, self.seconds, self.figures)
+        self._writer.add_image("validation", torch.cat(rows, 1), done, dataformats="HWC")
+        self.progress.note(f"step {done}: " + ", ".join(f"{name} {value:.2f}" for name, value in self.figures.items()))
+        write_validation(settings.out, done, seconds, self.figures)
 
-    def _save(self) -> None:
-        if not self.accelerator.is_main_process:
-            return
-        settings = self.settings
-        state = {
-            "step": self.step,
-            "seconds": self.seconds,
+    def save(self, done: int, seconds: float) -> None:
+        """See :class:`ia_bench_training.resuming.Trainee`."""
+        self.ema.store(self.network.parameters())
+        self.ema.copy_to(self.network.parameters())
+        save_network(self.settings.out / "weights", self.network, self._provenance(done, seconds))
+        self.ema.restore(self.network.parameters())
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the weights, their average, the optimiser's moments, and what goes with them."""
+        return {
             "figures": self.figures,
             "circumstances": self._circumstances(),
             "network": self.network.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "ema": self.ema.state_dict(),
         }
-        save_state(settings.out, STATE_FORMAT, settings.identity(), state)
-        self.ema.store(self.network.parameters())
-        self.ema.copy_to(self.network.parameters())
-        save_network(settings.out / "weights", self.network, self._provenance())
-        self.ema.restore(self.network.parameters())
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state, and say in what the run is no longer the one that was stopped."""
+        self.network.load_state_dict(state["network"])
+        self.ema.load_state_dict(state["ema"])
+        self.ema.to(self.accelerator.device)
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.figures = state["figures"]
+        for name, now in self._circumstances().items():
+            if state["circumstances"][name] != now:
+                self.progress.note(
+                    f"{self.settings.out}: {now} {name}, and {state['circumstances'][name]} when the run was stopped; "
+                    "the weights will not be those of a run without the stop"
+                )
 
     def _circumstances(self) -> dict[str, Any]:
         """Return what a run's numbers depend on although its settings do not say it."""
@@ -238,12 +225,12 @@ class _Training:
             "device": accelerator.device.type,  # which draws
         }
 
-    def _provenance(self) -> dict[str, Any]:
+    def _provenance(self, done: int, seconds: float) -> dict[str, Any]:
         settings = self.settings
         return {
-            "steps": self.step,
+            "steps": done,
             "batch": settings.batch,
-            "seconds": round(self.seconds),
+            "seconds": round(seconds),
             "images": len(self.images),
             "processes": self.accelerator.num_processes,
             "threads": torch.get_num_threads(),

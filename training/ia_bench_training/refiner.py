@@ -5,10 +5,10 @@ from __future__ import annotations
 import copy
 import dataclasses
 import math
-import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import torch
 from pydantic import Field
@@ -28,11 +28,9 @@ from ia_bench_training.resuming import (
     batch_index,
     check_gradient,
     check_seeds,
-    forget_validations_after,
     identity,
-    load_state,
     rate_factor,
-    save_state,
+    run,
     write_validation,
 )
 
@@ -50,8 +48,6 @@ ZOOM = 1.4
 """Views are enlarged or reduced by at most this factor."""
 TINT, CAST = 0.3, 0.1
 """Light is multiplied by a factor a channel, and the fit's albedo by another: these are the standard deviations of their logs."""
-STATE_FORMAT = 1
-"""Raised when a change of the code changes what a state holds."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +227,16 @@ def train_refiner(settings: RefinerSettings, progress: Progress) -> dict[str, fl
     """
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
-    return _Training(settings, progress).finish()
+    trainee = _Training(settings, progress)
+    run(
+        trainee,
+        settings.out,
+        steps=settings.steps,
+        identity=settings.identity(),
+        progress=progress,
+        validate_steps=settings.validate_steps,
+    )
+    return trainee.figures
 
 
 class _Training:
@@ -253,36 +258,11 @@ class _Training:
         adamw = torch.optim.AdamW(others, lr=settings.rate, weight_decay=settings.weight_decay, fused=True)
         self.optimizer = MuonAdamW(adamw, hidden, muon_rate=settings.muon_rate, weight_decay=settings.weight_decay)
         self.bf16 = use_bf16("auto", torch.device("cpu"))
-        self.step, self.seconds = 0, 0.0
         self.figures: dict[str, float] = {}
-        state = load_state(settings.out, STATE_FORMAT, settings.identity())
-        if state is None:
-            return
-        if state["fits"] != self.images.fits:
-            began = f"expected the {state['fits']} fits that {settings.out} began with"
-            raise InputError(f"{self.images.folder}: {began}, found {self.images.fits}")
-        self.step, self.seconds, self.figures = state["step"], state["seconds"], state["figures"]
-        self.network.load_state_dict(state["network"])
-        self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
 
-    def finish(self) -> dict[str, float]:
-        settings = self.settings
-        forget_validations_after(self.step, settings.out)
-        task = self.progress.task("training", settings.steps, self.step)
-        while self.step < settings.steps:
-            started = time.monotonic()
-            loss = self._optimise()
-            self.step += 1
-            self.seconds += time.monotonic() - started
-            task.advance(1, loss=loss)
-            if self.step % settings.validate_steps == 0 or self.step == settings.steps:
-                self._validate()
-                self._save()
-        return self.figures
-
-    def _optimise(self) -> float:
-        settings, step = self.settings, self.step
+    def step(self, number: int) -> float:
+        """See :class:`ia_bench_training.resuming.Trainee`."""
+        settings, step = self.settings, number
         generator = torch.Generator().manual_seed(settings.seed * 1_000_003 + step)
         batch = self.images.batch(batch_index(len(self.images), settings.batch, settings.seed, step), generator)
         with torch.autocast("cpu", torch.bfloat16, enabled=self.bf16):
@@ -291,7 +271,7 @@ class _Training:
         loss = albedo.mean() + settings.roughness_weight * roughness.mean()
         loss.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), settings.clip_gradient or math.inf)
-        check_gradient(norm, step)
+        check_gradient(norm, self.network)
         self.optimizer.step(rate_factor(step, settings.steps, settings.warmup))
         decay = min(settings.ema, (1 + step) / (10 + step))
         with torch.no_grad():
@@ -299,27 +279,19 @@ class _Training:
                 mean.lerp_(weight, 1 - decay)
         return float(loss.detach())
 
-    def _validate(self) -> None:
+    def validate(self, done: int, seconds: float) -> None:
+        """See :class:`ia_bench_training.resuming.Trainee`."""
         self.figures = score(self.average, self.held_out)
         shown = ", ".join(f"{name} {value:.4g}" for name, value in self.figures.items())
-        self.progress.note(f"step {self.step}, {self.seconds:.0f} s: {shown}")
-        write_validation(self.settings.out, self.step, self.seconds, self.figures)
+        self.progress.note(f"step {done}, {seconds:.0f} s: {shown}")
+        write_validation(self.settings.out, done, seconds, self.figures)
 
-    def _save(self) -> None:
+    def save(self, done: int, seconds: float) -> None:
+        """See :class:`ia_bench_training.resuming.Trainee`."""
         settings = self.settings
-        state = {
-            "step": self.step,
-            "seconds": self.seconds,
-            "figures": self.figures,
-            "fits": self.images.fits,
-            "network": self.network.state_dict(),
-            "average": self.average.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-        }
-        save_state(settings.out, STATE_FORMAT, settings.identity(), state)
         provenance = {
-            "steps": self.step,
-            "seconds": round(self.seconds),
+            "steps": done,
+            "seconds": round(seconds),
             "fits": self.images.fits,
             "views": len(self.images),
             "figures": self.figures,
@@ -327,6 +299,26 @@ class _Training:
             "seed": settings.seed,
         }
         save_refiner(settings.out / "weights", self.average, provenance)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the weights, their average, the optimiser's moments, and what goes with them."""
+        return {
+            "figures": self.figures,
+            "fits": self.images.fits,
+            "network": self.network.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state. Raises InputError for one of other fits."""
+        if state["fits"] != self.images.fits:
+            began = f"expected the {state['fits']} fits that {self.settings.out} began with"
+            raise InputError(f"{self.images.folder}: {began}, found {self.images.fits}")
+        self.figures = state["figures"]
+        self.network.load_state_dict(state["network"])
+        self.average.load_state_dict(state["average"])
+        self.optimizer.load_state_dict(state["optimizer"])
 
 
 @torch.no_grad()

@@ -6,7 +6,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,16 +16,15 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from ia_bench.common.arguments import read_arguments, settings_text
-from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number
 from ia_bench.common.seeds import derive_seed
+from ia_bench.methods.descent import check_finite, check_gradients
 from ia_bench_baselines.common.pictures import save_weights
-from ia_bench_training.resuming import forget_validations_after, load_state, save_state, write_validation
+from ia_bench_training import resuming
 
 WEIGHTS = "weights.safetensors"
-STATE_FORMAT = 1  # of what a state holds: one of another format is refused
 _INITIAL, _STEP = 1, 2  # purposes of random streams
 
 
@@ -77,7 +75,10 @@ class Trainee(Protocol):
         ...
 
     def step(self, number: int, generator: torch.Generator) -> dict[str, float]:
-        """Do optimiser step ``number``, all of whose draws are ``generator``'s, and return its losses."""
+        """Do optimiser step ``number``, all of whose draws are ``generator``'s, and return its losses.
+
+        Raises FloatingPointError where one of them or a gradient is NaN or Inf, see :func:`descend`.
+        """
         ...
 
     def validate(self) -> dict[str, float]:
@@ -97,69 +98,78 @@ def initial_weights(seed: int) -> torch.Generator:
     return torch.manual_seed(derive_seed(seed, _INITIAL))
 
 
+def descend(loss: Tensor, *optimisers: Optimizer) -> None:
+    """Take a step down ``loss``. Raises FloatingPointError, before anything has changed, where it or a gradient is not finite."""
+    parameters = [weight for optimiser in optimisers for group in optimiser.param_groups for weight in group["params"]]
+    for weight in parameters:
+        weight.grad = None
+    check_finite("{} is NaN or Inf", {"the loss": loss.detach()})
+    loss.backward()
+    check_gradients({f"weight {number}": weight for number, weight in enumerate(parameters)})
+    for optimiser in optimisers:
+        optimiser.step()
+
+
 def run(trainee: Trainee, settings: RunSettings, about: Mapping[str, Any], progress: Progress) -> dict[str, Any]:
     """Train to ``settings.steps`` or until the minutes are over, from the checkpoint if there is one; returns the best figures.
 
-    ``about`` goes into the metadata of the weights. Raises InputError for a state that cannot be read or belongs to other settings,
-    and where a loss is no number.
+    ``about`` goes into the metadata of the weights. Raises InputError for a state that cannot be read or belongs to other settings.
     """
     if settings.threads is not None:
         torch.set_num_threads(settings.threads)
-    step, seconds, best = _resume(trainee, settings)
-    started = saved = time.monotonic()
-    task = progress.task("training steps", settings.steps, done=step)
-    losses: dict[str, list[float]] = {}
-    while step < settings.steps:
-        generator = torch.Generator().manual_seed(derive_seed(settings.seed, _STEP, step))
-        for name, value in trainee.step(step, generator).items():
-            if not math.isfinite(value):
-                raise InputError(f"{settings.out}: step {step}: expected a finite loss {name}, found {value}")
-            losses.setdefault(name, []).append(value)
-        step += 1
-        task.advance(1)
-        now = time.monotonic()
-        spent = seconds + now - started
-        stop = settings.minutes is not None and now - started > 60 * settings.minutes
-        if step % settings.validate_steps == 0 or step == settings.steps:
-            trainee.networks.eval()
-            with torch.no_grad():
-                figures = trainee.validate()
-            trainee.networks.train()
-            means = {name: sum(values) / len(values) for name, values in losses.items()}
-            losses = {}
-            write_validation(settings.out, step, spent, {**figures, "training": means})
-            if figures.get("objective", math.inf) < best.get("objective", math.inf):
-                best = {"step": step, "seconds": round(spent, 1), **figures}
-                save_weights(trainee.packaged(), settings.out / WEIGHTS, {**about, **best})
-        if stop or step == settings.steps or now - saved > 60 * settings.checkpoint_minutes:
-            _save(trainee, settings, step, spent, best)
-            saved = now
-        if stop:
-            break
-    return best
+    run_of = _Run(trainee, settings, about)
+    resuming.run(
+        run_of,
+        settings.out,
+        steps=settings.steps,
+        identity=settings.identity(),
+        progress=progress,
+        validate_steps=settings.validate_steps,
+        checkpoint_minutes=settings.checkpoint_minutes,
+        minutes=settings.minutes,
+    )
+    return run_of.best
 
 
-def _save(trainee: Trainee, settings: RunSettings, step: int, seconds: float, best: dict[str, Any]) -> None:
-    state = {
-        "step": step,
-        "seconds": seconds,
-        "best": best,
-        "networks": trainee.networks.state_dict(),
-        "optimisers": {name: optimiser.state_dict() for name, optimiser in trainee.optimisers.items()},
-    }
-    save_state(settings.out, STATE_FORMAT, settings.identity(), state)
+class _Run:
+    """A trainee that keeps the weights of its best validation; see :class:`ia_bench_training.resuming.Trainee`."""
 
+    def __init__(self, trainee: Trainee, settings: RunSettings, about: Mapping[str, Any]) -> None:
+        self._trainee, self._settings, self._about = trainee, settings, about
+        self._losses: dict[str, list[float]] = {}
+        self.best: dict[str, Any] = {}
 
-def _resume(trainee: Trainee, settings: RunSettings) -> tuple[int, float, dict[str, Any]]:
-    """Steps, seconds and best figures so far; what had been validated since is forgotten."""
-    state = load_state(settings.out, STATE_FORMAT, settings.identity())
-    forget_validations_after(0 if state is None else state["step"], settings.out)
-    if state is None:
-        return 0, 0.0, {}
-    trainee.networks.load_state_dict(state["networks"])
-    for name, optimiser in trainee.optimisers.items():
-        optimiser.load_state_dict(state["optimisers"][name])
-    return state["step"], state["seconds"], state["best"]
+    def step(self, number: int) -> float:
+        generator = torch.Generator().manual_seed(derive_seed(self._settings.seed, _STEP, number))
+        losses = self._trainee.step(number, generator)
+        for name, value in losses.items():
+            self._losses.setdefault(name, []).append(value)
+        return sum(losses.values())
+
+    def validate(self, done: int, seconds: float) -> None:
+        networks = self._trainee.networks.eval()
+        with torch.no_grad():
+            figures = self._trainee.validate()
+        networks.train()
+        means = {name: sum(values) / len(values) for name, values in self._losses.items()}
+        self._losses = {}
+        resuming.write_validation(self._settings.out, done, seconds, {**figures, "training": means})
+        if figures.get("objective", math.inf) < self.best.get("objective", math.inf):
+            self.best = {"step": done, "seconds": round(seconds, 1), **figures}
+            save_weights(self._trainee.packaged(), self._settings.out / WEIGHTS, {**self._about, **self.best})
+
+    def save(self, done: int, seconds: float) -> None:
+        """Nothing beside the state: the weights are those of the best validation."""
+
+    def state_dict(self) -> dict[str, Any]:
+        optimisers = {name: optimiser.state_dict() for name, optimiser in self._trainee.optimisers.items()}
+        return {"best": self.best, "networks": self._trainee.networks.state_dict(), "optimisers": optimisers}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.best = state["best"]
+        self._trainee.networks.load_state_dict(state["networks"])
+        for name, optimiser in self._trainee.optimisers.items():
+            optimiser.load_state_dict(state["optimisers"][name])
 
 
 SettingsOf = TypeVar("SettingsOf", bound=RunSettings)

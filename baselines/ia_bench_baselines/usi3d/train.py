@@ -13,7 +13,7 @@ from torch.optim import Adam, Optimizer
 
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import NotNegative, Number, Rate
-from ia_bench_baselines.common.training import RunSettings, initial_weights, run, training_command
+from ia_bench_baselines.common.training import RunSettings, descend, initial_weights, run, training_command
 from ia_bench_baselines.usi3d.data import UnpairedImages
 from ia_bench_baselines.usi3d.losses import Domains, Weights, discriminator_loss, generator_losses, toward, translate
 from ia_bench_baselines.usi3d.networks import STYLE, AlbedoPath, Discriminator, ThreeDomains
@@ -100,14 +100,14 @@ class Training:
 
         # ---------------------------------------------------------------- discriminators
         told = torch.stack([discriminator_loss(*sides) for sides in judged.values()]).sum()
-        self._descend("discriminators", self.settings.weights.adversarial * told)
+        descend(self.settings.weights.adversarial * told, self.optimisers["discriminators"])
 
         # ---------------------------------------------------------------- generators, against the judges of now
         for weight in networks.judges():
             weight.requires_grad_(False)
         losses = generator_losses(networks.domains, networks.albedo_judge, networks.shading_judge, shown, made)
         weights = dataclasses.asdict(self.settings.weights)
-        self._descend("generators", torch.stack([weights[name] * loss for name, loss in losses.items()]).sum())
+        descend(torch.stack([weights[name] * loss for name, loss in losses.items()]).sum(), self.optimisers["generators"])
         for weight in networks.judges():
             weight.requires_grad_(True)
         return {"discriminators": float(told.detach()), **{name: float(loss.detach()) for name, loss in losses.items()}}
@@ -135,11 +135,6 @@ class Training:
         styles = (sign * shift + torch.randn(number, STYLE, generator=generator) for sign in (1, -1))
         tensors: list[Tensor] = [image, albedo, shading, *styles]
         return Domains(*(tensor.to(self.settings.device) for tensor in tensors))
-
-    def _descend(self, side: str, loss: Tensor) -> None:
-        self.optimisers[side].zero_grad(set_to_none=True)
-        loss.backward()
-        self.optimisers[side].step()
 
 
 def train(settings: Settings, progress: Progress) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, Number, Rate, Weight
 from ia_bench.priors.diffusion import encoding
-from ia_bench_baselines.common.training import RunSettings, initial_weights, masked_mean, run, training_command
+from ia_bench_baselines.common.training import RunSettings, descend, initial_weights, masked_mean, run, training_command
 from ia_bench_baselines.yi.data import LIGHTS, load_objects
 from ia_bench_baselines.yi.losses import chromaticity, low_rank_loss, relative_distance
 from ia_bench_baselines.yi.networks import InverseRendering
@@ -107,17 +107,14 @@ class Training:
         for group in self.optimisers["separating"].param_groups:
             group["lr"] = self.settings.rate if supervised else self.settings.specular_rate
         chosen = torch.randint(self._count, (self.settings.objects,), generator=generator).tolist()
-        for optimiser in self.optimisers.values():
-            optimiser.zero_grad(set_to_none=True)
+        totals: list[Tensor] = []
         sums: dict[str, float] = {}
         for index in chosen:
             losses = self._supervised(self._shown(index)) if supervised else self._low_rank(self._shown(index))
-            total: Tensor = sum(losses.values()) / len(chosen)  # type: ignore[assignment]
-            total.backward()
+            totals.append(torch.stack(list(losses.values())).sum() / len(chosen))
             for name, loss in losses.items():
                 sums[name] = sums.get(name, 0.0) + float(loss.detach()) / len(chosen)
-        for optimiser in self.optimisers.values():
-            optimiser.step()
+        descend(torch.stack(totals).sum(), *self.optimisers.values())
         return sums
 
     def validate(self) -> dict[str, float]:
