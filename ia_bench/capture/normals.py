@@ -15,7 +15,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, user_path
 from ia_bench.geometry.silhouettes import carving_mask, outline_distance
 from ia_bench.scenes.exr import read_exr
-from ia_bench.scenes.photograph import read_values
+from ia_bench.scenes.photograph import read_array, read_values
 from ia_bench.scenes.scene import View
 
 SETTING = "capture.sdf.normals"
@@ -84,16 +84,10 @@ def _stored(path: Path) -> np.ndarray:
     if path.suffix == ".png":
         values = read_values(path)
         return np.where(values[..., 3:] > KNOWN, 2 * values[..., :3] - 1, 0)
-    try:
-        array = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path}: not a readable array of numpy ({error})") from None
-    if not (isinstance(array, np.ndarray) and array.ndim == 3 and array.shape[2] == 3 and array.dtype.kind == "f"):
-        shape = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "an archive"
-        raise InputError(f"{path}: expected floating point numbers of shape (H, W, 3), found {shape}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{path}: expected finite numbers, found NaN or infinity")
-    return array.astype(np.float32)
+    values = read_array(path)
+    if values.ndim != 3 or values.shape[2] != 3:
+        raise InputError(f"{path}: expected numbers of shape (H, W, 3), found {values.shape}")
+    return values.astype(np.float32)
 
 
 def likely_axes(views: Sequence[View], normals: Sequence[np.ndarray]) -> str:

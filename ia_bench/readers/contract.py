@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import shown
+from ia_bench.scenes.exr import MAX_PIXELS
 from ia_bench.scenes.scene import Camera, Mesh, Scene, Truth, View
 
 SPLITS = ("train", "test", "novel")
@@ -25,6 +26,18 @@ TRUTH_OF_VIEWS: dict[str, tuple[int, float, float]] = {
 }
 """The truth that a view may have: channels, least and largest value."""
 ROUNDING = 0.01  # which lossy images may go beyond the ends of a range
+BRIGHTEST = 1e12  # radiance, in whatever unit: squares of more than it leave the range of float32
+FOCAL = 1e-3, 1e6  # focal lengths, and principal points, in widths of an image
+NUMBERS = (int, float, np.integer, np.floating)
+FAR = 1e12  # scene units
+
+KINDS = {
+    "name": (str, "one line of text"),
+    "source": (str, "text"),
+    **dict.fromkeys(("metallic", "exposures_differ", "mesh_is_made"), (bool, "true or false")),
+    **dict.fromkeys(("notes", *SPLITS), (tuple, "a tuple")),
+}
+"""Fields of a Scene whose types are asked first, with words for them: what else is said of it holds for these alone."""
 
 
 @runtime_checkable
@@ -33,6 +46,9 @@ class SceneReader(Protocol):
 
     ``path`` is the folder that ``scene.path`` names, absolute and there, or None where the user gave none: a reader that keeps
     or computes its data elsewhere needs none. ``options`` are ``reader.options``, checked against the signature of the class.
+
+    A reader may also have ``label``, what tables call the scene (by default the folder's name), and ``files()``, the list of all
+    files that it may read: runs are known by the content of these, or else by that of everything below ``path``.
     """
 
     def read(self, truth: bool) -> Scene:
@@ -47,8 +63,13 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
     """
     if not isinstance(scene, Scene):
         raise InputError(f"expected a Scene, found {type(scene).__name__}")
-    if not (isinstance(scene.name, str) and 0 < len(scene.name) <= 200 and scene.name.isprintable()):
+    for key, (kind, words) in KINDS.items():
+        value = getattr(scene, key)
+        if not isinstance(value, kind):
+            raise InputError(f"{shown(scene.source)}: {key}: expected {words}, found {shown(repr(value))}")
+    if not (0 < len(scene.name) <= 200 and scene.name.isprintable()):
         raise InputError(f"{scene.source}: name: expected one line of text, found {shown(repr(scene.name))}")
+    _check_numbers(f"{scene.source}: saturated_share", scene.saturated_share, 0, 1)
     if scene.mesh is not None:
         _check_mesh(f"{scene.source}: mesh", scene.mesh)
     if not scene.train:
@@ -99,15 +120,19 @@ def _check_view(where: str, view: object, truth: bool) -> None:
     if not isinstance(view, View) or not isinstance(view.camera, Camera):
         raise InputError(f"{where}: expected a View with a Camera, found {type(view).__name__}")
     camera = view.camera
+    for key in ("width", "height"):
+        _check_numbers(f"{where}: camera: {key}", getattr(camera, key), 1, MAX_PIXELS, kinds=(int, np.integer))
+    least, most = (limit * max(camera.width, camera.height) for limit in FOCAL)
+    _check_numbers(f"{where}: camera: focal", camera.focal, least, most, count=2)
+    _check_numbers(f"{where}: camera: centre", camera.centre, -most, most, count=2)
     matrix = np.asarray(camera.to_world)
-    rotation = matrix[:3, :3] if matrix.shape == (4, 4) and np.isfinite(matrix).all() else np.zeros((3, 3))
+    sound = matrix.shape == (4, 4) and matrix.dtype.kind in "fi" and (np.abs(matrix) < FAR).all()
+    rotation = matrix[:3, :3] if sound else np.zeros((3, 3))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 2e-3 or np.linalg.det(rotation) < 0 or matrix[3].tolist() != [0, 0, 0, 1]:
-        raise InputError(f"{where}: camera: expected a rotation and a translation, camera-to-world, found {matrix.tolist()}")
-    if not (min(camera.focal) > 0 and np.isfinite([*camera.focal, *camera.centre]).all()):
-        found = f"{camera.focal}, {camera.centre}"
-        raise InputError(f"{where}: camera: expected a positive focal length and a finite centre, found {found}")
+        found = shown(matrix.tolist())
+        raise InputError(f"{where}: camera: expected a rotation and a translation, camera-to-world, found {found}")
     shape = camera.height, camera.width
-    _check_array(f"{where}: image", view.image, (*shape, 3), 0, np.inf)
+    _check_array(f"{where}: image", view.image, (*shape, 3), 0, BRIGHTEST)
     _check_array(f"{where}: mask", view.mask, shape, 0, 1, slack=0)
     if not (view.mask > 0.5).any():
         raise InputError(f"{where}: mask: expected a pixel above 0.5, found none")
@@ -123,6 +148,14 @@ def _check_view(where: str, view: object, truth: bool) -> None:
             raise InputError(f"{where}: {name}: expected no truth, which was not asked for, found some")
         if values is not None:
             _check_array(f"{where}: {name}", values, (*shape, 3) if channels == 3 else shape, least, most)
+
+
+def _check_numbers(where: str, value: object, least: float, most: float, count: int = 0, kinds: tuple[Any, ...] = NUMBERS) -> None:
+    """Raise InputError for anything but a number of these ``kinds`` in a range, or but ``count`` of them in a tuple."""
+    many = list(value) if count and isinstance(value, tuple | list | np.ndarray) else [value]
+    if len(many) != max(count, 1) or not all(isinstance(one, kinds) and least <= one <= most for one in many):
+        words = f"{count} numbers" if count else "a number" if kinds is NUMBERS else "a whole number"
+        raise InputError(f"{where}: expected {words} from {least:g} to {most:g}, found {shown(repr(value))}")
 
 
 def _check_mesh(where: str, mesh: object) -> None:
@@ -142,24 +175,24 @@ def _check_mesh(where: str, mesh: object) -> None:
 def _check_truth(where: str, truth: Truth) -> None:
     for name, light in truth.lights.items():
         height = light.shape[0] if light.ndim == 3 else 0
-        _check_array(f"{where}: light {shown(name)}", light, (height, 2 * height, 3), 0, np.inf, slack=0)
+        _check_array(f"{where}: light {shown(name)}", light, (height, 2 * height, 3), 0, BRIGHTEST, slack=0)
         if not light.any():
             raise InputError(f"{where}: light {shown(name)}: expected radiance above 0 somewhere, found none")
     for name, channels in (("albedo", 3), ("roughness", 1)):
         texture = getattr(truth, name)
         if texture is not None:
             shape = texture.shape[:2]
+            if len(set(shape)) > 1:
+                raise InputError(f"{where}: true {name} texture: expected as many rows as columns, found {shape[0]} x {shape[1]}")
             _check_array(f"{where}: true {name} texture", texture, (*shape, 3) if channels == 3 else shape, 0, 1)
 
 
-def _check_array(
-    where: str, values: object, shape: tuple[int, ...], least: float, most: float, *, slack: float = ROUNDING
-) -> None:
+def _check_array(where: str, values: object, shape: tuple[int, ...], least: float, most: float, *, slack: float = ROUNDING) -> None:
     """Raise InputError for other shapes, types or values; ``slack`` is what rounding may add to a range, of 1 or the maximum."""
     if not isinstance(values, np.ndarray) or values.dtype != np.float32 or values.shape != shape or not values.size:
         found = f"{values.shape} {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
         raise InputError(f"{where}: expected {shape} float32, found {found}")
     low, high = values.min(), values.max()
-    slack *= 1 if np.isfinite(most) else high
+    slack *= 1 if most <= 1 else high
     if not (np.isfinite(low) and np.isfinite(high) and least - slack <= low and high <= most + slack):
         raise InputError(f"{where}: expected finite values from {least:g} to {most:g}, found {low:g} to {high:g}")

@@ -6,58 +6,56 @@ first; ``scale_mat_i`` maps the unit sphere to where the object is. The scene is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
-from ia_bench.readers.intake import Intake, Unwrapping
-from ia_bench.readers.photo_lists import divided, mask_beside, pictures_in
-from ia_bench.readers.pictures import photograph
-from ia_bench.readers.poses import from_projection
+from ia_bench.readers.base import FolderReader
+from ia_bench.readers.cameras import from_projection
+from ia_bench.readers.contract import MESHES
+from ia_bench.readers.pictures import Notes, mask_beside, photograph, pictures_in
+from ia_bench.scenes.photograph import read_arrays
 from ia_bench.scenes.scene import Scene, View
 
 CAMERAS = "cameras.npz"
 
 
-class DtuReader:
-    """Reads the folder of one scan; options that all readers share are those of :class:`ia_bench.readers.intake.Intake`.
+@dataclass(frozen=True, kw_only=True)
+class DtuReader(FolderReader):
+    """Reads the folder of one scan. A ``mesh`` is in the units of world_mat (millimetres in DTU).
 
-    ``every``: every so many-th photograph is held out. A ``mesh`` is in the units of world_mat (millimetres in DTU).
+    Attributes:
+        every: Every so many-th photograph is held out.
     """
 
-    def __init__(
-        self,
-        path: Path | None,
-        *,
-        mesh: str | None = None,
-        uv: Unwrapping = "mesh",
-        shrink: int = 1,
-        held_out: int | None = None,
-        every: int = 8,
-    ) -> None:
-        self._intake = Intake.of("dtu", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
-        self._every = every
+    format = "dtu"
+    every: int = 8
+
+    def places(self) -> Sequence[Path]:
+        """Photographs, masks, cameras and mesh."""
+        return [self.folder / name for name in ("image", "mask", CAMERAS, *MESHES)]
 
     def read(self, truth: bool) -> Scene:
         """The scene; the dataset has no truth of material or light. Raises InputError."""
-        intake, notes = self._intake, list[str]()
-        photos = pictures_in(intake.folder / "image")
-        matrices = _matrices(file_below(intake.folder, CAMERAS, str(intake.folder)), len(photos))
+        notes, folder = Notes(), self.folder
+        photos = pictures_in(folder / "image")
+        matrices = _matrices(file_below(folder, CAMERAS, str(folder)), len(photos))
         scale = matrices[0][1]
 
         def view(place: int) -> View:
             path, (world, _) = photos[place], matrices[place]
-            photo = photograph(path, mask_beside(intake.folder / "mask", path), notes)
+            photo = photograph(path, mask_beside(folder / "mask", path), notes)
             height, width = photo.mask.shape
-            where = f"{intake.folder / CAMERAS}: world_mat_{place} @ scale_mat_{place}"
+            where = f"{folder / CAMERAS}: world_mat_{place} @ scale_mat_{place}"
             return photo.view(path.stem, from_projection(where, (world @ scale)[:3], width, height))
 
-        train, test = divided(intake, len(photos), self._every, view)
+        train, test = self.divided(len(photos), self.every, view)
         notes.append("photographs are decoded as sRGB: the tone curve of DTU's camera is not known")
-        return intake.scene(train=train, test=test, novel=test, notes=notes, place=np.linalg.inv(scale))
+        return self.scene(train=train, test=test, novel=test, notes=notes, place=np.linalg.inv(scale))
 
 
 def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -66,24 +64,19 @@ def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
     Raises InputError for anything else, and for another number of cameras: photographs belong to cameras by their order, so where
     one is missing, or one too many, all that follow would have a wrong camera.
     """
-    try:
-        with np.load(path, allow_pickle=False) as content:
-            stored = {
-                key: np.asarray(content[key], np.float64) for key in content.files if key.split("_mat_")[0] in ("world", "scale")
-            }
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise InputError(f"{path}: expected matrices of numpy (.npz), found {error}") from None
+    stored = read_arrays(path, lambda key: key.split("_mat_")[0] in ("world", "scale"))
     cameras = sum(name.removeprefix("world_mat_").isdecimal() for name in stored)
     if cameras != count:
         raise InputError(f"{path}: expected as many photographs in image/ as cameras ({cameras}), found {count}")
     pairs = []
     for place in range(count):
-        for key in (f"world_mat_{place}", f"scale_mat_{place}"):
+        names = f"world_mat_{place}", f"scale_mat_{place}"
+        for key in names:
             if key not in stored:
                 raise InputError(f"{path}: expected {key} for the {count} photographs in image/, found none of that name")
-            if stored[key].shape != (4, 4) or not np.isfinite(stored[key]).all():
+            if stored[key].shape != (4, 4):
                 raise InputError(f"{path}: {key}: expected 4 x 4 finite numbers, found shape {stored[key].shape}")
-        pairs.append((stored[f"world_mat_{place}"], stored[f"scale_mat_{place}"]))
+        pairs.append((stored[names[0]], stored[names[1]]))
     scale = pairs[0][1]
     factor = scale[0, 0]
     if not (factor > 0 and np.allclose(scale[:3, :3], factor * np.eye(3), rtol=1e-5, atol=1e-5 * factor)):

@@ -1,16 +1,21 @@
-"""Values of a scene's JSON files, each checked with a message that names file and key; and cameras, as nerfstudio writes them."""
+"""Values of a scene's JSON files, each checked with a message that names file and key; frames and cameras, as NeRF writes them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import shown
+from ia_bench.common.files import read_json, shown
 from ia_bench.scenes.scene import Camera
+
+Frame = tuple[str, Mapping[str, Any]]
+"""How messages name a frame, and what is said of it."""
 
 
 def number(where: str, fields: Mapping[str, Any], key: str) -> float:
@@ -79,3 +84,58 @@ def rigid(where: str, key: str, value: object) -> np.ndarray:
             f"{where}: {key}: expected a rotation (R R^T = 1, det = +1), found |R R^T - 1| = {error:.3g}, det = {determinant:.3g}"
         )
     return to_world
+
+
+# ---------------------------------------------------------------- frames, as in NeRF's transforms.json
+def frames_of(path: Path) -> list[Frame]:
+    """Every frame of the file, completed by what the file says of all of them, and how messages name it.
+
+    ``frames`` is a list, or an object whose keys number or name its frames. Raises InputError, also for a photograph that two
+    frames name.
+    """
+    frames = frames_in(path, read_json(path))
+    expect_each_once(photographs(frames))
+    return frames
+
+
+def frames_in(path: Path, content: Mapping[str, Any]) -> list[Frame]:
+    """The frames of :func:`frames_of`, where the ``content`` of the file is there already; photographs may come twice."""
+    shared = {key: value for key, value in content.items() if key != "frames"}
+    listed = content.get("frames")
+    if isinstance(listed, dict):
+        pairs = [(f"{path}: frames[{key!r}]", frame) for key, frame in listed.items()]
+    elif isinstance(listed, list):
+        pairs = [(f"{path}: frames[{place}]", frame) for place, frame in enumerate(listed)]
+    else:
+        raise InputError(f"{path}: frames: expected a list, found {type(listed).__name__}")
+    if not pairs:
+        raise InputError(f"{path}: frames: expected at least one frame, found none")
+    for where, frame in pairs:
+        if not isinstance(frame, dict):
+            raise InputError(f"{where}: expected an object, found {type(frame).__name__}")
+    return [(where, {**shared, **frame}) for where, frame in pairs]
+
+
+def photographs(frames: Sequence[Frame]) -> list[tuple[str, str]]:
+    """Where each photograph of ``frames`` is named, and how, with the capture that it is of where a frame says one.
+
+    What is no text is told of where it is opened.
+    """
+    named = [(where, frame.get("file_path"), frame.get("scene_name")) for where, frame in frames]
+    return [(f"{where}: file_path", name if of is None else f"{of}/{name}") for where, name, of in named if isinstance(name, str)]
+
+
+def expect_each_once(named: Iterable[tuple[str, str]]) -> None:
+    """Raise InputError for a photograph that comes twice: it would count twice, or be scored although it was fitted."""
+    known: dict[str, str] = {}
+    for where, name in named:
+        first = known.get(plain(name))
+        if first is not None:
+            found = f"{name!r} twice" if first == where else f"{name!r} again, as in {first}"
+            raise InputError(f"{where}: expected every photograph once, found {found}")
+        known[plain(name)] = where
+
+
+def plain(name: object) -> str:
+    """A path without ``./`` and the like, to be compared."""
+    return os.path.normpath(str(name))

@@ -7,7 +7,7 @@ direction (:func:`resampled`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from ia_bench.common.files import user_path
 from ia_bench.light.latlong import texel_centres
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.rgbe import read_rgbe
+from ia_bench.scenes.scene import Truth, View
 
 SUFFIXES = (".exr", ".hdr")
 
@@ -32,22 +33,29 @@ def read_light(path: Path) -> np.ndarray:
     return radiance.clip(min=0)
 
 
-def lights_below(key: str, folder: str | None, names: Iterable[str]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Those of the lights ``names`` that the folder of the setting ``key`` holds, as NAME.exr or NAME.hdr, and a note on the rest.
+def maps_below(folder: str | None, novel: Sequence[View], notes: list[str], own: str, strength: float = 1.0) -> Truth:
+    """The maps of all lights that ``reader.options.lights`` holds as NAME.exr or NAME.hdr; ``notes`` are told of the rest.
+
+    Those are the training light, called ``own`` ("" for none) and multiplied by ``strength``, and the lights of ``novel`` views.
 
     Raises InputError for a folder that is not there, or that holds none of them.
     """
-    wanted = list(names)
+    wanted = [*([own] if own else []), *sorted({view.light for view in novel} - {"train", own})]
     if folder is None:
-        return {}, [f"no environment maps: {key} names no folder, so nothing can be relit"] if wanted else []
-    place = user_path(key, folder, folder=True)
+        notes += ["no environment maps: reader.options.lights names no folder, so nothing can be relit"] if wanted else []
+        return Truth({})
+    place = user_path("reader.options.lights", folder, folder=True)
     files = {name: path for name in wanted for suffix in SUFFIXES if (path := place / f"{name}{suffix}").is_file()}
     missing = [name for name in wanted if name not in files]
     if missing and not files:
         there = ", ".join(sorted(path.name for path in place.iterdir())[:8]) or "no file"
         raise InputError(f"{place}: expected environment maps {', '.join(wanted)} (.exr or .hdr), found {there}")
-    notes = [f"no environment map of {', '.join(missing)} in {place}"] if missing else []
-    return {name: read_light(path) for name, path in files.items()}, notes
+    notes += [f"no environment map of {', '.join(missing)} in {place}"] if missing else []
+    lights = {"train" if name == own else name: read_light(path) for name, path in files.items()}
+    if "train" in lights and strength != 1:
+        with np.errstate(over="ignore"):  # which the check of a scene's lights refuses
+            lights["train"] = (strength * lights["train"]).astype(np.float32)
+    return Truth(lights)
 
 
 def resampled(radiance: np.ndarray, look_up: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

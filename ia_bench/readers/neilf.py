@@ -8,7 +8,7 @@ sfm_scene.json holds, by the number of a photograph, ``camera.extrinsic`` (16 nu
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,10 @@ import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
+from ia_bench.readers.base import FolderReader
+from ia_bench.readers.cameras import from_world_to_camera
 from ia_bench.readers.fields import numbers, rigid, text
-from ia_bench.readers.intake import Intake, Unwrapping
-from ia_bench.readers.pictures import Encoding, Photo, expect_size, true_map
-from ia_bench.readers.poses import from_world_to_camera
+from ia_bench.readers.pictures import Encoding, Notes, Photo, expect_size, true_map
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import read_values
@@ -30,30 +30,26 @@ POSED = 2  # ``flg`` of a photograph with a pose
 UPRIGHT = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # the mesh file has +y up, the cameras +z
 
 
-class NeilfReader:
-    """Reads the folder of one scene; options that all readers share are those of :class:`ia_bench.readers.intake.Intake`.
+@dataclass(frozen=True, kw_only=True)
+class NeilfReader(FolderReader):
+    """Reads the folder of one scene.
 
-    ``validation``: places in the list of photographs that are held out, counted modulo its length; ``albedo``: how kd is stored.
+    Attributes:
+        validation: Places in the list of photographs that are held out, counted modulo its length.
+        albedo: How kd is stored.
     """
 
-    def __init__(
-        self,
-        path: Path | None,
-        *,
-        mesh: str | None = None,
-        uv: Unwrapping = "mesh",
-        shrink: int = 1,
-        held_out: int | None = None,
-        validation: Sequence[int] = VALIDATION,
-        albedo: Encoding = "linear",
-    ) -> None:
-        self._intake = Intake.of("neilf", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
-        self._validation, self._albedo = tuple(validation), albedo
-        self._inputs = self._intake.folder / "inputs"
+    format = "neilf"
+    validation: Sequence[int] = VALIDATION
+    albedo: Encoding = "linear"
+
+    @property
+    def _inputs(self) -> Path:
+        return self.folder / "inputs"
 
     def read(self, truth: bool) -> Scene:
         """The scene; materials of held-out views only with ``truth``. Raises InputError."""
-        intake, path = self._intake, self._inputs / "sfm_scene.json"
+        path = self._inputs / "sfm_scene.json"
         content = read_json(path)
         box = _matrix(f"{path}: bbox.transform", _within(path, content, "bbox", "transform"))
         size = float(np.abs(np.diag(box)[:3]).max()) / 2
@@ -64,22 +60,27 @@ class NeilfReader:
         if not isinstance(files, dict) or not isinstance(images, dict):
             raise InputError(f"{path}: expected objects image_path.file_paths and camera_track_map.images, found another kind")
         keys = sorted((key for key in files if str(key).isdecimal()), key=int)
-        held_out = {place % len(keys) for place in self._validation} if keys else set()
+        held_out = {place % len(keys) for place in self.validation} if keys else set()
 
         def views(places: Sequence[int]) -> list[View]:
             posed = [key for key in (keys[place] for place in places) if _entry(path, images, key).get("flg") == POSED]
             named = {key: text(f"{path}: image_path.file_paths", files, key, "") for key in posed}
             return [self._view(path, key, named[key], images[key], box[:3, 3], size) for key in posed]
 
-        train = [intake.view(view) for view in views([place for place in range(len(keys)) if place not in held_out])]
-        seen = views(intake.kept(sorted(held_out)))
-        novel = [intake.view(view) for view in seen]
-        test = [intake.view(self._with_truth(view)) for view in seen] if truth else novel
-        own = self._inputs / "model" / "mesh.obj"
-        place = np.diag([1 / size, 1 / size, 1 / size, 1.0]) @ _shift(-box[:3, 3]) @ (np.eye(4) if intake.mesh else UPRIGHT)
+        train = [self.view(view) for view in views([place for place in range(len(keys)) if place not in held_out])]
+        seen = views(self.kept(sorted(held_out)))
+        novel = [self.view(view) for view in seen]
+        test = [self.view(self._with_truth(view)) for view in seen] if truth else novel
+        own, shift = self._inputs / "model" / "mesh.obj", np.eye(4)
+        shift[:3, 3] = -box[:3, 3]
+        place = np.diag([1 / size, 1 / size, 1 / size, 1.0]) @ shift @ (np.eye(4) if self.mesh else UPRIGHT)
         mesh = own if own.is_file() else None
-        scene = intake.scene(train=train, test=test, novel=novel, mesh=mesh, place=place)
-        return replace(scene, metallic=(intake.folder / "ground_truths" / "materials" / "metallic").is_dir())
+        scene = self.scene(train=train, test=test, novel=novel, notes=Notes(), mesh=mesh, place=place)
+        return replace(scene, metallic=(self._materials / "metallic").is_dir())
+
+    @property
+    def _materials(self) -> Path:
+        return self.folder / "ground_truths" / "materials"
 
     def _view(self, path: Path, key: str, file: str, entry: Mapping[str, Any], middle: np.ndarray, size: float) -> View:
         where = f"{path}: camera_track_map.images[{key!r}]"
@@ -113,9 +114,8 @@ class NeilfReader:
         expect_size(surface, mask.shape, image.shape, str(path))
         if not mask.any():
             raise InputError(f"{surface}: expected a surface in some pixels, found 0 in all of them")
-        clipped = (image >= 1).any(-1) & mask if path.suffix != ".exr" else np.zeros_like(mask)
-        radiance = (image.clip(min=0) * mask[..., None]).astype(np.float32)
-        return Photo(radiance, mask.astype(np.float32), ~clipped if clipped.any() else None)
+        clipped = (image >= 1).any(-1) & (path.suffix != ".exr")
+        return Photo.of(image.clip(min=0) * mask[..., None], mask, clipped)
 
     def _map(self, where: str, kind: str, name: str) -> Path:
         suffixes = (".exr", ".png", ".jpg")
@@ -123,15 +123,9 @@ class NeilfReader:
         return file_below(self._inputs, f"{kind}/{name}{found}", where)
 
     def _with_truth(self, view: View) -> View:
-        places = {
-            kind: self._intake.folder / "ground_truths" / "materials" / kind / f"{view.name}.png" for kind in ("kd", "roughness")
-        }
-        kd, rough = places["kd"], places["roughness"]
-        return replace(
-            view,
-            albedo=true_map(kd, view.mask, self._albedo) if kd.is_file() else None,
-            roughness=true_map(rough, view.mask, "linear", channels=1) if rough.is_file() else None,
-        )
+        kd, rough = (self._materials / kind / f"{view.name}.png" for kind in ("kd", "roughness"))
+        albedo = true_map(kd, view.mask, self.albedo)
+        return replace(view, albedo=albedo, roughness=true_map(rough, view.mask, "linear", channels=1))
 
 
 def _within(where: Path | str, content: Any, *keys: str) -> Any:  # noqa: ANN401 (JSON)
@@ -156,9 +150,3 @@ def _matrix(where: str, value: object) -> np.ndarray:
     if values.size != 16 or not np.isfinite(values).all():
         raise InputError(f"{where}: expected 16 finite numbers, found shape {values.shape}")
     return values.reshape(4, 4)
-
-
-def _shift(by: np.ndarray) -> np.ndarray:
-    moved = np.eye(4)
-    moved[:3, 3] = by
-    return moved

@@ -7,61 +7,58 @@ with a map gt_env_512_rotated_NNNN.hdr in the world's frame, laid out as ours. A
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, shown
+from ia_bench.readers.base import FolderReader
+from ia_bench.readers.cameras import from_world_to_camera
 from ia_bench.readers.fields import rigid
-from ia_bench.readers.intake import Intake, Unwrapping
 from ia_bench.readers.lights import read_light
-from ia_bench.readers.pictures import expect_size, tone_mapped
-from ia_bench.readers.poses import from_world_to_camera
+from ia_bench.readers.pictures import Notes, expect_size, tone_mapped
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
 GAMMA = 2.2
+STOPS = 32.0  # of any exposure; no camera is so fast or so slow
 
 
-class ObjectsWithLightingReader:
-    """Reads OBJECT/test; options that all readers share are those of :class:`ia_bench.readers.intake.Intake`."""
+@dataclass(frozen=True, kw_only=True)
+class ObjectsWithLightingReader(FolderReader):
+    """Reads OBJECT/test."""
 
-    def __init__(
-        self,
-        path: Path | None,
-        *,
-        mesh: str | None = None,
-        uv: Unwrapping = "mesh",
-        shrink: int = 1,
-        held_out: int | None = None,
-    ) -> None:
-        self._intake = Intake.of("objects_with_lighting", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
+    format = "objects_with_lighting"
+
+    @property
+    def label(self) -> str:
+        """The object."""
+        return self.folder.parent.name
 
     def read(self, truth: bool) -> Scene:
         """The scene; there is no truth of material, and maps of lights are read only with ``truth``. Raises InputError."""
-        intake = self._intake
-        inputs = intake.folder / "inputs"
+        folder = self.folder
+        inputs = folder / "inputs"
         numbers = sorted(path.stem.removeprefix("image_") for path in inputs.glob("image_*.png"))
         if not numbers:
             raise InputError(f"{inputs}: expected photographs image_0000.png, image_0001.png, ..., found none")
         exposure = _exposure(file_below(inputs, "exposure.txt", str(inputs)))
-        train = [intake.view(self._view("inputs/", number, exposure)) for number in numbers]
+        train = [self.view(self._view("inputs/", number, exposure)) for number in numbers]
         novel, lights = list[View](), dict[str, np.ndarray]()
-        for number in intake.kept(sorted(path.stem.removeprefix("gt_image_") for path in intake.folder.glob("gt_image_*.png"))):
-            stops = _exposure(file_below(intake.folder, f"gt_exposure_{number}.txt", str(intake.folder)))
-            novel.append(intake.view(self._view("gt_", number, stops, light=f"gt_{number}")))
+        for number in self.kept(sorted(path.stem.removeprefix("gt_image_") for path in folder.glob("gt_image_*.png"))):
+            stops = _exposure(file_below(folder, f"gt_exposure_{number}.txt", str(folder)))
+            novel.append(self.view(self._view("gt_", number, stops, light=f"gt_{number}")))
             if truth:
-                name = f"gt_env_512_rotated_{number}.hdr"
-                lights[f"gt_{number}"] = read_light(file_below(intake.folder, name, str(intake.folder)))
-        own = intake.folder / "env_512_rotated.hdr"
+                lights[f"gt_{number}"] = read_light(file_below(folder, f"gt_env_512_rotated_{number}.hdr", str(folder)))
+        own = folder / "env_512_rotated.hdr"
         if truth and own.is_file():
             lights["train"] = read_light(own)
-        return intake.scene(train=train, novel=novel, truth=Truth(lights) if truth else None, name=intake.folder.parent.name)
+        return self.scene(train=train, novel=novel, truth=Truth(lights) if truth else None, notes=Notes())
 
     def _view(self, before: str, number: str, stops: float, light: str = "train") -> View:
-        folder = self._intake.folder
         path, mask, text = (
-            file_below(folder, f"{before}{kind}_{number}.{suffix}", str(folder))
+            file_below(self.folder, f"{before}{kind}_{number}.{suffix}", str(self.folder))
             for kind, suffix in (("image", "png"), ("mask", "png"), ("camera", "txt"))
         )
         camera = _camera(text)
@@ -89,7 +86,9 @@ def _exposure(path: Path) -> float:
     values = _numbers(path)
     if values.size != 1:
         raise InputError(f"{path}: expected one number, found {values.size}")
-    return float(values.ravel()[0])
+    if abs(values.item()) > STOPS:
+        raise InputError(f"{path}: expected an exposure from -{STOPS:g} to {STOPS:g} stops, found {values.item():g}")
+    return float(values.item())
 
 
 def _numbers(path: Path) -> np.ndarray:

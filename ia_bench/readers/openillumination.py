@@ -10,100 +10,99 @@ they surround.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.common.suggestions import unknown
-from ia_bench.readers.fields import camera, number, text
-from ia_bench.readers.frames import frames_of
-from ia_bench.readers.intake import Intake, Unwrapping
-from ia_bench.readers.lights import lights_below
-from ia_bench.readers.pictures import expect_size, photograph
-from ia_bench.readers.poses import from_opencv, share_looking_away
-from ia_bench.scenes.scene import Scene, Truth, View
+from ia_bench.readers.base import FolderReader
+from ia_bench.readers.cameras import from_opencv, looking
+from ia_bench.readers.contract import MESHES
+from ia_bench.readers.fields import camera, expect_each_once, frames_of, number, photographs, text
+from ia_bench.readers.lights import maps_below
+from ia_bench.readers.pictures import Notes, expect_size, photograph
+from ia_bench.scenes.scene import Scene, View
 
 PHOTOS = "raw_undistorted"
+LARGEST = 64  # times that a photograph may have been made smaller since it was calibrated
 
 
-class OpenIlluminationReader:
-    """Reads the folder of one object; options that all readers share are those of :class:`ia_bench.readers.intake.Intake`.
+@dataclass(frozen=True, kw_only=True)
+class OpenIlluminationReader(FolderReader):
+    """Reads the folder of one object.
 
-    ``pattern``: the light of the training photographs; ``relight``: patterns of held-out photographs; ``lights``: a folder of
-    environment maps PATTERN.hdr, which third parties made and whose intensity is not calibrated; ``axes``: of transform_matrix.
+    Attributes:
+        pattern: The light of the training photographs.
+        relight: Patterns of held-out photographs.
+        lights: A folder of environment maps PATTERN.hdr, which third parties made and whose intensity is not calibrated.
+        axes: Those of transform_matrix.
     """
 
-    def __init__(
-        self,
-        path: Path | None,
-        *,
-        mesh: str | None = None,
-        uv: Unwrapping = "mesh",
-        shrink: int = 4,
-        held_out: int | None = None,
-        pattern: str = "013",
-        relight: list[str] | None = None,
-        lights: str | None = None,
-        axes: Literal["auto", "opencv", "opengl"] = "auto",
-    ) -> None:
-        self._intake = Intake.of("openillumination", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
-        there = self._intake.folder / "Lights"
+    format = "openillumination"
+    shrink: int = 4
+    pattern: str = "013"
+    relight: list[str] | None = None
+    lights: str | None = None
+    axes: Literal["auto", "opencv", "opengl"] = "auto"
+
+    def __post_init__(self) -> None:
+        """Check the options. Raises InputError for a light that is not there, too."""
+        super().__post_init__()
+        there = self.folder / "Lights"
         if not there.is_dir():
-            raise InputError(f"{self._intake.folder}: expected the folder of one object, with Lights in it, found none")
+            raise InputError(f"{self.folder}: expected the folder of one object, with Lights in it, found none")
         patterns = sorted(folder.name for folder in there.iterdir() if folder.is_dir())
-        for key, name in (("pattern", pattern), *(("relight", name) for name in relight or ())):
+        for key, name in (("pattern", self.pattern), *(("relight", name) for name in self.relight or ())):
             if name not in patterns:
                 raise InputError(unknown(f"reader.options.{key}", name, patterns))
-        self._pattern, self._relight, self._lights, self._axes = pattern, relight or [], lights, axes
+
+    def places(self) -> Sequence[Path]:
+        """The photographs under the chosen lights, cameras, masks and mesh."""
+        lights = [self.folder / "Lights" / name / PHOTOS for name in (self.pattern, *(self.relight or ()))]
+        return [*lights, *(self.folder / name for name in ("output", *MESHES))]
 
     def read(self, truth: bool) -> Scene:
         """The scene; there is no truth of material, and maps of lights are read only with ``truth``. Raises InputError."""
-        intake, notes = self._intake, list[str]()
-        place = intake.folder / "output"
+        notes, place = Notes(), self.folder / "output"
         frames = {split: frames_of(place / f"transforms_{split}.json") for split in ("train", "test")}
-        read = [self._view(*frame, "train", self._pattern, notes) for frame in frames["train"]]
+        expect_each_once(photographs([*frames["train"], *frames["test"]]))
+        read = [self._view(*frame, "train", self.pattern, notes) for frame in frames["train"]]
         flip = self._flipped(read, notes)
-        train = [intake.view(_turned(view, flip)) for view in read]
+        train = [self.view(_turned(view, flip)) for view in read]
         test, novel = list[View](), list[View]()
-        for frame in intake.kept(frames["test"]):
-            test.append(intake.view(_turned(self._view(*frame, "test", self._pattern, notes), flip)))
+        for frame in self.kept(frames["test"]):
+            test.append(self.view(_turned(self._view(*frame, "test", self.pattern, notes), flip)))
             novel.append(test[-1])
-            for name in self._relight:
+            for name in self.relight or ():
                 view = _turned(self._view(*frame, "test", name, notes), flip)
-                novel.append(intake.view(replace(view, name=f"{view.name}_{name}", light=name)))
-        known = None
-        if truth:
-            names = [self._pattern, *self._relight] if self._lights else []
-            found, said = lights_below("reader.options.lights", self._lights, names)
-            notes += said
-            known = Truth({"train" if name == self._pattern else name: radiance for name, radiance in found.items()})
-        return intake.scene(train=train, test=test, novel=novel, truth=known, notes=notes)
+                novel.append(self.view(replace(view, name=f"{view.name}_{name}", light=name)))
+        known = maps_below(self.lights, novel, notes, self.pattern) if truth else None
+        return self.scene(train=train, test=test, novel=novel, truth=known, notes=notes)
 
-    def _flipped(self, views: list[View], notes: list[str]) -> bool:
+    def _flipped(self, views: list[View], notes: Notes) -> bool:
         """Whether transform_matrix has OpenCV's axes."""
-        if self._axes != "auto":
-            return self._axes == "opencv"
-        away = share_looking_away([view.camera.to_world for view in views])
-        flipped = away is not None and away > 0.5
-        notes.append(
-            f"transform_matrix read with the axes of {'OpenCV' if flipped else 'OpenGL'}: the cameras look at the object so"
-        )
+        if self.axes != "auto":
+            return self.axes == "opencv"
+        found = looking(views)
+        flipped = found is not None and bool((found < 0).mean() > 0.5)
+        axes = "OpenCV" if flipped else "OpenGL"
+        notes.append(f"transform_matrix read with the axes of {axes}: the cameras look at the object so")
         return flipped
 
-    def _view(self, where: str, frame: Mapping[str, Any], split: str, pattern: str, notes: list[str]) -> View:
-        folder = self._intake.folder
+    def _view(self, where: str, frame: Mapping[str, Any], split: str, pattern: str, notes: Notes) -> View:
         name = Path(text(where, frame, "file_path", "")).stem
         if not name:
             raise InputError(f"{where}: file_path: expected the name of a camera's photograph, found none")
-        path = file_below(folder, f"Lights/{pattern}/{PHOTOS}/{name}.JPG", f"{where}: file_path")
-        mask = file_below(folder, f"output/{'com_masks' if split == 'train' else 'obj_masks'}/{name}.png", f"{where}: mask")
-        photo = photograph(path, mask, notes)
+        path = file_below(self.folder, f"Lights/{pattern}/{PHOTOS}/{name}.JPG", f"{where}: file_path")
+        masks = "com_masks" if split == "train" else "obj_masks"
+        photo = photograph(path, file_below(self.folder, f"output/{masks}/{name}.png", f"{where}: mask"), notes)
         height, width = photo.mask.shape
-        if "calib_imgw" in frame and (calibrated := number(where, frame, "calib_imgw")) % width:
-            expect_size(path, (height, width), (height, int(calibrated)), f"calib_imgw of {where}")
+        calibrated = number(where, frame, "calib_imgw") if "calib_imgw" in frame else width
+        if calibrated % width or not 0 < calibrated <= LARGEST * width:
+            expect_size(path, (height, width), (height, int(min(calibrated, 1e9))), f"calib_imgw of {where}")
         return photo.view(name, camera(where, frame, width, height))
 
 

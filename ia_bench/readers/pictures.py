@@ -1,4 +1,4 @@
-"""Photographs and truth of other people's data as the arrays of a View: linear, premultiplied, of one size."""
+"""Photographs, masks and truth of other people's data as the arrays of a View: linear, premultiplied, of one size."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.color_profile import IGNORED
-from ia_bench.scenes.photograph import read_mask, read_photograph, read_values
+from ia_bench.scenes.photograph import IGNORED, read_mask, read_photograph, read_values
 from ia_bench.scenes.scene import Camera, View
 
 Encoding = Literal["srgb", "linear"]
@@ -24,6 +23,17 @@ CLIPPED = 0.9999  # of a linear channel; 254 of 255 is .991
 FLAWLESS = 0.9  # intersection over union of the masks of a photograph and its truth; edges of binary masks differ by less
 
 
+# ---------------------------------------------------------------- files
+def pictures_in(folder: Path) -> list[Path]:
+    """The pictures in a folder, by name; suffixes may be in upper case. Raises InputError for no folder and for an empty one."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder of photographs, found none")
+    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    if not found:
+        raise InputError(f"{folder}: expected photographs ({', '.join(SUFFIXES)}), found none")
+    return found
+
+
 def picture_below(folder: Path, name: object, where: str) -> Path:
     """The picture below ``folder`` that ``name`` means, with or without its suffix. Raises InputError naming ``where``."""
     if isinstance(name, str) and name and not (folder / name).is_file():
@@ -31,6 +41,22 @@ def picture_below(folder: Path, name: object, where: str) -> Path:
             if (folder / f"{name}{suffix}").is_file():
                 return file_below(folder, f"{name}{suffix}", where)
     return file_below(folder, name, where)
+
+
+def mask_beside(folder: Path, photo: Path) -> Path:
+    """The mask of a photograph: NAME.png, or its whole name and .png, as COLMAP has it. Raises InputError where it is neither."""
+    names = (f"{photo.stem}.png", f"{photo.name}.png", photo.name)
+    found = next((path for name in names if (path := folder / name).is_file()), None)
+    if found is None:
+        raise InputError(f"{photo}: expected a mask {folder / names[0]}, found none")
+    return found
+
+
+# ---------------------------------------------------------------- photographs
+class Notes(list[str]):
+    """What is told of a scene, one line each. ``own_alpha``: whether a photograph was read whose mask is its own alpha."""
+
+    own_alpha = False
 
 
 @dataclass(frozen=True)
@@ -47,12 +73,19 @@ class Photo:
     mask: np.ndarray
     valid: np.ndarray | None = None
 
+    @classmethod
+    def of(cls, image: np.ndarray, mask: np.ndarray, clipped: np.ndarray | np.bool) -> Photo:
+        """The photograph of these pixels, of which those that are ``clipped`` (H, W) and show the object are not known."""
+        lost = clipped & (mask > 0)
+        pixels = np.ascontiguousarray(image, np.float32), np.asarray(mask, np.float32)
+        return cls(*pixels, ~lost if lost.any() else None)
+
     def view(self, name: str, camera: Camera, light: str = "train") -> View:
         """The view that the photograph is of."""
         return View(name, camera, self.image, self.mask, light, valid=self.valid)
 
 
-def photograph(path: Path, mask: Path | None, notes: list[str], sought: Path | None = None) -> Photo:
+def photograph(path: Path, mask: Path | None, notes: Notes, sought: Path | None = None) -> Photo:
     """A photograph, linear as OpenEXR or 8-bit sRGB as anything else, with the pixels as they are stored, whatever its EXIF says.
 
     ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither; it names
@@ -62,10 +95,10 @@ def photograph(path: Path, mask: Path | None, notes: list[str], sought: Path | N
     if mask is None and coverage.min() >= 1:
         lacking = "no mask" if sought is None else f"no {sought}{_lookalike(sought)}"
         raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and {lacking}")
+    notes.own_alpha |= mask is None
     image[coverage <= 0] = 0  # what lossy files leave there
-    clipped = (image >= CLIPPED * coverage[..., None]).any(-1) & (coverage > 0)
-    saturated = path.suffix.lower() != ".exr" and bool(clipped.any())
-    return Photo(np.ascontiguousarray(image), coverage, ~clipped if saturated else None)
+    clipped = (image >= CLIPPED * coverage[..., None]).any(-1) & (path.suffix.lower() != ".exr")
+    return Photo.of(image, coverage, clipped)
 
 
 def _note(notes: list[str], path: Path, note: str) -> None:
@@ -87,11 +120,10 @@ def tone_mapped(path: Path, mask: Path, decode: Callable[[np.ndarray], np.ndarra
     expect_size(mask, coverage.shape, stored.shape, str(path))
     if not (coverage > 0.5).any():
         raise InputError(f"{mask}: the mask has no pixel of an object (all of it is 0)")
-    clipped = (stored[..., :3] >= 1).any(-1) & (coverage > 0)
-    image = (decode(stored[..., :3]) * coverage[..., None]).astype(np.float32)
-    return Photo(image, coverage, ~clipped if clipped.any() else None)
+    return Photo.of(decode(stored[..., :3]) * coverage[..., None], coverage, (stored[..., :3] >= 1).any(-1))
 
 
+# ---------------------------------------------------------------- truth
 def fitted(path: Path, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """``values`` (H, W[, C]) at the size ``shape`` by the mean of whole blocks. Raises InputError where that is none."""
     block = values.shape[0] // shape[0] if values.ndim >= 2 else 0
@@ -107,26 +139,33 @@ def expect_size(path: Path, found: tuple[int, ...], expected: tuple[int, ...], l
         raise InputError(f"{path}: expected {expected[1]} x {expected[0]} pixels like {like}, found {found[1]} x {found[0]}")
 
 
-def true_map(path: Path, mask: np.ndarray, encoding: Encoding, *, channels: int = 3) -> np.ndarray:
-    """Albedo or roughness (H, W[, 3]) of a picture, premultiplied by the photograph's ``mask``.
+def true_map(path: Path, mask: np.ndarray, encoding: Encoding, *, channels: int = 3) -> np.ndarray | None:
+    """Albedo or roughness (H, W[, 3]) of a picture, premultiplied by the photograph's ``mask``; None where there is no file.
 
     Straight values are taken as they are or decoded from sRGB; a picture's own alpha must cover what the photograph's does.
     Raises InputError for another size and another silhouette.
     """
+    if not path.is_file():
+        return None
     stored = read_values(path)
     values, alpha = stored[..., :channels], stored[..., 3]
     if encoding == "srgb":
         values = srgb_to_linear(values)
     expect_size(path, values.shape, mask.shape, "its photograph")
     if alpha.min() < 1:
-        _expect_silhouette(path, alpha, mask)
+        both, either = np.minimum(alpha, mask).sum(), np.maximum(alpha, mask).sum()
+        if both < FLAWLESS * either:
+            found = f"an intersection over union of {both / either:.2f}"
+            raise InputError(f"{path}: expected truth with the silhouette of its photograph, found {found}: is it of another view?")
         values = np.where(alpha[..., None] > 0, values, 0)
     truth = (values * mask[..., None]).astype(np.float32)
     return truth if channels == 3 else truth[..., 0]
 
 
-def true_normal(path: Path, mask: np.ndarray) -> np.ndarray:
-    """World-space normals (H, W, 3) that a picture stores as (n + 1) / 2, premultiplied by the photograph's ``mask``."""
+def true_normal(path: Path, mask: np.ndarray) -> np.ndarray | None:
+    """World-space normals (H, W, 3) that a picture stores as (n + 1) / 2, premultiplied by ``mask``; None where there is none."""
+    if not path.is_file():
+        return None
     stored = read_values(path)
     expect_size(path, stored.shape, mask.shape, "its photograph")
     normal = 2 * stored[..., :3] - 1
@@ -137,10 +176,3 @@ def true_normal(path: Path, mask: np.ndarray) -> np.ndarray:
         raise InputError(f"{path}: expected unit normals stored as (n + 1) / 2, found {found}")
     normal = normal / np.maximum(length, 1)[..., None]
     return (normal * mask[..., None]).astype(np.float32)
-
-
-def _expect_silhouette(path: Path, alpha: np.ndarray, mask: np.ndarray) -> None:
-    both, either = np.minimum(alpha, mask).sum(), np.maximum(alpha, mask).sum()
-    if both < FLAWLESS * either:
-        found = f"an intersection over union of {both / either:.2f}"
-        raise InputError(f"{path}: expected truth with the silhouette of its photograph, found {found}: is it of another view?")

@@ -8,8 +8,8 @@ that capture's env_map/NNNN.exr, in the frame of the *camera*: the middle is whe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,115 +18,138 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.common.suggestions import unknown
-from ia_bench.readers.fields import camera, text
-from ia_bench.readers.frames import frames_of
-from ia_bench.readers.intake import Intake, Unwrapping
+from ia_bench.readers.base import FolderReader
+from ia_bench.readers.contract import MESHES
+from ia_bench.readers.fields import Frame, camera, frames_of, text
 from ia_bench.readers.lights import read_light, resampled
-from ia_bench.readers.pictures import fitted, photograph, true_map
+from ia_bench.readers.pictures import Notes, fitted, photograph, true_map
+from ia_bench.scenes.photograph import read_array
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
 FOLDERS = {"hdr": "blender_HDR", "ldr": "blender_LDR"}
 SUFFIX = {"hdr": ".exr", "ldr": ".png"}
 
 
-class StanfordOrbReader:
-    """Reads one ``capture`` of the dataset's folder; options that all readers share are those of Intake.
+@dataclass(frozen=True, kw_only=True)
+class StanfordOrbReader(FolderReader):
+    """Reads one capture of the dataset's folder.
 
-    ``radiance``: linear OpenEXR photographs or 8-bit ones; ``shrink=4`` makes 512 x 512 pixels of 2048 x 2048, as the benchmark.
+    Attributes:
+        shrink: 4 makes 512 x 512 pixels of 2048 x 2048, as the benchmark does.
+        capture: Name of an object and a place, such as teapot_scene001.
+        radiance: Linear OpenEXR photographs or 8-bit ones.
     """
 
-    def __init__(
-        self,
-        path: Path | None,
-        *,
-        capture: str | None = None,
-        mesh: str | None = None,
-        uv: Unwrapping = "mesh",
-        shrink: int = 4,
-        held_out: int | None = None,
-        radiance: Literal["hdr", "ldr"] = "hdr",
-    ) -> None:
-        self._intake = Intake.of("stanford_orb", path, mesh=mesh, uv=uv, shrink=shrink, held_out=held_out)
-        self._place, self._suffix = self._intake.folder / FOLDERS[radiance], SUFFIX[radiance]
+    format = "stanford_orb"
+    shrink: int = 4
+    capture: str | None = None
+    radiance: Literal["hdr", "ldr"] = "hdr"
+
+    def __post_init__(self) -> None:
+        """Check the options. Raises InputError for a capture that is not there, too."""
+        super().__post_init__()
         if not self._place.is_dir():
-            raise InputError(f"{self._intake.folder}: expected the dataset's folder, with {FOLDERS[radiance]} in it, found none")
+            raise InputError(f"{self.folder}: expected the dataset's folder, with {self._place.name} in it, found none")
         captures = sorted(folder.name for folder in self._place.iterdir() if folder.is_dir())
-        if capture not in captures:
-            raise InputError(unknown("reader.options.capture", capture or "null", captures))
-        self._capture = capture
-        self._truths = self._intake.folder / "ground_truth"
+        if self.capture not in captures:
+            raise InputError(unknown("reader.options.capture", self.capture or "null", captures))
+
+    @property
+    def label(self) -> str:
+        """The capture."""
+        return str(self.capture)
+
+    @property
+    def _place(self) -> Path:
+        return self.folder / FOLDERS[self.radiance]
+
+    @property
+    def _truths(self) -> Path:
+        return self.folder / "ground_truth"
+
+    def places(self) -> Sequence[Path]:
+        """The capture's photographs and truth, and the photographs and maps of other captures that it is relit with."""
+        own, others = self._place / self.label, list[Path]()
+        for where, frame in self._novel_frames():
+            name, capture = Path(text(where, frame, "file_path", "")), text(where, frame, "scene_name", "")
+            place = self._place / capture / name.parent
+            others += [place / f"{name.name}{SUFFIX[self.radiance]}", place.with_name(f"{place.name}_mask") / f"{name.name}.png"]
+            others.append(self._truths / capture / "env_map" / f"{name.name}.exr")
+        return [own, self._truths / self.label, *others, *(self.folder / name for name in MESHES)]
 
     def read(self, truth: bool) -> Scene:
         """The capture; pseudo truth, scanned geometry and lights of other captures only with ``truth``. Raises InputError."""
-        intake, notes = self._intake, list[str]()
-        own = self._place / str(self._capture)
-        train = [intake.view(self._view(self._capture, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
-        held_out = [self._view(self._capture, *frame, notes) for frame in intake.kept(frames_of(own / "transforms_test.json"))]
-        seen = [intake.view(view) for view in held_out]
-        test = [intake.view(self._with_truth(view)) for view in held_out] if truth else list(seen)
+        notes, own = Notes(), self._place / self.label
+        train = [self.view(self._view(self.label, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
+        held_out = [self._view(self.label, *frame, notes) for frame in self.kept(frames_of(own / "transforms_test.json"))]
+        seen = [self.view(view) for view in held_out]
+        test = [self.view(self._with_truth(view)) for view in held_out] if truth else list(seen)
         lights: dict[str, np.ndarray] = {}
-        for where, frame in intake.kept(self._novel_frames(own)):
+        for where, frame in self.kept(self._novel_frames()):
             name = text(where, frame, "scene_name", "")
             view = self._view(name, where, frame, notes)
             light = f"{name}_{view.name}"
-            seen.append(intake.view(replace(view, name=light, light=light)))
-            if truth:
-                lights |= self._light(light, name, view, notes)
+            seen.append(self.view(replace(view, name=light, light=light)))
+            path = self._truths / name / "env_map" / f"{view.name}.exr"
+            if truth and path.is_file():
+                lights[light] = from_camera_frame(read_light(path), view.camera)
+            elif truth:
+                notes.append(f"no environment map {path.relative_to(self.folder)}: the view under it is not relit")
         if truth and test and test[0].albedo is not None:
             notes.append("true albedo is pseudo truth: it is misaligned in places and darker than the scanned texture")
-        scanned = self._truths / str(self._capture) / "mesh_blender" / "mesh.obj"
-        mesh = scanned if scanned.is_file() else None
-        known = Truth(lights) if truth else None
-        return intake.scene(train=train, test=test, novel=seen, truth=known, notes=notes, mesh=mesh, name=self._capture)
+        scanned = self._truths / self.label / "mesh_blender" / "mesh.obj"
+        mesh, known = scanned if scanned.is_file() else None, Truth(lights) if truth else None
+        return self.scene(train=train, test=test, novel=seen, truth=known, notes=notes, mesh=mesh)
 
-    def _novel_frames(self, own: Path) -> list[tuple[str, Mapping[str, Any]]]:
-        path = own / "transforms_novel.json"
+    def _novel_frames(self) -> list[Frame]:
+        path = self._place / self.label / "transforms_novel.json"
         return frames_of(path) if path.is_file() else []
 
-    def _view(self, capture: str | None, where: str, frame: Mapping[str, Any], notes: list[str]) -> View:
-        folder = self._intake.folder
+    def _view(self, capture: str, where: str, frame: Mapping[str, Any], notes: Notes) -> View:
         name = Path(text(where, frame, "file_path", ""))
         place = f"{self._place.name}/{capture}/{name.parent}"
-        path = file_below(folder, f"{place}/{name.name}{self._suffix}", f"{where}: file_path")
-        mask = file_below(folder, f"{place}_mask/{name.name}.png", f"{where}: mask")
-        photo = photograph(path, mask, notes)
+        path = file_below(self.folder, f"{place}/{name.name}{SUFFIX[self.radiance]}", f"{where}: file_path")
+        photo = photograph(path, file_below(self.folder, f"{place}_mask/{name.name}.png", f"{where}: mask"), notes)
         height, width = photo.mask.shape
         return photo.view(name.name, camera(where, frame, width, height))
 
     def _with_truth(self, view: View) -> View:
         """The view, of the photograph's size, with what ground_truth has of it; normals are there in the frame of the camera."""
-        albedo = next(
-            (path for s in (".png", ".npy") if (path := self._file("pseudo_gt_albedo", f"{view.name}{s}")).is_file()), None
-        )
-        normal, depth = self._array("surface_normal", view, 3), self._array("z_depth", view, 1)
+        normal, depth = self._array("surface_normal", view, 3, 1.1), self._array("z_depth", view, 1, 1e6)
+        albedo = true_map(self._file("pseudo_gt_albedo", f"{view.name}.png"), view.mask, "srgb")
+        stored = self._array("pseudo_gt_albedo", view, 3, 1e3) if albedo is None else None
+        if stored is not None:
+            albedo = (stored.clip(0, 1) * view.mask[..., None]).astype(np.float32)
         if normal is not None:
             normal = normal @ view.camera.to_world[:3, :3].T
             normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1)
         return replace(
             view,
-            albedo=None if albedo is None else self._albedo(albedo, view),
+            albedo=albedo,
             normal=None if normal is None else (normal * view.mask[..., None]).astype(np.float32),
             depth=None if depth is None else (depth[..., 0].clip(min=0) * view.mask).astype(np.float32),
         )
 
     def _file(self, kind: str, name: str) -> Path:
-        return self._truths / str(self._capture) / kind / name
+        return self._truths / self.label / kind / name
 
-    def _array(self, kind: str, view: View, channels: int) -> np.ndarray | None:
-        path = self._file(kind, f"{view.name}.npy")
-        return _loaded(path, view.mask.shape, channels, self._intake.shrink) if path.is_file() else None
+    def _array(self, kind: str, view: View, channels: int, most: float) -> np.ndarray | None:
+        """A .npy file at the photograph's size, (H, W, C); None where there is none. Raises InputError for anything else in it.
 
-    def _albedo(self, path: Path, view: View) -> np.ndarray:
-        if path.suffix == ".npy":
-            return (_loaded(path, view.mask.shape, 3, self._intake.shrink).clip(0, 1) * view.mask[..., None]).astype(np.float32)
-        return true_map(path, view.mask, "srgb")
-
-    def _light(self, light: str, capture: str, view: View, notes: list[str]) -> dict[str, np.ndarray]:
-        path = self._truths / capture / "env_map" / f"{view.name}.exr"
+        An array up to ``shrink`` times smaller is repeated, to be multiplied by the coverage; a larger one is averaged.
+        """
+        path, shape = self._file(kind, f"{view.name}.npy"), view.mask.shape
         if not path.is_file():
-            notes.append(f"no environment map {path.relative_to(self._intake.folder)}: the view under it is not relit")
-            return {}
-        return {light: from_camera_frame(read_light(path), view.camera)}
+            return None
+        values = read_array(path)
+        values = values[..., None] if values.ndim == 2 else values
+        if values.ndim != 3 or values.shape[-1] != channels or np.abs(values).max(initial=0) > most:
+            found = f"{values.shape}, up to {np.abs(values).max(initial=0):.3g}"
+            raise InputError(f"{path}: expected finite values (H, W, {channels}) from -{most:g} to {most:g}, found {found}")
+        block = shape[0] // max(len(values), 1)
+        if 1 < block <= self.shrink and shape == (block * values.shape[0], block * values.shape[1]):
+            values = values.repeat(block, 0).repeat(block, 1)
+        return fitted(path, values, shape)
 
 
 def from_camera_frame(radiance: np.ndarray, camera: Camera) -> np.ndarray:
@@ -137,21 +160,3 @@ def from_camera_frame(radiance: np.ndarray, camera: Camera) -> np.ndarray:
         return (np.arctan2(x, -z) + np.pi) / (2 * np.pi), np.arccos(y.clip(-1, 1)) / np.pi
 
     return resampled(radiance, look_up)
-
-
-def _loaded(path: Path, shape: tuple[int, ...], channels: int, shrink: int) -> np.ndarray:
-    """An array of a .npy file at the photograph's size ``shape``, (H, W, C). Raises InputError for anything else in it.
-
-    An array up to ``shrink`` times smaller is repeated, to be multiplied by the photograph's coverage; a larger one is averaged.
-    """
-    try:
-        values = np.load(path, allow_pickle=False).astype(np.float64)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path}: expected an array of numbers (.npy), found {error}") from None
-    values = values[..., None] if values.ndim == 2 else values
-    if values.ndim != 3 or values.shape[-1] != channels or not np.isfinite(values).all():
-        raise InputError(f"{path}: expected finite values (H, W, {channels}), found {values.shape}")
-    block = shape[0] // max(len(values), 1)
-    if 1 < block <= shrink and shape == (block * values.shape[0], block * values.shape[1]):
-        values = values.repeat(block, 0).repeat(block, 1)
-    return fitted(path, values, shape)

@@ -7,17 +7,21 @@ radians, ``imw`` and ``imh``; beside it lie photographs ``rgba_LIGHT.png`` (8-bi
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json, shown
+from ia_bench.readers.base import FolderReader
 from ia_bench.readers.fields import focal_of, number, rigid
-from ia_bench.readers.pictures import expect_size, photograph, true_map, true_normal
-from ia_bench.scenes.scene import Camera, View
+from ia_bench.readers.lights import maps_below
+from ia_bench.readers.pictures import Notes, expect_size, photograph, true_map, true_normal
+from ia_bench.scenes.scene import Camera, Scene, View
 
 
 @dataclass(frozen=True)
@@ -56,7 +60,7 @@ class ViewFolder:
         there = next((name for name in names if (self.folder / name).is_file()), names[0])
         return file_below(self.root, f"{self.folder.name}/{there}", str(self.root))
 
-    def view(self, path: Path, notes: list[str], light: str = "train") -> View:
+    def view(self, path: Path, notes: Notes, light: str = "train") -> View:
         """The photograph ``path`` of this folder. Raises InputError for another size than the camera's."""
         photo = photograph(path, None, notes)
         expect_size(path, photo.mask.shape, (self.camera.height, self.camera.width), "imw and imh of metadata.json")
@@ -65,18 +69,57 @@ class ViewFolder:
 
     def with_truth(self, view: View) -> View:
         """The view with the albedo and the normals that lie beside it, as far as they do."""
-        albedo, normal = self.folder / "albedo.png", self.folder / "normal.png"
-        return replace(
-            view,
-            albedo=true_map(self.picture("albedo.png"), view.mask, "linear") if albedo.is_file() else None,
-            normal=true_normal(self.picture("normal.png"), view.mask) if normal.is_file() else None,
-        )
+        albedo = true_map(self.folder / "albedo.png", view.mask, "linear")
+        return replace(view, albedo=albedo, normal=true_normal(self.folder / "normal.png", view.mask))
 
     def lights(self) -> dict[str, Path]:
         """Every rgba_LIGHT.png of the folder by the name of its light."""
         return {path.stem.removeprefix("rgba_"): path for path in sorted(self.folder.glob("rgba_*.png"))}
 
 
-def view_folders(root: Path, split: str) -> list[ViewFolder]:
-    """The folders SPLIT_NNN below ``root``, in order."""
-    return [ViewFolder(root, path) for path in sorted(root.glob(f"{split}_[0-9]*")) if path.is_dir()]
+@dataclass(frozen=True, kw_only=True)
+class ViewFolders(FolderReader):
+    """Reads the folder of one object whose views have folders of their own.
+
+    Attributes:
+        lights: The folder of the environment maps, LIGHT.hdr or LIGHT.exr; None relights nothing.
+    """
+
+    held_out_splits: ClassVar[Sequence[str]] = ("test",)
+    lights: str | None = None
+
+    @property
+    def photographs(self) -> Sequence[str]:
+        """What the photograph of a view under the training light may be called."""
+        raise NotImplementedError
+
+    def novel_lights(self, folder: ViewFolder) -> Mapping[str, Path]:
+        """The photographs of a held-out view under other lights, by their names."""
+        raise NotImplementedError
+
+    def own_light(self, folder: ViewFolder) -> tuple[str, float]:
+        """The name of the training light's map and what it is multiplied by; ``folder`` is that of the first training view."""
+        raise NotImplementedError
+
+    def read(self, truth: bool) -> Scene:
+        """The scene; albedo and normals of held-out views, and maps of lights, only with ``truth``. Raises InputError."""
+        notes, training = Notes(), self._folders("train")
+        if not training:
+            raise InputError(f"{self.folder}: expected folders train_000, train_001, ... with metadata.json, found none")
+        train = [self.view(folder.view(folder.picture(*self.photographs), notes)) for folder in training]
+        test, novel = list[View](), list[View]()
+        held_out = [folder for split in self.held_out_splits for folder in self._folders(split)]
+        lit = [one for one in held_out if any((one.folder / name).is_file() for name in self.photographs)]
+        for folder in self.kept(lit):
+            view = folder.view(folder.picture(*self.photographs), notes)
+            test.append(self.view(folder.with_truth(view) if truth else view))
+            novel.append(self.view(view))
+            novel += [self.view(folder.view(path, notes, light)) for light, path in self.novel_lights(folder).items()]
+        if len(lit) < len(held_out):
+            without = f"{len(held_out) - len(lit)} of {len(held_out)} held-out views have no photograph"
+            notes.append(f"{without} {self.photographs[0]} and are left out")
+        known = maps_below(self.lights, novel, notes, *self.own_light(training[0])) if truth else None
+        return self.scene(train=train, test=test, novel=novel, truth=known, notes=notes)
+
+    def _folders(self, split: str) -> list[ViewFolder]:
+        return [ViewFolder(self.folder, path) for path in sorted(self.folder.glob(f"{split}_[0-9]*")) if path.is_dir()]

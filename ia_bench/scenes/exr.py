@@ -13,8 +13,14 @@ from ia_bench.common.files import is_file, shown
 
 RINGING = 0.01  # lossy compression undershoots beside highlights; more than this share of the maximum is no radiance
 
-MAX_PIXELS = 1 << 28
-"""Of a display window that is larger than the image stored: beyond it, a header is taken for damaged."""
+MAX_PIXELS = 1 << 26
+"""Of any image: 8192 x 8192. A larger one would fill the memory, and a header that promises more is most likely damaged."""
+
+
+def expect_size_to_read(path: Path, width: int, height: int) -> None:
+    """Raise InputError for an image that is too large; what its header says is asked before pixels are read."""
+    if width * height > MAX_PIXELS:
+        raise InputError(f"{path}: expected at most {MAX_PIXELS} pixels (8192 x 8192), found {width} x {height}; make it smaller")
 
 
 def read_exr(path: Path, channels: int | None) -> np.ndarray:
@@ -28,9 +34,12 @@ def read_exr(path: Path, channels: int | None) -> np.ndarray:
     if path.suffix.lower() != ".exr":
         raise InputError(f"{path}: expected a linear OpenEXR image, got a {path.suffix or 'suffixless'} file (LDR is not linear)")
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            stored, window = (np.array(file.header()[key], int) for key in ("dataWindow", "displayWindow"))
+        for first, last in (stored, window):
+            expect_size_to_read(path, *(last - first + 1).tolist())
         with OpenEXR.File(str(path), separate_channels=True) as file:
             found = {name: channel.pixels for name, channel in file.channels().items()}
-            stored, window = (np.array(file.header()[key], int) for key in ("dataWindow", "displayWindow"))
     except (RuntimeError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
     names = {1: "Y", 3: "RGB", 4: "RGBA"}[channels or (4 if "A" in found else 3)]
@@ -39,7 +48,7 @@ def read_exr(path: Path, channels: int | None) -> np.ndarray:
         raise InputError(f"{path}: expected channels {', '.join(names)}, found {', '.join(sorted(found))}")
     image = np.stack([found[name] for name in names], axis=-1).astype(np.float32)
     if not np.array_equal(stored, window):
-        image = _in_window(path, image, stored, window)
+        image = _in_window(image, stored, window)
     if not np.isfinite(image).all():
         row, column = np.argwhere(~np.isfinite(image).all(axis=-1))[0]
         bad = int((~np.isfinite(image)).any(axis=-1).sum())
@@ -47,14 +56,12 @@ def read_exr(path: Path, channels: int | None) -> np.ndarray:
     return image
 
 
-def _in_window(path: Path, image: np.ndarray, stored: np.ndarray, window: np.ndarray) -> np.ndarray:
+def _in_window(image: np.ndarray, stored: np.ndarray, window: np.ndarray) -> np.ndarray:
     """An image whose pixels lie in the window ``stored``, cut and padded with 0 to another one.
 
-    Windows are ((column, row) of the first pixel, that of the last). Raises InputError for one of more than MAX_PIXELS.
+    Windows are ((column, row) of the first pixel, that of the last).
     """
     width, height = (window[1] - window[0] + 1).tolist()
-    if width * height > MAX_PIXELS:
-        raise InputError(f"{path}: expected a display window of at most {MAX_PIXELS} pixels, found {width} x {height}")
     whole = np.zeros((height, width, image.shape[-1]), np.float32)
     first, end = np.maximum(stored[0], window[0]), np.minimum(stored[1], window[1]) + 1
     if (end > first).all():

@@ -1,20 +1,25 @@
-"""Reading any picture as a linear image with a mask: photographs with EXIF orientation and alpha, OpenEXR images."""
+"""Reading any picture as a linear image with a mask: photographs with EXIF orientation, alpha and colour profiles, OpenEXR.
+
+Whatever is read, its size is asked for before its pixels, here and for arrays of numpy.
+"""
 
 from __future__ import annotations
 
 import struct
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
-from PIL import ExifTags, Image, ImageOps
+from PIL import ExifTags, Image, ImageCms, ImageOps
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.color_profile import in_srgb
-from ia_bench.scenes.exr import read_exr, refuse_negative
+from ia_bench.scenes.exr import MAX_PIXELS, expect_size_to_read, read_exr, refuse_negative
 
 HIGH_BIT_MODES = {"I;16": 65535.0, "I;16B": 65535.0, "I;16L": 65535.0, "I": 65535.0}
 """Greyscale modes of Pillow with more than 8 bits, and the value of white in them."""
@@ -29,6 +34,11 @@ AS_STORED = {
     8: Image.Transpose.ROTATE_270,
 }
 """What undoes the turn that an EXIF orientation asks for."""
+
+CONVERTED = ("RGB", "RGBA", "P")
+"""Modes of Pillow whose colours a profile is applied to: 8 bits of red, green and blue."""
+PROFILE_ROUNDING = 2  # steps of 255 by which a profile of sRGB itself may move a colour
+IGNORED = "is ignored, and sRGB assumed"
 
 ALPHA_ROUNDING = 1e-3  # half floats and filters pass 1 by a little
 
@@ -129,12 +139,15 @@ def open_picture(path: Path, *, upright: bool = False) -> Image.Image:
         raise InputError(f"{shown(path)}: no such image")
     try:
         with Image.open(path) as file:
+            expect_size_to_read(path, *file.size)
             picture = ImageOps.exif_transpose(file) if upright else _as_stored(file)
             picture.load()
     except (OSError, SyntaxError, ValueError, struct.error, Image.DecompressionBombError) as error:  # as its formats raise them
         raise InputError(f"{path}: expected a picture (PNG, JPEG, TIFF, WebP, ...), found {error}") from None
     if picture.mode == "F":
         raise InputError(f"{path}: expected whole numbers, found floating point; linear images are read as OpenEXR")
+    if picture.mode == "LAB":
+        raise InputError(f"{path}: expected red, green and blue, or grey, found the colours of CIE Lab; save it as sRGB")
     return picture
 
 
@@ -144,3 +157,78 @@ def _as_stored(file: Image.Image) -> Image.Image:
     file.load()
     turn = AS_STORED.get(orientation) if orientation is not None else None
     return file.copy() if turn is None else file.transpose(turn)
+
+
+# ---------------------------------------------------------------- colour profiles (ICC)
+def in_srgb(path: Path, picture: Image.Image, notice: Callable[[str], None]) -> Image.Image:
+    """The ``picture`` with the colours that its profile describes, in sRGB, and its alpha; what sRGB cannot hold is clipped.
+
+    A picture without a profile, or with one of sRGB, is returned as it is. So is one with a profile that cannot be applied (more
+    than 8 bits, grey, CMYK, damaged), of which ``notice`` is told.
+    """
+    content = picture.info.get("icc_profile")
+    if not content:
+        return picture
+    name, transform = _transform(content)
+    if transform is not None and not _moves_colours(transform):
+        return picture
+    if transform is None or picture.mode not in CONVERTED:
+        notice(f"{path}: its colour profile {name} {IGNORED}")
+        return picture
+    straight = picture.convert("RGBA")
+    turned = transform.apply(straight.convert("RGB"))
+    turned.putalpha(straight.getchannel("A"))
+    return turned
+
+
+def _transform(content: bytes) -> tuple[str, ImageCms.ImageCmsTransform | None]:
+    """A profile's name, and what turns its colours into sRGB: None where it is not one of red, green and blue, or damaged."""
+    name = "(damaged)"
+    try:
+        profile = ImageCms.ImageCmsProfile(BytesIO(content))
+        name = shown(ImageCms.getProfileDescription(profile).strip())
+        srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
+        return name, ImageCms.ImageCmsTransform(profile, srgb, "RGB", "RGB", ImageCms.Intent.RELATIVE_COLORIMETRIC)
+    except (OSError, ValueError, ImageCms.PyCMSError):
+        return name, None
+
+
+def _moves_colours(transform: ImageCms.ImageCmsTransform) -> bool:
+    """Whether colours change by more than rounding; names of profiles do not tell, as there is a "linear sRGB", too."""
+    levels = np.linspace(0, 255, 6).astype(np.uint8)
+    probe = np.stack(np.meshgrid(levels, levels, levels), -1).reshape(6, 36, 3)
+    turned = np.asarray(transform.apply(Image.fromarray(probe)))
+    return bool(np.abs(turned.astype(int) - probe.astype(int)).max() > PROFILE_ROUNDING)
+
+
+# ---------------------------------------------------------------- arrays of numpy
+def read_array(path: Path) -> np.ndarray:
+    """The numbers of a .npy file, float64. Raises InputError for another file, other types than real numbers, NaN and infinity."""
+    return _arrays(path, lambda: {"": np.load(path, mmap_mode="r", allow_pickle=False)})[""]
+
+
+def read_arrays(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
+    """The arrays of a .npz file whose names are ``wanted``, as :func:`read_array` has them."""
+
+    def stored() -> dict[str, np.ndarray]:
+        with np.load(path, allow_pickle=False) as content:
+            return {key: content[key] for key in content.files if wanted(key)}
+
+    return _arrays(path, stored)
+
+
+def _arrays(path: Path, load: Callable[[], Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    if not is_file(path):
+        raise InputError(f"{shown(path)}: no such file")
+    try:
+        stored = load()
+    except (OSError, ValueError, EOFError, SyntaxError, MemoryError, OverflowError, BadZipFile):
+        raise InputError(f"{path}: expected arrays of numbers (.npy, .npz), found a damaged file or another one") from None
+    for key, values in stored.items():
+        where = f"{path}: {key}" if key else f"{path}"
+        if not isinstance(values, np.ndarray) or values.dtype.kind not in "biuf" or values.size > 4 * MAX_PIXELS:
+            found = f"{values.size} of {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
+            raise InputError(f"{where}: expected at most {4 * MAX_PIXELS} real numbers, found {shown(found)}")
+        if not np.isfinite(values).all():
+            raise InputError(f"{where}: expected finite numbers, found NaN or infinity")
+    return {key: np.asarray(values, np.float64) for key, values in stored.items()}

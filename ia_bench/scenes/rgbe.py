@@ -12,6 +12,7 @@ import numpy as np
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
+from ia_bench.scenes.exr import expect_size_to_read
 
 SHORTEST, LONGEST = 8, 32767  # pixels of a row that may be run-length encoded
 
@@ -22,6 +23,7 @@ def read_rgbe(path: Path) -> np.ndarray:
         raise InputError(f"{shown(path)}: no such image")
     content = path.read_bytes()
     height, width, place = _header(path, content)
+    expect_size_to_read(path, width, height)
     try:
         rows = np.zeros((height, width, 4), np.uint8)
         for row in rows:

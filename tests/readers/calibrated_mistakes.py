@@ -130,7 +130,7 @@ MISTAKES: dict[str, Mistakes] = {
         **LISTED,
         "no photographs": (gone("image"), "expected a folder of photographs, found none"),
         "no cameras": (gone(CAMERAS), "cameras.npz: no such file"),
-        "no archive": (text(CAMERAS, "no archive"), "cameras.npz: expected matrices of numpy"),
+        "no archive": (text(CAMERAS, "no archive"), "cameras.npz: expected arrays of numbers"),
         "fewer cameras": (
             arrays(lambda a: a.pop("world_mat_18")),
             r"cameras\.npz: expected as many photographs in image/ as cameras \(18\), found 19",
@@ -145,7 +145,7 @@ MISTAKES: dict[str, Mistakes] = {
         ),
         "no scale": (arrays(lambda a: a.pop("scale_mat_0")), "expected scale_mat_0 for the 19 photographs"),
         "3 x 4": (one_matrix("world_mat_3", lambda m: m[:3]), r"world_mat_3: expected 4 x 4 finite numbers, found shape \(3, 4\)"),
-        "not finite": (one_matrix("world_mat_3", lambda m: m * np.nan), "world_mat_3: expected 4 x 4 finite numbers"),
+        "not finite": (one_matrix("world_mat_3", lambda m: m * np.nan), "world_mat_3: expected finite numbers, found NaN"),
         "other scale": (one_matrix("scale_mat_3", lambda m: 2 * m), "scale_mat_3: expected the same as scale_mat_0"),
         "stretched": (one_matrix("scale_mat_0", lambda m: m @ np.diag([1, 2, 1, 1.0])), "scale_mat_0: expected one positive scale"),
         "no mask": (gone("mask/003.png"), "image/003.png: expected a mask .*mask/003.png, found none"),

@@ -10,8 +10,9 @@ import pytest
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.silhouettes import carving_mask
-from ia_bench.readers.distortion import Lens, lens, undistorted
-from ia_bench.readers.intake import Intake
+from ia_bench.readers.cameras import Lens, lens, undistorted
+from ia_bench.readers.nerfstudio import NerfstudioReader
+from ia_bench.readers.pictures import Notes
 from ia_bench.scenes.scene import Camera, View
 
 FOCAL, CENTRE = (50.0, 47.0), (31.3, 22.8)
@@ -78,9 +79,8 @@ def test_a_held_out_pixel_that_nobody_has_seen_is_not_scored(tmp_path: Path) -> 
     saturated = np.ones((48, 64), bool)
     saturated[20, 30] = False
     view = undistorted("it", replace(spot(30, 20), valid=saturated), Lens(k1=0.5))
-    intake = Intake.of("it", tmp_path, mesh=None, uv="mesh", shrink=1, held_out=None)
     whole = replace(spot(30, 20), valid=saturated)
-    scene = intake.scene(train=[view], test=[view], novel=[whole], truth=None)
+    scene = NerfstudioReader(tmp_path).scene(train=[view], test=[view], novel=[whole], notes=Notes())
     assert np.array_equal(scene.train[0].valid, view.valid)
     assert np.array_equal(scene.test[0].valid, view.mask > 0)
     assert scene.novel[0].valid is None

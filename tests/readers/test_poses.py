@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.poses import expect_looking_at_object, from_projection, from_world_to_camera, share_looking_away
-from ia_bench.readers.sizes import evenly
+from ia_bench.readers.base import evenly
+from ia_bench.readers.cameras import expect_looking_at_object, from_projection, from_world_to_camera, looking
 from ia_bench.scenes.scene import Camera, Scene
 
 POINT = np.array([0.3, -0.2, 0.4])
@@ -52,10 +52,9 @@ def test_what_is_no_projection() -> None:
 
 
 def test_where_cameras_look(tiny: Scene) -> None:
-    poses = [view.camera.to_world for view in tiny.train]
-    assert share_looking_away(poses) == 0
-    assert share_looking_away([pose @ np.diag([1, -1, -1, 1]) for pose in poses]) == 1
-    assert share_looking_away([poses[0]] * 5) is None  # parallel axes meet nowhere
+    assert looking(tiny.train).min() > 0.95
+    assert looking(tiny.train, lambda pose: pose @ FLIPPED).max() < -0.95
+    assert looking(tiny.train[:1] * 5) is None  # parallel rays meet nowhere
 
 
 FLIPPED = np.diag([1.0, -1, -1, 1])

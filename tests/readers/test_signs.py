@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ia_bench.readers.base import FADED, GLARING, edge_colour, in_eight_bits, warnings_of
 from ia_bench.readers.native import NativeReader
-from ia_bench.readers.signs import FADED, GLARING, edge_colour, in_eight_bits, warnings_of
 from ia_bench.scenes.scene import Scene, View
 
 
@@ -36,6 +36,7 @@ def test_alpha_once_too_often_or_too_seldom(tiny: Scene) -> None:
     assert "multiplied by alpha twice" in twice
     (never,) = warnings_of([times_alpha(view, -1) for view in tiny.train])
     assert "not to be multiplied by alpha" in never
+    assert list(warnings_of([times_alpha(view, -1) for view in tiny.train], own_alpha=False)) == []  # edges show a background
     assert edge_colour(tiny.train[:1]) is None  # too few pixels to tell
 
 

@@ -8,8 +8,7 @@ import pytest
 from PIL import Image
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.photo_lists import pictures_in
-from ia_bench.readers.pictures import picture_below
+from ia_bench.readers.pictures import picture_below, pictures_in
 
 
 @pytest.mark.parametrize("suffix", [".PNG", ".JPG", ".JPEG", ".TIF", ".png", ".jpg", ".WebP"])

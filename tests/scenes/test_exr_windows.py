@@ -58,5 +58,5 @@ def test_windows_that_do_not_meet_show_nothing(tmp_path: Path) -> None:
 
 def test_a_window_beyond_all_measure_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "a.exr", IMAGE, (0, 0), ((0, 0), (999_999, 999_999)))
-    with pytest.raises(InputError, match=r"a\.exr: expected a display window of at most \d+ pixels, found 1000000 x 1000000"):
+    with pytest.raises(InputError, match=r"a\.exr: expected at most \d+ pixels .*, found 1000000 x 1000000"):
         read_exr(tmp_path / "a.exr", 4)

@@ -40,7 +40,7 @@ def test_encoded_rows_by_hand(tmp_path: Path) -> None:
         (HEAD + b"-Y 2 +X 2\n" + bytes(8), "expected 2 rows of 2 pixels, found damaged or missing data"),
         (HEAD + b"-Y 1 +X 8\n" + bytes([2, 2, 0, 8, 137, 7]), "found damaged or missing data"),
         (HEAD + b"-Y 1 +X 8\n" + bytes([2, 2, 0, 8, 0]), "found damaged or missing data"),
-        (HEAD + b"-Y 99999999 +X 99999999\n" + bytes(8), "found damaged or missing data"),
+        (HEAD + b"-Y 99999999 +X 99999999\n" + bytes(8), "expected at most 67108864 pixels"),
     ],
 )
 def test_what_is_no_picture(tmp_path: Path, content: bytes, says: str) -> None:
