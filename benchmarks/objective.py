@@ -15,11 +15,11 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.losses import tone_map
-from ia_bench.methods.two_stage.neighbours import find_neighbours
+from ia_bench.methods.two_stage.losses import neighbouring_pixels
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
+from ia_bench.scenes.color import tone_map
 
 SMALL = 0.01  # residual below which the reweighted square takes over from L1
 HELD = 8192  # pixels on which the objective is compared
@@ -107,7 +107,7 @@ class Objective:
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
         self.problem, self._settings, self._renderer = problem, settings, TorchRenderer(problem.renderer)
         self._images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]))
-        self._neighbours = find_neighbours(problem, self._images, settings.smooth_scale)
+        self._neighbours = neighbouring_pixels(problem, self._images, settings.smooth_scale)
         self.pixel_count = len(problem.gbuffer.pixel)
         self.held = torch.randperm(self.pixel_count, generator=torch.Generator().manual_seed(7))[:HELD]
 

@@ -19,13 +19,13 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material
 from ia_bench.methods.plan import make_plan
-from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.readers.native import NativeReader
 from ia_bench.render import stage as render
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import Renderer
 from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.color import tone_map
 from ia_bench.scenes.scene import Scene
 
 FLOOR = 1e-4  # of the mean radiance: darker texels of a true light have no useful logarithm

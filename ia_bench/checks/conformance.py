@@ -18,8 +18,8 @@ from ia_bench.checks.stack import Stack, painted_ball
 from ia_bench.checks.subject import GEOMETRY, Images, Subject, check_members
 from ia_bench.common.errors import InputError, raised
 from ia_bench.common.process_state import process_state_kept
-from ia_bench.methods.asking.border import checked, checked_refinement
 from ia_bench.priors.contract import COMPONENTS, Samples
+from ia_bench.priors.validation import checked, checked_refinement
 
 ALBEDO_TOLERANCE = 1e-3  # beyond [0, 1]: half floats and antialiasing
 CEILING_TOLERANCE = 1e-3  # above a ceiling, relative to it

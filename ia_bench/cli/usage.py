@@ -13,6 +13,7 @@ GROUPS = {
     "reader": "the format of the scene's files (or module:Class)",
     "capture": "what of it is left out",
     "prior": "what is known of albedo and specular shading beforehand (or module:Class)",
+    "coupling": "how a method uses what the prior says (or module:Class)",
     "method": "who reconstructs (or module:Class)",
     "preset": "how much work",
     "protocol": "how results are scored",

@@ -1,7 +1,7 @@
-"""Priors, methods and readers of scenes by name: built in, from entry points of other distributions, or as ``"module:Class"``.
+"""Priors, methods, readers and other plugins by name: built in, from entry points of other distributions, or as ``"module:Class"``.
 
 A built-in plugin is one YAML file of ``conf/<group>/`` with a ``target``. Another distribution adds one with an entry
-point in the group ``ia_bench.priors``, ``ia_bench.methods`` or ``ia_bench.readers``:
+point in the group ``ia_bench.priors`` (likewise of methods, readers, couplings and regularisers):
 
     [project.entry-points."ia_bench.priors"]
     my_prior = "my_package.prior:MyPrior"
@@ -30,11 +30,17 @@ from ia_bench.common.process_state import process_state_kept
 from ia_bench.common.settings import check_arguments
 from ia_bench.common.suggestions import unknown
 
-Kind = Literal["prior", "method", "reader"]
+Kind = Literal["prior", "coupling", "regulariser", "method", "reader"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 BUILT_IN = "ia_bench"
 TESTS = "tests"  # a folder of a plugin's package, whose code decides no number
-MEMBERS = {"prior": ("sample",), "method": ("Options", "presets", "info", "fit"), "reader": ("read",)}
+MEMBERS = {
+    "prior": ("sample",),
+    "coupling": ("prepare", "loss"),
+    "regulariser": ("due", "apply"),
+    "method": ("Options", "presets", "info", "fit"),
+    "reader": ("read",),
+}
 """What the class of a plugin must have, by kind; the contracts say what these are."""
 
 
@@ -77,7 +83,8 @@ def built_in(kind: Kind) -> Mapping[str, Plugin]:
     """Plugins that have a YAML file with a ``target`` in the configuration group of that kind, by name."""
     found = {}
     for path in sorted((conf_folder() / kind).glob("*.yaml")):
-        target = read_yaml(path).get("target")
+        content = read_yaml(path)
+        target = content.get(kind, content).get("target")  # a file may set more than its group
         if target:
             found[path.stem] = Plugin(kind, path.stem, str(target), BUILT_IN)
     return found

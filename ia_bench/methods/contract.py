@@ -11,12 +11,14 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
 from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.photographs import Photographs
-from ia_bench.methods.plan import Plan, make_plan
-from ia_bench.priors.contract import Prior
+from ia_bench.methods.plan import Plan, choose_prior_views, make_plan
+from ia_bench.methods.views import evenly_spread
+from ia_bench.priors.contract import Prior, PriorInfo, Samples
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.reconstruction import Reconstruction
@@ -33,9 +35,12 @@ class Problem:
     Attributes:
         scene: The mesh and the training images (all of one size), masks and cameras; nothing in it leads to truth.
         render: Settings of the renderer, as the user gave them.
-        supervision: How the prior's predictions are to be used.
         device: Where tensors live.
         make_prior: Makes the prior that the run was asked to use, told what it is entitled to.
+        make_coupling: Makes the coupling that the run was asked to use, or that suits a prior of that info.
+        prior_views: How many training views the prior is asked about, evenly spread; "all"; or "auto": as many as show the
+            surface often enough. The image loss uses every view.
+        keep_samples: Whether unguided samples of priors that have a fingerprint are kept between runs.
         truth: The scene with its truth, for a method that declares ``sees_truth``; None for all others.
         note: Takes one-line messages to the user.
         costs: Where seconds of baking are booked.
@@ -43,9 +48,11 @@ class Problem:
 
     scene: Scene
     render: RenderSettings = field(default_factory=RenderSettings)
-    supervision: SupervisionSettings = field(default_factory=SupervisionSettings)
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
     make_prior: Callable[[Problem], Prior] = lambda _: NoPrior()
+    make_coupling: Callable[[PriorInfo], Coupling] = lambda _: NoCoupling()
+    prior_views: int | str = "auto"
+    keep_samples: bool = True
     truth: Scene | None = None
     note: Callable[[str], None] = warnings.warn
     costs: CostTracker = field(default_factory=CostTracker)
@@ -62,9 +69,7 @@ class Problem:
     def plan(self) -> Plan:
         """The settings that were left to be chosen, measured on the scene; they are told as they are chosen."""
         with self.costs.exclude("bake"):
-            wanted = self.supervision
-            looking = self.prior.info.provides or wanted.refinement or wanted.roughness_refinement or wanted.parsimony
-            plan = make_plan(self.scene, self.stage, self.render, prior_views=wanted.views if looking else None)
+            plan = make_plan(self.scene, self.stage, self.render)
             for line in plan.lines():
                 self.note(line)
             return plan
@@ -92,9 +97,165 @@ class Problem:
         with self.costs.exclude("bake"):
             return self.make_prior(self)
 
+    @cached_property
+    def coupling(self) -> Coupling:
+        """How the fit is to use what the prior says."""
+        return self.make_coupling(self.prior.info)
+
+    @cached_property
+    def asked_views(self) -> tuple[int, ...]:
+        """The training views that the prior is asked about; the plan says how many, and why, once somebody wants to know."""
+        with self.costs.exclude("bake"):
+            decision = choose_prior_views(self.scene, self.stage, self.prior_views)
+            self.plan.decisions.append(decision)
+            self.note(decision.line)
+            return evenly_spread(self.scene, decision.value)
+
     def pixels_of(self, images: Tensor) -> Tensor:
         """The G-buffer's pixels of stacked view images, (V, H, W, C) -> (P, C); ``gbuffer.images`` is the inverse."""
         return images.reshape(-1, images.shape[-1])[self.gbuffer.pixel]
+
+
+# ---- couplings: from what a prior says to a loss ----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PixelSamples:
+    """What a prior says of the G-buffer's P pixels.
+
+    Attributes:
+        values: (P, 3) per component: linear, premultiplied by coverage; zero in views that the prior was not asked about.
+        weight: (P, 1), how much the pixel counts: even in the views that the prior was asked about, zero in others and where the
+            photograph's mask leaves out what the mesh fills; mean 1, so that a loss keeps its weight however few views are asked.
+        at_least: (P, 1) bool per component: where the prior could hardly have said more, a larger value is no error.
+    """
+
+    values: dict[str, Tensor]
+    weight: Tensor
+    at_least: dict[str, Tensor] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class StepRender:
+    """What a step of a fit shows a coupling; gradients flow through all of it.
+
+    Attributes:
+        albedo: (B, 3), of the step's pixels, premultiplied by coverage.
+        specular: (B, 3), their specular shading, linear.
+        texture: (T, T, 3), the albedo texture, for a loss that is to move single texels alone: steps at coarser scales and the
+            factor that light and albedo exchange do not follow its gradient.
+        generator: Draws whatever is random in a loss.
+    """
+
+    albedo: Tensor
+    specular: Tensor
+    texture: Tensor
+    generator: torch.Generator
+
+
+class Coupling:
+    """How a method turns what a prior says into a loss; made with ``coupling.options`` as keyword arguments.
+
+    A subclass must define :meth:`prepare` and :meth:`loss`; built in are those of :mod:`ia_bench.methods.couplings`.
+
+    Attributes:
+        sets_albedo: Whether the prior's albedo is taken for the albedo itself (up to its scale), so that a fit may start from it.
+        period: 0: the prior is sampled before the fit, and again, guided by the renders, before its second stage. More: it is
+            asked every ``period`` steps to denoise renders of ``views`` of its views (``Distiller``).
+        views: See ``period``.
+    """
+
+    sets_albedo: bool = False
+    period: int = 0
+    views: int = 0
+
+    def uses(self, provides: frozenset[str]) -> frozenset[str]:
+        """The components, of those that a prior ``provides``, that have a weight; a prior is not asked for the sake of others."""
+        return provides
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        """Take over new samples, in place of former ones."""
+        raise NotImplementedError
+
+    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
+        """The weighted losses, by name, of a step's G-buffer entries (B,)."""
+        raise NotImplementedError
+
+    def update(self, texture: Tensor, step: int) -> None:
+        """Called before each step with the albedo texture (T, T, 3), detached: time to estimate anew what depends on it."""
+
+    def state(self) -> dict[str, Tensor]:
+        """What a checkpoint must keep beside the samples."""
+        return {}
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """Take over a :meth:`state`, after :meth:`prepare`."""
+
+
+class NoCoupling(Coupling):
+    """``coupling=none``: whatever the prior says has no influence on the steps, and it is not asked for it."""
+
+    def uses(self, provides: frozenset[str]) -> frozenset[str]:
+        """Nothing."""
+        return frozenset()
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        """There is nothing to prepare."""
+
+    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
+        """None."""
+        return {}
+
+
+# ---- regularisers: what changes a material between steps and after them --------------------------------------------
+
+
+@dataclass(frozen=True)
+class FitState:
+    """What a regulariser is told of a fit, beside its material.
+
+    Attributes:
+        problem: Of the fit; its ``asked_views`` are those that a prior is asked about.
+        light: As recovered so far.
+        exposures: The factors (V,) by which the photographs were exposed; None where they are the same.
+        observed: (T, T) bool, texels that some photograph shows.
+        generator: Draws whatever is random.
+        refine: Asks the prior to correct a fit's renders (:meth:`ia_bench.priors.contract.Refiner.refine`).
+    """
+
+    problem: Problem
+    light: SampledLight
+    exposures: Tensor | None
+    observed: Tensor
+    generator: torch.Generator
+    refine: Callable[[dict[str, Tensor]], Samples]
+
+
+class Regulariser:
+    """What changes albedo and roughness by itself, between steps or after them; ``fit.regulariser_options`` are its arguments.
+
+    A subclass must define :meth:`due` and :meth:`apply`; built in are those of :mod:`ia_bench.methods.regularisers`.
+
+    Attributes:
+        completes: Whether it guesses what photographs hardly show: it is applied to the finished material, in which texels that no
+            photograph shows have been filled from their neighbours. One that does not is given all as it was fitted.
+    """
+
+    completes: bool = False
+
+    def prepare(self, problem: Problem) -> None:
+        """Called before a fit begins; raises InputError where it cannot be applied."""
+
+    def due(self, step: int, steps: int) -> bool:
+        """Whether it is applied after ``step`` of ``steps``; ``step == steps`` is the end of the fit."""
+        return step == steps
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        """A material instead of ``material``, which stays as it is; the fit brings values back into their range."""
+        raise NotImplementedError
+
+
+# ---- methods -------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

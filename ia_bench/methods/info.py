@@ -22,8 +22,6 @@ class MethodInfo:
     Attributes:
         uses_prior: Whether it asks ``problem.prior``.
         sees_truth: Whether it is given the truth; such a method is marked in every table.
-        corrects: Whether it heeds the shares of ``prior.supervision`` by which a material is corrected (refinement,
-            roughness_refinement, parsimony, neighbours, symmetry); with one that does not, they are refused.
         fits_exposures: Whether it heeds ``scene.exposures_differ``; of one that does not, a run says so where it matters.
         needs: What a scene must have for it, some of "mesh" and "uv"; a run of one that lacks it is refused.
         predicts: What can be scored of it, some of "albedo", "roughness", "view_synthesis" and "relighting".
@@ -33,7 +31,6 @@ class MethodInfo:
 
     uses_prior: bool
     sees_truth: bool = False
-    corrects: bool = False
     fits_exposures: bool = False
     needs: frozenset[str] = NEEDED
     predicts: frozenset[str] = PREDICTED

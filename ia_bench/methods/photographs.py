@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import torch
@@ -65,3 +66,11 @@ def _unit(inside: Tensor) -> float:
     mean = float(inside.mean()) if len(inside) else 0.0
     least, most = USUAL
     return 1.0 if least <= mean <= most or not 0 < mean < float("inf") else LEVEL / mean
+
+
+def as_photographed(renders: Mapping[str, Tensor], views: tuple[int, ...], exposures: Tensor | None) -> dict[str, Tensor]:
+    """``renders`` (V', H, W, C) of some ``views`` with those that are radiance exposed as these photographs are."""
+    if exposures is None:
+        return dict(renders)
+    factor = exposures[list(views), None, None, None]
+    return {name: images if name == "albedo" else factor * images for name, images in renders.items()}

@@ -17,7 +17,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.machine import expect_memory
 from ia_bench.material.brdf import dot, normalize
-from ia_bench.methods.asking.views import sees, spreading_order, views_needed
+from ia_bench.methods.views import sees, spreading_order, views_needed
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.rays import RayCaster
 from ia_bench.render.renderer import samples_taken
@@ -50,6 +50,11 @@ class Decision:
     measured: dict[str, float] | None
     left_out: str | None = None  # what the choice saves, None if nothing is left out
 
+    @property
+    def line(self) -> str:
+        """The choice in one printable line."""
+        return f"plan: {self.what} = {self.value}: {self.why}"
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -62,12 +67,11 @@ class Plan:
     shadows: str
     bounces: int = 0
     metallic: bool = False
-    prior_views: int | str = "all"
-    decisions: tuple[Decision, ...] = field(default=())
+    decisions: list[Decision] = field(default_factory=list)
 
     def lines(self) -> list[str]:
         """One printable line per decision."""
-        return [f"plan: {d.what} = {d.value}: {d.why}" for d in self.decisions]
+        return [decision.line for decision in self.decisions]
 
     def record(self) -> dict[str, list[Any]]:
         """The ``plan`` entry of metrics.json."""
@@ -77,11 +81,43 @@ class Plan:
 
 
 @torch.no_grad()
-def make_plan(scene: Scene, stage: Stage, settings: RenderSettings, *, prior_views: int | str | None = None) -> Plan:
-    """Measure a few training views on the ``stage`` of the scene's mesh, and decide.
+def make_plan(scene: Scene, stage: Stage, settings: RenderSettings) -> Plan:
+    """Measure a few training views on the ``stage`` of the scene's mesh, and decide."""
+    probe = _probe(scene, stage)
+    decisions = []
+    for name, decide in DECISIONS.items():
+        chosen = getattr(settings, name)
+        decisions.append(decide(probe) if chosen == "auto" else Decision(f"render.{name}", chosen, "set by the user", None))
+    value = {name: decision.value for name, decision in zip(DECISIONS, decisions, strict=True)}
+    _check_memory(settings.samples, **{name: value[name] for name in ("subsamples", "texture", "light_height")})
+    return Plan(samples=settings.samples, decisions=decisions, **value)
 
-    ``prior_views``: the setting prior.supervision.views; None where no prior looks at any view.
-    """
+
+@torch.no_grad()
+def choose_prior_views(scene: Scene, stage: Stage, setting: int | str) -> Decision:
+    """How many training views a prior is asked about: the ``setting``, or with "auto" as many as show the surface often enough."""
+    what = "prior.views"
+    if setting == "all":
+        return Decision(what, "all", "every training view is looked at", None)
+    if setting != "auto":
+        return Decision(what, setting, "set by the user", None)
+    probe, total = _probe(scene, stage), len(scene.train)
+    order = spreading_order(scene, total)
+    points = probe.points(PROBE_POINTS, probe.generator())
+    cameras = [scene.train[view].camera for view in order]
+    seen = sees(cameras, points.position, points.geometric, probe.rays, probe.surface.offset)
+    count = views_needed(seen, VIEWS_A_POINT, SEEN_SHARE)
+    measured = {"views": float(total), "seen_by_all_views": float(seen.sum(1).double().mean())}
+    measured["seen_by_chosen_views"] = float(seen[:, :count].sum(1).double().mean())
+    why = (
+        f"{count} of {total} views show {100 * SEEN_SHARE:.0f} % of the surface {VIEWS_A_POINT} times or as often as all do "
+        f"(a point {measured['seen_by_chosen_views']:.1f} times in the mean, {measured['seen_by_all_views']:.1f} with all)"
+    )
+    return Decision(what, count, why, measured, left_out=f"the prior's look at {total - count} views" if count < total else None)
+
+
+def _probe(scene: Scene, stage: Stage) -> _Probe:
+    """Raises InputError where no camera sees the mesh."""
     step = max(1, len(scene.train) // PROBE_VIEWS)
     some, every = ([view.camera for view in views] for views in (scene.train[::step], scene.train))
     probe = _Probe(scene, stage.surface, stage.rays, stage.gbuffer(some, 2))
@@ -92,17 +128,7 @@ def make_plan(scene: Scene, stage: Stage, settings: RenderSettings, *, prior_vie
             f"{scene.source}: no training camera sees the mesh: expected transform_matrix to be camera-to-world in the "
             "OpenGL convention (the camera looks along its -z axis, +y is up), in the units of mesh.ply"
         )
-    decisions = []
-    for name, decide in DECISIONS.items():
-        chosen = getattr(settings, name)
-        decisions.append(decide(probe) if chosen == "auto" else Decision(f"render.{name}", chosen, "set by the user", None))
-    value = {name: decision.value for name, decision in zip(DECISIONS, decisions, strict=True)}
-    _check_memory(settings.samples, **{name: value[name] for name in ("subsamples", "texture", "light_height")})
-    asked: int | str = "all"
-    if prior_views is not None:
-        decisions.append(_prior_views(probe, prior_views))
-        asked = decisions[-1].value
-    return Plan(samples=settings.samples, prior_views=asked, decisions=tuple(decisions), **value)
+    return probe
 
 
 @dataclass(frozen=True)
@@ -294,27 +320,6 @@ def _metallic(probe: _Probe) -> Decision:
     why = f"the scene's description names {'' if metallic else 'no '}parts of metal"
     left_out = None if metallic else "a metallic texture"
     return Decision("render.metallic", metallic, why, {"metallic": float(metallic)}, left_out=left_out)
-
-
-def _prior_views(probe: _Probe, setting: int | str) -> Decision:
-    what = "prior.supervision.views"
-    if setting == "all":
-        return Decision(what, "all", "every training view is looked at", None)
-    if setting != "auto":
-        return Decision(what, setting, "set by the user", None)
-    scene, surface, total = probe.scene, probe.surface, len(probe.scene.train)
-    order = spreading_order(scene, total)
-    points = probe.points(PROBE_POINTS, probe.generator())
-    cameras = [scene.train[view].camera for view in order]
-    seen = sees(cameras, points.position, points.geometric, probe.rays, surface.offset)
-    count = views_needed(seen, VIEWS_A_POINT, SEEN_SHARE)
-    measured = {"views": float(total), "seen_by_all_views": float(seen.sum(1).double().mean())}
-    measured["seen_by_chosen_views"] = float(seen[:, :count].sum(1).double().mean())
-    why = (
-        f"{count} of {total} views show {100 * SEEN_SHARE:.0f} % of the surface {VIEWS_A_POINT} times or as often as all do "
-        f"(a point {measured['seen_by_chosen_views']:.1f} times in the mean, {measured['seen_by_all_views']:.1f} with all)"
-    )
-    return Decision(what, count, why, measured, left_out=f"the prior's look at {total - count} views" if count < total else None)
 
 
 DECISIONS: dict[str, Callable[[_Probe], Decision]] = {

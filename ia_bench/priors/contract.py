@@ -29,6 +29,8 @@ class PriorInfo:
         sees_truth: Whether it knows the ground truth; such a prior is marked in every table.
         wants: What its observations should hold besides images, some of "normals", "visibility", "view_count" and "truth". A
             sample must do without the first three as well, which pictures without a scene do not have.
+        coupling: The name of the coupling by which it is used best, such as "targets"; None recommends none. It is what a run with
+            ``coupling=auto`` takes.
     """
 
     provides: frozenset[str]
@@ -38,6 +40,7 @@ class PriorInfo:
     encoding: Mapping[str, str] = field(default_factory=lambda: dict.fromkeys(COMPONENTS, "srgb"))
     sees_truth: bool = False
     wants: frozenset[str] = frozenset()
+    coupling: str | None = None
 
     def __post_init__(self) -> None:
         for name, known in (("provides", COMPONENTS), ("wants", WANTED)):
@@ -53,6 +56,8 @@ class PriorInfo:
         encoding: Any = self.encoding
         if not isinstance(encoding, Mapping) or any(encoding.get(name) not in ENCODINGS for name in self.provides):
             raise InputError(f"encoding: expected one of {', '.join(ENCODINGS)} for every component provided, found {encoding!r}")
+        if self.coupling is not None and not (isinstance(self.coupling, str) and self.coupling):
+            raise InputError(f"coupling: expected the name of a coupling, or None, found {self.coupling!r}")
         if "truth" in self.wants and not self.sees_truth:
             raise InputError("wants: expected sees_truth=True of a prior that wants truth, found False")
 
@@ -156,7 +161,7 @@ class Refiner(Protocol):
         ``renders`` maps "albedo", "radiance" (the photograph as the fit renders it) and "specular" (the specular shading in it) to
         (V, H, W, 3), linear, "roughness" to (V, H, W, 1), perceptual, and "evidence" to (V, H, W, 2): what these photographs
         together say about a place, how much the fit's radiance is off and how much of it is specular, as
-        :func:`ia_bench.methods.two_stage.refinement.evidence` has it. All are premultiplied. ``observations`` hold whatever the
+        :func:`ia_bench.methods.regularisers.refiner.evidence` has it. All are premultiplied. ``observations`` hold whatever the
         info ``wants`` but truth.
 
         The answer holds an "albedo" (V, H, W, 3), on whose level and cast nothing depends, and a "roughness" (V, H, W, 1) if the

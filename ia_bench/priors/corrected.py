@@ -49,7 +49,7 @@ class CorrectedPrior(WrappedPrior):
             reason = "it provides nothing" if not behind.info.provides else "it sees the truth itself"
             raise InputError(f"prior.options.of: expected a prior whose errors can be corrected, found {of}: {reason}")
         super().__init__(behind)
-        self.info = replace(behind.info, sees_truth=True, wants=behind.info.wants | {"truth"})
+        self.info = replace(behind.info, sees_truth=True, wants=behind.info.wants | {"truth"}, coupling="targets")
         self._share = share
 
     def shown(self, observations: Observations) -> Observations:

@@ -59,7 +59,9 @@ class OraclePrior:
         self.baked, self.inconsistency, self.patch = baked, inconsistency, patch
         self.guidance_strength = guidance_strength
         stochastic = any((scale, shift, noise, inconsistency))
-        self.info = PriorInfo(frozenset(components), stochastic, guidable=True, sees_truth=True, wants=frozenset({"truth"}))
+        self.info = PriorInfo(
+            frozenset(components), stochastic, guidable=True, sees_truth=True, wants=frozenset({"truth"}), coupling="targets"
+        )
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others."""

@@ -19,16 +19,13 @@ from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.suggestions import unknown
-from ia_bench.methods.asking.settings import SupervisionSettings
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import RunConfig, resolved
 
 HYDRA_VERSION = "1.3"
 CONFIG_NAME = "config"
 LAUNCHER_EXTRAS = ("ray", "submitit")
-SHORT = {"prior.supervision": "prior.supervision.kind"}
-"""Settings that may be named by what is chosen first in them."""
-OPTIONS = ("fit.", "method.options.", "prior.options.", "reader.options.")
+OPTIONS = ("fit.", "method.options.", "prior.options.", "coupling.options.", "reader.options.")
 """What begins the names of settings that belong to a plugin."""
 
 
@@ -46,7 +43,8 @@ def register(overrides: Sequence[str]) -> None:
         "scene": {"path": None},
         "reader": {"options": {}},
         "capture": asdict(CaptureSettings()),
-        "prior": {"options": {}, "supervision": asdict(SupervisionSettings())},
+        "prior": {"options": {}, "views": "auto", "cache": True},
+        "coupling": {"options": {}},
         "method": {"options": {}},
         "preset": None,
         "protocol": {},
@@ -54,15 +52,15 @@ def register(overrides: Sequence[str]) -> None:
     }
     store.store(name="schema", node=OmegaConf.create(defaults))
     for kind in registry.KINDS:
+        if kind == "regulariser":
+            continue  # no group: fit.regularise has a list of their names
         for plugin in [*registry.installed(kind).values(), *_named_plugins(kind, overrides)]:
             store.store(group=kind, name=plugin.name, node=OmegaConf.create({"name": plugin.name, "target": plugin.target}))
 
 
 def written_out(overrides: Sequence[str]) -> list[str]:
-    """``overrides`` with the short names written out, and options marked as keys that no file needs to have."""
-    parts = [text.partition("=") for text in overrides]
-    named = [SHORT.get(key, key) + separator + value for key, separator, value in parts]
-    return [f"++{text}" if text.startswith(OPTIONS) else text for text in named]
+    """``overrides`` with options marked as keys that no file needs to have."""
+    return [f"++{text}" if text.startswith(OPTIONS) else text for text in overrides]
 
 
 def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:

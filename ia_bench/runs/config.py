@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,17 +17,16 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
 from ia_bench.common.paths import MORE_SCENES, SCENES_VARIABLE, conf_folder, lacks_scenes, scenes_folders
+from ia_bench.common.ranges import NO_NUMBER, NumberOrAuto
 from ia_bench.common.settings import check_arguments, merged, parsed
 from ia_bench.common.suggestions import unknown
-from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.methods.couplings.choice import AUTO
 from ia_bench.methods.info import check_declarations
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
 
 NATIVE_READER = "ia_bench.readers.native:NativeReader"
 DEFAULT_METHOD = "two_stage"  # of conf/config.yaml
-CORRECTIONS = "refinement", "roughness_refinement", "parsimony", "neighbours", "symmetry"
-"""The shares among the settings of supervision by which a material is corrected."""
 THREADS_A_CORE = 32  # more threads than that a core, which computes as a larger machine would, are a slip
 
 
@@ -50,12 +49,27 @@ class ReaderConfig:
 
 @dataclass(frozen=True)
 class PriorConfig:
-    """A prior: the class ``target`` (``"module:Class"``) called with ``options``, and how it supervises the fit."""
+    """A prior: the class ``target`` (``"module:Class"``) called with ``options``.
+
+    Attributes:
+        views: How many training views it is asked about, evenly spread, "all", or "auto": as many as show the surface often enough.
+        cache: Whether its unguided samples are kept between runs, if it has a fingerprint. Decides no number.
+    """
 
     name: str
     target: str
     options: dict[str, Any] = field(default_factory=dict)
-    supervision: SupervisionSettings = field(default_factory=SupervisionSettings)
+    views: NumberOrAuto | Literal["all"] = "auto"
+    cache: bool = field(default=True, metadata=NO_NUMBER)
+
+
+@dataclass(frozen=True)
+class CouplingConfig:
+    """How a method uses what the prior says: the class ``target`` called with ``options``; "auto" is what the prior recommends."""
+
+    name: str = AUTO
+    target: str | None = None
+    options: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -79,6 +93,7 @@ class RunConfig:
         reader: The format of its files.
         capture: What is left out of the scene before anything is fitted.
         prior: What is known beforehand.
+        coupling: How it is used.
         method: Who reconstructs.
         fit: Short form of ``method.options``, over which it goes; a method without options ignores it. None once resolved.
         preset: How much work: render and protocol settings of ``conf/preset``, and what the method makes of the name.
@@ -98,6 +113,7 @@ class RunConfig:
     method: MethodConfig
     preset: str
     protocol: Protocol
+    coupling: CouplingConfig = field(default_factory=CouplingConfig)
     capture: CaptureSettings = field(default_factory=CaptureSettings)
     render: RenderSettings = field(default_factory=RenderSettings)
     fit: dict[str, Any] | None = None
@@ -129,7 +145,9 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     """
     config = parsed(RunConfig, content)
     device = _device(config.device, here)
-    config = replace(config, prior=_prior(config.prior, device), method=_method(config, here), fit=None)
+    config = replace(
+        config, prior=_prior(config.prior, device), coupling=_coupling(config.coupling), method=_method(config, here), fit=None
+    )
     scene = config.scene
     if scene.path is not None:
         folder = user_path("scene.path", scene.path, folder=True)
@@ -213,6 +231,23 @@ def _prior(prior: PriorConfig, device: str) -> PriorConfig:
         return replace(prior, options=resolve(prior.options))
 
 
+def _coupling(coupling: CouplingConfig) -> CouplingConfig:
+    """The coupling with all its options, if it is one of the classes that say which they have."""
+    if coupling.name == AUTO:
+        if coupling.options:
+            raise InputError(
+                f"coupling.options: expected none with coupling={AUTO}, which leaves the choice to the prior, found "
+                f"{', '.join(coupling.options)}; name the coupling, as coupling=targets"
+            )
+        return coupling
+    _check_finite("coupling.options", coupling.options)
+    kind: type = registry.load(registry.named("coupling", coupling.name, coupling.target))
+    if is_dataclass(kind):
+        return replace(coupling, options=asdict(parsed(kind, coupling.options, "coupling.options")))
+    check_arguments(kind, coupling.options, "coupling.options")
+    return coupling
+
+
 def _method(config: RunConfig, here: bool) -> MethodConfig:
     """The method with all its options, those of the preset among them."""
     method = config.method
@@ -228,10 +263,6 @@ def _method(config: RunConfig, here: bool) -> MethodConfig:
         expect_memory(name, size)
     if not kind.info.uses_prior and config.prior.name != "none":
         raise InputError(f"prior={config.prior.name}: expected prior=none with method={method.name}, which asks no prior")
-    for name in () if kind.info.corrects else CORRECTIONS:
-        share = getattr(config.prior.supervision, name)
-        if share:
-            raise InputError(f"prior.supervision.{name}: expected 0 with method={method.name}, which heeds none, found {share}")
     return replace(method, options=asdict(options))
 
 

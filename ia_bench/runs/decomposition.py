@@ -99,7 +99,7 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
 def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  # noqa: ANN401 (any prior)
     """The prior called ``name``, with options as a mapping or as KEY=VALUE texts. Raises InputError for one of no use here."""
     from ia_bench.common import registry  # brings in torch
-    from ia_bench.methods.asking.border import check_prior_info
+    from ia_bench.priors.validation import check_prior_info
 
     texts, values = ([], options) if isinstance(options, Mapping) else (list(options), {})
     for text in texts:
@@ -128,8 +128,8 @@ def decompose_with(prior: Any, image: np.ndarray, mask: np.ndarray, *, samples: 
     import torch
 
     from ia_bench.common.seeds import derive_seed
-    from ia_bench.methods.asking.border import ask
     from ia_bench.priors.contract import Observations
+    from ia_bench.priors.validation import ask
 
     shown = Observations(torch.from_numpy(image)[None], torch.from_numpy(mask)[None])
     count = samples if prior.info.stochastic else 1

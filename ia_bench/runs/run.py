@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import resource
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import torch
@@ -14,14 +15,15 @@ from ia_bench.capture.capture import record as capture_record
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress, ProgressBar
 from ia_bench.common.registry import create
-from ia_bench.methods.asking.border import check_prior_info
 from ia_bench.methods.contract import Method, Monitor, Problem
 from ia_bench.methods.costs import CostTracker
+from ia_bench.methods.couplings.choice import coupling_of
 from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.validation import reconstruct
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.inputs import beside_run
 from ia_bench.priors.none import NoPrior
+from ia_bench.priors.validation import check_prior_info
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.runs import interruption
 from ia_bench.runs.assets import write_assets
@@ -107,13 +109,16 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
             with beside_run(config.device):
                 prior = create("prior", config.prior.name, config.prior.target, config.prior.options)
             check_prior_info(prior)
+    coupling = config.coupling
     return Problem(
         scene.blind(),
         config.render,
-        config.prior.supervision,
         torch.device(config.device),
         # only for a prior that wants it: a closure over the scene is a way to the truth
         make_prior=(lambda problem: tell_truth(prior, scene, problem)) if "truth" in prior.info.wants else (lambda _: prior),
+        make_coupling=partial(coupling_of, name=coupling.name, target=coupling.target, options=coupling.options, note=note),
+        prior_views=config.prior.views,
+        keep_samples=config.prior.cache,
         truth=scene if info.sees_truth else None,
         note=note,
         costs=costs,

@@ -31,3 +31,8 @@ def srgb_to_linear(encoded: Array) -> Array:
     """Decode sRGB values; the inverse of :func:`linear_to_srgb`."""
     linear: Array = where(encoded <= 0.04045, encoded / 12.92, ((encoded.clip(0.04045) + 0.055) / 1.055) ** 2.4)
     return linear
+
+
+def tone_map(radiance: Tensor) -> Tensor:
+    """Encode log(1 + x) as sRGB: compresses highlights, keeps gradients at black finite. For any radiance >= 0."""
+    return linear_to_srgb(radiance.log1p())

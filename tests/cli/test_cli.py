@@ -148,10 +148,10 @@ def test_prior_of_another_distribution_needs_no_yaml(tmp_path: Path, monkeypatch
 
 
 def test_every_setting_can_be_shown(capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["prior=oracle", "prior.supervision=similarity", "--cfg", "job"]) == 0
+    assert main(["prior=oracle", "coupling=kernel", "--cfg", "job"]) == 0
     shown = capfd.readouterr().out
     assert "stage1_steps: " in shown
-    assert "kind: similarity" in shown
+    assert "couplings.kernel:Kernel" in shown
     assert not Path("runs").exists()
 
 

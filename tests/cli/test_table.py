@@ -76,14 +76,15 @@ def test_the_ablations_are_configuration() -> None:
     assert cells["ceiling"].method.name == "ceiling"
     assert cells["none"].prior.name == "none"
     assert cells["refiner"].prior.name == "refiner"
-    assert {name for name, cell in cells.items() if cell.prior.supervision.parsimony} == {"parsimony", "combined"}
-    assert cells["diffusion, targets w/o specular"].method.options["weights"]["specular"] == 0
-    assert cells["diffusion, targets w/o albedo"].method.options["weights"]["albedo"] == 0
+    regularisers = {name: cell.method.options.get("regularise", []) for name, cell in cells.items()}
+    assert {name for name, names in regularisers.items() if "parsimony" in names} == {"parsimony", "combined"}
+    assert cells["diffusion, targets w/o specular"].coupling.options["specular"] == 0
+    assert cells["diffusion, targets w/o albedo"].coupling.options["albedo"] == 0
     assert not cells["diffusion, targets w/o guided"].method.options["guided"]
-    kinds = {name: cell.prior.supervision.kind for name, cell in cells.items() if cell.prior.name in ("diffusion", "regressor")}
+    kinds = {name: cell.coupling.name for name, cell in cells.items() if cell.prior.name in ("diffusion", "regressor")}
     assert kinds == {
-        "diffusion, kernel": "similarity", **dict.fromkeys([*ABLATIONS, "regressor, targets"], "target"),
-        "diffusion, distilled": "sds",
+        "diffusion, kernel": "auto", **dict.fromkeys([*ABLATIONS, "regressor, targets"], "targets"),
+        "diffusion, distilled": "distilled",
     }  # fmt: skip
     assert cells["oracle"].method == compose(["device=cpu"]).method
     assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}

@@ -11,9 +11,11 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.textures import Material
-from ia_bench.methods.asking.settings import SupervisionSettings
-from ia_bench.methods.contract import Monitor, Problem
+from ia_bench.methods.contract import Coupling, Monitor, Problem
+from ia_bench.methods.couplings.targets import Targets
+from ia_bench.methods.two_stage.losses import Losses
 from ia_bench.methods.two_stage.method import TwoStage
+from ia_bench.methods.two_stage.prior import PriorLoss
 from ia_bench.methods.two_stage.settings import FitSettings, MultigridRates
 from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
@@ -39,7 +41,8 @@ OF_THE_PRIOR = ("prior",)
 
 
 def make_problem(scene: Scene) -> Problem:
-    return Problem(scene, RENDER, note=lambda _: None)
+    """Coupled as in the paper."""
+    return Problem(scene, RENDER, make_coupling=lambda _: Targets(), prior_views="all", note=lambda _: None)
 
 
 def oracle(scene: Scene, **dials: Any) -> ToldPrior:
@@ -55,11 +58,20 @@ def altered(problem: Problem, **parts: Any) -> Problem:
     return changed
 
 
-def of_two_views(problem: Problem, supervision: SupervisionSettings) -> Found:
-    """What a short fit without a prior finds from the first two photographs."""
-    few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]), supervision=supervision)
+def coupled(problem: Problem, coupling: Coupling, **parts: Any) -> Problem:
+    return altered(problem, make_coupling=lambda _: coupling, **parts)
+
+
+def regularised(settings: FitSettings, **options: dict[str, Any]) -> FitSettings:
+    """The settings with these regularisers, in this order, each with its options."""
+    return replace(settings, regularise=list(options), regulariser_options=options)
+
+
+def of_two_views(problem: Problem, **options: dict[str, Any]) -> Found:
+    """What a short fit without a prior finds from the first two photographs, with regularisers."""
+    few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]))
     vars(few).pop("gbuffer")
-    return fit(few, NoPrior(), replace(SETTINGS, stage1_steps=8, stage2_steps=4), Record())
+    return fit(few, NoPrior(), regularised(replace(SETTINGS, stage1_steps=8, stage2_steps=4), **options), Record())
 
 
 @dataclass
@@ -124,6 +136,11 @@ def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, s
     assert isinstance(found, TexturedReconstruction)
     assert found.environment is not None
     return Found(found.material, found.environment.texels, result.seconds, result.counters, result.steps)
+
+
+def losses_of(problem: Problem, settings: FitSettings) -> Losses:
+    """Those of a fit without a prior."""
+    return Losses(problem, settings, PriorLoss(altered(problem, prior=NoPrior()), 0, Monitor.silent()))
 
 
 def same(a: Found, b: Found) -> bool:

@@ -9,10 +9,9 @@ import torch
 
 from ia_bench.methods.bounds import known_pixels, one_sided
 from ia_bench.methods.two_stage.losses import dual_buffer_loss
-from ia_bench.methods.two_stage.objective import Objective
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.scenes.scene import Scene
-from tests.methods.small_fit import SETTINGS, make_problem
+from tests.methods.small_fit import SETTINGS, losses_of, make_problem
 
 CLIP = torch.full((3, 3), 0.5)
 KNOWN = torch.tensor([[True], [False], [False]])
@@ -51,7 +50,7 @@ def test_the_crossed_loss_is_one_sided_in_both_halves() -> None:
         one_sidedly, as_ever = (dual_buffer_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
 
 
-def test_an_objective_of_unknown_pixels_pulls_nothing(tiny: Scene) -> None:
+def test_a_loss_of_unknown_pixels_pulls_nothing(tiny: Scene) -> None:
     """Black and unknown everywhere: no render is too bright. Known and black: every texture and the light are pulled down."""
     found = {}
     for known in (True, False):
@@ -59,14 +58,9 @@ def test_an_objective_of_unknown_pixels_pulls_nothing(tiny: Scene) -> None:
         black = replace(tiny, train=tuple(replace(v, image=0 * v.image, valid=valid) for v in tiny.train))
         problem = make_problem(black.blind())
         settings = replace(SETTINGS, weights=replace(SETTINGS.weights, smooth_albedo=0, smooth_roughness=0, smooth_light=0))
-        parameters, objective = Parameters(problem, settings), Objective(problem, settings)
-
-        class Silent:
-            targets = type("Nothing", (), {"values": {}})()
-
-        pixels = torch.arange(200)
-        loss, _ = objective(pixels, parameters, Silent(), [], torch.Generator().manual_seed(0))  # type: ignore[arg-type]
-        loss.backward()
+        parameters, generator = Parameters(problem, settings), torch.Generator().manual_seed(0)
+        losses, _ = losses_of(problem, settings)(torch.arange(200), parameters, 50, 100, generator)
+        sum(losses.values()).backward()
         found[known] = float(parameters.tensors["log_light"].grad.abs().sum()), float(parameters.tensors["albedo"].grad.abs().sum())
     assert min(found[True]) > 0
     assert found[False] == (0, 0)

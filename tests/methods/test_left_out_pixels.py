@@ -1,4 +1,4 @@
-"""What a mask leaves out of a photograph says nothing: not to targets, corrections, looks or means, and none of it is black."""
+"""What a mask leaves out of a photograph says nothing: not to couplings, regularisers or means, and none of it is black."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.ceiling import NoOptions
 from ia_bench.methods.constant import Constant
 from ia_bench.methods.contract import Monitor, Problem
-from ia_bench.methods.two_stage.looks import looks
+from ia_bench.methods.couplings.pixel_samples import pixel_samples
+from ia_bench.methods.regularisers.context import effective_view_count
+from ia_bench.methods.regularisers.fusion import Fusion
+from ia_bench.methods.regularisers.refiner import fitted_views
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.two_stage.refinement import Fusion, fitted_views, refined_albedo
-from ia_bench.methods.two_stage.targets import make_targets
 from ia_bench.priors.contract import Samples
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene
@@ -56,9 +57,10 @@ def test_a_prior_that_is_right_corrects_nothing_and_targets_nothing_there(proble
     shown = texture_images(problem.renderer.surface, problem.gbuffer, texture)
     answer, views = shown * (masks(cut) > 0), tuple(range(len(cut.scene.train)))
     fusion = Fusion(cut, views)
-    corrected = refined_albedo(fusion, texture, fusion.pixels(shown), fusion.pixels(answer), 1.0)
-    torch.testing.assert_close(corrected, texture, rtol=0, atol=1e-5)
-    targets = make_targets(cut, Samples({"albedo": answer}), views)
+    material, nothing = Material(texture, texture[..., :1]), fusion.pixels(shown[..., :1])
+    moved = fusion.moved(material, (fusion.pixels(shown), fusion.pixels(answer), 1.0), (nothing, nothing, 1.0))
+    torch.testing.assert_close(moved.albedo, texture, rtol=0, atol=1e-5)
+    targets = pixel_samples(cut, Samples({"albedo": answer}), views)
     black = problem.gbuffer.filled & (targets.values["albedo"].amax(-1) == 0)
     assert black.any()
     assert not targets.weight[black].any()
@@ -72,7 +74,7 @@ def test_texels_that_are_seen_in_such_pixels_alone_are_not_seen(problem: Problem
     whole_sees, cut_sees = (Parameters(one, SETTINGS).observed for one in (few, cut))
     assert not (cut_sees & ~whole_sees).any()
     assert 0.05 < float((whole_sees & ~cut_sees).float().sum() / whole_sees.float().sum()) < 0.7
-    assert float(looks(cut, 64).sum()) < 0.95 * float(looks(few, 64).sum())
+    assert float(effective_view_count(cut, 64).sum()) < 0.95 * float(effective_view_count(few, 64).sum())
 
 
 def test_the_constants_light_is_that_of_the_pixels_that_are_known(problem: Problem, scene: Scene) -> None:

@@ -20,6 +20,7 @@ from ia_bench.methods.plan import (
     _closest_quarter,
     _normal_spread,
     _Probe,
+    choose_prior_views,
     make_plan,
     normal_error,
 )
@@ -41,9 +42,9 @@ def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
     return Scene("made-up", "made-up", mesh, views)
 
 
-def plan_of(mesh: Mesh, *cameras: Camera, prior_views: int | str | None = None, **settings: object) -> Plan:
+def plan_of(mesh: Mesh, *cameras: Camera, **settings: object) -> Plan:
     scene, wanted = scene_of(mesh, *cameras), RenderSettings(**settings)  # type: ignore[arg-type]
-    return make_plan(scene, Stage(mesh, CPU), wanted, prior_views=prior_views)
+    return make_plan(scene, Stage(mesh, CPU), wanted)
 
 
 def decision(plan: Plan, what: str) -> Decision:
@@ -72,9 +73,7 @@ def test_a_plate_under_a_disk_needs_them() -> None:
     found = decision(plan, "render.shadows")
     assert found.measured is not None
     share = radius**2 / (radius**2 + height**2)
-    assert found.measured["occluded_share"] == pytest.approx(
-        share, abs=5 * math.sqrt(0.25 / found.measured["probe_rays"])
-    )
+    assert found.measured["occluded_share"] == pytest.approx(share, abs=5 * math.sqrt(0.25 / found.measured["probe_rays"]))
     assert found.left_out is None
 
 
@@ -299,23 +298,20 @@ def around(count: int) -> list[Camera]:
     return [camera_at((4 * math.cos(a), 4 * math.sin(a), 1.0)) for a in np.arange(count) * 2 * np.pi / count]
 
 
+def views_chosen(count: int, setting: int | str) -> Decision:
+    mesh = sphere(3)
+    return choose_prior_views(scene_of(mesh, *around(count)), Stage(mesh, CPU), setting)
+
+
 def test_a_prior_is_asked_about_as_many_views_as_show_the_surface() -> None:
     """Sixty views around a ball show it far more often than is wanted; with four, each is needed."""
-    many, few = (plan_of(sphere(3), *around(count), prior_views="auto") for count in (60, 4))
-    assert 8 <= many.prior_views < 60  # type: ignore[operator]
-    found = decision(many, "prior.supervision.views")
-    assert found.measured is not None
-    assert found.measured["seen_by_chosen_views"] >= 0.9 * VIEWS_A_POINT
-    assert found.left_out == f"the prior's look at {60 - many.prior_views} views"  # type: ignore[operator]
-    assert few.prior_views == 4
-    assert decision(few, "prior.supervision.views").left_out is None
-
-
-@pytest.mark.parametrize("wanted", ["all", 5])
-def test_the_number_of_views_may_be_set(wanted: int | str) -> None:
-    plan = plan_of(sphere(2), *around(12), prior_views=wanted)
-    assert plan.prior_views == wanted
-    assert plan_of(sphere(2), *around(12)).prior_views == "all"  # nobody to ask
+    many, few = (views_chosen(count, "auto") for count in (60, 4))
+    assert 8 <= many.value < 60
+    assert many.measured is not None
+    assert many.measured["seen_by_chosen_views"] >= 0.9 * VIEWS_A_POINT
+    assert many.left_out == f"the prior's look at {60 - many.value} views"
+    assert (few.value, few.left_out) == (4, None)
+    assert [views_chosen(12, setting).value for setting in ("all", 5)] == ["all", 5]
 
 
 @pytest.mark.parametrize(

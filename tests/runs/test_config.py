@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
-import re
 import shlex
 from pathlib import Path
 from types import UnionType
@@ -16,16 +15,16 @@ import yaml
 from shipped_choices import CONF, _variations
 
 from ia_bench.common.errors import InputError
-from ia_bench.methods.asking.settings import SupervisionSettings
+from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates, LossWeights
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import CORRECTIONS, SceneConfig, resolve_scene_folder
+from ia_bench.runs.config import CouplingConfig, SceneConfig, resolve_scene_folder
 from ia_bench.runs.identity import identity
 from ia_bench.scores.protocol import Protocol
 
 pytestmark = pytest.mark.usefixtures("scenes")
-GROUP_FILES = sorted(path for path in CONF.glob("*/*.yaml") if path.parent.name != "table")
+GROUP_FILES = sorted(path for path in CONF.glob("*/*.yaml") if path.parent.name not in ("table", "regulariser"))
 
 
 @pytest.mark.parametrize("path", GROUP_FILES, ids=lambda path: f"{path.parent.name}={path.stem}")
@@ -45,6 +44,7 @@ def test_shipped_choice_composes_and_says_how(path: Path, tmp_path: Path) -> Non
 @pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "reader")], ids=lambda p: p.stem)
 def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
     settings = yaml.safe_load(path.read_text())
+    settings = settings.get(path.parent.name, settings)  # of a file that sets more than its group
     module, _, name = settings["target"].partition(":")
     parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters
     defaults = {key: list(p.default) if isinstance(p.default, tuple) else p.default for key, p in parameters.items()}
@@ -68,10 +68,10 @@ def test_quick_is_the_defaults_and_paper_is_the_paper() -> None:
 
 
 def test_fit_is_short_for_the_options_of_a_method_that_has_some() -> None:
-    short, long = ("fit.weights.albedo=2", "fit.pixels=7"), ("method.options.weights.albedo=2", "method.options.pixels=7")
+    short, long = ("fit.weights.image=2", "fit.pixels=7"), ("method.options.weights.image=2", "method.options.pixels=7")
     config = compose(["device=cpu", *short])
     assert config == compose(["device=cpu", *long])
-    assert (config.method.options["weights"]["albedo"], config.method.options["pixels"], config.fit) == (2.0, 7, None)
+    assert (config.method.options["weights"]["image"], config.method.options["pixels"], config.fit) == (2.0, 7, None)
     assert config.method.options["rates"] == dataclasses.asdict(FitSettings().rates)
     assert compose(["device=cpu", "method=ceiling", *short]).method.options == {}  # so that a table may have a ceiling
     with pytest.raises(InputError, match="unknown setting 'method.options.pixels'"):
@@ -80,7 +80,7 @@ def test_fit_is_short_for_the_options_of_a_method_that_has_some() -> None:
 
 def test_options_go_over_the_preset_which_goes_over_the_defaults() -> None:
     options = compose(["device=cpu", "preset=smoke", "fit.pixels=7"]).method.options
-    assert (options["stage1_steps"], options["pixels"], options["ssi"]) == (12, 7, FitSettings().ssi)
+    assert (options["stage1_steps"], options["pixels"], options["image_loss"]) == (12, 7, FitSettings().image_loss)
     assert compose(["device=cpu", "preset=smoke", "method=ceiling"]).method.options == {}
 
 
@@ -119,14 +119,7 @@ def test_options_that_no_prior_can_take_are_refused(prior: str, override: str, e
         compose(["device=cpu", f"prior={prior}", override])
 
 
-@pytest.mark.parametrize("name", CORRECTIONS)
-def test_corrections_are_refused_with_a_method_that_heeds_none(name: str) -> None:
-    with pytest.raises(InputError, match=rf"prior.supervision.{name}: expected 0 with method=ceiling, which heeds none, found 0.5"):
-        compose(["device=cpu", "method=ceiling", f"prior.supervision.{name}=0.5"])
-    compose(["device=cpu", f"prior.supervision.{name}=0.5"])
-
-
-@pytest.mark.parametrize("kind", [FitSettings, LossWeights, LearningRates, SupervisionSettings, RenderSettings])
+@pytest.mark.parametrize("kind", [FitSettings, LossWeights, LearningRates, RenderSettings])
 def test_every_number_has_a_least_and_a_largest_value(kind: type) -> None:
     """Of a union, the branch that is a number."""
     for name, hint in get_type_hints(kind, include_extras=True).items():
@@ -176,38 +169,55 @@ def test_a_method_that_asks_no_prior_is_given_none() -> None:
         compose(["device=cpu", "method=ceiling", "prior=oracle"])
 
 
-def test_the_kind_of_supervision_may_be_named_alone() -> None:
-    assert compose(["device=cpu", "prior=diffusion", "prior.supervision=sds"]).prior.supervision.kind == "sds"
-    with pytest.raises(InputError, match=r"prior.supervision.kind.*did you mean 'similarity'"):
-        compose(["device=cpu", "prior=diffusion", "prior.supervision=similarty"])
-
-
 def test_command_line_beats_preset() -> None:
     assert compose(["device=cpu", "render.samples=7", "preset=paper"]).render.samples == 7
 
 
 @pytest.mark.parametrize("prior", ["oracle", "ia_bench.priors.none:NoPrior"])
-def test_supervision_of_any_prior_can_be_set(prior: str) -> None:
+def test_views_and_coupling_of_any_prior_can_be_set(prior: str) -> None:
     """Also of one that is spelled out, whose node Hydra is told of only then."""
-    settings = ["kind=similarity", "views=7", "sds_views=2"]
-    words = [f"prior={prior}", *(f"prior.supervision.{setting}" for setting in settings)]
-    supervision = compose(["device=cpu", *words]).prior.supervision
-    assert supervision == SupervisionSettings(kind="similarity", views=7, sds_views=2)
-    assert compose(["device=cpu"]).prior.supervision == SupervisionSettings()
+    config = compose(["device=cpu", f"prior={prior}", "prior.views=7", "coupling=kernel", "coupling.options.scale=0.2"])
+    assert (config.prior.views, config.coupling.name) == (7, "kernel")
+    assert config.coupling.options == dataclasses.asdict(Kernel(scale=0.2))
+    assert compose(["device=cpu"]).coupling == CouplingConfig("auto")
+
+
+def test_named_configurations_set_regularisers() -> None:
+    """And leave the coupling to the default, as all priors do."""
+    found = {name: compose(["device=cpu", f"prior={name}"]) for name in ("parsimony", "refiner", "combined")}
+    regularisers = {name: config.method.options["regularise"] for name, config in found.items()}
+    assert regularisers["combined"] == ["refiner", "parsimony", "context", "symmetry"]
+    assert (regularisers["refiner"], regularisers["parsimony"]) == (["refiner"], ["parsimony"])
+    assert {config.coupling.name for config in found.values()} == {"auto"}
+    mine = compose(["device=cpu", "prior=combined", "fit.regularise=[symmetry]", "fit.regulariser_options.symmetry.amount=0.1"])
+    assert mine.prior == found["combined"].prior
+    assert (mine.method.options["regularise"], mine.row_name) == (["symmetry"], "combined")
 
 
 @pytest.mark.parametrize(
-    ("override", "message"),
+    ("overrides", "message"),
     [
-        ("kind=similarty", "did you mean 'similarity'"),
-        ("knd=sds", "unknown setting 'prior.supervision.knd'"),
-        ("views=some", "unknown value of prior.supervision.views: 'some'"),
-        ("sds_views=many", "prior.supervision.sds_views"),
+        (["coupling=kernl"], "unknown coupling 'kernl'; did you mean 'kernel'"),
+        (["coupling=json:loads"], "coupling 'json:loads' .* expected a class with prepare, loss"),
+        (["coupling=kernel", "coupling.options.scale=0"], "coupling.options.scale: expected 1e-06 or more, found 0"),
+        (["coupling=targets", "coupling.options.spec=1"], "unknown setting 'coupling.options.spec'; did you mean"),
+        (["coupling=targets", "coupling.options.ssi=shift"], "unknown value of coupling.options.ssi: 'shift'"),
+        (["coupling.options.albedo=1"], "coupling.options: expected none with coupling=auto"),
+        (["prior.views=some"], "unknown value of prior.views: 'some'"),
+        (["fit.regularise=[parsimoni]"], "unknown regulariser 'parsimoni'; did you mean 'parsimony'"),
+        (["fit.regularise=[symmetry,symmetry]"], "fit.regularise: expected each name once, found symmetry, symmetry"),
+        (["fit.regulariser_options.symmetry.amount=1"], "unknown regulariser in 'fit.regulariser_options.symmetry'"),
+        (
+            ["fit.regularise=[symmetry]", "fit.regulariser_options.symmetry.amount=2"],
+            "fit.regulariser_options.symmetry.amount",
+        ),
+        (["method=ceiling", "prior=parsimony"], "prior=parsimony: expected prior=none with method=ceiling, which asks no prior"),
     ],
+    ids=str,
 )
-def test_mistakes_about_supervision(override: str, message: str) -> None:
-    with pytest.raises(InputError, match=re.escape(message)):
-        compose(["device=cpu", f"prior.supervision.{override}"])
+def test_mistakes_about_couplings_and_regularisers(overrides: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=f"^{message}"):
+        compose(["device=cpu", *overrides])
 
 
 def test_own_scene_is_called_after_its_folder(tmp_path: Path) -> None:

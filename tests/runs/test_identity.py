@@ -16,6 +16,7 @@ from shipped_choices import _variations
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
+from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors import learned
 from ia_bench.runs import identity as identities
@@ -54,7 +55,7 @@ def test_hash_is_sha256_of_canonical_json() -> None:
         ("row=another",),
         ("preset=quick",),
         ("fit.checkpoint_seconds=99",),
-        ("prior.supervision.cache=false",),
+        ("prior.cache=false",),
         ("fit.pixels=2048",),
         (f"threads={len(os.sched_getaffinity(0))}",),
     ],
@@ -120,13 +121,13 @@ def test_hash_changes_with_every_setting_of_fit_and_render(monkeypatch: pytest.M
     assert len(set(hashes)) == len(hashes)
 
 
-def test_hash_changes_with_every_setting_of_supervision() -> None:
-    config = compose(["device=cpu"])
-    hashes = {config_hash(config)}
-    varied = [s for s in _variations(config.prior.supervision) if s.cache]
-    for changed in varied:
-        hashes.add(config_hash(dataclasses.replace(config, prior=dataclasses.replace(config.prior, supervision=changed))))
-    assert len(hashes) == len(varied) + 1 == len(dataclasses.fields(config.prior.supervision))
+def test_hash_changes_with_every_setting_of_a_coupling() -> None:
+    config = compose(["device=cpu", "coupling=kernel"])
+    hashes = {config_hash(config), hash_with("prior.views=3"), hash_with("coupling=targets"), hash_with()}
+    for changed in _variations(Kernel()):
+        coupling = dataclasses.replace(config.coupling, options=dataclasses.asdict(changed))
+        hashes.add(config_hash(dataclasses.replace(config, coupling=coupling)))
+    assert len(hashes) == 4 + len(dataclasses.fields(Kernel))
 
 
 def test_hash_distinguishes_oracle_dials() -> None:

@@ -76,11 +76,11 @@ def test_some_rows_of_a_table_are_named_with_the_commas_that_they_have() -> None
         some_rows(table, "targets,nome")
 
 
-@pytest.mark.parametrize("override", ["prior=none", "+prior=none", "capture.views=4", "prior.supervision=target"])
+@pytest.mark.parametrize("override", ["prior=none", "+prior=none", "capture.views=4", "coupling.options.albedo=2"])
 def test_what_a_row_sets_itself_is_not_set_for_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, override: str) -> None:
     """Or two rows would be one, under two names."""
     monkeypatch.chdir(tmp_path)
-    row = "{name: a, overrides: [prior=oracle, prior.supervision.kind=similarity]}"
+    row = "{name: a, overrides: [prior=oracle, coupling=kernel, coupling.options.albedo=1]}"
     Path("t.yaml").write_text(f"scenes: [hat]\ncaptures: [{{}}, {{views: 8}}]\nrows: [{row}]")
     parse(["table=t.yaml", "preset=smoke"]).load()
     with pytest.raises(InputError, match=r"expected a setting that no row has of its own, found it in row 'a"):

@@ -10,8 +10,8 @@ import torch
 from skimage.color import rgb2xyz, xyz2rgb
 
 from ia_bench.common.errors import InputError
-from ia_bench.methods.two_stage.losses import linear_to_srgb as linear_to_srgb_torch
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
+from ia_bench.scenes.color import linear_to_srgb as linear_to_srgb_torch
 from ia_bench.scenes.exr import read_exr, write_exr
 
 CODES = np.linspace(0, 1, 4097)

@@ -10,11 +10,12 @@ from stability.case import Case, Measured, all_finite, deviation, refused
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.methods.two_stage.losses import align_views, tone_map
+from ia_bench.methods.couplings.targets import align_views
 from ia_bench.priors.diffusion.encoding import decode, encode, exposure
 from ia_bench.priors.diffusion.guidance import Guidance, Norm, Rule
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
 from ia_bench.priors.diffusion.schedule import NoiseSchedule, image_behind
+from ia_bench.scenes.color import tone_map
 
 SHAPE = (2, 3, 24, 24)
 MEAN, VARIANCE, TARGET = 0.1, 0.1, 0.5  # of the Gaussian whose denoiser is known, and what guidance pulls to

@@ -7,7 +7,7 @@
     roughness       (V, S, S, 1)  the perceptual roughness that was recovered
     radiance        (V, S, S, 3)  the photograph as the fit renders it
     specular        (V, S, S, 3)  the specular shading in it
-    evidence        (V, S, S, 2)  what the photographs together say about a place (``methods.two_stage.refinement.evidence``)
+    evidence        (V, S, S, 2)  what the photographs together say about a place (``methods.regularisers.refiner.evidence``)
     normal          (V, S, S, 3)  shading normal in camera space
     visibility      (V, S, S, 1)  cosine-weighted visibility of the sky
     view_count       (V, S, S, 1)  how many photographs show the place
@@ -15,7 +15,7 @@
     true_roughness  (V, S, S, 1)
 
 The evidence is that of all photographs of the fit, of which the file shows some. In a run it is that of the photographs that the
-prior is asked about, which prior.supervision.views says.
+prior is asked about, which prior.views says.
 """
 
 from __future__ import annotations

@@ -10,11 +10,11 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
-from ia_bench.methods.asking.border import ask
-from ia_bench.methods.asking.geometry import view_geometry
 from ia_bench.methods.contract import Problem
+from ia_bench.methods.view_geometry import view_geometry
 from ia_bench.priors.contract import Observations, Prior
 from ia_bench.priors.diffusion.encoding import exposure
+from ia_bench.priors.validation import ask
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder

@@ -36,7 +36,7 @@ class MitsubaAdam:
 
         Raises InputError where Mitsuba cannot render.
         """
-        from ia_bench.methods.asking.sampling import PriorSampler
+        from ia_bench.methods.couplings.sampler import PriorSampler
         from ia_bench.methods.descent import Descent, Phase
         from ia_bench_baselines.mitsuba_adam.loop import Loop
         from ia_bench_baselines.mitsuba_adam.reconstruction import MitsubaReconstruction

@@ -9,9 +9,9 @@ from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.descent import Descent, Phase
-from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
+from ia_bench.scenes.color import tone_map
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader
 from ia_bench_baselines.common.textured import TexturedScene

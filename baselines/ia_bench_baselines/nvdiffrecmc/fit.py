@@ -9,8 +9,8 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.descent import Descent, Phase
-from ia_bench.methods.two_stage.losses import tone_map
 from ia_bench.render.renderer import PixelRadiance
+from ia_bench.scenes.color import tone_map
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.textured import TexturedScene
 from ia_bench_baselines.nvdiffrecmc.denoiser import Guides, denoise

@@ -10,16 +10,14 @@ import numpy as np
 import torch
 
 from ia_bench.methods.contract import Monitor, Problem, Result
-from ia_bench.methods.state import check_form
-from ia_bench.methods.two_stage.corrections import Corrections
-from ia_bench.methods.two_stage.dialogue import Dialogue
 from ia_bench.methods.two_stage.guard import PATIENCE, StepGuard
 from ia_bench.methods.two_stage.least_squares import solved_albedo
-from ia_bench.methods.two_stage.objective import Objective
+from ia_bench.methods.two_stage.losses import Losses
 from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.prior import PriorLoss
+from ia_bench.methods.two_stage.regularise import Regularisation
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.start import start_albedo, start_light
-from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.render.reconstruction import TexturedReconstruction
 
 FIRST_SCORE = 25  # steps; later scores follow at doubling steps
@@ -35,26 +33,24 @@ class Fit:
         self.step = 0
         self.seconds = {"stage1": 0.0, "stage2": 0.0}
         self.generator = torch.Generator(device=problem.device).manual_seed(seed)
-        self.objective = Objective(problem, settings)
         self.parameters = Parameters(problem, settings)
         exposures = self.parameters.exposures
         self.guard = StepGuard(problem, self.parameters.tensors, {} if exposures is None else {"exposures": exposures.log})
-        self.dialogue = Dialogue(problem, settings, seed, monitor.note)
-        self.corrections = Corrections(problem, self.dialogue.sampler)
-        self.kept: Targets | None = None  # the targets that the monitor keeps
+        self.prior = PriorLoss(problem, seed, monitor)
+        self.losses = Losses(problem, settings, self.prior)
+        self.regularisation = Regularisation(problem, settings, self.parameters, self.prior.sampler.refine)
         state = monitor.load()
         if state is not None:
-            self._check(state)
             self._restore(state)
         else:
-            taken = self.objective.samples_per_pixel
+            taken = self.losses.samples_per_pixel
             if taken != problem.plan.samples:
                 monitor.note(f"render.samples={problem.plan.samples}: steps take {taken} a pixel, by its points")
             if problem.photographs.unit != 1:
                 monitor.note(f"photographs: their mean radiance is unusual; compared multiplied by {problem.photographs.unit:.3g}")
-            self.dialogue.draw(None, self.generator)
+            self.prior.draw(None, self.generator)
             started = time.perf_counter()
-            start_albedo(self.parameters, problem, settings.albedo_initial, self.dialogue.start)
+            start_albedo(self.parameters, problem, settings.albedo_initial, self.prior.start)
             start_light(self.parameters, problem, self.guard, self.generator)
             self.seconds["stage1"] += time.perf_counter() - started
         self.saved = time.monotonic()
@@ -65,33 +61,32 @@ class Fit:
         for stage, end in (("stage1", boundary), ("stage2", self.steps)):
             if self.step >= end:
                 continue
-            if stage == "stage2" and self.step == boundary and self.dialogue.draws_again:
-                self.dialogue.draw(self.parameters, self.generator)
+            if stage == "stage2" and self.step == boundary and self.settings.guided and self.prior.guidable:
+                self.prior.draw(self.parameters, self.generator)
             first = 0 if stage == "stage1" else boundary
             task = self.monitor.task(stage.replace("stage", "stage "), end - first, self.step - first)
             while self.step < end:
-                self.dialogue.distill(self.step, self.parameters, self.generator)
+                self.prior.update(self.step, self.parameters, self.generator)
                 started = time.perf_counter()
                 loss = self._step()
                 self.step += 1
                 self.seconds[stage] += time.perf_counter() - started
                 if self.step < self.steps:  # before a state is saved, so that one that is resumed does not correct it again
-                    self.corrections.pool(self.step, self.steps, self.parameters, self.generator)
+                    self.regularisation.between(self.step, self.steps, self.generator)
                 task.advance(1, loss=loss)
                 self._pause(stage)
         if self.settings.solve_albedo:
             self._solve_albedo()
-        self.corrections.refine(self.parameters, self.generator)
-        self.corrections.pool(self.step, self.steps, self.parameters, self.generator)
+        self.regularisation.between(self.step, self.steps, self.generator)
         if self.guard.skipped:
             self.monitor.note(f"fit: {self.guard.skipped} of {self.steps} steps were skipped because of NaN or Inf")
         recovered = self._recovered(final=True)
         counters = {
-            **self.dialogue.counters,
-            "corrections_clamped": self.corrections.clamped,
+            **self.prior.sampler.counters,
+            "regularisers_clamped": self.regularisation.clamped,
             "skipped_steps": self.guard.skipped,
             "scale_ambiguity_blocked_steps": self.parameters.scale_ambiguity.blocked,
-            "samples_per_pixel": self.objective.samples_per_pixel,
+            "samples_per_pixel": self.losses.samples_per_pixel,
         }
         return Result(recovered, {"prior": self._prior_seconds, **self.seconds}, counters, self.steps)
 
@@ -117,13 +112,12 @@ class Fit:
         return loss
 
     def _optimise(self) -> float:
-        parameters, supervision, entries = self.parameters, self.dialogue.supervision, self.problem.gbuffer.pixel
+        parameters, entries = self.parameters, self.problem.gbuffer.pixel
         pixels = torch.randint(len(entries), (self.settings.pixels,), generator=self.generator, device=entries.device)
         parameters.clear()
-        supervision.update(parameters.tensors["albedo"], self.step)
-        frozen = parameters.frozen(self.step, self.steps)
-        done = self.step / max(self.steps - 1, 1)
-        loss, causes = self.objective(pixels, parameters, supervision, frozen, self.generator, done)
+        losses, rendered = self.losses(pixels, parameters, self.step, self.steps, self.generator)
+        loss = torch.stack(list(losses.values())).sum()
+        causes = {"the rendered radiance": rendered.radiance, "the rendered albedo": rendered.albedo}
         self.guard.check_loss(loss.detach(), pixels, causes)
         loss.backward()
         self.guard.check_gradients(parameters.gradients, pixels)
@@ -141,8 +135,8 @@ class Fit:
 
     @property
     def _prior_seconds(self) -> float:
-        """What the prior has taken, asked and as corrections."""
-        return self.dialogue.seconds + self.corrections.seconds
+        """What the prior and the regularisers have taken."""
+        return self.prior.seconds + self.regularisation.seconds
 
     # ---- scoring and checkpoints -------------------------------------------------------------------------------
 
@@ -160,14 +154,10 @@ class Fit:
     def _recovered(self, *, final: bool) -> TexturedReconstruction:
         material, light = self.parameters.recovered(final=final)
         if final:
-            material = self.corrections.complete(material, self.parameters.observed, self.generator)
+            material = self.regularisation.completed(material, self.generator)
         return TexturedReconstruction(self.problem.stage, material, light, coat=self.problem.render.coat)
 
     def _save(self) -> None:
-        targets = self.dialogue.supervision.targets
-        if targets is not self.kept:
-            self.monitor.keep("targets", targets.state())
-            self.kept = targets
         self.monitor.save(self._state())
 
     def _state(self) -> dict[str, Any]:
@@ -176,29 +166,18 @@ class Fit:
             "seconds": {"prior": self._prior_seconds, **self.seconds},
             "generator": self.generator.get_state(),
             "parameters": self.parameters.state(),
-            "dialogue": self.dialogue.state(),
-            "corrections_clamped": self.corrections.clamped,
+            "prior": self.prior.state(),
+            "clamped": self.regularisation.clamped,
             "skipped": {"in_all": self.guard.skipped, "in_a_row": self.guard.in_a_row},
         }
-
-    def _check(self, state: dict[str, Any]) -> None:
-        """Raise ValueError for a state that this fit could not have written."""
-        form = {**self._state(), "parameters": self.parameters.form(), "dialogue": self.dialogue.form()}
-        check_form(state, form)
-        if not 0 <= state["step"] <= self.steps:
-            raise ValueError(f"state.step: expected 0 to {self.steps}, found {state['step']}")
-        check_form(self.monitor.kept("targets"), self.dialogue.form_of_targets(), "targets")
 
     def _restore(self, state: dict[str, Any]) -> None:
         self.step = state["step"]
         self.seconds = {name: seconds for name, seconds in state["seconds"].items() if name != "prior"}
         self.generator.set_state(state["generator"])
         self.parameters.restore(state["parameters"])
-        kept = self.monitor.kept("targets")
-        assert kept is not None, "checked before"
-        self.dialogue.restore(state["dialogue"], Targets(**kept), state["seconds"]["prior"])
-        self.kept = self.dialogue.supervision.targets
-        self.corrections.clamped = state["corrections_clamped"]
+        self.prior.restore(state["prior"], state["seconds"]["prior"])
+        self.regularisation.clamped = state["clamped"]
         self.guard.skipped, self.guard.in_a_row = state["skipped"]["in_all"], state["skipped"]["in_a_row"]
         self.monitor.note(f"resumed at step {self.step} of {self.steps}")
 

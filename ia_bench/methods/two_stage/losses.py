@@ -1,4 +1,7 @@
-"""The terms of the paper's equation 5."""
+"""The terms of the paper's equation 5: at a step's pixels, what renders, the prior and smoothness cost.
+
+What the prior says is compared by the run's coupling (:mod:`ia_bench.methods.couplings`); its weights are ``coupling.options``.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +14,82 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ia_bench.common.warp_launch import launch_summing
-from ia_bench.methods.two_stage.neighbours import Neighbours
-from ia_bench.methods.two_stage.warp_smoothness import differences
-from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.methods.bounds import one_sided
+from ia_bench.methods.contract import Problem, StepRender
+from ia_bench.methods.two_stage.kernels import differences
+from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.prior import PriorLoss
+from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.render.renderer import PixelRadiance, samples_taken
+from ia_bench.scenes.color import tone_map
 
 
-def encode(linear: Tensor, encoding: str) -> Tensor:
-    """Linear values in a prior's ``encoding``, "linear" or "srgb"."""
-    return linear_to_srgb(linear) if encoding == "srgb" else linear
+class Losses:
+    """All losses of a batch of pixels, weighted, by name; a step descends along their sum."""
+
+    def __init__(self, problem: Problem, settings: FitSettings, prior: PriorLoss) -> None:
+        self._problem, self._settings, self._prior = problem, settings, prior
+        self._photographs = problem.photographs
+        self._pairs = neighbouring_pixels(problem, self._photographs.radiance, settings.smooth_scale)
+
+    def __call__(
+        self, pixels: Tensor, parameters: Parameters, step: int, steps: int, generator: torch.Generator
+    ) -> tuple[dict[str, Tensor], PixelRadiance]:
+        """The losses of G-buffer entries (B,) in ``step`` of ``steps``, and the render that they are of."""
+        weights = self._settings.weights
+        # ---- lambda_1: the photographs
+        image, rendered = self._image(pixels, parameters, generator)
+        losses = {"image": weights.image * image}
+        # ---- lambda_2, lambda_3: the prior
+        shown = StepRender(rendered.albedo, rendered.specular, parameters.alone("albedo"), generator)
+        losses |= self._prior.losses(shown, pixels, step)
+        # ---- lambda_4: smoothness of what is optimised by now
+        prices = {"albedo": weights.smooth_albedo, "roughness": weights.smooth_roughness, "metallic": weights.smooth_roughness}
+        frozen = parameters.frozen(step, steps)
+        for name, price in prices.items():
+            if price and name in parameters.tensors and name not in frozen:
+                losses[f"smooth_{name}"] = price * smoothness(parameters.tensors[name], self._pairs, pixels)
+        if weights.smooth_light:
+            price = weights.smooth_light * weights.smooth_light_final ** (step / max(steps - 1, 1))
+            losses["smooth_light"] = price * total_variation(parameters.tensors["log_light"])
+        return losses, rendered
+
+    def _image(self, pixels: Tensor, parameters: Parameters, generator: torch.Generator) -> tuple[Tensor, PixelRadiance]:
+        """The difference from the photographs, and what was rendered for it, as they are exposed."""
+        settings, photographs, gbuffer = self._settings, self._photographs, self._problem.gbuffer
+        material, light = parameters.material(), parameters.light(uniform=settings.defensive_share)
+        unit, target = photographs.unit, photographs.radiance[pixels]
+        known = None if photographs.known is None else photographs.known[pixels]
+
+        def render(pixels: Tensor, samples: int) -> PixelRadiance:
+            rendered = self._problem.renderer.render_pixels(gbuffer, pixels, material, light, samples, generator)
+            exposures = parameters.exposures
+            return rendered if exposures is None else rendered.exposed(exposures.factors(gbuffer.pixel[pixels]))
+
+        if settings.image_loss == "l1":
+            rendered = render(pixels, self._problem.plan.samples)
+            target = one_sided(target, rendered.radiance, known)
+            return (tone_map(unit * rendered.radiance) - tone_map(unit * target)).abs().mean(), rendered
+        halves = render(pixels.repeat(2), self._samples_a_half)
+        rendered = halves.averaged(2)
+        first, second = (unit * halves.radiance).chunk(2)
+        return dual_buffer_loss(first, second, unit * target, settings.residual_cut, known), rendered
+
+    @property
+    def samples_per_pixel(self) -> int:
+        """Samples of a pixel in a step, as they are taken."""
+        points = self._problem.gbuffer.subsamples
+        if self._settings.image_loss == "l1":
+            return samples_taken(self._problem.plan.samples, points)
+        return 2 * samples_taken(self._samples_a_half, points)
+
+    @property
+    def _samples_a_half(self) -> int:
+        """Samples of a pixel in each half of the dual-buffer loss, before the renderer rounds them."""
+        return max(1, self._problem.plan.samples // 2)
 
 
-def tone_map(radiance: Tensor) -> Tensor:
-    """Encode log(1 + x) as sRGB: compresses highlights, keeps gradients at black finite. For any radiance >= 0."""
-    return linear_to_srgb(torch.log1p(radiance))
+# ---- the image loss ------------------------------------------------------------------------------------------------
 
 
 def dual_buffer_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, known: Tensor | None = None) -> Tensor:
@@ -49,6 +115,9 @@ def dual_buffer_loss(first: Tensor, second: Tensor, target: Tensor, cut: float, 
     return 0.5 * (weight(second) * (tone_map(first) - shown) + weight(first) * (tone_map(second) - shown)).mean()
 
 
+# ---- smoothness ----------------------------------------------------------------------------------------------------
+
+
 def total_variation(log_radiance: Tensor) -> Tensor:
     """Mean over the sphere and the channels of the slope, per radian, of an equirectangular (H, W, 3) log radiance.
 
@@ -63,50 +132,53 @@ def total_variation(log_radiance: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class ViewAlignment:
-    """Per-view scale and shift (V,) that bring predictions to the prior's intensities: ``scale * prediction + shift``."""
+class PixelPairs:
+    """For each G-buffer pixel its right and its lower neighbour on the same piece of surface, found where UV seams do not exist.
 
-    scale: Tensor
-    shift: Tensor
-
-    def __call__(self, prediction: Tensor, view: Tensor, coverage: Tensor) -> Tensor:
-        """Align (P, 3) premultiplied predictions of pixels in views (P,) with coverage (P, 1)."""
-        return prediction * self.scale[view][:, None] + coverage * self.shift[view][:, None]
-
-
-def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mode: str) -> ViewAlignment:
-    """The paper's SSI (Ranftl et al. 2022): bring the prediction's mean and mean absolute deviation to the target's, per view.
-
-    (P, 3) predictions and targets of pixels in views (P,); one scale and one shift per view, common to the channels, so
-    that a colour cast is not aligned away. ``mode``: "scale_shift", "scale" (ratio of means, no shift) or
-    "none". A view without pixels, or whose prediction is constant (or zero, for "scale"), gets scale 1 and, for
-    "scale_shift", the shift that matches the means. The result carries no gradient.
+    ``index`` (P, 2) int64 G-buffer entries, a pixel's own entry where it has no such neighbour; ``similarity`` (P, 2) in
+    [0, 1], near 1 where both pixels have the same log radiance, 0 for no neighbour; ``uv`` (P, 2) of each pixel's first hit.
     """
-    prediction, target = prediction.detach(), target.detach()
-    ones = torch.ones(views, device=prediction.device)
-    if mode == "none":
-        return ViewAlignment(ones, torch.zeros_like(ones))
-    count = torch.zeros_like(ones).index_add_(0, view, torch.ones_like(prediction[:, 0])).clamp_min(1)
 
-    def per_view_mean(values: Tensor) -> Tensor:
-        return torch.zeros_like(ones).index_add_(0, view, values.mean(-1)) / count
-
-    mean_prediction, mean_target = per_view_mean(prediction), per_view_mean(target)
-    if mode == "scale":
-        usable = mean_prediction > 1e-6
-        return ViewAlignment(torch.where(usable, mean_target / mean_prediction.clamp_min(1e-6), ones), torch.zeros_like(ones))
-    if mode != "scale_shift":
-        raise ValueError(f"ssi: expected scale_shift, scale or none, found {mode!r}")
-    spread_prediction = per_view_mean((prediction - mean_prediction[view][:, None]).abs())
-    spread_target = per_view_mean((target - mean_target[view][:, None]).abs())
-    usable = spread_prediction > 1e-4
-    scale = torch.where(usable, spread_target / spread_prediction.clamp_min(1e-4), ones)
-    return ViewAlignment(scale, mean_target - scale * mean_prediction)
+    index: Tensor
+    similarity: Tensor
+    uv: Tensor
 
 
-def smoothness(texture: Tensor, neighbours: Neighbours, pixels: Tensor) -> Tensor:
+@torch.no_grad()
+def neighbouring_pixels(problem: Problem, images: Tensor, scale: float) -> PixelPairs:
+    """Pair neighbouring pixels of (P, 3) training radiance.
+
+    At a difference of ``scale`` in log radiance the similarity is 1/e. Pixels whose normals differ by more than 37
+    degrees, or whose distance jumps, are no pair.
+    """
+    gbuffer, surface = problem.gbuffer, problem.renderer.surface
+    _, height, width = gbuffer.shape
+    first = (gbuffer.face >= 0).int().argmax(1)
+    rows = torch.arange(len(first), device=first.device)
+    points = surface(gbuffer.face[rows, first].long(), gbuffer.barycentric[rows, first], gbuffer.seen_from())
+    entry = gbuffer.entry_of_pixel()
+    column, row = gbuffer.pixel % width, gbuffer.pixel // width % height
+    log_radiance = torch.log(images.mean(-1) + 1e-3 * images.mean().clamp_min(1e-12))
+    spacing = None
+    index, similarity = [], []
+    for inside, step in ((column < width - 1, 1), (row < height - 1, width)):
+        other = torch.where(inside, entry[(gbuffer.pixel + step).clamp(max=len(entry) - 1)], -1)
+        other = torch.where(other < 0, rows, other)
+        distance = (points.position - points.position[other]).norm(dim=-1)
+        if spacing is None:
+            real = distance[other != rows]
+            spacing = real.median() if len(real) else distance.new_tensor(1.0)
+        same = (other != rows) & (distance < 4 * spacing)
+        same &= (points.normal * points.normal[other]).sum(-1) > 0.8
+        change = (log_radiance - log_radiance[other]) / scale
+        index.append(torch.where(same, other, rows))
+        similarity.append(torch.where(same, torch.exp(-change * change), torch.zeros_like(change)))
+    return PixelPairs(torch.stack(index, 1), torch.stack(similarity, 1), points.uv)
+
+
+def smoothness(texture: Tensor, pairs: PixelPairs, pixels: Tensor) -> Tensor:
     """Mean over (B,) pixels' pairs of neighbours, and over channels, of |difference| in a texture (T, T, C) times similarity."""
-    value: Tensor = _Smoothness.apply(texture, neighbours, pixels)
+    value: Tensor = _Smoothness.apply(texture, pairs, pixels)
     return value
 
 
@@ -114,10 +186,10 @@ class _Smoothness(torch.autograd.Function):
     """Its gradient is found with it, and kept until it is asked for."""
 
     @staticmethod
-    def forward(ctx: Any, texture: Tensor, neighbours: Neighbours, pixels: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
+    def forward(ctx: Any, texture: Tensor, pairs: PixelPairs, pixels: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
         ctx.gradient, totals = torch.zeros_like(texture), texture.new_zeros(len(pixels))
         launch_summing(
-            differences, len(pixels), pixels, neighbours.index, neighbours.similarity, neighbours.uv, texture, totals,
+            differences, len(pixels), pixels, pairs.index, pairs.similarity, pairs.uv, texture, totals,
             sums=[ctx.gradient], device=texture.device,
         )  # fmt: skip
         count = 2 * len(pixels) * texture.shape[-1]

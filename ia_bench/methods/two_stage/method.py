@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ia_bench.methods.info import MethodInfo
+from ia_bench.methods.regularisers.choice import code_of
 from ia_bench.methods.two_stage.settings import PRESETS, FitSettings
 
 if TYPE_CHECKING:
@@ -18,7 +19,6 @@ class TwoStage:
     Options: ClassVar[type] = FitSettings
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = PRESETS
     info = MethodInfo(
-        corrects=True,
         fits_exposures=True,
         uses_prior=True,
         paper="IntrinsicAnything (ECCV 2024, arXiv 2404.11593), section 3.4",
@@ -33,6 +33,11 @@ class TwoStage:
         """``options``: what the paper leaves open."""
         self.options = options
 
+    @property
+    def fingerprint(self) -> str:
+        """What decides numbers beside the options: the code of regularisers that are not the package's own."""
+        return " ".join(f"{name}={code}" for name, code in code_of(self.options.regularise).items())
+
     def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
         """See :class:`ia_bench.methods.contract.Method`. Resumes from the monitor's last checkpoint, to the same numbers.
 
@@ -41,7 +46,7 @@ class TwoStage:
         Raises:
             FloatingPointError: That happened PATIENCE times in a row; step, tensor and views are named, and the last good state
                 is in the monitor's checkpoint.
-            InputError: The prior cannot be used in the way that the problem's supervision says.
+            InputError: The prior cannot be used in the way that the problem's coupling or the settings say.
         """
         from ia_bench.methods.two_stage.fit import Fit  # brings in torch
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Roughness, UnitInterval, Weight
+from ia_bench.methods.regularisers.choice import check_regularisers
 from ia_bench.render.settings import RenderSettings
 
 BYTES_PER_SAMPLE = 400  # of a step with its gradient: a ray, what it meets, what it carries
@@ -14,12 +15,10 @@ BYTES_PER_SAMPLE = 400  # of a step with its gradient: a ray, what it meets, wha
 
 @dataclass(frozen=True)
 class LossWeights:
-    """Weights of the paper's equation 5: lambda_1 image, lambda_2 albedo, lambda_3 specular, lambda_4 smoothness.
+    """Weights of the paper's equation 5: lambda_1 image, lambda_4 smoothness; lambda_2 and lambda_3 are ``coupling.options``.
 
     Attributes:
         image: Of the rendered image's difference from the photograph.
-        albedo: Of what the prior says of albedo.
-        specular: Of what the prior says of specular shading.
         smooth_albedo: Of differences of albedo between neighbours that look alike.
         smooth_roughness: Of differences of roughness, and of metallic, likewise.
         smooth_light: Of the total variation of the light's log radiance (``losses.total_variation``).
@@ -28,8 +27,6 @@ class LossWeights:
     """
 
     image: Weight = 1.0
-    albedo: Weight = 1.0
-    specular: Weight = 1.0
     smooth_albedo: Weight = 0.02
     smooth_roughness: Weight = 0.1
     smooth_light: Weight = 0.0003
@@ -90,8 +87,6 @@ class FitSettings:
             (``losses.dual_buffer_loss``: noise pulls nowhere). "l1" of tone-mapped radiance, value and gradient from the same
             samples: it also fits a light and a material whose renders have little noise.
         residual_cut: Where the dual-buffer loss cuts residuals.
-        ssi: How a prior's albedo is aligned with the prediction, per view: "scale", "scale_shift" (mean and spread, as in
-            Ranftl et al.) or "none".
         albedo_start: Share of all steps in which the albedo stays as it is and the light alone explains the images.
         roughness_start: Share of all steps after which roughness, and metallic, are optimised; until the light is right they
             would only learn the light's error.
@@ -104,6 +99,8 @@ class FitSettings:
             and the light is grey: images alone hardly tell the two apart later.
         smooth_scale: Difference of log radiance at which a pair of neighbouring pixels stops being smoothed.
         defensive_share: Share of light samples spread over the sphere, so that dark texels are visited too.
+        regularise: What changes the material by itself, in the order in which it is applied (:mod:`ia_bench.methods.regularisers`).
+        regulariser_options: By its name, how much and how.
         checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
@@ -116,7 +113,6 @@ class FitSettings:
     guided: bool = True
     image_loss: Literal["dual_buffer", "l1"] = "dual_buffer"
     residual_cut: Positive = 0.1
-    ssi: Literal["scale_shift", "scale", "none"] = "scale"
     albedo_start: UnitInterval = 0.1
     roughness_start: UnitInterval = 0.3
     scale_ambiguity_start: UnitInterval = 0.3
@@ -126,7 +122,12 @@ class FitSettings:
     albedo_initial: UnitInterval = 0.5
     smooth_scale: Positive = 0.1
     defensive_share: UnitInterval = 0.2
+    regularise: list[str] = field(default_factory=list)
+    regulariser_options: dict[str, dict[str, Any]] = field(default_factory=dict)
     checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)
+
+    def __post_init__(self) -> None:
+        check_regularisers(self.regularise, self.regulariser_options)
 
     def memory(self, render: RenderSettings) -> dict[str, int]:
         """Bytes that a step takes, by the key that decides them."""

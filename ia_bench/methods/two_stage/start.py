@@ -6,16 +6,15 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.textures import fill_unobserved, splat
-from ia_bench.methods.contract import Problem
+from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.mean_image import light_of_the_mean_image
 from ia_bench.methods.two_stage.guard import StepGuard
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.render.renderer import PixelRadiance
 
 
 @torch.no_grad()
-def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets: Targets | None) -> None:
+def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets: PixelSamples | None) -> None:
     """Set the albedo to the targets averaged over the views in texture space; without any, to the images' mean colour.
 
     Args:

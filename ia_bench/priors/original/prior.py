@@ -70,7 +70,7 @@ class IntrinsicAnythingPrior:
             )
         self._hashes = {name: _entry(folder / name / RECORD, "sha256") for name in used}
         self._side = int(_entry(folder / used[0] / "vae" / "config.json", "sample_size"))
-        self.info = PriorInfo(frozenset(used), stochastic=True, guidable=True, resolution=self._side)
+        self.info = PriorInfo(frozenset(used), stochastic=True, guidable=True, resolution=self._side, coupling="targets")
         self._device = choose_device(device)
         self._settings = SamplerSettings(steps, eta, "leading", LATENT_RANGE)
         self._batch = batch
@@ -110,9 +110,7 @@ class IntrinsicAnythingPrior:
         ceilings = {"specular": torch.ones(len(images))} if "specular" in samples else {}  # a square ends at white
         return Samples(samples, ceilings, {**cost, **report.counters})
 
-    def _draw(
-        self, networks: Networks, images: Tensor, seeds: list[int], target: Tensor | None, report: GuidanceReport
-    ) -> Tensor:
+    def _draw(self, networks: Networks, images: Tensor, seeds: list[int], target: Tensor | None, report: GuidanceReport) -> Tensor:
         """(N, 3, S, S) in the networks' encoding, like ``images`` and ``target``."""
         schedule, free = networks.schedule, networks.bind(images)
         target = target.to(self._device) if target is not None and self.guidance_strength else None

@@ -29,7 +29,7 @@ class RefinerPrior(RegressorPrior):
     It sees a photograph, what the fit shows there (material, radiance, specular shading, and how well it explains several
     photographs of the place), normals, ambient visibility, and how many photographs show the place; it returns albedo and
     roughness as such fits have them when they are right. Those several are all photographs of the fit in training, and in a run
-    those that the prior is asked about (with prior.supervision.views=auto about a third of a hundred, say).
+    those that the prior is asked about (with prior.views=auto about a third of a hundred, say).
 
     ``refiner``: its weights, a folder that ia_bench_training.train_refiner wrote, or None for the packaged ones. Other options as
     in :class:`ia_bench.priors.learned.LearnedPrior`; ``weights`` are the regressor's. The fingerprint is that of the samples, on

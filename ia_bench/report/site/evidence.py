@@ -24,7 +24,7 @@ Settings = dict[str, Any]
 """Dotted name -> value, a JSON type."""
 
 SETTABLE = (
-    *("render.", "method.options.", "prior.options.", "prior.supervision.", "reader.options.", "capture."),
+    *("render.", "method.options.", "prior.options.", "prior.views", "coupling.", "reader.options.", "capture."),
     *("device", "threads"),
 )
 """What begins the names that a command line may set, of those that decide a run; the protocol's are :data:`PROTOCOL`."""

@@ -23,7 +23,6 @@ import ia_bench.cli.run as command
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage import guard
 from ia_bench.methods.two_stage.guard import PATIENCE
-from ia_bench.methods.two_stage.objective import Objective
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.none import NoPrior
@@ -224,13 +223,13 @@ def test_the_command_says_it_in_one_line_and_records_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """From the command line: exit status 1, metrics.json of a failed run with the reason, the checkpoint kept."""
-    render, calls = Objective._render, itertools.count()
+    render, calls = Renderer.render_pixels, itertools.count()
 
     def bad(self: Any, *arguments: Any) -> PixelRadiance:
         rendered = render(self, *arguments)
-        return spoil_value(math.nan)(rendered) if next(calls) else rendered  # from the second step on
+        return spoil_value(math.nan)(rendered) if next(calls) > 1 else rendered  # from the second step on
 
-    monkeypatch.setattr(Objective, "_render", bad)
+    monkeypatch.setattr(Renderer, "render_pixels", bad)
     out = tmp_path / "run"
     monkeypatch.setattr("sys.argv", ["ia_bench"])
     assert command.main(["scene=tiny", "preset=smoke", "threads=1", "device=cpu", f"out={out}"]) == command.FAULT

@@ -1,4 +1,4 @@
-"""Alignment against a float64 loop, variation against integrals, what each term must ignore and see; neighbours and the mesh."""
+"""Variation against integrals, what each term must ignore and see; neighbours and the mesh."""
 
 from __future__ import annotations
 
@@ -9,103 +9,8 @@ from torch import Tensor
 
 from benchmarks.reference import fetch
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.losses import align_views, dual_buffer_loss, smoothness, tone_map, total_variation
-from ia_bench.methods.two_stage.neighbours import Neighbours, find_neighbours
-
-VIEWS = 4
-
-
-def pixels(count: int = 500, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
-    """Random predictions and targets (P, 3) in views (P,); the views have different numbers of pixels."""
-    generator = torch.Generator().manual_seed(seed)
-    view = (VIEWS * torch.rand(count, generator=generator) ** 2).long()
-    return torch.rand(count, 3, generator=generator), 2 * torch.rand(count, 3, generator=generator) ** 3, view
-
-
-def reference(prediction: Tensor, target: Tensor, view: Tensor, mode: str) -> tuple[np.ndarray, np.ndarray]:
-    """Scale and shift per view: means and mean absolute deviations over all values of a view, in float64."""
-    scales, shifts = [], []
-    for one in range(VIEWS):
-        p, t = (x[view == one].double().numpy().ravel() for x in (prediction, target))
-        if mode == "scale":
-            scales.append(t.mean() / p.mean())
-            shifts.append(0.0)
-        else:
-            scales.append(np.abs(t - t.mean()).mean() / np.abs(p - p.mean()).mean())
-            shifts.append(t.mean() - scales[-1] * p.mean())
-    return np.array(scales), np.array(shifts)
-
-
-@pytest.mark.parametrize("mode", ["scale_shift", "scale"])
-def test_alignment_equals_the_reference(mode: str) -> None:
-    prediction, target, view = pixels()
-    alignment = align_views(prediction, target, view, VIEWS, mode)
-    scale, shift = reference(prediction, target, view, mode)
-    np.testing.assert_allclose(alignment.scale, scale, rtol=1e-5)
-    np.testing.assert_allclose(alignment.shift, shift, atol=1e-6)
-    aligned = alignment(prediction, view, torch.ones(len(view), 1)).double().numpy()
-    expected = prediction.double().numpy() * scale[view][:, None] + shift[view][:, None]
-    np.testing.assert_allclose(aligned, expected, rtol=1e-5, atol=1e-6)
-    for one in range(VIEWS):
-        here = (view == one).numpy()
-        assert aligned[here].mean() == pytest.approx(target[here].double().mean().item(), rel=1e-5)
-
-
-def test_alignment_undoes_scale_and_shift_of_a_view() -> None:
-    target, _, view = pixels()
-    scale, shift = torch.tensor([0.5, 1.5, 3.0, 0.2])[view][:, None], torch.tensor([0.1, 0.0, 0.4, 0.3])[view][:, None]
-    spoiled = scale * target + shift
-    full = torch.ones(len(view), 1)
-    undone = align_views(spoiled, target, view, VIEWS, "scale_shift")(spoiled, view, full)
-    torch.testing.assert_close(undone, target, rtol=1e-4, atol=1e-5)
-    scaled = scale * target
-    undone = align_views(scaled, target, view, VIEWS, "scale")(scaled, view, full)
-    torch.testing.assert_close(undone, target, rtol=1e-4, atol=1e-5)
-    kept = align_views(scaled, target, view, VIEWS, "none")(scaled, view, full)
-    assert torch.equal(kept, scaled)
-
-
-@pytest.mark.parametrize("mode", ["scale_shift", "scale"])
-def test_common_scale_does_not_hide_a_colour_cast(mode: str) -> None:
-    target, _, view = pixels()
-    cast = target * torch.tensor([1.3, 1.0, 0.7])
-    alignment = align_views(cast, target, view, VIEWS, mode)
-    error = (alignment(cast, view, torch.ones(len(view), 1)) - target).abs().mean(0)
-    assert float(error[0]) > 0.1
-    assert float(error[2]) > 0.1
-    per_channel = cast * (target.mean(0) / cast.mean(0))
-    torch.testing.assert_close(per_channel, target)  # which a scale per channel would have hidden
-
-
-@pytest.mark.parametrize("mode", ["scale_shift", "scale", "none"])
-@pytest.mark.parametrize(("prediction", "target"), [(0.3, 0.6), (0.0, 0.6), (0.3, 0.0), (0.0, 0.0)])
-def test_constant_images_are_safe(mode: str, prediction: float, target: float) -> None:
-    view = torch.tensor([0, 0, 0, 2, 2])  # views 1 and 3 have no pixels
-    p, t = torch.full((5, 3), prediction), torch.full((5, 3), target)
-    alignment = align_views(p, t, view, VIEWS, mode)
-    assert bool(torch.isfinite(alignment.scale).all() & torch.isfinite(alignment.shift).all())
-    assert alignment.scale[[1, 3]].tolist() == [1, 1]
-    assert alignment.shift[[1, 3]].tolist() == [0, 0]
-    if mode == "scale_shift":
-        assert alignment.scale.tolist() == [1, 1, 1, 1]
-        torch.testing.assert_close(alignment(p, view, torch.ones(5, 1)), t)
-
-
-def test_alignment_carries_no_gradient_and_moves_covered_pixels_alone() -> None:
-    prediction, target, view = pixels()
-    prediction.requires_grad_(True)
-    alignment = align_views(prediction, target, view, VIEWS, "scale_shift")
-    assert not alignment.scale.requires_grad
-    assert not alignment.shift.requires_grad
-    aligned = alignment(prediction, view, torch.zeros(len(view), 1))
-    torch.testing.assert_close(aligned, prediction * alignment.scale[view][:, None])
-    aligned.sum().backward()
-    torch.testing.assert_close(prediction.grad, alignment.scale[view][:, None].expand(-1, 3).contiguous())
-
-
-def test_alignment_of_an_unknown_mode() -> None:
-    with pytest.raises(ValueError, match="expected scale_shift, scale or none, found 'affine'"):
-        align_views(*pixels(), VIEWS, "affine")
+from ia_bench.methods.two_stage.losses import PixelPairs, dual_buffer_loss, neighbouring_pixels, smoothness, total_variation
+from ia_bench.scenes.color import tone_map
 
 
 def test_tone_map_is_monotone_with_finite_slope_everywhere() -> None:
@@ -129,7 +34,7 @@ def test_smoothness() -> None:
 
     def value(texture: Tensor, *similarity: float) -> float:
         similar = torch.tensor([*similarity, 0.0, 0.0])[:, None] * torch.tensor([1.0, 0.0])
-        return float(smoothness(texture, Neighbours(index, similar, uv), upper))
+        return float(smoothness(texture, PixelPairs(index, similar, uv), upper))
 
     assert value(torch.full((2, 2, 3), 0.7), 0.3, 0.9) == 0
     assert value(texture, 1.0, 0.5) == pytest.approx((0.1 * 1 + 0.4 * 0.5) / 4)  # the mean over two pairs a pixel
@@ -142,7 +47,7 @@ def test_smoothness_and_its_gradient_by_torch(channels: int, threads: int) -> No
     """In float64; pixels may come twice."""
     rng = torch.Generator().manual_seed(0)
     uv, index = torch.rand(3000, 2, generator=rng), torch.randint(3000, (3000, 2), generator=rng)
-    neighbours = Neighbours(index, torch.rand(3000, 2, generator=rng) * (torch.rand(3000, 2, generator=rng) < 0.8), uv)
+    neighbours = PixelPairs(index, torch.rand(3000, 2, generator=rng) * (torch.rand(3000, 2, generator=rng) < 0.8), uv)
     chosen = torch.randint(3000, (5000,), generator=rng)
     texture = torch.rand(9, 9, channels, generator=rng).requires_grad_()
     exact = texture.detach().double().requires_grad_()
@@ -176,7 +81,7 @@ def first_hits(problem: Problem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_neighbours_are_neighbours_in_space_whatever_the_atlas_says(problem: Problem) -> None:
     images = problem.pixels_of(torch.stack([torch.from_numpy(view.image) for view in problem.scene.train]))
-    found = find_neighbours(problem, images, scale=0.1)
+    found = neighbouring_pixels(problem, images, scale=0.1)
     position, normal, uv = first_hits(problem)
     np.testing.assert_allclose(found.uv.numpy(), uv, atol=1e-5)
     own = np.arange(len(position))
@@ -207,15 +112,15 @@ def test_neighbours_are_neighbours_in_space_whatever_the_atlas_says(problem: Pro
 
 def test_similar_neighbours_are_smoothed_and_edges_are_not(problem: Problem) -> None:
     flat = torch.full((len(problem.gbuffer.pixel), 3), 0.4)
-    found = find_neighbours(problem, flat, scale=0.1)
+    found = neighbouring_pixels(problem, flat, scale=0.1)
     real = found.index != torch.arange(len(flat))[:, None]
     assert found.similarity[real].eq(1).all()
     left = problem.gbuffer.pixel % problem.gbuffer.shape[2] < 16
     painted = torch.where(left[:, None], 0.4, 4.0).expand(-1, 3)
-    across = left != left[find_neighbours(problem, painted, 0.1).index[:, 0]]
+    across = left != left[neighbouring_pixels(problem, painted, 0.1).index[:, 0]]
     assert across.sum() > 20
-    assert float(find_neighbours(problem, painted, 0.1).similarity[across, 0].max()) < 1e-6
-    assert find_neighbours(problem, torch.zeros_like(flat), 0.1).similarity.isfinite().all()
+    assert float(neighbouring_pixels(problem, painted, 0.1).similarity[across, 0].max()) < 1e-6
+    assert neighbouring_pixels(problem, torch.zeros_like(flat), 0.1).similarity.isfinite().all()
 
 
 # ---- two estimates that judge each other -----------------------------------------------------------------------------

@@ -32,6 +32,7 @@ def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
     aligned = picture * (truth.mean() / picture.mean())
     return float(np.sqrt(((linear_to_srgb(aligned.clip(0, 1)) - linear_to_srgb(truth)) ** 2).mean()))
 
+
 # ---- it recovers -----------------------------------------------------------------------------------------------------
 
 
@@ -76,9 +77,7 @@ def test_light_is_found_with_the_exact_oracle(scene: Scene, long_fits: dict[str,
 def test_l1_recovers_too(problem: Problem, scene: Scene, record: Record) -> None:
     settings = replace(SETTINGS, image_loss="l1", stage1_steps=60, stage2_steps=20, pixels=512)
     found = fit(problem, oracle(scene), settings, record)
-    assert albedo_error(problem, scene, found.material.albedo) < 0.5 * albedo_error(
-        problem, scene, torch.full((64, 64, 3), 0.5)
-    )
+    assert albedo_error(problem, scene, found.material.albedo) < 0.5 * albedo_error(problem, scene, torch.full((64, 64, 3), 0.5))
 
 
 # ---- it repeats and resumes ------------------------------------------------------------------------------------------

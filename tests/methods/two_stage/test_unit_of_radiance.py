@@ -7,16 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_fit import SETTINGS, Record, altered, fit
+from small_fit import SETTINGS, Record, altered, fit, losses_of
 from torch import Tensor
 
 from ia_bench.methods import photographs
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.objective import Objective
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.start import start_albedo
-from ia_bench.methods.two_stage.supervision import Supervision
-from ia_bench.methods.two_stage.targets import Targets
 from ia_bench.priors.none import NoPrior
 from ia_bench.scenes.scene import Scene, View
 
@@ -48,9 +45,7 @@ def albedo_of(problem: Problem) -> Tensor:
 
 
 @pytest.mark.parametrize("factor", [1e-4, 1e5])
-def test_photographs_of_another_unit_give_the_same_albedo(
-    problem: Problem, factor: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_photographs_of_another_unit_give_the_same_albedo(problem: Problem, factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """As photographs of the mean that others are brought to; compared as they are, dim ones give another albedo."""
     mean = float(exposed(problem, factor).photographs.radiance[problem.photographs.mask[:, 0] > 0.5].mean())
     usual = exposed(problem, factor * photographs.LEVEL / mean)
@@ -76,9 +71,8 @@ def test_pixels_that_are_left_out_pull_nowhere(problem: Problem) -> None:
     pulls = []
     for one in (problem, cut):
         parameters = Parameters(one, plain)
-        asked = Supervision(one, NoPrior(), plain.ssi, Targets({}, torch.zeros(len(one.gbuffer.pixel), 1)))
-        loss, _ = Objective(one, plain)(pixels, parameters, asked, [], torch.Generator().manual_seed(0))
-        loss.backward()
+        losses, _ = losses_of(one, plain)(pixels, parameters, 50, 100, torch.Generator().manual_seed(0))
+        sum(losses.values()).backward()
         pulls.append(float(parameters.tensors["albedo"].grad.abs().sum()))
     assert pulls[0] > 0
     assert pulls[1] == 0

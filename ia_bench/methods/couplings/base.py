@@ -1,0 +1,65 @@
+"""What the couplings that come with the package share: a weight for each component, and how specular shading is compared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ia_bench.common.ranges import Weight
+from ia_bench.methods.contract import Coupling, PixelSamples, Problem, StepRender
+from ia_bench.scenes.color import linear_to_srgb, tone_map
+
+
+def encode(linear: Tensor, encoding: str) -> Tensor:
+    """Linear values in a prior's ``encoding``, "linear" or "srgb"."""
+    return linear_to_srgb(linear) if encoding == "srgb" else linear
+
+
+@dataclass(eq=False)
+class WeightedCoupling(Coupling):
+    """The loss ``albedo`` * :meth:`albedo_loss` + ``specular`` * :meth:`specular_loss` of what a prior provides.
+
+    Attributes:
+        albedo: Weight of what the prior says of albedo.
+        specular: Weight of what it says of specular shading.
+    """
+
+    albedo: Weight = 1.0
+    specular: Weight = 1.0
+
+    def uses(self, provides: frozenset[str]) -> frozenset[str]:
+        """Those with a weight above 0."""
+        return frozenset(name for name in provides if getattr(self, name))
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        """Encode once what every step compares with."""
+        self._weight, self._unit = samples.weight, problem.photographs.unit
+        self._at_least = samples.at_least.get("specular")
+        self._specular = tone_map(self._unit * samples.values["specular"]) if "specular" in samples.values else None
+        self._uses = self.uses(frozenset(samples.values))
+
+    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
+        """See the class; "albedo" and "specular", as far as they have a weight."""
+        found = {}
+        if "albedo" in self._uses:
+            found["albedo"] = self.albedo * self.albedo_loss(render, pixels)
+        if "specular" in self._uses:
+            found["specular"] = self.specular * self.specular_loss(render, pixels)
+        return found
+
+    def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
+        """What the albedo at G-buffer entries (B,) is compared by, without its weight."""
+        raise NotImplementedError
+
+    def specular_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
+        """|S_hat - S_s| of tone-mapped radiance: highlights span orders of magnitude, their log does not.
+
+        Where the prior could hardly have said more, only what falls short of it counts.
+        """
+        assert self._specular is not None, "the prior provides it"
+        difference = tone_map(self._unit * render.specular) - self._specular[pixels]
+        if self._at_least is not None:
+            difference = torch.where(self._at_least[pixels], difference.clamp(max=0), difference)
+        return (self._weight[pixels] * difference.abs()).mean()

@@ -1,0 +1,33 @@
+"""Which coupling a run uses, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ia_bench.common import registry
+from ia_bench.methods.contract import Coupling, NoCoupling
+from ia_bench.priors.contract import PriorInfo
+
+AUTO = "auto"
+DEFAULT = "kernel"
+"""What a prior is coupled by that recommends nothing, built in or not."""
+
+
+def coupling_of(
+    info: PriorInfo, name: str, target: str | None, options: Mapping[str, Any], note: Callable[[str], None]
+) -> Coupling:
+    """The coupling called ``name``; "auto" is what the prior's ``info`` recommends, or the DEFAULT. Which it is, is told.
+
+    Raises InputError for one that is not there or cannot be made.
+    """
+    if not info.provides:
+        return NoCoupling()  # of nothing
+    why = "as it was set"
+    if name == AUTO:
+        name, why = (info.coupling, "which the prior recommends") if info.coupling else (DEFAULT, "the default")
+        target = None
+    coupling: Coupling = registry.create("coupling", name, target or registry.find("coupling", name).target, options)
+    used = ", ".join(sorted(coupling.uses(info.provides))) or "nothing"
+    note(f"coupling: {name}, {why}; it uses {used} of the prior's {', '.join(sorted(info.provides))}")
+    return coupling

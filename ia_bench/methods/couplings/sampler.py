@@ -1,0 +1,129 @@
+"""Asks the prior about the training views, keeps its samples between runs, and counts what that costs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.common.cache import Cache, content_key
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.view_geometry import count_views, view_geometry
+from ia_bench.priors.contract import Distiller, Fingerprinted, Observations, Prior, Refiner, Samples
+from ia_bench.priors.validation import (
+    LARGEST,
+    absurd_values,
+    ask,
+    ask_to_distill,
+    ask_to_refine,
+    beyond_a_material,
+    check_prior_info,
+    name_of,
+)
+
+GEOMETRY = ("normals", "visibility")
+Images = dict[str, Tensor]  # component -> (V, H, W, 3)
+
+
+class PriorSampler:
+    """The prior as a method asks it: about the views of ``problem.asked_views``.
+
+    Attributes:
+        views: Which training views these are.
+        counters: What the prior has cost, such as "network_calls", those of samples that were kept from an earlier run
+            among it; "prior_cached", how many draws these are; "prior_absurd_values", how many values of its answers no image
+            could hold.
+        kept_seconds: What the kept draws took when they were made, so that error against time stays comparable.
+    """
+
+    def __init__(self, problem: Problem, prior: Prior, seed: int, note: Callable[[str], None]) -> None:
+        """``note``: where the user is told what is odd."""
+        check_prior_info(prior)
+        self._problem, self._prior, self._seed, self._note = problem, prior, seed, note
+        self.counters = {"prior_cached": 0, "prior_absurd_values": 0, "network_calls": 0}
+        self.kept_seconds = 0.0
+        self._shown: Observations | None = None
+        self._told = False
+        keeps = problem.keep_samples and isinstance(prior, Fingerprinted) and not prior.info.sees_truth  # truth is in no key
+        self._cache = Cache() if keeps else None
+
+    @property
+    def views(self) -> tuple[int, ...]:
+        """See the class."""
+        return self._problem.asked_views
+
+    def draw(self, guidance: Images | None) -> Samples:
+        """A sample of every view asked. ``guidance``: current renders of the same views. Raises InputError for no sound one."""
+        observations = self._observations(self.views)
+        key = self._key(observations) if self._cache is not None and guidance is None else None
+        stored = self._cache.get(key) if self._cache is not None and key is not None else None
+        if stored is not None:
+            samples, seconds = _unpacked(*stored)
+            self.counters["prior_cached"] += 1
+            self.kept_seconds += seconds
+        else:
+            started = time.perf_counter()
+            samples = ask(self._prior, observations, seed=self._seed, guidance=guidance)
+            if self._cache is not None and key is not None:
+                self._cache.put(key, *_packed(samples, time.perf_counter() - started))
+        wrong = None if self._told else beyond_a_material(samples, observations.masks)
+        if wrong is not None:
+            self._told = True
+            self._note(f"prior {name_of(self._prior)} proposes {wrong}; it is used, and ia_bench.check says more")
+        return self._accounted(samples)
+
+    def distill(self, renders: Images, views: tuple[int, ...], seed: int) -> Samples:
+        """The prior's estimates of the current renders of some views. Raises InputError like :meth:`draw`."""
+        assert isinstance(self._prior, Distiller)
+        return self._accounted(ask_to_distill(self._prior, self._observations(views), renders, seed=seed))
+
+    def refine(self, renders: Images) -> Samples:
+        """What the prior makes of the fit's ``renders`` of the views asked. Raises InputError like :meth:`draw`."""
+        assert isinstance(self._prior, Refiner)
+        return self._accounted(ask_to_refine(self._prior, self._observations(self.views), renders))
+
+    def _accounted(self, samples: Samples) -> Samples:
+        for name, count in samples.cost.items():
+            self.counters[name] = self.counters.get(name, 0) + count
+        absurd = absurd_values(samples)
+        if absurd and not self.counters["prior_absurd_values"]:
+            self._note(f"prior {name_of(self._prior)}: {absurd} of its values are negative or above {LARGEST:g}; they are used")
+        self.counters["prior_absurd_values"] += absurd
+        return samples
+
+    def _observations(self, views: tuple[int, ...]) -> Observations:
+        """What the prior is shown of some training views; that of the last ones is kept, for geometry takes rays."""
+        if self._shown is None or self._shown.views != views:
+            chosen, wants = [self._problem.scene.train[view] for view in views], self._prior.info.wants
+            images, masks = (torch.from_numpy(np.stack([getattr(view, key) for view in chosen])) for key in ("image", "mask"))
+            seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
+            normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
+            view_count = count_views(self._problem, views) if "view_count" in wants else None
+            self._shown = Observations(images, masks, views, normals, visibility, view_count)
+        return self._shown
+
+    def _key(self, shown: Observations) -> str:
+        """What decides a sample: the prior, the seed and all that is shown."""
+        prior = self._prior
+        assert isinstance(prior, Fingerprinted)
+        rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
+        geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.view_count) if tensor is not None]
+        return content_key("samples", prior.fingerprint, rounding, str(self._seed), shown.images, shown.masks, *geometry)
+
+
+def _packed(samples: Samples, seconds: float) -> tuple[Images, dict[str, Any]]:
+    """Samples as a cache keeps them."""
+    tensors = {f"{part}/{name}": value for part in ("values", "ceilings") for name, value in getattr(samples, part).items()}
+    return tensors, {"seconds": seconds, "cost": dict(samples.cost)}
+
+
+def _unpacked(tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> tuple[Samples, float]:
+    parts: dict[str, Images] = {"values": {}, "ceilings": {}}
+    for key, value in tensors.items():
+        part, _, name = key.partition("/")
+        parts[part][name] = value
+    return Samples(parts["values"], parts["ceilings"], about["cost"]), about["seconds"]

@@ -1,0 +1,40 @@
+"""The regularisers that ``fit.regularise`` names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from ia_bench.common import registry
+from ia_bench.common.errors import InputError
+from ia_bench.common.settings import check_arguments
+from ia_bench.common.suggestions import unknown
+
+if TYPE_CHECKING:
+    from ia_bench.methods.contract import Regulariser
+
+OPTIONS = "fit.regulariser_options"
+
+
+def check_regularisers(names: Sequence[str], options: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise InputError unless all ``names`` are those of regularisers, each once, and the ``options`` are theirs."""
+    if len(set(names)) < len(names):
+        raise InputError(f"fit.regularise: expected each name once, found {', '.join(names)}")
+    for name in options:
+        if name not in names:
+            raise InputError(unknown("regulariser in", name, list(names), prefix=f"{OPTIONS}."))
+    for name in names:
+        kind = registry.load(registry.find("regulariser", name))
+        check_arguments(kind, options.get(name, {}), f"{OPTIONS}.{name}")
+
+
+def regularisers_of(names: Sequence[str], options: Mapping[str, Mapping[str, Any]]) -> list[Regulariser]:
+    """They themselves, made for one fit."""
+    found = [(registry.find("regulariser", name), options.get(name, {})) for name in names]
+    return [registry.create("regulariser", plugin.name, plugin.target, given) for plugin, given in found]
+
+
+def code_of(names: Sequence[str]) -> dict[str, str]:
+    """What tells the code of those of other distributions, by key; see :func:`ia_bench.common.registry.foreign_code`."""
+    found = {f"fit.regularise.{name}": registry.foreign_code("regulariser", name) for name in names}
+    return {key: code for key, code in found.items() if code is not None}

@@ -1,0 +1,100 @@
+"""``parsimony``: objects are of few materials, so places that nearly agree in all that was recovered of them are made to agree.
+
+Barron and Malik (Shape, Illumination, and Reflectance from Shading, 2015) call a small entropy of all colours of an object
+parsimony, and price it while they fit. Here it is a step of mean shift (Comaniciu and Meer 2002) toward the modes of the density
+of what a fit has recovered so far, taken a few times between its steps and once at its end. Light and albedo make up for each
+other's errors; once one is averaged out of the albedo, the steps that follow take its counterpart out of the light. Metallic
+is left alone. Nothing in it was trained.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ia_bench.common.ranges import UnitInterval
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import FitState, Problem, Regulariser
+from ia_bench.methods.regularisers.fusion import OFFSET, Fusion
+from ia_bench.scenes.color import linear_to_srgb
+
+PASSES = 0.4, 0.5, 0.6, 0.7, 0.8, 1.0
+"""Shares of a fit's steps after which places are made to agree."""
+GREY, CHROMA = 0.05, 0.025
+"""Bandwidths of display values along grey and across it: an error of the light is one of brightness more than of colour."""
+ROUGHNESS = 0.2
+"""Bandwidth of the roughness."""
+REACH = 0.15
+"""Bandwidth of the place, as a fraction of the diagonal of the box around all places."""
+PARTNERS = 2048
+"""Of each place, drawn among all."""
+PLACES = 2**18
+"""At most, drawn among all: large photographs show each texel in many pixels."""
+BATCH = 256
+"""Places whose partners are weighed together: their weights stay in a cache of the processor."""
+FAINT = -100.0
+"""Logarithm to base 2 of the least weight; that of a float that processors are slow at is below."""
+
+
+@dataclass(eq=False)
+class Parsimony(Regulariser):
+    """Albedo and roughness of places that the asked views show move toward the means of places that resemble them.
+
+    Attributes:
+        amount: How far they move; 0 leaves them where they are.
+    """
+
+    amount: UnitInterval = 1.0
+
+    def prepare(self, problem: Problem) -> None:
+        """Find the places."""
+        self._places = Fusion(problem, problem.asked_views)
+
+    def due(self, step: int, steps: int) -> bool:
+        """After the shares PASSES of all steps; the last is at the end."""
+        return step in {round(share * steps) for share in PASSES}
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        """See the class; the means are :func:`pooled`."""
+        fusion = self._places.drawn(PLACES, state.generator)
+        if not self.amount or not fusion:
+            return material
+        albedo, roughness = fusion.looked_up(material.albedo), fusion.looked_up(material.roughness)
+        means = pooled(albedo, roughness, fusion.position, state.generator)
+        return fusion.moved(material, (albedo, means[0], self.amount), (roughness, means[1], self.amount))
+
+
+def pooled(albedo: Tensor, roughness: Tensor, position: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Means of albedo and roughness over partners, each weighed by exp(-|f_i - f_j|^2 / 2).
+
+    Features f are display values, roughness and place over their bandwidths. Albedos are averaged as log(albedo + OFFSET). Partners
+    are drawn among all places with the ``generator``; a place is its own one besides, with the share of places that are drawn as
+    its weight, so that what nothing resembles stays as it is.
+
+    Albedo (P, 3) linear in [0, 1], roughness (P, 1) perceptual and ``position`` (P, 3) in scene units, of P > 0 places; the first
+    two come back.
+    """
+    features, one = _features(albedo, roughness, position), torch.ones_like(roughness)
+    values = torch.cat([torch.log(albedo + OFFSET), roughness, one], 1)  # the last one sums the weights
+    drawn = torch.randperm(len(albedo), generator=generator, device=albedo.device)[:PARTNERS]
+    half = -0.5 * features.square().sum(1, keepdim=True)
+    # Of the product of the next two, each entry is -d^2 / 2.
+    places, partners = torch.cat([features, half, one], 1), torch.cat([features, one, half], 1)[drawn].T
+    theirs, sums = values[drawn].T.contiguous(), len(drawn) / len(albedo) * values
+    for some, total in zip(places.split(BATCH), sums.split(BATCH), strict=True):
+        total += (theirs @ (some @ partners).clamp_(FAINT, 0).exp2_().T).T
+    mean = sums[:, :4] / sums[:, 4:]
+    return mean[:, :3].exp() - OFFSET, mean[:, 3:]
+
+
+def _features(albedo: Tensor, roughness: Tensor, position: Tensor) -> Tensor:
+    """(P, 8), over their bandwidths, times the root of log2(e), so that weights are powers of two."""
+    shown = linear_to_srgb(albedo)
+    grey = shown.mean(1, keepdim=True)
+    place = position - position.mean(0)
+    extent = (place.amax(0) - place.amin(0)).norm().clamp_min(1e-12)
+    parts = math.sqrt(3) * grey / GREY, (shown - grey) / CHROMA, roughness / ROUGHNESS, place / (REACH * extent)
+    return math.sqrt(math.log2(math.e)) * torch.cat(parts, 1)

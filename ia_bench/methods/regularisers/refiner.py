@@ -1,0 +1,111 @@
+"""``refiner``: a prior that knows what fits get wrong corrects the finished one (:class:`ia_bench.priors.contract.Refiner`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.ranges import UnitInterval
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
+from ia_bench.methods.bounds import known_pixels
+from ia_bench.methods.contract import FitState, Problem, Regulariser
+from ia_bench.methods.photographs import as_photographed
+from ia_bench.methods.regularisers.fusion import Fusion
+from ia_bench.methods.views import restrict
+from ia_bench.priors import validation
+from ia_bench.priors.contract import Refiner
+from ia_bench.render.renderer import texture_images
+from ia_bench.scenes.scene import View
+
+DARK = 0.02
+"""This share of the mean of the photographs is added to both sides of a quotient of radiances, so that black ones have one."""
+SAMPLES = 32
+"""A pixel takes so many samples of the light in the pictures of a fit that are to be corrected."""
+
+
+@dataclass(frozen=True)
+class Refine(Regulariser):
+    """Albedo and roughness move toward what the prior makes of the fit's renders of the views that it is asked about.
+
+    Attributes:
+        albedo: How much of the change of the albedo's logarithm is taken over.
+        roughness: How much of the change of the roughness, from a prior that corrects it.
+    """
+
+    albedo: UnitInterval = 0.5  # both chosen on development scenes (docs/log/supervision.md)
+    roughness: UnitInterval = 0.5
+
+    def prepare(self, problem: Problem) -> None:
+        """The prior must be one that can correct."""
+        if not isinstance(problem.prior, Refiner):
+            raise InputError(
+                f"fit.regularise: refiner: expected a prior with a method refine(observations, renders), "
+                f"found {validation.name_of(problem.prior)}, which has none"
+            )
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        """See the class."""
+        if not self.albedo and not self.roughness:
+            return material
+        problem = state.problem
+        fusion = Fusion(problem, problem.asked_views)
+        fitted = fitted_views(problem, fusion, problem.asked_views, material, state.light, state.generator, state.exposures)
+        renders = {name: images.cpu() for name, images in fitted.items()}
+        corrected = state.refine(renders).values
+        if not fusion:
+            return material
+
+        def both(name: str) -> tuple[Tensor, Tensor]:
+            return fusion.pixels(renders[name]), fusion.pixels(corrected[name] if name in corrected else renders[name])
+
+        return fusion.moved(material, (*both("albedo"), self.albedo), (*both("roughness"), self.roughness))
+
+
+def fitted_views(
+    problem: Problem,
+    fusion: Fusion,
+    views: tuple[int, ...],
+    material: Material,
+    light: SampledLight,
+    generator: torch.Generator,
+    exposures: Tensor | None = None,
+) -> dict[str, Tensor]:
+    """What a fit shows in some training ``views``, those of the ``fusion``, as a prior is to correct it.
+
+    The pictures are those of :meth:`ia_bench.priors.contract.Refiner.refine`; their :func:`evidence` is that of these photographs.
+    ``exposures``: the factors (V,) by which the photographs of all training views were exposed; None where they are the same.
+    """
+    part, _ = restrict(problem.gbuffer, views)
+    rendered = as_photographed(problem.renderer.render_images(part, material, light, SAMPLES, generator), views, exposures)
+    together = evidence(fusion, [problem.scene.train[view] for view in views], rendered, len(material.albedo))
+    images = {name: rendered[name] for name in ("albedo", "radiance", "specular")}
+    for name, texture in (("roughness", material.roughness), ("evidence", together)):
+        images[name] = texture_images(problem.renderer.surface, part, texture)
+    return images
+
+
+def evidence(fusion: Fusion, views: Sequence[View], renders: Mapping[str, Tensor], size: int) -> Tensor:
+    """What photographs together say about each place: a texture (size, size, 2).
+
+    ``views`` are those of the ``fusion``, ``renders`` a fit's "radiance" and "specular" (V, H, W, 3) in them. The first channel is
+    its misfit, the root of the mean square of log((photograph + d) / (radiance + d)), of grey values, with d = DARK of the
+    photographs' mean; pixels of which only a bound is known (:class:`ia_bench.scenes.scene.View`) have none. The second is how
+    much of a highlight the place has been seen in: the root of the mean square of specular / (radiance + d). Means are those of
+    :class:`Fusion`.
+    """
+    photographs = torch.stack([torch.from_numpy(view.image) for view in views])
+    shown, radiance, specular = (
+        fusion.pixels(images).mean(-1, keepdim=True) for images in (photographs, renders["radiance"], renders["specular"])
+    )
+    dark = DARK * shown.mean().clamp_min(1e-12)
+    misfit = torch.log((shown.clamp_min(0) + dark) / (radiance.clamp_min(0) + dark))
+    known = known_pixels(views)
+    if known is not None:
+        misfit = misfit * fusion.pixels(known)
+    shine = specular / (radiance + dark)
+    return fusion.texture(torch.cat([misfit, shine], 1).square(), size).clamp_min(0).sqrt()

@@ -1,0 +1,95 @@
+"""``symmetry``: objects are built around a vertical axis, so what no photograph shows resembles what is as high and as far from it.
+
+A Gaussian process (Rasmussen and Williams 2006, equation 2.23) over these, without the angle around the axis, says what the
+places that photographs show let one expect elsewhere. It is a guess, and is mixed with another, the neighbours in the texture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ia_bench.common.ranges import UnitInterval
+from ia_bench.material.textures import Material, fill_unobserved
+from ia_bench.methods.contract import FitState, Regulariser
+from ia_bench.methods.regularisers.fusion import OFFSET
+from ia_bench.render.atlas import Atlas
+
+LENGTH = 0.3
+"""Distance at which the covariance exp(-d / LENGTH) has fallen to 1 / e; heights and radii are in diagonals of the object."""
+SLOPE = 0.15
+"""What a change of the normal by 1 counts as in these."""
+NOISE = 0.1
+"""Variance of what a single place says, where materials have 1."""
+SHOWN = 2048
+"""Places that photographs show, drawn among all."""
+BATCH = 4096
+
+
+@dataclass(frozen=True)
+class Symmetry(Regulariser):
+    """What no photograph shows moves from its neighbours in the texture toward what is :func:`expected` there.
+
+    Mixed are the logarithm of albedo + OFFSET, and the roughness; metallic is left alone.
+
+    Attributes:
+        amount: How far it moves; at 0 it stays, 1 takes the guess alone.
+    """
+
+    amount: UnitInterval = 0.5
+    completes = True
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        """See the class. With nothing or all observed the material stays as it is."""
+        observed, stage = state.observed, state.problem.stage
+        atlas = Atlas.of(stage.mesh, len(observed), stage.device)
+        seen = observed.reshape(-1)[atlas.place]
+        if not self.amount or bool(seen.all()) or not bool(seen.any()):
+            return material
+        normal, position = stage.surface.geometry(atlas.face.long(), atlas.barycentric)
+        features = around_the_axis(position, normal)
+        values = torch.cat([torch.log(material.albedo + OFFSET), material.roughness], -1).reshape(-1, 4)
+        shown = torch.nonzero(seen)[:, 0]
+        shown = shown[torch.randperm(len(shown), generator=state.generator, device=shown.device)[:SHOWN]]
+        place, guess = atlas.place[~seen], expected(features[shown], values[atlas.place[shown]], features[~seen])
+        values[place] = torch.lerp(values[place], guess, self.amount)
+        known = observed.reshape(-1).clone()
+        known[atlas.place] = True  # the rest is no surface, and follows what is
+        values = torch.cat([values[:, :3].exp() - OFFSET, values[:, 3:]], 1)
+        filled, kept = fill_unobserved(values.reshape(*observed.shape, 4), known.reshape(observed.shape)), observed[..., None]
+        albedo, roughness = filled[..., :3], filled[..., 3:]
+        return Material(
+            torch.where(kept, material.albedo, albedo), torch.where(kept, material.roughness, roughness), material.metallic
+        )
+
+
+def around_the_axis(position: Tensor, normal: Tensor) -> Tensor:
+    """What stays the same where an object is turned about its axis: (N, 4) of ``position`` and unit ``normal`` (N, 3).
+
+    Height and distance from the vertical axis through the middle of the box around all places, over its diagonal, and how far
+    the normal points up and away from the axis, times SLOPE.
+    """
+    low, high = position.amin(0), position.amax(0)
+    place = (position - 0.5 * (low + high)) / (high - low).norm().clamp_min(1e-12)
+    radius = place[:, :2].norm(dim=1, keepdim=True)
+    outward = (normal[:, :2] * place[:, :2]).sum(1, keepdim=True) / radius.clamp_min(1e-6)
+    return torch.cat([place[:, 2:], radius, SLOPE * normal[:, 2:], SLOPE * outward], 1)
+
+
+def expected(shown: Tensor, values: Tensor, elsewhere: Tensor) -> Tensor:
+    """The mean of a Gaussian process with covariance exp(-distance / LENGTH), given ``values`` (S, C) at ``shown`` (S, F).
+
+    At ``elsewhere`` (N, F): (N, C). Its prior mean is that of the values.
+    """
+    covariance = _covariance(shown, shown)
+    covariance.diagonal().add_(NOISE)
+    mean = values.mean(0)
+    weights = torch.linalg.solve(covariance.double(), (values - mean).double()).to(values)
+    return mean + torch.cat([_covariance(some, shown) @ weights for some in elsewhere.split(BATCH)])
+
+
+def _covariance(some: Tensor, others: Tensor) -> Tensor:
+    distance = torch.cdist(some, others, compute_mode="donot_use_mm_for_euclid_dist")  # which would not be 0 between equals
+    return torch.exp(-distance / LENGTH)

@@ -1,0 +1,134 @@
+"""What a fit asks its prior, and when: once before stage 1, again before stage 2, or every few steps if it is distilled."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ia_bench.common.errors import InputError
+from ia_bench.methods.contract import Monitor, PixelSamples, Problem, StepRender
+from ia_bench.methods.couplings.pixel_samples import pixel_samples
+from ia_bench.methods.couplings.sampler import Images, PriorSampler
+from ia_bench.methods.photographs import as_photographed
+from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.views import restrict
+from ia_bench.priors.contract import Distiller
+from ia_bench.priors.validation import name_of
+from ia_bench.render.renderer import texture_images
+
+GUIDE_SAMPLES = 32  # per pixel, for the renders that guide stage 2 or are distilled
+KEPT = "samples"  # under which the monitor keeps what the prior said last
+
+
+class PriorLoss:
+    """The prior's part of equation 5: the problem's coupling, and the questions that give it its samples.
+
+    Attributes:
+        sampler: What asks the prior.
+        samples: What it said last; None before the first answer, and of a prior that says nothing.
+        seconds: What asking took, that of samples kept from an earlier run included.
+    """
+
+    def __init__(self, problem: Problem, seed: int, monitor: Monitor) -> None:
+        """Raises InputError for a prior that is to be distilled and cannot be."""
+        self._problem, self._seed, self._monitor = problem, seed, monitor
+        self._prior, self._coupling = problem.prior, problem.coupling
+        self.sampler = PriorSampler(problem, self._prior, seed, monitor.note)
+        self.samples: PixelSamples | None = None
+        self.seconds = 0.0
+        self._kept: PixelSamples | None = None  # those that the monitor keeps
+        self._used = self._coupling.uses(self._prior.info.provides)
+        if self._coupling.period and not isinstance(self._prior, Distiller):
+            raise InputError(
+                f"coupling={type(self._coupling).__name__.lower()}: expected a prior with a method distill(observations, renders, "
+                f"*, seed), found {name_of(self._prior)}, which has none"
+            )
+
+    @property
+    def start(self) -> PixelSamples | None:
+        """The samples that say where the albedo starts; None if there are none. A prior switched off must not leak in here."""
+        return self.samples if self._coupling.sets_albedo and "albedo" in self._used else None
+
+    @property
+    def guidable(self) -> bool:
+        """Whether samples can be drawn toward renders."""
+        return self._prior.info.guidable and not self._coupling.period
+
+    def draw(self, parameters: Parameters | None, generator: torch.Generator) -> None:
+        """Sample the prior, toward the current renders of ``parameters`` if they are given; not one that has no weight."""
+        if self._coupling.period or not self._used:
+            return
+        with self._asking():
+            views = self.sampler.views
+            guidance = None if parameters is None else self._renders(parameters, views, self._used, generator)
+            self._take(pixel_samples(self._problem, self.sampler.draw(guidance), views))
+
+    def update(self, step: int, parameters: Parameters, generator: torch.Generator) -> None:
+        """Before ``step``: where it is due, let the prior denoise the current renders of a few views."""
+        coupling = self._coupling
+        if not coupling.period or step % coupling.period or not self._used:
+            return
+        with self._asking():
+            random = np.random.default_rng((self._seed, step))
+            count = min(coupling.views, len(self.sampler.views))
+            views = tuple(sorted(int(view) for view in random.choice(self.sampler.views, count, replace=False)))
+            renders = self._renders(parameters, views, self._prior.info.provides, generator)
+            estimates = self.sampler.distill(renders, views, int(random.integers(2**63)))
+            self._take(pixel_samples(self._problem, estimates, views))
+
+    def losses(self, render: StepRender, pixels: Tensor, step: int) -> dict[str, Tensor]:
+        """Those of the coupling, lambda_2 and lambda_3 of equation 5, at G-buffer entries (B,)."""
+        if self.samples is None:
+            return {}
+        self._coupling.update(render.texture.detach(), step)
+        return self._coupling.loss(render, pixels)
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint; the samples, large and seldom new, are kept apart."""
+        if self.samples is not self._kept and self.samples is not None:
+            self._monitor.keep(KEPT, dict(vars(self.samples)))
+            self._kept = self.samples
+        coupling = {} if self.samples is None else self._coupling.state()
+        return {"coupling": coupling, "counters": dict(self.sampler.counters), "sampled": self.samples is not None}
+
+    def restore(self, state: dict[str, Any], seconds: float) -> None:
+        """Take over a :meth:`state`, and what the prior had taken until then."""
+        if state["sampled"]:
+            kept, device = self._monitor.kept(KEPT), self._problem.device  # checkpoints are read on the CPU
+            assert kept is not None, "it was kept with the state"
+            values, at_least = ({name: part.to(device) for name, part in kept[key].items()} for key in ("values", "at_least"))
+            self._take(PixelSamples(values, kept["weight"].to(device), at_least))
+            self._coupling.restore(state["coupling"])
+            self._kept = self.samples
+        self.sampler.counters, self.seconds = dict(state["counters"]), seconds
+
+    def _take(self, samples: PixelSamples) -> None:
+        self.samples = samples
+        self._coupling.prepare(samples, self._problem)
+
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """The time of what happens inside is the prior's, and so is that of samples kept from an earlier run."""
+        started, kept = time.perf_counter(), self.sampler.kept_seconds
+        yield
+        self.seconds += time.perf_counter() - started + self.sampler.kept_seconds - kept
+
+    def _renders(
+        self, parameters: Parameters, views: tuple[int, ...], components: frozenset[str], generator: torch.Generator
+    ) -> Images:
+        """Current renders (V, H, W, 3) of ``components``, of some views; on the CPU, where a prior is asked."""
+        material, light = parameters.material(detached=True), parameters.light()
+        renderer, (part, _) = self._problem.renderer, restrict(self._problem.gbuffer, views)
+        images: dict[str, Tensor]
+        if components == {"albedo"}:  # no light, no samples
+            images = {"albedo": texture_images(renderer.surface, part, material.albedo)}
+        else:
+            exposures = None if parameters.exposures is None else parameters.exposures.recovered
+            images = as_photographed(renderer.render_images(part, material, light, GUIDE_SAMPLES, generator), views, exposures)
+        return {name: images[name].cpu() for name in sorted(components)}

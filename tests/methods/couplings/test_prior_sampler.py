@@ -1,0 +1,250 @@
+"""How the prior is asked, what of its answers is refused, and what is kept of them between runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from small_fit import altered
+from torch import Tensor
+
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.couplings.sampler import PriorSampler
+from ia_bench.methods.view_geometry import view_geometry
+from ia_bench.methods.views import evenly_spread, restrict
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
+from ia_bench.priors.validation import beyond_a_material
+from ia_bench.render.renderer import Renderer, texture_images
+from ia_bench.render.visibility import NoShadows
+from ia_bench.scenes.scene import Scene
+
+
+class Spy:
+    """Returns half of the image and twice the image, plus its seed's noise; remembers how it was asked."""
+
+    info = PriorInfo(frozenset({"albedo", "specular"}), stochastic=True, guidable=True)
+
+    def __init__(self, fingerprint: str | None = None, cost: int = 3) -> None:
+        self.asked: list[tuple[Observations, int, Mapping[str, Tensor] | None]] = []
+        self.cost = {"network_calls": cost, "cut": 2 * cost}
+        if fingerprint is not None:  # its samples may be kept between runs
+            self.fingerprint = fingerprint
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
+        self.asked.append((observations, seed, guidance))
+        images, ceiling = observations.images, torch.arange(1.0, len(observations.images) + 1)
+        return Samples({"albedo": 0.5 * images, "specular": 2 * images}, {"specular": ceiling}, self.cost)
+
+
+def kept(version: int = 1) -> Spy:
+    return Spy(f"kept, version {version}")
+
+
+class Reader(Spy):
+    """Wants to see the geometry, and can be distilled."""
+
+    info = replace(Spy.info, wants=frozenset({"normals", "visibility"}))
+
+    def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
+        self.asked.append((observations, seed, None))
+        return Samples(dict(renders))
+
+
+def sampler(problem: Problem, prior: object, seed: int = 7, notes: list[str] | None = None, **parts: object) -> PriorSampler:
+    return PriorSampler(altered(problem, **parts), prior, seed, [].append if notes is None else notes.append)  # type: ignore[arg-type]
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+# ---- what it is asked -----------------------------------------------------------------------------------------------
+
+
+def test_prior_is_shown_the_training_images_alone(problem: Problem) -> None:
+    spy = Spy()
+    samples = sampler(problem, spy).draw(None)
+    ((shown, seed, guidance),) = spy.asked
+    assert (seed, guidance) == (7, None)
+    assert shown.views == tuple(range(16))
+    assert (shown.normals, shown.visibility, shown.truth) == (None, None, None)
+    np.testing.assert_array_equal(shown.images, np.stack([v.image for v in problem.scene.train]))
+    np.testing.assert_array_equal(shown.masks, np.stack([v.mask for v in problem.scene.train]))
+    assert torch.equal(samples.values["albedo"], 0.5 * shown.images)
+
+
+def test_guidance_is_handed_through(problem: Problem) -> None:
+    spy, guide = Spy(), {"albedo": torch.rand(16, 32, 32, 3)}
+    sampler(problem, spy).draw(guide)
+    handed = spy.asked[0][2]
+    assert handed is not None
+    assert torch.equal(handed["albedo"], guide["albedo"])
+
+
+def test_absurd_values_are_counted_and_told_once(problem: Problem) -> None:
+    notes: list[str] = []
+    spy = Spy()
+    asking = sampler(problem, spy, notes=notes)
+    asking.draw(None)
+    assert asking.counters["prior_absurd_values"] == 0
+    largest = 0.5 * max(float(view.image.max()) for view in problem.scene.train)
+    assert notes == [f"prior Spy proposes an albedo up to {largest:.3g}, expected 0 to 1; it is used, and ia_bench.check says more"]
+    notes.clear()
+    views = problem.scene.train
+    spoiled = views[0].image.copy()
+    spoiled[0, :5, 0], spoiled[0, :2, 1] = -1, 1e7  # in albedo, half of it, and in specular, twice of it
+    changed = altered(problem, scene=replace(problem.scene, train=(replace(views[0], image=spoiled), *views[1:])))
+    asking = sampler(changed, spy, notes=notes)
+    asking.draw(None)
+    asking.draw({"albedo": torch.zeros(16, 32, 32, 3)})
+    assert asking.counters["prior_absurd_values"] == 2 * 2 * 7
+    assert [note for note in notes if "proposes" not in note] == [
+        "prior Spy: 14 of its values are negative or above 1e+06; they are used"
+    ]
+    assert len(notes) == 2  # of a sampler each thing is said once
+
+
+def test_an_albedo_outside_of_the_masks_is_told() -> None:
+    masks, albedo = torch.zeros(2, 4, 4), torch.zeros(2, 4, 4, 3)
+    masks[:, 1:3], albedo[:, 1:3] = 0.5, 0.9
+    assert beyond_a_material(Samples({"albedo": albedo}), masks) is None
+    albedo[0, 0, :2, 1] = 0.1
+    assert beyond_a_material(Samples({"albedo": albedo}), masks) == "an albedo in 2 pixels outside of the masks, expected 0 there"
+    assert beyond_a_material(Samples({"specular": 9 * torch.ones(2, 4, 4, 3)}), masks) is None
+
+
+# ---- some of the views ----------------------------------------------------------------------------------------------
+
+
+def test_few_views_are_spread_evenly(scene: Scene) -> None:
+    """Farther apart than any of many random choices; in order; the whole list for "all" or for too many."""
+    middle = 0.5 * (scene.mesh.vertices.min(0) + scene.mesh.vertices.max(0))
+    directions = np.stack([view.camera.to_world[:3, 3] for view in scene.train]) - middle
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+
+    def closest(views: tuple[int, ...] | np.ndarray) -> float:
+        cosines = directions[list(views)] @ directions[list(views)].T
+        return float(np.arccos((cosines - 2 * np.eye(len(views))).max()))
+
+    chosen = evenly_spread(scene, 4)
+    assert len(set(chosen)) == 4
+    assert list(chosen) == sorted(chosen)
+    random = np.random.default_rng(0)
+    others = [closest(random.choice(len(scene.train), 4, replace=False)) for _ in range(300)]
+    assert closest(chosen) > np.quantile(others, 0.9)
+    everything = tuple(range(len(scene.train)))
+    assert evenly_spread(scene, "all") == evenly_spread(scene, 16) == evenly_spread(scene, 99) == everything
+
+
+def test_only_the_chosen_views_are_asked_about(problem: Problem) -> None:
+    spy = Spy()
+    asking = sampler(problem, spy, prior_views=3)
+    asking.draw(None)
+    shown = spy.asked[0][0]
+    expected = np.stack([problem.scene.train[view].image for view in asking.views])
+    assert len(expected) == 3
+    assert shown.views == asking.views
+    np.testing.assert_array_equal(shown.images, expected)
+
+
+def test_restricted_gbuffer_sees_the_same(problem: Problem) -> None:
+    texture = torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(0))
+    whole = texture_images(problem.renderer.surface, problem.gbuffer, texture)
+    part, rows = restrict(problem.gbuffer, (2, 5, 11))
+    assert torch.equal(texture_images(problem.renderer.surface, part, texture), whole[[2, 5, 11]])
+    assert torch.equal(part.origin, problem.gbuffer.origin[[2, 5, 11]])
+    assert torch.equal(problem.pixels_of(whole)[rows], whole[[2, 5, 11]].reshape(-1, 3)[part.pixel])
+    same, every = restrict(problem.gbuffer, tuple(range(16)))
+    assert torch.equal(same.pixel, problem.gbuffer.pixel)
+    assert torch.equal(every, torch.arange(len(problem.gbuffer.pixel)))
+
+
+def test_geometry_is_that_of_the_views_asked_about(problem: Problem) -> None:
+    reader = Reader()
+    asking = sampler(problem, reader, prior_views=3)
+    asking.draw(None)
+    asking.distill({name: torch.zeros(2, 32, 32, 3) for name in ("albedo", "specular")}, (0, 4), seed=1)
+    asking.draw(None)
+    for shown, *_ in reader.asked:
+        assert shown.views is not None
+        assert shown.normals is not None
+        assert shown.visibility is not None
+        normals, visibility = view_geometry(problem, shown.views)
+        assert torch.equal(shown.normals, normals)
+        assert torch.equal(shown.visibility, visibility)
+    assert [shown.views for shown, *_ in reader.asked] == [asking.views, (0, 4), asking.views]
+
+
+# ---- what is kept ---------------------------------------------------------------------------------------------------
+
+
+def test_samples_are_kept_with_what_they_cost(problem: Problem, cache: Path) -> None:
+    first, second = sampler(problem, kept()), sampler(problem, again := kept())
+    drawn, found = first.draw(None), second.draw(None)
+    assert again.asked == []
+    for part in ("values", "ceilings"):
+        mine, theirs = getattr(drawn, part), getattr(found, part)
+        assert set(mine) == set(theirs)
+        assert all(torch.equal(mine[name], theirs[name]) for name in mine)
+    counted = {"network_calls": 3, "cut": 6, "prior_absurd_values": 0}
+    assert first.counters == {"prior_cached": 0, **counted}
+    assert second.counters == {"prior_cached": 1, **counted}
+    assert first.kept_seconds == 0
+    assert second.kept_seconds > 0
+    assert len(list(cache.iterdir())) == 1  # nothing half-written is left
+
+
+@pytest.mark.parametrize("change", ["fingerprint", "seed", "views", "guided", "image", "off", "no fingerprint", "truth"])
+def test_samples_of_anything_else_are_drawn(problem: Problem, change: str) -> None:
+    sampler(problem, kept()).draw(None)
+    prior = kept(2) if change == "fingerprint" else Spy() if change == "no fingerprint" else kept()
+    prior.info = replace(prior.info, sees_truth=change == "truth")
+    settings: dict[str, object] = {"views": {"prior_views": 5}, "off": {"keep_samples": False}}.get(change, {})
+    if change == "image":
+        views = problem.scene.train
+        brighter = replace(views[3], image=views[3].image * np.float32(1.001))
+        problem = altered(problem, scene=replace(problem.scene, train=(*views[:3], brighter, *views[4:])))
+    asking = sampler(problem, prior, 8 if change == "seed" else 7, **settings)
+    asking.draw({"albedo": torch.zeros(16, 32, 32, 3)} if change == "guided" else None)
+    assert len(prior.asked) == 1
+    assert (asking.counters["network_calls"], asking.counters["prior_cached"]) == (3, 0)
+
+
+def test_geometry_decides_too(problem: Problem) -> None:
+    asking = [sampler(problem, Reader("reader")) for _ in range(2)]
+    convex = Renderer(problem.renderer.surface, NoShadows())
+    asking.append(sampler(altered(problem, renderer=convex), Reader("reader")))
+    for one in asking:
+        one.draw(None)
+    assert [one.counters["prior_cached"] for one in asking] == [0, 1, 0]
+
+
+def test_view_counts_decide_too(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = iter((1.0, 1.0, 2.0))  # photographs of each place, of which the same views are asked about
+    seen = "ia_bench.methods.couplings.sampler.count_views"
+    monkeypatch.setattr(seen, lambda _, views: torch.full((len(views), 32, 32, 1), next(counts)))
+    prior, cached = kept(), []
+    prior.info = replace(prior.info, wants=frozenset({"view_count"}))
+    for asking in (sampler(problem, prior) for _ in range(3)):
+        asking.draw(None)
+        cached.append(asking.counters["prior_cached"])
+    assert cached == [0, 1, 0]
+
+
+def test_another_number_of_threads_is_another_draw(problem: Problem) -> None:
+    """The last bits of a sample depend on it, and the same configuration must give the same numbers."""
+    threads = torch.get_num_threads()
+    sampler(problem, kept()).draw(None)
+    try:
+        torch.set_num_threads(threads + 1)
+        other = sampler(problem, kept())
+        other.draw(None)
+    finally:
+        torch.set_num_threads(threads)
+    assert other.counters["prior_cached"] == 0

@@ -1,0 +1,251 @@
+"""What reaches the losses of targets and distilled estimates: the right pixels, aligned when due, in the prior's encoding."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from small_fit import altered
+from torch import Tensor
+
+from ia_bench.methods.contract import Coupling, PixelSamples, Problem, StepRender
+from ia_bench.methods.couplings.distilled import Distilled
+from ia_bench.methods.couplings.kernel import Kernel
+from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Targets, align_views
+from ia_bench.priors.contract import PriorInfo
+from ia_bench.render.renderer import texture_images
+from ia_bench.scenes.color import linear_to_srgb
+
+VIEWS = 4
+BOTH = frozenset({"albedo", "specular"})
+
+
+class Encoded:
+    """All that a coupling reads of a prior."""
+
+    def __init__(self, albedo: str = "srgb") -> None:
+        self.info = PriorInfo(BOTH, encoding={"albedo": albedo, "specular": "srgb"})
+
+
+@pytest.fixture(scope="module")
+def texture() -> Tensor:
+    return 0.2 + 0.6 * torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(0))
+
+
+def seen(problem: Problem, texture: Tensor) -> Tensor:
+    """The texture's albedo in every training pixel, through the renderer's own pictures: (P, 3)."""
+    return problem.pixels_of(texture_images(problem.renderer.surface, problem.gbuffer, texture))
+
+
+def even(**values: Tensor) -> PixelSamples:
+    """Samples of equal weight everywhere."""
+    return PixelSamples(values, torch.ones(len(next(iter(values.values()))), 1))
+
+
+def prepared(coupling: Coupling, problem: Problem, samples: PixelSamples, texture: Tensor | None = None) -> Coupling:
+    coupling.prepare(samples, altered(problem, prior=Encoded()) if "prior" not in vars(problem) else problem)
+    if texture is not None:
+        coupling.update(texture, 0)
+    return coupling
+
+
+def losses(coupling: Coupling, shown: Tensor, pixels: Tensor, texture: Tensor | None = None) -> dict[str, float]:
+    """Of renders whose albedo and specular shading are both ``shown`` (B, 3)."""
+    texture = torch.zeros(4, 4, 3) if texture is None else texture
+    found = coupling.loss(StepRender(shown, shown, texture, torch.Generator().manual_seed(0)), pixels)
+    return {name: float(value) for name, value in found.items()}
+
+
+def test_alignment_is_found_from_the_texture(problem: Problem, texture: Tensor) -> None:
+    """The estimate must see the same pixels as the renderer: half the albedo as target gives the scale 1/2 exactly."""
+    pixels = seen(problem, texture)
+    every = torch.arange(len(pixels))
+    for mode in ("scale", "scale_shift"):
+        targets = prepared(Targets(ssi=mode), problem, even(albedo=0.5 * pixels), texture)  # type: ignore[arg-type]
+        state = targets.state()
+        torch.testing.assert_close(state["scale"], torch.full((16,), 0.5), rtol=1e-4, atol=0)
+        torch.testing.assert_close(state["shift"], torch.zeros(16), rtol=0, atol=1e-5)
+        assert losses(targets, pixels, every)["albedo"] < 1e-4
+        assert losses(targets, pixels * torch.tensor([1.2, 1.0, 0.8]), every)["albedo"] > 0.01
+
+
+@pytest.mark.parametrize("encoding", ["linear", "srgb"])
+def test_loss_is_the_weighted_mean_difference_in_the_priors_encoding(problem: Problem, texture: Tensor, encoding: str) -> None:
+    pixels, chosen = seen(problem, texture), torch.tensor([3, 50, 700])
+    target, weight = pixels.flip(0), torch.rand(len(pixels), 1, generator=torch.Generator().manual_seed(1))
+    told = altered(problem, prior=Encoded(encoding))
+    targets = prepared(Targets(ssi="none"), told, PixelSamples({"albedo": target}, weight), texture)
+    encode = linear_to_srgb if encoding == "srgb" else np.asarray
+    differences = np.abs(encode(pixels[chosen].double().numpy()) - encode(target[chosen].double().numpy()))
+    expected = (weight[chosen].double().numpy() * differences).mean()
+    assert losses(targets, pixels[chosen], chosen)["albedo"] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", [Targets, Kernel, Distilled])
+def test_one_weight_a_component(problem: Problem, texture: Tensor, kind: type) -> None:
+    """A loss is in proportion to it; one without is not there, and not asked for."""
+    pixels = seen(problem, texture)
+    samples, every = even(albedo=pixels.flip(0), specular=pixels.flip(0)), torch.arange(len(pixels))
+
+    def found(**weights: float) -> dict[str, float]:
+        return losses(prepared(kind(**weights), problem, samples, texture), pixels, every, texture)
+
+    one, other = found(albedo=1.0, specular=1.0), found(albedo=0.5, specular=0.1)
+    assert min(one.values()) > 0
+    assert other == pytest.approx({"albedo": 0.5 * one["albedo"], "specular": 0.1 * one["specular"]}, rel=1e-5)
+    assert set(found(albedo=0.0, specular=1.0)) == {"specular"}
+    assert kind(albedo=0.0, specular=1.0).uses(BOTH) == {"specular"}
+
+
+def test_distilled_loss_is_half_the_square_and_needs_no_alignment(problem: Problem, texture: Tensor) -> None:
+    pixels = seen(problem, texture)
+    distilled = prepared(Distilled(), problem, even(albedo=0.5 * pixels, specular=0.25 * pixels), texture)
+    assert distilled.state() == {}
+    exact, found = pixels.double().numpy(), losses(distilled, pixels, torch.arange(len(pixels)))
+    for name, factor in (("albedo", 0.5), ("specular", 0.25)):
+        expected = 0.5 * ((linear_to_srgb(exact) - linear_to_srgb(factor * exact)) ** 2).mean()
+        assert found[name] == pytest.approx(expected, rel=1e-4)
+
+
+def test_alignment_is_estimated_when_due(problem: Problem, texture: Tensor) -> None:
+    samples = even(albedo=seen(problem, texture))
+    targets, scales = prepared(Targets(), problem, samples), []
+    for step in range(2 * ALIGNMENT_PERIOD + 1):
+        targets.update(texture * (1 - 0.01 * step), step)
+        scales.append(float(targets.state()["scale"][0]))
+    changes = [step for step in range(1, len(scales)) if scales[step] != scales[step - 1]]
+    assert changes == [ALIGNMENT_PERIOD, 2 * ALIGNMENT_PERIOD]
+    resumed = prepared(Targets(), problem, samples)
+    resumed.restore(targets.state())
+    resumed.update(texture, 2 * ALIGNMENT_PERIOD + 1)  # not due, so the restored one stays
+    assert float(resumed.state()["scale"][0]) == scales[-1]
+    resumed.restore({})
+    assert resumed.state() == {}
+
+
+def test_views_that_were_not_asked_have_no_say(problem: Problem, texture: Tensor) -> None:
+    pixels = seen(problem, texture)
+    asked = problem.gbuffer.pixel < 4 * problem.gbuffer.shape[1] * problem.gbuffer.shape[2]
+    samples = PixelSamples(
+        {"albedo": torch.where(asked[:, None], 0.5 * pixels, 0.0)}, asked.float()[:, None] / asked.float().mean()
+    )
+    others = torch.nonzero(~asked)[:, 0]
+    for kind in (Targets, Kernel):
+        assert losses(prepared(kind(), problem, samples, texture), pixels[others], others, texture)["albedo"] == 0
+    assert losses(prepared(Targets(), problem, samples, texture), pixels, torch.arange(len(pixels)))["albedo"] < 1e-4
+
+
+def test_specular_loss_sees_highlights_and_the_dark(problem: Problem) -> None:
+    chosen, count = torch.arange(10), len(problem.gbuffer.pixel)
+    targets = prepared(Targets(), problem, even(specular=torch.full((count, 3), 0.2)), torch.zeros(4, 4, 3))
+    same, more, huge = (losses(targets, torch.full((10, 3), value), chosen)["specular"] for value in (0.2, 0.3, 1e5))
+    assert same == 0
+    assert more > 0.01
+    assert huge < 10
+    assert targets.state() == {}  # nothing to align without an albedo
+
+
+def test_a_target_at_its_ceiling_asks_only_for_at_least_as_much(problem: Problem) -> None:
+    every = torch.arange(len(problem.gbuffer.pixel))
+    radiance, clipped = torch.full((len(every), 3), 0.5), every % 2 == 0
+    targets = prepared(Targets(), problem, replace(even(specular=radiance), at_least={"specular": clipped[:, None]}))
+
+    def loss(factor: float, chosen: Tensor) -> float:
+        return losses(targets, factor * radiance[chosen], every[chosen])["specular"]
+
+    assert loss(2, clipped) == 0
+    assert loss(2, ~clipped) > 0.01
+    assert loss(0.5, clipped) == pytest.approx(loss(0.5, ~clipped), rel=1e-5)
+
+
+# ---- SSI -------------------------------------------------------------------------------------------------------------
+
+
+def pixels(count: int = 500, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    """Random predictions and targets (P, 3) in views (P,); the views have different numbers of pixels."""
+    generator = torch.Generator().manual_seed(seed)
+    view = (VIEWS * torch.rand(count, generator=generator) ** 2).long()
+    return torch.rand(count, 3, generator=generator), 2 * torch.rand(count, 3, generator=generator) ** 3, view
+
+
+def reference(prediction: Tensor, target: Tensor, view: Tensor, mode: str) -> tuple[np.ndarray, np.ndarray]:
+    """Scale and shift per view: means and mean absolute deviations over all values of a view, in float64."""
+    scales, shifts = [], []
+    for one in range(VIEWS):
+        p, t = (x[view == one].double().numpy().ravel() for x in (prediction, target))
+        if mode == "scale":
+            scales.append(t.mean() / p.mean())
+            shifts.append(0.0)
+        else:
+            scales.append(np.abs(t - t.mean()).mean() / np.abs(p - p.mean()).mean())
+            shifts.append(t.mean() - scales[-1] * p.mean())
+    return np.array(scales), np.array(shifts)
+
+
+@pytest.mark.parametrize("mode", ["scale_shift", "scale"])
+def test_alignment_equals_the_reference(mode: str) -> None:
+    prediction, target, view = pixels()
+    alignment = align_views(prediction, target, view, VIEWS, mode)
+    scale, shift = reference(prediction, target, view, mode)
+    np.testing.assert_allclose(alignment.scale, scale, rtol=1e-5)
+    np.testing.assert_allclose(alignment.shift, shift, atol=1e-6)
+    aligned = alignment(prediction, view, torch.ones(len(view), 1)).double().numpy()
+    expected = prediction.double().numpy() * scale[view][:, None] + shift[view][:, None]
+    np.testing.assert_allclose(aligned, expected, rtol=1e-5, atol=1e-6)
+    for one in range(VIEWS):
+        here = (view == one).numpy()
+        assert aligned[here].mean() == pytest.approx(target[here].double().mean().item(), rel=1e-5)
+
+
+def test_alignment_undoes_scale_and_shift_of_a_view() -> None:
+    target, _, view = pixels()
+    scale, shift = torch.tensor([0.5, 1.5, 3.0, 0.2])[view][:, None], torch.tensor([0.1, 0.0, 0.4, 0.3])[view][:, None]
+    spoiled = scale * target + shift
+    full = torch.ones(len(view), 1)
+    undone = align_views(spoiled, target, view, VIEWS, "scale_shift")(spoiled, view, full)
+    torch.testing.assert_close(undone, target, rtol=1e-4, atol=1e-5)
+    scaled = scale * target
+    undone = align_views(scaled, target, view, VIEWS, "scale")(scaled, view, full)
+    torch.testing.assert_close(undone, target, rtol=1e-4, atol=1e-5)
+    kept = align_views(scaled, target, view, VIEWS, "none")(scaled, view, full)
+    assert torch.equal(kept, scaled)
+
+
+@pytest.mark.parametrize("mode", ["scale_shift", "scale"])
+def test_common_scale_does_not_hide_a_colour_cast(mode: str) -> None:
+    target, _, view = pixels()
+    cast = target * torch.tensor([1.3, 1.0, 0.7])
+    alignment = align_views(cast, target, view, VIEWS, mode)
+    error = (alignment(cast, view, torch.ones(len(view), 1)) - target).abs().mean(0)
+    assert float(error[0]) > 0.1
+    assert float(error[2]) > 0.1
+    per_channel = cast * (target.mean(0) / cast.mean(0))
+    torch.testing.assert_close(per_channel, target)  # which a scale per channel would have hidden
+
+
+@pytest.mark.parametrize("mode", ["scale_shift", "scale", "none"])
+@pytest.mark.parametrize(("prediction", "target"), [(0.3, 0.6), (0.0, 0.6), (0.3, 0.0), (0.0, 0.0)])
+def test_constant_images_are_safe(mode: str, prediction: float, target: float) -> None:
+    view = torch.tensor([0, 0, 0, 2, 2])  # views 1 and 3 have no pixels
+    p, t = torch.full((5, 3), prediction), torch.full((5, 3), target)
+    alignment = align_views(p, t, view, VIEWS, mode)
+    assert bool(torch.isfinite(alignment.scale).all() & torch.isfinite(alignment.shift).all())
+    assert alignment.scale[[1, 3]].tolist() == [1, 1]
+    assert alignment.shift[[1, 3]].tolist() == [0, 0]
+    if mode == "scale_shift":
+        assert alignment.scale.tolist() == [1, 1, 1, 1]
+        torch.testing.assert_close(alignment(p, view, torch.ones(5, 1)), t)
+
+
+def test_alignment_carries_no_gradient_and_moves_covered_pixels_alone() -> None:
+    prediction, target, view = pixels()
+    prediction.requires_grad_(True)
+    alignment = align_views(prediction, target, view, VIEWS, "scale_shift")
+    assert not alignment.scale.requires_grad
+    assert not alignment.shift.requires_grad
+    aligned = alignment(prediction, view, torch.zeros(len(view), 1))
+    torch.testing.assert_close(aligned, prediction * alignment.scale[view][:, None])
+    aligned.sum().backward()
+    torch.testing.assert_close(prediction.grad, alignment.scale[view][:, None].expand(-1, 3).contiguous())

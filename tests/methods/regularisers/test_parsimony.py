@@ -1,0 +1,154 @@
+"""Places of a fit that resemble each other agree more after the step of parsimony, and nothing else changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.distance import cdist
+from small_fit import SETTINGS, Found, Record, altered, fit, regularised
+from torch import Tensor
+
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.regularisers import parsimony
+from ia_bench.methods.regularisers.fusion import OFFSET, Fusion
+from ia_bench.methods.regularisers.parsimony import CHROMA, GREY, PARTNERS, REACH, ROUGHNESS, Parsimony, pooled
+from ia_bench.priors.none import NoPrior
+from ia_bench.render.renderer import texture_images
+from ia_bench.scenes.color import linear_to_srgb
+
+QUICK = replace(SETTINGS, stage1_steps=8, stage2_steps=4)
+
+
+def places(count: int, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
+    random = torch.Generator().manual_seed(seed)
+    return (
+        torch.rand(count, 3, generator=random),
+        0.03 + 0.97 * torch.rand(count, 1, generator=random),
+        torch.randn(count, 3, generator=random),
+    )
+
+
+def test_means_are_those_of_the_formula() -> None:
+    """Written with numpy in float64, where all places are partners of each other."""
+    colours, roughness, position = places(500)
+    albedo = 0.4 + 0.1 * colours
+    found = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
+    colour, rough, place = (part.numpy().astype(np.float64) for part in (albedo, roughness, position))
+    shown = linear_to_srgb(colour)
+    grey = shown @ np.full((3, 1), 3**-0.5)
+    square = cdist(grey, grey, "sqeuclidean") / GREY**2
+    square += (cdist(shown, shown, "sqeuclidean") - cdist(grey, grey, "sqeuclidean")) / CHROMA**2
+    square += cdist(rough, rough, "sqeuclidean") / ROUGHNESS**2
+    square += cdist(place, place, "sqeuclidean") / (REACH * np.linalg.norm(np.ptp(place, axis=0))) ** 2
+    weights = np.exp(-square / 2) + np.eye(len(colour))
+    weights /= weights.sum(1, keepdims=True)
+    assert np.median(weights.max(1)) < 0.9  # places do have partners
+    np.testing.assert_allclose(found[0], np.exp(weights @ np.log(colour + OFFSET)) - OFFSET, atol=1e-5)
+    np.testing.assert_allclose(found[1], weights @ rough, atol=1e-5)
+
+
+def test_noise_of_two_materials_goes_and_their_difference_stays() -> None:
+    random, count = torch.Generator().manual_seed(1), 3 * PARTNERS
+    second = (torch.arange(count) % 2 == 1)[:, None]
+    albedo = torch.where(second, torch.tensor([0.5, 0.2, 0.1]), torch.tensor([0.2, 0.3, 0.4]))
+    roughness = torch.where(second, 0.3, 0.7)
+    _, _, position = places(count)
+    noisy = (albedo * torch.exp(0.08 * torch.randn(count, 1, generator=random))).clamp(0, 1)
+    rough = roughness + 0.05 * torch.randn(count, 1, generator=random)
+    found = pooled(noisy, rough, position, torch.Generator().manual_seed(0))
+    for before, after, true in ((noisy, found[0], albedo), (rough, found[1], roughness)):
+        assert float((after - true).square().mean()) < 0.3 * float((before - true).square().mean())
+        assert float((after - true).mean(0).abs().max()) < 0.01
+
+
+def test_what_nothing_resembles_stays() -> None:
+    albedo, roughness, position = torch.full((5 * PARTNERS, 3), 0.2), torch.full((5 * PARTNERS, 1), 0.5), places(5 * PARTNERS)[2]
+    albedo[7], roughness[7] = torch.tensor([0.9, 0.1, 0.1]), 0.1
+    found = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
+    torch.testing.assert_close(found[0], albedo, atol=1e-4, rtol=0)
+    torch.testing.assert_close(found[1], roughness, atol=1e-4, rtol=0)
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+@pytest.mark.parametrize("count", [1, 9])
+def test_the_ends(value: float, count: int) -> None:
+    """Black or white, one place or many at one point."""
+    albedo, roughness = torch.full((count, 3), value), torch.ones(count, 1)
+    found = pooled(albedo, roughness, torch.zeros(count, 3), torch.Generator().manual_seed(0))
+    torch.testing.assert_close(found[0], albedo)
+    torch.testing.assert_close(found[1], roughness)
+
+
+def test_passes_are_spread_over_later_steps() -> None:
+    assert {step for step in range(301) if Parsimony().due(step, 300)} == {120, 150, 180, 210, 240, 300}
+    assert Parsimony().due(1, 1)
+
+
+def test_a_pass_at_the_end_moves_the_material_by_the_share(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parsimony, "PASSES", (1.0,))
+
+    def found(share: float) -> Found:
+        return fit(problem, NoPrior(), regularised(QUICK, parsimony={"amount": share}), Record())
+
+    plain, half, whole = (found(share) for share in (0.0, 0.5, 1.0))
+    assert torch.equal(whole.light, plain.light)
+    inside, surface = problem.gbuffer.coverage() == 1, problem.renderer.surface
+    for name in ("albedo", "roughness"):
+        shown = [texture_images(surface, problem.gbuffer, getattr(one.material, name))[inside] for one in (plain, half, whole)]
+        moved = [float((one - shown[0]).square().mean().sqrt()) for one in shown[1:]]
+        assert moved[1] > 1e-3
+        assert moved[0] == pytest.approx(0.5 * moved[1], rel=0.1)
+        deviations = [float(one.std(0).mean()) for one in shown]
+        assert deviations[2] < deviations[0]
+
+
+def test_the_light_follows_passes_between_steps(problem: Problem) -> None:
+    """What one material shows in many places is then closer to one colour than where it is pooled at the end alone."""
+    found = {}
+    inside, surface = problem.gbuffer.coverage() == 1, problem.renderer.surface
+    for name, shares in (("end", (1.0,)), ("all", parsimony.PASSES)):
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(parsimony, "PASSES", shares)
+            found[name] = fit(problem, NoPrior(), regularised(SETTINGS, parsimony={}), Record())
+    assert not torch.equal(found["all"].light, found["end"].light)
+    spread = {
+        name: texture_images(surface, problem.gbuffer, one.material.albedo)[inside].log().std(0) for name, one in found.items()
+    }
+    assert float(spread["all"].mean()) < float(spread["end"].mean())
+
+
+def test_it_looks_at_the_views_that_are_asked_for(problem: Problem) -> None:
+    """And the plan says so; without a prior and without it, nobody wants to know."""
+    few, nobody = (altered(problem, prior_views=3, plan=replace(problem.plan, decisions=[])) for _ in range(2))
+    fit(few, NoPrior(), regularised(QUICK, parsimony={}), Record())
+    fit(nobody, NoPrior(), QUICK, Record())
+    assert [(decision.what, decision.value) for decision in few.plan.decisions] == [("prior.views", 3)]
+    assert not nobody.plan.decisions
+
+
+def test_of_too_many_pixels_some_are_drawn(problem: Problem) -> None:
+    whole = Fusion(problem, (0, 1, 2))
+    part = whole.drawn(50, torch.Generator().manual_seed(0))
+    assert whole.drawn(len(whole.position), torch.Generator()) is whole
+    everything = {tuple(place): albedo for place, albedo in zip(whole.position.tolist(), _shown(whole).tolist(), strict=True)}
+    assert len(part.position) == 50
+    assert len({tuple(place) for place in part.position.tolist()}) == 50
+    assert [everything[tuple(place)] for place in part.position.tolist()] == _shown(part).tolist()
+    ones = part.texture(torch.ones(50, 1), 16)
+    torch.testing.assert_close(ones, torch.ones_like(ones))
+
+
+def _shown(fusion: Fusion) -> Tensor:
+    """A texture of which each texel has a colour of its own."""
+    return fusion.looked_up(torch.linspace(0, 1, 64 * 64 * 3).reshape(64, 64, 3))
+
+
+def test_where_no_pixel_is_wholly_covered_nothing_is_pooled(problem: Problem) -> None:
+    face = problem.gbuffer.face.clone()
+    face[:, 0] = -1
+    holes = altered(problem, gbuffer=replace(problem.gbuffer, face=face))
+    both = QUICK, regularised(QUICK, parsimony={})
+    assert torch.equal(*(fit(holes, NoPrior(), settings, Record()).material.albedo for settings in both))

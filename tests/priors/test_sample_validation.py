@@ -1,0 +1,238 @@
+"""Nothing that a prior answers gets past the border unless it is what the contract says; nothing it does gets past at all.
+
+A new kind of wrong answer needs a line in ``WRONG``.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from ia_bench.checks.stack import painted_ball
+from ia_bench.common.errors import InputError
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
+from ia_bench.priors.validation import absurd_values, ask, ask_to_distill, check_prior_info
+from ia_bench.scenes.scene import View
+
+BALL = painted_ball(7, 9, 3)
+GRADIENT = torch.ones(1, requires_grad=True)
+
+
+class Answering:
+    """A prior that answers what it is told, or does what it is told."""
+
+    info = PriorInfo(frozenset({"albedo", "specular"}), guidable=True)
+
+    def __init__(self, answer: Callable[[Observations], Any]) -> None:
+        self.answer = answer
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Any:
+        return self.answer(observations)
+
+    def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Any:
+        return self.answer(observations)
+
+
+def good(shown: Observations, **changes: Any) -> Samples:
+    values = {"albedo": 0.5 * shown.images, "specular": shown.images.clone(), **changes}
+    return Samples(values, {"specular": torch.full((3,), torch.inf)}, {"network_calls": 3})
+
+
+def edit(change: Callable[[Tensor], Any]) -> Callable[[Observations], Samples]:
+    """The albedo passes through ``change``."""
+    return lambda shown: good(shown, albedo=change(0.5 * shown.images))
+
+
+def put(value: float) -> Callable[[Observations], Samples]:
+    return edit(lambda albedo: albedo.index_fill(1, torch.tensor(3), value))
+
+
+def changed(**parts: Any) -> Callable[[Observations], Samples]:
+    return lambda shown: replace(good(shown), **parts)
+
+
+def ceiling(value: Any) -> Callable[[Observations], Samples]:
+    return changed(ceilings={"specular": value})
+
+
+def cost(**counts: Any) -> Callable[[Observations], Samples]:
+    return changed(cost=counts)
+
+
+WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
+    # what is wrong: the answer, what the message says after the prior's name
+    "nothing": (lambda shown: None, "expected ia_bench.priors.contract.Samples, found NoneType"),
+    "a dict": (lambda shown: good(shown).values, "expected ia_bench.priors.contract.Samples, found dict"),
+    "a tensor": (lambda shown: shown.images, "expected ia_bench.priors.contract.Samples, found Tensor"),
+    "the class itself": (lambda shown: Samples, "expected ia_bench.priors.contract.Samples, found type"),
+    "values are a list": (changed(values=[]), "values: expected a mapping, found list"),
+    "values are None": (changed(values=None), "values: expected a mapping, found NoneType"),
+    "ceilings are None": (changed(ceilings=None), "ceilings: expected a mapping, found NoneType"),
+    "cost is a number": (changed(cost=3), "cost: expected a mapping, found int"),
+    "nothing in it": (changed(values={}), "values: expected albedo, specular, found nothing"),
+    "a component too few": (changed(values={"albedo": 0}), "values: expected albedo, specular, found albedo"),
+    "a component too many": (lambda shown: good(shown, normals=shown.images), "values: expected .*, found albedo, .*normals"),
+    "a component that is no text": (lambda shown: Samples({3: shown.images}), "values: expected .*, found 3"),
+    "a component is None": (edit(lambda albedo: None), "albedo: expected a tensor, found NoneType"),
+    "numpy": (edit(lambda albedo: albedo.numpy()), "albedo: expected a tensor, found ndarray"),
+    "a list": (edit(lambda albedo: albedo.tolist()), "albedo: expected a tensor, found list"),
+    "a number": (edit(lambda albedo: 0.5), "albedo: expected a tensor, found float"),
+    "double": (edit(Tensor.double), r"albedo: expected type torch\.float32, found torch\.float64"),
+    "half": (edit(Tensor.half), r"albedo: expected type torch\.float32, found torch\.float16"),
+    "whole numbers": (edit(Tensor.int), r"albedo: expected type torch\.float32, found torch\.int32"),
+    "truth values": (edit(Tensor.bool), r"albedo: expected type torch\.float32, found torch\.bool"),
+    "complex": (edit(lambda albedo: albedo + 0j), r"albedo: expected type torch\.float32, found torch\.complex64"),
+    "sparse": (edit(Tensor.to_sparse), r"albedo: expected layout torch\.strided, found torch\.sparse_coo"),
+    "channels first": (edit(lambda albedo: albedo.movedim(-1, 1)), r"albedo: expected shape \(3, 7, 9, 3\), found \(3, 3, 7, 9\)"),
+    "one channel": (edit(lambda albedo: albedo[..., :1]), r"albedo: expected shape .* found \(3, 7, 9, 1\)"),
+    "an alpha channel": (edit(lambda albedo: torch.cat([albedo, albedo[..., :1]], -1)), r"albedo: .* found \(3, 7, 9, 4\)"),
+    "one view too few": (edit(lambda albedo: albedo[1:]), r"albedo: expected shape .* found \(2, 7, 9, 3\)"),
+    "no views": (edit(lambda albedo: albedo[:0]), r"albedo: expected shape .* found \(0, 7, 9, 3\)"),
+    "a view without the stack": (edit(lambda albedo: albedo[0]), r"albedo: expected shape .* found \(7, 9, 3\)"),
+    "reduced": (edit(lambda albedo: albedo[:, ::2, ::2]), r"albedo: expected shape .* found \(3, 4, 5, 3\)"),
+    "turned": (edit(lambda albedo: albedo.transpose(1, 2)), r"albedo: expected shape .* found \(3, 9, 7, 3\)"),
+    "another device": (edit(lambda albedo: albedo.to("meta")), "albedo: expected device cpu, found meta"),
+    "with gradient": (edit(lambda albedo: albedo * GRADIENT), "albedo: expected gradient False, found True"),
+    "a parameter": (edit(torch.nn.Parameter), "albedo: expected gradient False, found True"),
+    "NaN": (put(torch.nan), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
+    "infinity": (put(torch.inf), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
+    "minus infinity": (put(-torch.inf), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
+    "a ceiling of what is not provided": (changed(ceilings={"roughness": torch.ones(3)}), "ceilings: .* found roughness"),
+    "a ceiling that is a number": (ceiling(1.0), "ceiling of specular: expected a tensor, found float"),
+    "one ceiling for all": (ceiling(torch.ones(1)), r"ceiling of specular: expected shape \(3,\), found \(1,\)"),
+    "a ceiling in double": (ceiling(torch.ones(3).double()), "ceiling of specular: expected type .*float32, found .*float64"),
+    "a ceiling of NaN": (ceiling(torch.full((3,), torch.nan)), "ceiling of specular: expected finite values, found NaN"),
+    "a ceiling of zero": (ceiling(torch.zeros(3)), "ceiling of specular: expected values > 0, found 0"),
+    "a ceiling with gradient": (ceiling(torch.ones(3) * GRADIENT), "ceiling of specular: expected gradient False"),
+    "a cost that is a tensor": (cost(network_calls=torch.tensor(3)), r"cost: expected names .*'network_calls': tensor\(3\)"),
+    "a cost in parts": (cost(network_calls=1.5), "cost: expected names with whole numbers >= 0, found 'network_calls': 1.5"),
+    "a negative cost": (cost(network_calls=-1), "cost: expected .*'network_calls': -1"),
+    "a cost that is true": (cost(network_calls=True), "cost: expected .*'network_calls': True"),
+    "a cost without a name": (changed(cost={1: 1}), "cost: expected names .* found 1: 1"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_answers_are_refused_in_one_line_that_names_the_prior(name: str) -> None:
+    answer, message = WRONG[name]
+    for method, call in (
+        ("sample", lambda prior: ask(prior, BALL.shown(), seed=0)),
+        ("distill", lambda prior: ask_to_distill(prior, BALL.shown(), {"albedo": BALL.images, "specular": BALL.images}, seed=0)),
+    ):
+        with pytest.raises(InputError, match=rf"^prior Answering: {method}\(\): {message}") as caught:
+            call(Answering(answer))
+        assert "\n" not in str(caught.value)
+
+
+def test_what_is_right_passes_in_memory_of_its_own() -> None:
+    handed: list[Samples] = []
+
+    def answer(shown: Observations) -> Samples:
+        handed.append(good(shown, albedo=shown.images[..., :1].expand(shown.images.shape)))  # one number three times
+        return handed[0]
+
+    samples = ask(Answering(answer), BALL.shown(), seed=0)
+    before = {name: value.clone() for name, value in samples.values.items()}
+    handed[0].values["specular"].fill_(7)
+    assert all(torch.equal(value, before[name]) for name, value in samples.values.items())
+    assert samples.values["albedo"].is_contiguous()
+    assert samples.cost == {"network_calls": 3}
+    assert torch.equal(samples.ceilings["specular"], torch.full((3,), torch.inf))
+
+
+def test_a_prior_that_changes_its_inputs_changes_nothing_else() -> None:
+    shown = BALL.shown(frozenset({"normals", "visibility", "truth"}))
+    kept, renders = shown.copy(), {"albedo": BALL.images}
+
+    class Spoiling(Answering):
+        def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+            samples = good(observations)
+            assert observations.truth is not None
+            tensors = (observations.images, observations.masks, observations.normals, observations.visibility)
+            for tensor in (*tensors, *observations.truth.values(), *guidance.values()):
+                assert tensor is not None
+                tensor.fill_(torch.nan)
+            guidance.clear()
+            return samples
+
+    ask(Spoiling(good), shown, seed=0, guidance=renders)
+    assert kept.truth is not None
+    assert shown.truth is not None
+    for name in ("images", "masks", "normals", "visibility"):
+        assert torch.equal(getattr(shown, name), getattr(kept, name))
+    assert all(torch.equal(shown.truth[name], kept.truth[name]) for name in kept.truth)
+    assert torch.equal(renders["albedo"], BALL.images)
+
+
+def failing(error: BaseException) -> Callable[[Observations], Any]:
+    def answer(shown: Observations) -> Any:
+        raise error
+
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (TypeError("unsupported operand\nsecond line"), "prior Answering raised TypeError: unsupported operand"),
+        (KeyError("albedo"), "prior Answering raised KeyError: 'albedo'"),
+        (FloatingPointError(), "prior Answering raised FloatingPointError: no message"),
+        (MemoryError("too large"), "prior Answering raised MemoryError: too large"),
+        (SystemExit(0), "prior Answering raised SystemExit: 0"),
+        (InputError("prior=mine: no such weights"), "prior=mine: no such weights"),
+    ],
+)
+def test_exceptions_are_shown_as_the_priors_with_their_cause(error: BaseException, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        ask(Answering(failing(error)), BALL.shown(), seed=0)
+    found = str(caught.value)
+    if isinstance(error, InputError):  # which says what is wrong by itself
+        assert found == message
+    else:
+        assert found.startswith(f"{message} (test_border.py:")
+        assert found.endswith("; IA_BENCH_DEBUG=1 shows the traceback)")
+    assert caught.value is error or caught.value.__cause__ is error
+
+
+def test_an_interruption_is_the_users() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        ask(Answering(failing(KeyboardInterrupt())), BALL.shown(), seed=0)
+
+
+def test_exit_in_a_prior() -> None:
+    with pytest.raises(InputError, match="raised SystemExit: 0"):
+        ask(Answering(lambda shown: sys.exit(0)), BALL.shown(), seed=0)
+
+
+class Informed(Answering):
+    """One whose info is a property that can fail."""
+
+    @property
+    def info(self) -> Any:  # type: ignore[override]
+        return self.answer(BALL.shown())
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [
+        (object(), r"prior object: info: expected a ia_bench\.priors\.contract\.PriorInfo, found None"),
+        (Informed(lambda shown: {"provides": {"albedo"}}), r"prior Informed: info: expected .*, found {'provides': {'albedo'}}"),
+        (Informed(failing(RuntimeError("no weights"))), "prior Informed raised RuntimeError: no weights"),
+        (View, "prior type: info: expected"),
+        (type("Bare", (), {"info": Answering.info})(), r"prior Bare: expected a method sample\(observations.*, found none"),
+    ],
+)
+def test_what_is_no_prior_is_told_before_it_is_asked(prior: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        check_prior_info(prior)
+
+
+def test_absurd_values_are_counted() -> None:
+    values = torch.tensor([0.0, -0.0, 1.0, 1e6, -1e-3, 2e6, 1e30])
+    assert absurd_values(Samples({"albedo": values, "specular": -values})) == 3 + 4
