@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import torch
@@ -10,6 +13,23 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
+
+
+def content_hash(files: Iterable[Path]) -> str:
+    """SHA-256 (hex) over the names and contents of those ``files`` that exist."""
+    digest = hashlib.sha256()
+    for path in files:
+        if path.is_file():
+            status = path.stat()
+            digest.update(path.name.encode() + _file_digest(path, status.st_size, status.st_mtime_ns))
+    return digest.hexdigest()
+
+
+@functools.lru_cache(maxsize=32)
+def _file_digest(path: Path, size: int, modified: int) -> bytes:
+    """SHA-256 of a file of this ``size``, ``modified`` then. It is kept, because every draw asks for it."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
 
 
 def fill(module: torch.nn.Module, path: Path, expected: dict[str, Tensor]) -> None:

@@ -14,7 +14,8 @@ from torch import Tensor
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import COMPONENTS, Observations
+from ia_bench.priors.contract import COMPONENTS, Observations, Refiner
+from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.refiner.checkpoint import DESCRIPTION, WEIGHTS, load_refiner, save_refiner
 from ia_bench.priors.refiner.network import FEATURES, RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.priors.refiner.prior import WANTS, RefinerPrior
@@ -163,13 +164,22 @@ def test_damaged_weights_are_named(tmp_path: Path, damage: object, message: str)
 
 
 def test_samples_are_kept_whatever_corrects_them(folders: dict[str, str], tmp_path: Path) -> None:
-    """Two refiners around one regressor share its samples; those around another one do not."""
     save_refiner(tmp_path / "refiner", trained(1), {})
     regressor = str(tiny_weights(tmp_path / "regressor", "regressor", seed=1))
-    first, second, third = (
-        RefinerPrior(**{**folders, **other}) for other in ({}, {"refiner": str(tmp_path / "refiner")}, {"weights": regressor})
-    )
+    others = ({}, {"refiner": str(tmp_path / "refiner")}, {"weights": regressor})
+    first, second, third = (RefinerPrior(**{**folders, **other}) for other in others)
     assert first.fingerprint == second.fingerprint != third.fingerprint
     samples = [prior.sample(shown(), seed=0).values["albedo"] for prior in (first, second, third)]
     assert torch.equal(samples[0], samples[1])
     assert not torch.equal(samples[0], samples[2])
+
+
+def test_it_refines_behind_a_wrapper(folders: dict[str, str]) -> None:
+    """What sees truth still corrects a fit as the prior behind it does; what cannot refine offers nothing."""
+    corrected = CorrectedPrior(of="refiner", share=0.5, of_options=folders)
+    assert isinstance(corrected, Refiner)
+    plain = RefinerPrior(**folders).refine(shown(), renders()).values
+    truth = STACK.shown(WANTS | {"truth"})
+    found = corrected.refine(truth, renders()).values
+    assert all(torch.equal(found[name], plain[name]) for name in ("albedo", "roughness"))
+    assert not isinstance(CorrectedPrior(of="regressor"), Refiner)

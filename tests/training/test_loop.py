@@ -11,13 +11,11 @@ from pathlib import Path
 import pytest
 import torch
 from priors.tiny_network import tiny_weights
-from safetensors.torch import load_file
 from training.test_dataset import shard
 
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
-from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network
+from ia_bench.priors.diffusion.checkpoints import load_network
 from ia_bench_training.loop import weighted_error
 from ia_bench_training.settings import TrainSettings
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
@@ -156,37 +154,6 @@ def test_the_regressor_trains_by_the_same_command(folders, tmp_path):
     network, _ = load_network(tmp_path / "run/weights")
     assert network.config.kind == "regressor"
     assert network.unet.config.in_channels == 16 * 8  # no noise goes in
-
-
-def test_a_pretrained_clip_reads_the_image_and_stays_as_it_is(folders, tmp_path):
-    import_torchvision()
-    from transformers import CLIPVisionConfig, CLIPVisionModel
-
-    config = CLIPVisionConfig(
-        hidden_size=16, intermediate_size=32, num_hidden_layers=2, num_attention_heads=2, image_size=32, patch_size=8
-    )
-    torch.manual_seed(0)
-    clip = CLIPVisionModel(config)
-    clip.save_pretrained(tmp_path / "clip", safe_serialization=True)
-    train(command(folders, tmp_path / "run", "steps=2", f"network.encoder={tmp_path / 'clip'}"))
-    assert set(load_file(tmp_path / "run/weights/encoder.safetensors")) == {"projection.weight", "projection.bias"}
-    network, _ = load_network(tmp_path / "run/weights")
-    for name, value in clip.state_dict().items():
-        assert torch.equal(network.encoder.vision.state_dict()[name], value), name
-    condition = torch.rand(2, network.config.condition_channels, 16, 16)
-    tokens = network.tokens(condition)
-    assert tokens.shape == (2, 1 + 16, 16)
-    changed = condition.clone()
-    changed[1, :3] = 0
-    assert torch.equal(network.tokens(changed)[0], tokens[0])
-    assert not torch.allclose(network.tokens(changed)[1], tokens[1])
-    before = fingerprint(tmp_path / "run/weights")
-    next(clip.parameters()).data += 1
-    clip.save_pretrained(tmp_path / "clip", safe_serialization=True)
-    assert fingerprint(tmp_path / "run/weights") != before
-    (tmp_path / "clip/model.safetensors").unlink()
-    with pytest.raises(InputError, match="network.encoder: .*clip: expected a CLIP vision model as safetensors, found"):
-        load_network(tmp_path / "run/weights")
 
 
 def test_training_starts_from_given_weights(folders, tmp_path):

@@ -3,14 +3,12 @@
 A folder of weights holds ``prior.json`` (the network's config, and where the weights come from), the noise schedule as
 diffusers writes it (``scheduler/scheduler_config.json``), the UNet likewise (``unet/config.json`` and
 ``unet/diffusion_pytorch_model.safetensors``), ``head.safetensors`` (the convolutions at full resolution) and
-``encoder.safetensors`` (the small image encoder, or the projection of a pretrained one).
+``encoder.safetensors`` (the image encoder).
 """
 
 from __future__ import annotations
 
 import dataclasses
-import functools
-import hashlib
 import json
 import os
 import shutil
@@ -25,13 +23,12 @@ from ia_bench.common.files import is_file, read_json
 from ia_bench.common.settings import parsed
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
-from ia_bench.priors.weight_files import fill
+from ia_bench.priors.weight_files import content_hash, fill
 
 FORMAT = 1
 UNET = "unet/diffusion_pytorch_model.safetensors"
 HEAD = "head.safetensors"
 ENCODER = "encoder.safetensors"
-FROZEN = "vision."  # a pretrained encoder's own weights stay where they are
 
 
 def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, Any]) -> None:
@@ -48,7 +45,7 @@ def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, A
     (partial / "unet").mkdir()
     network.unet.save_config(partial / "unet")
     for name, module in _modules(network).items():
-        save_file({key: value.half().contiguous() for key, value in _own(module).items()}, partial / name)
+        save_file({key: value.half().contiguous() for key, value in module.state_dict().items()}, partial / name)
     config = network.config
     if config.kind == "diffusion":
         DDPMScheduler(**config.schedule, prediction_type="sample").save_config(partial / "scheduler")
@@ -69,7 +66,7 @@ def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
     """
     network = MaterialNetwork(read_config(folder))
     for name, module in _modules(network).items():
-        fill(module, folder / name, _own(module))
+        fill(module, folder / name, module.state_dict())
     network.eval().requires_grad_(False)
     provenance: dict[str, Any] = read_description(folder)["provenance"]
     return network, provenance
@@ -103,24 +100,8 @@ def read_config(folder: Path) -> NetworkConfig:
 
 
 def fingerprint(folder: Path) -> str:
-    """SHA-256 over the files that determine the network's output, those of a pretrained encoder elsewhere among them."""
-    digest = hashlib.sha256()
-    files = [folder / name for name in ("prior.json", UNET, HEAD, ENCODER)]
-    encoder = read_config(folder).encoder
-    if encoder not in ("small", "none"):
-        files += sorted(Path(encoder).glob("*.safetensors"))
-    for path in files:
-        if path.is_file():
-            status = path.stat()
-            digest.update(path.name.encode() + _file_digest(path, status.st_size, status.st_mtime_ns))
-    return digest.hexdigest()
-
-
-@functools.lru_cache(maxsize=32)
-def _file_digest(path: Path, size: int, modified: int) -> bytes:
-    """SHA-256 of a file of this ``size``, ``modified`` then. It is kept, because every draw asks for it and CLIP is large."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").digest()
+    """SHA-256 over the files that determine the network's output."""
+    return content_hash(folder / name for name in ("prior.json", UNET, HEAD, ENCODER))
 
 
 def _modules(network: MaterialNetwork) -> dict[str, torch.nn.Module]:
@@ -128,6 +109,3 @@ def _modules(network: MaterialNetwork) -> dict[str, torch.nn.Module]:
     parts = {UNET: network.unet, HEAD: network.head, ENCODER: network.encoder}
     return {name: module for name, module in parts.items() if module is not None}
 
-
-def _own(module: torch.nn.Module) -> dict[str, torch.Tensor]:
-    return {name: value for name, value in module.state_dict().items() if not name.startswith(FROZEN)}

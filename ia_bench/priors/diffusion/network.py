@@ -11,11 +11,9 @@ image times a gain that it predicts, plus an offset. Where shading is smooth so 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 import torch
-from safetensors import SafetensorError
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -30,8 +28,6 @@ Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
 GEOMETRY_CHANNELS = 4  # normal and ambient visibility
 FEATURES = 16  # per pixel, from the UNet to the head
-CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)  # of the images that CLIP was trained on
-CLIP_DEVIATION = (0.26862954, 0.26130258, 0.27577711)
 
 
 @dataclass(frozen=True)
@@ -47,7 +43,7 @@ class NetworkConfig:
         layers: Residual blocks a level.
         head: Width of the convolutions at full resolution that end the network.
         geometry: Whether normals and visibility are inputs, which may be absent.
-        encoder: "small" (trained along), "none", or the folder of a pretrained CLIP vision model (frozen).
+        encoder: "small" (trained along) or "none". The paper's, CLIP, is a part of ``prior=intrinsicanything``.
         tokens: Width of a token.
         schedule: See :meth:`ia_bench.priors.diffusion.schedule.NoiseSchedule.from_diffusers`.
 
@@ -63,7 +59,7 @@ class NetworkConfig:
     layers: Number = 1
     head: Number = 32
     geometry: bool = True
-    encoder: str = "small"
+    encoder: Literal["small", "none"] = "small"
     tokens: Number = 128
     schedule: dict[str, Any] = field(
         default_factory=lambda: {
@@ -152,8 +148,6 @@ class MaterialNetwork(nn.Module):
         self.encoder: nn.Module | None = None
         if config.encoder == "small":
             self.encoder = SmallEncoder(config.tokens)
-        elif attends:
-            self.encoder = ClipEncoder(Path(config.encoder), config.tokens)
 
     def forward(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor) -> Tensor:
         """The estimate (N, 3 C, H, W) of the clean components.
@@ -227,33 +221,3 @@ class SmallEncoder(nn.Module):
         features = F.adaptive_avg_pool2d(self.convolutions(image), self.SIDE)
         return self.norm(features.flatten(2).transpose(1, 2) + self.position)
 
-
-class ClipEncoder(nn.Module):
-    """A frozen CLIP vision model (``transformers``, from a local folder) and a trained projection of its patch features.
-
-    It is the paper's encoder. Its weights are not saved with the network; the folder must be there again.
-    """
-
-    def __init__(self, folder: Path, width: int) -> None:
-        super().__init__()
-        if not (folder / "config.json").is_file():
-            raise InputError(f"network.encoder: expected small, none or the folder of a CLIP vision model, found {folder}")
-        from transformers import CLIPVisionModel
-
-        try:
-            self.vision = CLIPVisionModel.from_pretrained(folder, local_files_only=True, use_safetensors=True)
-        except (OSError, ValueError, KeyError, SafetensorError) as error:
-            raise InputError(f"network.encoder: {folder}: expected a CLIP vision model as safetensors, found {error}") from None
-        self.vision.requires_grad_(False)
-        self.side = int(self.vision.config.image_size)
-        self.projection = nn.Linear(int(self.vision.config.hidden_size), width)
-
-    def forward(self, image: Tensor) -> Tensor:
-        """Tokens (N, 1 + patches, width); the background is white, as in the original code."""
-        inside = image[:, 3:4]
-        colour = (0.5 + 0.5 * image[:, :3]) * inside + (1 - inside)
-        colour = F.interpolate(colour, (self.side, self.side), mode="bicubic", align_corners=False)
-        mean, deviation = (colour.new_tensor(values)[:, None, None] for values in (CLIP_MEAN, CLIP_DEVIATION))
-        features = self.vision(pixel_values=(colour - mean) / deviation).last_hidden_state
-        tokens: Tensor = self.projection(features)
-        return tokens

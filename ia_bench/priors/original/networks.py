@@ -15,8 +15,10 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.diffusion.guidance import GuidanceReport
-from ia_bench.priors.diffusion.network import CLIP_DEVIATION, CLIP_MEAN
 from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule, image_behind
+
+CLIP_MEAN = (0.48145466, 0.4578275, 0.40821073)  # of the images that CLIP was trained on
+CLIP_DEVIATION = (0.26862954, 0.26130258, 0.27577711)
 
 RECORD = "source.json"
 """File of a folder of weights that says where they come from; the converter writes it last."""
