@@ -18,9 +18,10 @@ from pathlib import Path
 from ia_bench.cli.table import parse
 from ia_bench.common.arguments import at_least
 from ia_bench.common.progress import Progress
+from ia_bench.runs.cells import make_cells
 from ia_bench.runs.launchers import LAUNCHERS
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Row, Table, make_cells
+from ia_bench.runs.table import Row, Table
 
 ROOT = Path(__file__).resolve().parents[1]
 SPENT = Path("cpu")

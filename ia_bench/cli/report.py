@@ -68,7 +68,7 @@ def _report(wanted: argparse.Namespace) -> int:
             found,
             wanted.out,
             rows,
-            scenes_order=table.scenes,
+            scenes_order=table.scene_names,
             reference=reference or table.compared,
             claims=table.claims,
             papers=table.papers,

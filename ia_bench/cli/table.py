@@ -26,13 +26,13 @@ from ia_bench.common.exit_codes import FAULT, OK, command, complain
 from ia_bench.common.output import say
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
-from ia_bench.runs.cells import write_cells
+from ia_bench.runs.cells import Cell, TableRequest, make_cells, write_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolve_scene_folder, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
 from ia_bench.runs.record import finished_record
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Cell, TableRequest, make_cells, refuse_own
+from ia_bench.runs.table import refuse_own
 
 
 def parse(arguments: Sequence[str]) -> TableRequest:

@@ -37,6 +37,7 @@ EXPECTED = {
     "less_than_equal": "{le:.10g} or less",
     "less_than": "less than {lt}",
     "literal_error": "{expected}",
+    "too_short": "at least one",
 }
 """What a kind of pydantic's errors expects, in the words of a message."""
 

@@ -1,21 +1,151 @@
-"""``cells.json`` of a table's results: which cells it consists of, for whoever wants to know how far it is."""
+"""The cells of a table: every row x capture x scene x seed as a run, and ``cells.json``, which lists them."""
 
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
+from ia_bench.common.registry import BrokenPlugin
+from ia_bench.common.settings import parsed
+from ia_bench.runs.composition import compose, written_out
+from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import find_run_folders
+from ia_bench.runs.identity import hash_of, identity
+from ia_bench.runs.launchers import Launcher, Local
 from ia_bench.runs.record import METRICS_FILE
-from ia_bench.runs.table import Cell
+from ia_bench.runs.table import Row, SceneEntry, Table, load_table, quoted, some_rows, title_of
 
 CELLS = "cells.json"
+
+
+@dataclass(frozen=True)
+class TableRequest:
+    """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell, and where.
+
+    ``table``: a name, or a FILE.yaml. ``rows``: which of its rows, None for all (:func:`some_rows`).
+    """
+
+    table: str = "paper"
+    scenes: tuple[str, ...] | None = None
+    seeds: tuple[int, ...] | None = None
+    jobs: int | None = None
+    overrides: tuple[str, ...] = ()
+    launcher: Launcher = field(default_factory=Local)
+    rows: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What the table is called, and the folder of its results."""
+        return title_of(self.table)
+
+    def load(self) -> Table:
+        """The table with the rows that are asked for.
+
+        Raises InputError as :func:`load_table`, and for an override of what one of the rows sets itself: it would no longer be
+        that row.
+        """
+        table = load_table(self.table)
+        if self.rows is not None:
+            table = some_rows(table, self.rows)
+        for override in self.overrides:
+            key = _key_of(override)
+            for row in table.crossed_rows:
+                if key in map(_key_of, row.overrides):
+                    raise InputError(f"{override}: expected a setting that no row has of its own, found it in row '{row.name}'")
+        return table
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One run of the table: what it computes, the command line that does, and where its results go."""
+
+    row: Row
+    config: RunConfig
+    content: dict[str, Any]
+    overrides: tuple[str, ...]
+
+    @property
+    def config_hash(self) -> str:
+        """Identity of the run."""
+        return hash_of(self.content)
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        assert self.config.out is not None
+        return Path(self.config.out)
+
+    @property
+    def name(self) -> str:
+        """How messages call this cell."""
+        return f"{self.config.scene.name} / {self.row.name} / seed {self.config.seed}"
+
+    def log(self, logs: Path) -> Path:
+        """The file in the folder ``logs`` for what it says."""
+        return logs / f"{slug(self.config.scene.name)}-{self.folder.name}.log"
+
+
+def make_cells(
+    table: Table, request: TableRequest, threads: int, results: Path, broken: Callable[[str], None] | None = None
+) -> list[Cell]:
+    """Every row x capture x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
+
+    The request's seeds replace the table's, not those of a row that has its own. A row whose prior or method cannot be used
+    has no cell: ``broken`` is told why, once. Raises InputError where there is no cell, or one twice, and for such a row where
+    nobody is told.
+    """
+    seeds, rows = table.seeds if request.seeds is None else request.seeds, table.crossed_rows
+    scenes = table.entries(request.scenes)
+
+    @cache
+    def composed(place: int, scene: int) -> RunConfig:
+        """A cell of any seed: composing takes long, and nothing of a configuration depends on its seed."""
+        overrides = [*rows[place].overrides, *_own(rows[place], scenes[scene], 0, threads), *request.overrides]
+        return compose(overrides, here=request.launcher.here)
+
+    cells = []
+    for place, row in enumerate(rows):
+        try:
+            cells += [
+                _cell(row, replace(composed(place, number), seed=seed), _own(row, scene, seed, threads), request, results)
+                for seed in (seeds if row.seeds is None else row.seeds)
+                for number, scene in enumerate(scenes)
+            ]
+        except BrokenPlugin as error:
+            if broken is None:
+                raise
+            broken(f"{row.name}: left out: {error}")
+    if not cells:
+        raise InputError(f"table {request.name}: expected at least one row and one scene, found none")
+    twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
+    if twice:
+        raise InputError(f"expected every row, scene and seed once, found {twice[0]} more than once")
+    return cells
+
+
+def _own(row: Row, scene: SceneEntry, seed: int, threads: int) -> list[str]:
+    """The overrides that the table sets for a cell."""
+    return [*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={quoted(row.name)}"]
+
+
+def _cell(row: Row, config: RunConfig, own: list[str], request: TableRequest, results: Path) -> Cell:
+    content = identity(config)
+    folder = results / "runs" / slug(config.scene.name) / f"{slug(row.name)}-seed{config.seed}-{hash_of(content)[:8]}"
+    overrides = (*row.overrides, *own, *request.overrides, f"out={quoted(str(folder))}")
+    return Cell(row, replace(config, out=str(folder), command=overrides), content, overrides)
+
+
+def _key_of(override: str) -> str:
+    """Which setting it is of, in Hydra's grammar, its short name written out."""
+    return written_out([override])[0].partition("=")[0].lstrip("+~")
 
 
 @dataclass(frozen=True)
@@ -36,8 +166,8 @@ class CellList:
 
     table: str
     jobs: int | None
-    started: float
     cells: tuple[Planned, ...]
+    started: float = 0.0
 
 
 def write_cells(results: Path, table: str, jobs: int | None, cells: Sequence[Cell]) -> None:
@@ -61,14 +191,15 @@ def write_cells(results: Path, table: str, jobs: int | None, cells: Sequence[Cel
 def read_cells(results: Path) -> CellList | None:
     """What :func:`write_cells` wrote into ``results``; None where it did not. Raises InputError for anything else there."""
     path = results / CELLS
-    if not path.is_file():
+    if not path.exists():
         return None
     content = read_json(path)
     try:
-        cells = tuple(_planned(results, entry) for entry in content["cells"])
-        return CellList(content["table"], content["jobs"], path.stat().st_mtime, cells)
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: expected the cells of a table, found one without {error}") from None
+        found = parsed(CellList, content)
+    except InputError as error:
+        raise InputError(f"{path}: expected the cells of a table: {error}") from None
+    cells = tuple(replace(cell, folder=results / cell.folder, log=results / cell.log) for cell in found.cells)
+    return replace(found, cells=cells, started=path.stat().st_mtime)
 
 
 def folders_with_cells(roots: Sequence[Path], note: Callable[[str], object]) -> dict[Path, tuple[str, str, int] | None]:
@@ -92,8 +223,3 @@ def folders_with_cells(roots: Sequence[Path], note: Callable[[str], object]) -> 
             )
         found |= {folder: cell for folder, cell in cells.items() if (folder / METRICS_FILE).is_file()}
     return found
-
-
-def _planned(results: Path, entry: dict[str, Any]) -> Planned:
-    of = {key: entry[key] for key in ("row", "scene", "seed", "config_hash")}
-    return Planned(**of, folder=results / entry["folder"], log=results / entry["log"])

@@ -68,8 +68,10 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
 
     ``here``: see :func:`ia_bench.runs.config.resolved`.
     """
-    given = tuple(overrides)
+    given, keys = tuple(overrides), {text.partition("=")[0] for text in overrides}
     overrides = written_out(overrides)
+    if "scene.path" in keys and "scene.name" not in keys:
+        overrides.append("scene.name=''")  # which is then what its reader calls it
     register(overrides)
     try:
         with initialize_config_dir(str(conf_folder()), version_base=HYDRA_VERSION):

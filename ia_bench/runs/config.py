@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,7 +14,7 @@ from pydantic import Field
 
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
 from ia_bench.common.paths import MORE_SCENES, SCENES_VARIABLE, conf_folder, lacks_scenes, scenes_folders
@@ -122,7 +123,7 @@ class RunConfig:
     threads: Annotated[int, Field(ge=1)] | None = None
     row: str | None = None
     out: str | None = None
-    command: tuple[str, ...] = ()
+    command: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def row_name(self) -> str:
@@ -151,7 +152,7 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     scene = config.scene
     if scene.path is not None:
         folder = user_path("scene.path", scene.path, folder=True)
-        scene = replace(scene, name=folder.name, path=str(folder))
+        scene = replace(scene, path=str(folder))
     elif config.reader.target != NATIVE_READER:  # which reads something else than the shipped scene of that name
         scene = replace(scene, name=config.reader.name)
     if config.capture.geometry == "sdf" and config.capture.sdf.normals != SdfSettings.normals:
@@ -159,6 +160,11 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     _check_finite("reader.options", config.reader.options)
     reader = registry.load(registry.named("reader", config.reader.name, config.reader.target))
     check_arguments(reader, config.reader.options, "reader.options", 1)
+    if scene.path is not None and not scene.name:  # some readers know a better name than that of the folder
+        made: object = None
+        with suppress(InputError, Fault):  # a folder that is none of its format: told when the scene is read
+            made = registry.create("reader", config.reader.name, config.reader.target, config.reader.options, Path(scene.path))
+        scene = replace(scene, name=getattr(made, "label", Path(scene.path).name))
     most = THREADS_A_CORE * (os.cpu_count() or 1)
     if config.threads is not None and config.threads > most:
         raise InputError(f"threads: expected 1 to {most} on this machine of {os.cpu_count()} cores, found {config.threads}")

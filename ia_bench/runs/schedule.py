@@ -11,12 +11,12 @@ from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.exit_codes import INTERRUPTED, OK, TERMINATED
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
+from ia_bench.runs.cells import Cell
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import labels, setup
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
 from ia_bench.runs.record import METRICS_FILE, RunRecord, damaged_file, finished_record
-from ia_bench.runs.table import Cell
 
 ENDING_SECONDS = GRACE_SECONDS + 5
 """Runs that are cancelled have this time to save their state and end."""

@@ -1,29 +1,58 @@
-"""A table is many runs: rows, scenes and seeds from ``conf/table/<name>.yaml``, and the cells that they make."""
+"""A table is many runs: rows, scenes and seeds from ``conf/table/<name>.yaml``."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_yaml, user_path
 from ia_bench.common.paths import conf_folder
-from ia_bench.common.registry import BrokenPlugin
+from ia_bench.common.ranges import Name
 from ia_bench.common.settings import flat, parsed
 from ia_bench.common.suggestions import unknown
-from ia_bench.runs.composition import compose, written_out
-from ia_bench.runs.config import RunConfig, slug
-from ia_bench.runs.identity import hash_of, identity
-from ia_bench.runs.launchers import Launcher, Local
 from ia_bench.scores.columns import METRIC_OF
 
-SET_BY_TABLE = ("scene", "scene.name", "scene.path", "seed", "row", "out")
-"""Settings that a table sets for every cell. No command line sets them, nor does a row, whose ``threads`` are the table's too."""
+SET_BY_TABLE = ("scene", "scene.name", "scene.path", "reader", "seed", "row", "out")
+"""Settings that a table sets for every cell. No command line sets them, nor does a row, which sets no others of a reader either."""
+
+Some = Field(min_length=1)
+Seeds = Annotated[list[Annotated[int, Field(ge=0, lt=2**63)]], Some]
+
+
+@dataclass(frozen=True)
+class SceneEntry:
+    """A scene of a table, of any format; one that is given by its name alone is a shipped one.
+
+    Attributes:
+        name: What the table calls it.
+        reader: The name of its reader, or "module:Class".
+        path: What the reader is given; None for the shipped scene of that name, and for readers that need no folder.
+        options: Of the reader.
+        capture: A capture of conf/capture for this scene, where the table has none for all; None for as it is read.
+    """
+
+    name: Name
+    reader: str = "native"
+    path: str | None = None
+    options: dict[str, Any] = field(default_factory=dict)
+    capture: str | None = None
+
+    @property
+    def overrides(self) -> list[str]:
+        """Of the configuration, which read it."""
+        if self == SceneEntry(self.name):
+            return [f"scene={self.name}"]
+        found = [f"reader={quoted(self.reader)}", f"scene.name={quoted(self.name)}"]
+        found += [] if self.path is None else [f"scene.path={quoted(self.path)}"]
+        found += [] if self.capture is None else [f"capture={self.capture}"]
+        return [*found, *(f"reader.options.{key}={_written(value)}" for key, value in self.options.items())]
 
 
 @dataclass
@@ -32,7 +61,7 @@ class Claim:
 
     better: str
     worse: str
-    metrics: list[str] = field(default_factory=lambda: ["albedo.psnr", "aligned_albedo.psnr", "relighting.psnr"])
+    metrics: Annotated[list[str], Some] = field(default_factory=lambda: ["albedo.psnr", "aligned_albedo.psnr", "relighting.psnr"])
 
 
 @dataclass
@@ -48,18 +77,19 @@ class Row:
         captures: Labels of those of the table's captures that it is run with, None for all of them.
     """
 
-    name: str
+    name: Name
     overrides: list[str]
     note: str = ""
-    seeds: list[int] | None = None
+    seeds: Seeds | None = None
     paper: str | None = None
-    captures: list[str] | None = None
+    captures: Annotated[list[str], Some] | None = None
 
 
 @dataclass
 class Table:
-    """``conf/table/<name>.yaml``; ``reference`` names the row that the others are compared with, scene by scene.
+    """``conf/table/<name>.yaml``; ``scenes`` are names, or a :class:`SceneEntry` each.
 
+    ``reference`` names the row that the others are compared with, scene by scene.
     ``claims``: orderings of rows that the report judges. ``pictured``: rows that one picture per scene shows beside the truth.
     ``includes``: names of tables whose rows, claims and pictured rows come before its own; what else it does not say is as the
     first of them says. ``captures``: ways to photograph every scene, each of settings of ``capture.*``; none means one that leaves
@@ -67,15 +97,25 @@ class Table:
     ``photographs``: how many a scene has when none is left out, where no run has recorded it.
     """
 
-    scenes: list[str] = field(default_factory=list)
-    seeds: list[int] = field(default_factory=lambda: [0])
+    scenes: list[Name | SceneEntry] = field(default_factory=list)
+    seeds: Seeds = field(default_factory=lambda: [0])
     rows: list[Row] = field(default_factory=list)
     reference: str | None = None
     claims: list[Claim] = field(default_factory=list)
     pictured: list[str] = field(default_factory=list)
     includes: list[str] = field(default_factory=list)
-    captures: list[dict[str, Any]] = field(default_factory=list)
-    photographs: int = 100
+    captures: Annotated[list[dict[str, Any]], Some] = field(default_factory=list)
+    photographs: Annotated[int, Field(ge=1)] = 100
+
+    @property
+    def scene_names(self) -> list[str]:
+        """What the table calls its scenes."""
+        return [_entry(scene).name for scene in self.scenes]
+
+    def entries(self, names: Sequence[str] | None) -> list[SceneEntry]:
+        """Its scenes, or those that are called ``names``, of which those that it does not list are shipped ones."""
+        own = {entry.name: entry for entry in map(_entry, self.scenes)}
+        return list(own.values()) if names is None else [own.get(name, SceneEntry(name)) for name in names]
 
     @property
     def crossed_rows(self) -> list[Row]:
@@ -112,73 +152,6 @@ def crossed_name(row: str, capture: str) -> str:
     return f"{row}, {capture}" if capture else row
 
 
-@dataclass(frozen=True)
-class TableRequest:
-    """The command line: which table, what replaces its scenes and seeds, how many jobs, overrides for every cell, and where.
-
-    ``table``: a name, or a FILE.yaml. ``rows``: which of its rows, None for all (:func:`some_rows`).
-    """
-
-    table: str = "paper"
-    scenes: tuple[str, ...] | None = None
-    seeds: tuple[int, ...] | None = None
-    jobs: int | None = None
-    overrides: tuple[str, ...] = ()
-    launcher: Launcher = field(default_factory=Local)
-    rows: str | None = None
-
-    @property
-    def name(self) -> str:
-        """What the table is called, and the folder of its results."""
-        return title_of(self.table)
-
-    def load(self) -> Table:
-        """The table with the rows that are asked for.
-
-        Raises InputError as :func:`load_table`, and for an override of what one of the rows sets itself: it would no longer be
-        that row.
-        """
-        table = load_table(self.table)
-        if self.rows is not None:
-            table = some_rows(table, self.rows)
-        for override in self.overrides:
-            key = _key_of(override)
-            for row in table.crossed_rows:
-                if key in map(_key_of, row.overrides):
-                    raise InputError(f"{override}: expected a setting that no row has of its own, found it in row '{row.name}'")
-        return table
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One run of the table: what it computes, the command line that does, and where its results go."""
-
-    row: Row
-    config: RunConfig
-    content: dict[str, Any]
-    overrides: tuple[str, ...]
-
-    @property
-    def config_hash(self) -> str:
-        """Identity of the run."""
-        return hash_of(self.content)
-
-    @property
-    def folder(self) -> Path:
-        """The run's folder."""
-        assert self.config.out is not None
-        return Path(self.config.out)
-
-    @property
-    def name(self) -> str:
-        """How messages call this cell."""
-        return f"{self.config.scene.name} / {self.row.name} / seed {self.config.seed}"
-
-    def log(self, logs: Path) -> Path:
-        """The file in the folder ``logs`` for what it says."""
-        return logs / f"{slug(self.config.scene.name)}-{self.folder.name}.log"
-
-
 def title_of(table: str) -> str:
     """What a table is called that is named by a name or a FILE.yaml."""
     return Path(table).stem if table.endswith(".yaml") else table
@@ -189,45 +162,52 @@ def load_table(name: str) -> Table:
 
     Raises InputError naming the closest table, or the file and key at fault.
     """
-    path = _file_of(name)
     table = _whole(name, ())
     try:
-        labels = [capture_of(settings).label for settings in table.captures]
+        _check(table)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    for where, label in ((row.name, label) for row in table.rows for label in row.captures or []):
-        if label not in labels:
-            raise InputError(f"{path}: rows: {where}: captures: {unknown('capture', label, labels)}")
-    for where, override in ((row.name, override) for row in table.rows for override in row.overrides):
-        try:
-            refuse_own(override, "threads")
-        except InputError as error:
-            raise InputError(f"{path}: rows: {where}: overrides: {error}") from None
-    names = [row.name for row in table.crossed_rows]
-    if len(set(names)) != len(names):
-        raise InputError(f"{path}: rows: expected different names, found {', '.join(names)}")
-    for where, seeds in (("seeds", table.seeds), *((f"rows: {row.name}: seeds", row.seeds) for row in table.rows)):
-        if seeds is not None and not seeds:
-            raise InputError(f"{path}: {where}: expected at least one, found none")
-    if table.reference is not None and table.reference not in (rows := [row.name for row in table.rows]):
-        raise InputError(f"{path}: reference: {unknown('row', table.reference, rows)}")
-    for row in table.pictured:
-        if row not in names:
-            raise InputError(f"{path}: pictured: {unknown('row', row, names)}")
-    for claim in table.claims:
-        for key, found, known in (
-            *(("row", row, names) for row in (claim.better, claim.worse)),
-            *(("metric", metric, list(METRIC_OF)) for metric in claim.metrics),
-        ):
-            if found not in known:
-                raise InputError(f"{path}: claims: {unknown(key, found, known)}")
+        raise InputError(f"{_file_of(name)}: {error}") from None
     return table
 
 
+def _check(table: Table) -> None:
+    """Raise InputError for the first name that stands for nothing, or twice."""
+    labels = [capture_of(settings).label for settings in table.captures]
+    names, rows = [row.name for row in table.crossed_rows], [row.name for row in table.rows]
+    for row in table.rows:
+        for label in row.captures or []:
+            _expect_known(f"rows: {row.name}: captures", "capture", label, labels)
+        for override in row.overrides:
+            try:
+                refuse_own(override, "threads", "reader.", "hydra")
+            except InputError as error:
+                raise InputError(f"rows: {row.name}: overrides: {error}") from None
+    for what, found in (("rows", names), ("scenes", table.scene_names)):
+        if len(set(found)) != len(found):
+            raise InputError(f"{what}: expected different names, found {', '.join(found)}")
+    for entry in table.entries(None):
+        if entry.capture is not None and table.captures:
+            raise InputError(f"scenes: {entry.name}: capture: expected none in a table that has captures, found {entry.capture}")
+    if table.reference is not None:
+        _expect_known("reference", "row", table.reference, rows)
+    for row_name in table.pictured:
+        _expect_known("pictured", "row", row_name, names)
+    for claim in table.claims:
+        for row_name in (claim.better, claim.worse):
+            _expect_known("claims", "row", row_name, names)
+        for metric in claim.metrics:
+            _expect_known("claims", "metric", metric, list(METRIC_OF))
+
+
+def _expect_known(where: str, what: str, found: str, known: list[str]) -> None:
+    if found not in known:
+        raise InputError(f"{where}: {unknown(what, found, known)}")
+
+
 def refuse_own(override: str, *others: str) -> None:
-    """Raise InputError for an override of what the table sets for every cell: SET_BY_TABLE and ``others``."""
+    """Raise InputError for an override of what the table sets for every cell: SET_BY_TABLE, and what begins with ``others``."""
     key, _, value = override.partition("=")
-    if key.lstrip("+~") in (*SET_BY_TABLE, *others):
+    if key.lstrip("+~") in SET_BY_TABLE or key.lstrip("+~").startswith(others):
         raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds=, rows= and table=")
 
 
@@ -254,6 +234,8 @@ def some_rows(table: Table, text: str) -> Table:
             raise InputError(f"rows: {unknown('row', parts[0], names)}")
         chosen.append(", ".join(parts[: ends[0]]))
         del parts[: ends[0]]
+    if len(set(chosen)) != len(chosen):
+        raise InputError(f"rows: expected every row once, found {', '.join(chosen)}")
     return replace(
         table,
         rows=[row for row in table.rows if row.name in chosen],
@@ -283,61 +265,19 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
     return replace(table, **every)
 
 
-def make_cells(
-    table: Table, request: TableRequest, threads: int, results: Path, broken: Callable[[str], None] | None = None
-) -> list[Cell]:
-    """Every row x capture x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
-
-    The request's seeds replace the table's, not those of a row that has its own. A row whose prior or method cannot be used
-    has no cell: ``broken`` is told why, once. Raises InputError where there is no cell, or one twice, and for such a row where
-    nobody is told.
-    """
-    seeds, rows = table.seeds if request.seeds is None else request.seeds, table.crossed_rows
-
-    @cache
-    def composed(place: int, scene: str) -> RunConfig:
-        """A cell of any seed: composing takes long, and nothing of a configuration depends on its seed."""
-        row = rows[place]
-        overrides = [*row.overrides, *_own(row, scene, 0, threads), *request.overrides]
-        return compose(overrides, here=request.launcher.here)
-
-    cells = []
-    for place, row in enumerate(rows):
-        try:
-            cells += [
-                _cell(row, replace(composed(place, scene), seed=seed), _own(row, scene, seed, threads), request, results)
-                for seed in (seeds if row.seeds is None else row.seeds)
-                for scene in (request.scenes if request.scenes is not None else table.scenes)
-            ]
-        except BrokenPlugin as error:
-            if broken is None:
-                raise
-            broken(f"{row.name}: left out: {error}")
-    if not cells:
-        raise InputError(f"table {request.name}: expected at least one row and one scene, found none")
-    twice = [name for name, count in Counter(cell.name for cell in cells).items() if count > 1]
-    if twice:
-        raise InputError(f"expected every row, scene and seed once, found {twice[0]} more than once")
-    return cells
-
-
-def _own(row: Row, scene: str, seed: int, threads: int) -> list[str]:
-    """The overrides that the table sets for a cell."""
-    return [f"scene={scene}", f"seed={seed}", f"threads={threads}", f"row={_quoted(row.name)}"]
-
-
-def _cell(row: Row, config: RunConfig, own: list[str], request: TableRequest, results: Path) -> Cell:
-    content = identity(config)
-    folder = results / "runs" / slug(config.scene.name) / f"{slug(row.name)}-seed{config.seed}-{hash_of(content)[:8]}"
-    overrides = (*row.overrides, *own, *request.overrides, f"out={_quoted(str(folder))}")
-    return Cell(row, replace(config, out=str(folder), command=overrides), content, overrides)
-
-
-def _key_of(override: str) -> str:
-    """Which setting it is of, in Hydra's grammar, its short name written out."""
-    return written_out([override])[0].partition("=")[0].lstrip("+~")
-
-
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """A text as a value in Hydra's grammar, whatever characters it has."""
     return "'" + text.replace("'", "\\'") + "'"
+
+
+def _written(value: Any) -> str:  # noqa: ANN401 (an option of a reader)
+    """A value of JSON in Hydra's grammar."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{quoted(str(key))}: {_written(part)}" for key, part in value.items()) + "}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_written, value))}]"
+    return quoted(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _entry(scene: str | SceneEntry) -> SceneEntry:
+    return SceneEntry(scene) if isinstance(scene, str) else scene

@@ -23,12 +23,13 @@ from ia_bench.common.progress import Progress
 from ia_bench.report.table import counterparts
 from ia_bench.runs import launchers
 from ia_bench.runs import table as module
+from ia_bench.runs.cells import TableRequest, make_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.record import finished_record
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Row, Table, TableRequest, load_table, make_cells
+from ia_bench.runs.table import Row, Table, load_table
 
 HERE = Path(__file__).parent
 ABLATIONS = [f"diffusion, targets{part}" for part in ("", ", weight .01", " w/o specular", " w/o albedo", " w/o guided")]

@@ -9,7 +9,8 @@ import pytest
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.runs import table as module
-from ia_bench.runs.table import TableRequest, load_table, make_cells
+from ia_bench.runs.cells import TableRequest, make_cells
+from ia_bench.runs.table import load_table
 
 
 def test_every_row_is_run_with_every_capture_unless_it_says_with_which(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

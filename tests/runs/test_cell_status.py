@@ -119,5 +119,5 @@ def test_what_is_no_table_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected the results of a table, or a folder with runs, found none"):
         look(tmp_path)
     (tmp_path / "cells.json").write_text('{"table": "paper", "jobs": 1, "cells": [{"row": "a"}]}')
-    with pytest.raises(InputError, match=r"cells\.json: expected the cells of a table, found one without 'scene'"):
+    with pytest.raises(InputError, match=r"cells\.json: expected the cells of a table, cells.0.scene: expected a value"):
         read_cells(tmp_path)

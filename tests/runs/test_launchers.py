@@ -24,11 +24,12 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import INTERRUPTED, TERMINATED
 from ia_bench.common.progress import Progress
 from ia_bench.runs import launchers
+from ia_bench.runs.cells import Cell, make_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolved
 from ia_bench.runs.launchers import LAUNCHERS, Local, Ray, SubmititLocal, SubmititSlurm, Work
 from ia_bench.runs.schedule import run_cells
-from ia_bench.runs.table import Cell, Row, Table, make_cells
+from ia_bench.runs.table import Row, Table
 
 TESTS = Path(__file__).resolve().parents[1]
 ROWS = {"killed": "prior=none", "crash": "prior=oracle", "raise": "method=ceiling", "good": "method=constant"}

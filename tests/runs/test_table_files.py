@@ -10,8 +10,10 @@ import pytest
 from ia_bench.cli.table import make_table, parse
 from ia_bench.common.errors import InputError
 from ia_bench.runs import table as module
-from ia_bench.runs.table import Claim, Row, Table, TableRequest, load_table, some_rows
+from ia_bench.runs.cells import TableRequest
+from ia_bench.runs.table import Claim, Row, SceneEntry, Table, load_table, some_rows
 
+BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
 BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
 """Nine aliases of nine aliases of ...: a thousand bytes that stand for thirty thousand million values."""
 
@@ -28,12 +30,20 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
         ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
-        ("rows: [{name: a, overrides: [], seeds: []}]", "rows: a: seeds: expected at least one, found none"),
+        ("rows: [{name: a, overrides: [], seeds: []}]", r"rows.0.seeds: expected at least one, found \[\]"),
+        ("rows: [{name: a, overrides: [], captures: []}]", "rows.0.captures: expected at least one"),
+        ("captures: []", "captures: expected at least one"),
+        ("photographs: 0", "photographs: expected 1 or more, found 0"),
+        ("claims: [{better: a, worse: a, metrics: []}]", "claims.0.metrics: expected at least one"),
+        *((f"rows: [{{name: {name}, overrides: []}}]", "rows.0.name: expected a name of 1 to 200 printable") for name in BAD_NAMES),
+        ("scenes: [{name: a}, a]", "scenes: expected different names, found a, a"),
+        ("scenes: [{name: a, path: 3}]", "scenes.0"),
+        ("scenes: [{name: a, capture: phone}]\ncaptures: [{views: 8}]", "scenes: a: capture: expected none in a table"),
         *(
             (f"rows: [{{name: a, overrides: ['{override}']}}]", rf"rows: a: overrides: {re.escape(override)}: the table sets this")
-            for override in ("seed=3", "scene=hat", "+scene.path=x", "threads=2", "row=b", "out=there")
+            for override in ("seed=3", "scene=hat", "+scene.path=x", "threads=2", "row=b", "out=there", "reader=dtu", "hydra.job=1")
         ),
-        ("seeds: []", "seeds: expected at least one, found none"),
+        ("seeds: []", "seeds: expected at least one"),
         ("rows: [", r"bad\.yaml: not valid YAML"),
         ("[1]", r"bad\.yaml: expected a YAML table, found list"),
         ("rows: []".encode("utf-16"), r"bad\.yaml: expected YAML as UTF-8 text"),
@@ -72,6 +82,8 @@ def test_some_rows_of_a_table_are_named_with_the_commas_that_they_have() -> None
     assert (few.reference, few.claims, few.pictured) == ("none", claims[:1], ["targets"])
     assert [row.name for row in some_rows(table, "refiner").rows] == ["refiner"]
     assert some_rows(table, "refiner").reference is None
+    with pytest.raises(InputError, match="rows: expected every row once, found none, none"):
+        some_rows(table, "none,none")
     with pytest.raises(InputError, match=r"rows: unknown row 'nome'; did you mean 'none'\? There are: .*refiner, 'refiner, hull'$"):
         some_rows(table, "targets,nome")
 
@@ -85,6 +97,24 @@ def test_what_a_row_sets_itself_is_not_set_for_all(tmp_path: Path, monkeypatch: 
     parse(["table=t.yaml", "preset=smoke"]).load()
     with pytest.raises(InputError, match=r"expected a setting that no row has of its own, found it in row 'a"):
         parse(["table=t.yaml", override]).load()
+
+
+def test_a_scene_of_any_format_is_named_by_its_entry() -> None:
+    entry = SceneEntry("cup, 3", "tensoir", "/data/it's", {"lights": "a b", "shrink": 2, "split": ["x", None]}, "phone")
+    table = Table(scenes=["tiny", entry])
+    assert table.scene_names == ["tiny", "cup, 3"]
+    assert [one.overrides for one in table.entries(("cup, 3", "hat"))] == [
+        [
+            "reader='tensoir'",
+            "scene.name='cup, 3'",
+            r"scene.path='/data/it\'s'",
+            "capture=phone",
+            "reader.options.lights='a b'",
+            "reader.options.shrink=2",
+            "reader.options.split=['x', null]",
+        ],
+        ["scene=hat"],
+    ]
 
 
 def test_a_row_that_the_paper_has_not_is_told_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
