@@ -18,11 +18,10 @@ from ia_bench.methods.plan import (
     Decision,
     Plan,
     _closest_quarter,
-    _normal_spread,
+    _normal_errors,
     _Probe,
     choose_prior_views,
     make_plan,
-    normal_error,
 )
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
@@ -148,7 +147,7 @@ def test_the_expected_error_of_a_mean_normal_is_the_one_against_many_points(tiny
     many, two = mean_normals(8), stage.gbuffer(cameras, 2)
     for side in (1, 2, 3, 4):
         true = float((mean_normals(side) - many)[two.pixel].square().sum(-1).mean().sqrt())
-        assert true / 1.5 < normal_error(_normal_spread(_Probe(tiny, stage.surface, stage.rays, two)), side) < 1.5 * true
+        assert true / 1.5 < _normal_errors(_Probe(tiny, stage, two))[side] < 1.5 * true
 
 
 def test_thin_parts_need_more_still() -> None:
