@@ -17,10 +17,10 @@ DOCS_READY := .venv-docs/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-ray table value report test test-slow verify stability stiffness work-precision lint docs scenes prior-data clean
+.PHONY: help setup setup-ray setup-notebooks notebooks table value report test test-slow verify stability stiffness work-precision lint docs scenes prior-data clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(READY) ## make .venv with the locked versions
 
@@ -35,6 +35,13 @@ $(READY): requirements.lock baselines/pyproject.toml training/pyproject.toml
 
 setup-ray: setup ## add Ray to .venv, for tables with launcher=ray (260 MB)
 	.venv/bin/pip install --quiet --disable-pip-version-check $$(grep -o '"ray==[^"]*' pyproject.toml | tr -d '"')
+
+setup-notebooks: setup ## add to .venv what runs the notebooks of examples/notebooks, in Jupyter or an editor (30 MB)
+	.venv/bin/pip install --quiet --disable-pip-version-check \
+		$$(grep '^notebooks = ' pyproject.toml | grep -o '"[a-z]*==[^"]*' | tr -d '"')
+
+notebooks: setup-notebooks ## run the notebooks from top to bottom and keep what they show
+	IA_BENCH_DATASETS=$(CURDIR)/datasets $(PY) examples/notebooks/run.py
 
 table: setup ## the paper's table: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
 	$(PY) -m ia_bench.table $(ARGS)

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("workplace")
 
 def test_killed_run_resumes_to_the_same_numbers() -> None:
     assert call("out=whole") == 0
-    slow = os.environ | {"FAKE_STEP_SECONDS": "0.05"}
+    slow = os.environ | {"FAKE_STEP_SECONDS": "0.25"}
     checkpoint = Path("killed/checkpoint.pt")
     for _ in range(2):
         process = subprocess.Popen(command("out=killed"), env=slow, stderr=subprocess.DEVNULL)
@@ -130,7 +130,7 @@ def test_a_home_that_cannot_be_written_is_in_nobodys_way() -> None:
 
 
 def test_two_at_once_share_one_result() -> None:
-    slow = os.environ | {"FAKE_STEP_SECONDS": "0.05"}
+    slow = os.environ | {"FAKE_STEP_SECONDS": "0.25"}
     both = [subprocess.Popen(command(), env=slow, stderr=subprocess.PIPE, text=True) for _ in range(2)]
     texts = [process.communicate(timeout=1200)[1] for process in both]
     assert [process.returncode for process in both] == [0, 0]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -81,10 +79,6 @@ def test_removes_what_a_killed_writer_left(tmp_path: Path) -> None:
 # ---- what may lie in the place of an entry -----------------------------------------------------------------------------
 
 
-def truncate(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:100])
-
-
 def flip(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[-1] ^= 1
@@ -96,26 +90,14 @@ def other_key(path: Path) -> None:
     os.replace(path.parent / f"{content_key('things', 'other')}.safetensors", path)
 
 
-def folder(path: Path) -> None:
-    path.unlink()
-    path.mkdir()
-
-
-def link_to_itself(path: Path) -> None:
-    path.unlink()
-    path.symlink_to(path)
-
-
 ENTRIES: dict[str, Callable[[Path], object]] = {
     "empty": lambda path: path.write_bytes(b""),
-    "truncated": truncate,
+    "truncated": lambda path: path.write_bytes(path.read_bytes()[:100]),
     "a flipped bit": flip,
     "garbage": lambda path: path.write_bytes(os.urandom(5000)),
-    "text": lambda path: path.write_text("{}"),
     "safetensors of somebody else": lambda path: save_file({"sample": torch.zeros(3)}, path),
     "another entry under this name": other_key,
-    "a folder": folder,
-    "a link to itself": link_to_itself,
+    "a folder": lambda path: (path.unlink(), path.mkdir()),
 }
 
 
@@ -130,8 +112,7 @@ def test_entries_that_are_not_as_they_were_written_are_made_again(
         assert same(cache.kept(KEY, lambda: TENSORS))
     said = capsys.readouterr().err.splitlines()
     assert len(said) == len(set(said)) <= 2
-    if name != "a link to itself":  # of which nothing is to be read
-        assert f"{KEY}.safetensors: cannot be read" in said[0]
+    assert f"{KEY}.safetensors: cannot be read" in said[0]
 
 
 # ---- what may lie in the place of the folder ---------------------------------------------------------------------------
@@ -163,21 +144,6 @@ def test_a_folder_that_is_full_or_read_only(
     assert len(said) == 1
     assert os.strerror(number) in said[0]
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_read_only_folder_of_a_user_that_is_not_root(tmp_path: Path) -> None:
-    if os.getuid() != 0:
-        pytest.skip("only root can become somebody else")
-    for path in (tmp_path, *list(tmp_path.parents)[:3]):
-        path.chmod(0o755)
-    program = (
-        "import os, torch; from pathlib import Path; from ia_bench.common.cache import Cache\n"
-        "os.setuid(65534)\n"
-        f"print(Cache(Path({str(tmp_path)!r})).kept('k', lambda: dict(a=torch.ones(2)))['a'].sum())"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert "tensor(2.)" in done.stdout, done.stderr
-    assert done.stderr.count("nothing can be kept there") == 1
 
 
 def test_where_it_lies(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -91,6 +92,18 @@ def test_commands_that_are_named_exist(document: Path) -> None:
                 wrong.append(f"python -m {module}")
         wrong += [f"make {target}" for target in re.findall(r"^make ([a-z-]+)", line) if target not in targets]
     assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("document", [path for path in WRITTEN if "log" not in path.parts], ids=name)
+def test_imports_that_are_shown_work(document: Path) -> None:
+    shown = re.findall(r"^ *from (ia_bench[\w.]*) import ([\w, ]+)", document.read_text(encoding="utf-8"), re.MULTILINE)
+    missing = [
+        f"from {module} import {part}"
+        for module, parts in shown
+        for part in re.split(r", *", parts.strip())
+        if not hasattr(import_module(module), part)
+    ]
+    assert not missing, "\n".join(missing)
 
 
 @pytest.mark.parametrize("document", WRITTEN, ids=name)

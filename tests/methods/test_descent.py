@@ -202,9 +202,11 @@ def test_scores_come_at_doubling_steps_off_the_clock():
 
     phases = [Phase(name, 60, step=lambda *_: 0.0, scored=name != "hidden") for name in ("a", "hidden", "b")]
     descent = Descent({}, phases, seed=0, monitor=Monitor.silent(score=score))
+    started = time.perf_counter()
     descent.descend(lambda: None)  # type: ignore[arg-type,return-value]
+    passed = time.perf_counter() - started
     assert [score[:2] for score in memory.scores] == [("a", 25), ("a", 50)]
-    assert sum(descent.seconds.values()) < 0.2
+    assert sum(descent.seconds.values()) <= passed - 0.4
 
 
 def test_seconds_of_a_block_inside_another_are_booked_once():
@@ -215,9 +217,12 @@ def test_seconds_of_a_block_inside_another_are_booked_once():
         return 0.0
 
     descent = Descent({}, [Phase("fit", 3, step=step)], seed=0, monitor=Monitor.silent())
+    started = time.perf_counter()
     descent.descend()
-    assert 0.15 <= descent.seconds["prior"] < 0.2
-    assert 0.06 <= descent.seconds["fit"] < 0.11
+    passed = time.perf_counter() - started
+    assert descent.seconds["prior"] >= 0.15
+    assert descent.seconds["fit"] >= 0.06
+    assert sum(descent.seconds.values()) <= passed
 
 
 @pytest.mark.parametrize("damage", [lambda state: [state], lambda state: {}, lambda state: {**state, "parts": {}}])

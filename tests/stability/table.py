@@ -59,43 +59,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def print_rows(rows: list[Row]) -> None:
     """One line each; as wide as it takes where the output is no terminal."""
-    console = Console(width=None if sys.stdout.isatty() else 240)
     table = Table(box=None, pad_edge=False)
     for name in ("group", "extreme", "quantity", "reference", "finite", "error", "allowed", "gradient error", "guards", "verdict"):
         table.add_column(name, justify="right" if name in ("error", "allowed", "gradient error", "guards") else "left")
     for row in rows:
-        case, measured = row.case, row.measured
-        gradient, guards = (None, None) if measured is None else (measured.gradient_error, measured.guards)
-        table.add_row(
-            case.group, case.extreme, case.quantity, case.reference,
-            "" if measured is None else "yes" if measured.finite else "NO",
-            "" if measured is None else f"{measured.error:.1e}",
-            f"{case.tolerance:g}",
-            "" if gradient is None else f"{gradient:.1e}",
-            "" if guards is None else str(guards),
-            "ok" if row.problem is None else f"FAILED: {row.problem}",
-        )  # fmt: skip
-    console.print(table)
+        case, m, numbers = row.case, row.measured, ["", "", f"{row.case.tolerance:g}", "", ""]
+        if m is not None:
+            gradient = "" if m.gradient_error is None else f"{m.gradient_error:.1e}"
+            guards = "" if m.guards is None else str(m.guards)
+            numbers = ["yes" if m.finite else "NO", f"{m.error:.1e}", f"{case.tolerance:g}", gradient, guards]
+        verdict = "ok" if row.problem is None else f"FAILED: {row.problem}"
+        table.add_row(case.group, case.extreme, case.quantity, case.reference, *numbers, verdict)
+    Console(width=None if sys.stdout.isatty() else 240).print(table)
 
 
 def record(row: Row) -> dict[str, Any]:
     """A row as JSON values; what is not finite is written as text."""
-    case, measured = row.case, row.measured
-
-    def number(value: float | None) -> float | str | None:
-        return value if value is None or math.isfinite(value) else str(value)
-
-    return {
-        "group": case.group,
-        "extreme": case.extreme,
-        "quantity": case.quantity,
-        "reference": case.reference,
-        "tolerance": case.tolerance,
-        "gradient_tolerance": number(case.gradient_tolerance),
-        "finite": None if measured is None else measured.finite,
-        "error": None if measured is None else number(measured.error),
-        "gradient_error": None if measured is None else number(measured.gradient_error),
-        "guards": None if measured is None else measured.guards,
-        "verdict": "failed" if row.problem else "ok",
-        "problem": row.problem,
-    }
+    of_case = "group", "extreme", "quantity", "reference", "tolerance", "gradient_tolerance"
+    said = {name: getattr(row.case, name) for name in of_case}
+    said |= {name: getattr(row.measured, name, None) for name in ("finite", "error", "gradient_error", "guards")}
+    shown = {name: str(value) if isinstance(value, float) and not math.isfinite(value) else value for name, value in said.items()}
+    return shown | {"verdict": "failed" if row.problem else "ok", "problem": row.problem}
