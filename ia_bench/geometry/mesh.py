@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 PARTS = ("vertices", "faces", "normals", "uv")
 SHARED = 0.05  # of the texture that a mesh uses: more of it that belongs to several places is told of
+CROWDED = 300  # boxes of triangles that a ray meets; those of surfaces are about 3
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
 
@@ -48,8 +50,19 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
 def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     import trimesh
 
+    class Beside(trimesh.resolvers.FilePathResolver):
+        """What the file refers to, such as materials: files alone, since a pipe could be waited for without an end."""
+
+        def absolute(self, name: str) -> Path:
+            found = Path(super().absolute(name))
+            if found.exists() and not found.is_file():
+                raise InputError(f"{shown(found)}: expected a file, found none")
+            return found
+
+    if path.suffix.lower() == ".obj" and re.search(rb"^f\b[^\n]*\s0+(?![0-9])", path.read_bytes(), re.MULTILINE):
+        raise InputError(f"{path}: expected faces of vertices that are counted from 1, found vertex 0")
     try:
-        loaded = trimesh.load(path, process=False, fix_texture=_uv_per_face(path))
+        loaded = trimesh.load(path, process=False, fix_texture=_uv_per_face(path), resolver=Beside(str(path)))
         stored = _stored_normals(loaded) if isinstance(loaded, trimesh.Trimesh) else None
         if isinstance(loaded, trimesh.Scene):  # a file of several parts, or a glTF
             stored = _normals_of_parts(loaded)
@@ -62,6 +75,10 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices).all(axis=1)).sum())
         raise InputError(f"{path}: {bad} of {len(vertices)} vertices are NaN or Inf")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        found = f"{faces.min()} to {faces.max()}"
+        raise InputError(f"{path}: expected faces of vertices 0 to {len(vertices) - 1}, found {found}")
+    _refuse_crowded(vertices, faces, path)
     texture_uv = getattr(loaded.visual, "uv", None)
     if texture_uv is not None and len(texture_uv) != len(vertices):
         raise InputError(f"{path}: expected one UV per vertex ({len(vertices)}), found {len(texture_uv)}")
@@ -86,6 +103,23 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
         uv=_given_uv(np.asarray(texture_uv, np.float64)[used], faces, path, notes).astype(np.float32),
     )
     return mesh, tuple(notes)
+
+
+def _refuse_crowded(vertices: np.ndarray, faces: np.ndarray, path: Path) -> None:
+    """Raise InputError where so many triangles lie in each other's way that unwrapping and rays would take hours.
+
+    The sum of the areas of their bounding boxes over that of the whole box is about how many of these boxes a ray meets: a few of
+    an ordinary surface, whatever the number of its triangles; thousands of slivers through all of the object.
+    """
+    corners = vertices[faces]
+    sides = np.concatenate([np.ptp(corners, axis=1), np.ptp(vertices, axis=0)[None]])
+    areas = sides[:, 0] * sides[:, 1] + sides[:, 1] * sides[:, 2] + sides[:, 2] * sides[:, 0]
+    met = areas[:-1].sum() / areas[-1] if areas[-1] > 0 else 0.0
+    if met > CROWDED:
+        raise InputError(
+            f"{path}: expected the triangles of a surface, found {len(faces)} that lie in each other's way: "
+            f"a ray would meet the boxes of {met:.0f} of them"
+        )
 
 
 def _stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,6 +79,35 @@ def test_refuses_a_mesh_without_triangles(tmp_path: Path, ply: Ply) -> None:
     refused(ply.write(tmp_path / "mesh.ply"), "expected triangles, found none")
 
 
+QUAD = "".join(f"v {x} {y} 0\nvt {x} {y}\n" for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
+
+
+def test_an_obj_counts_from_one(tmp_path: Path) -> None:
+    """Vertex 0 is nobody's, and negative ones count from the end."""
+    path = tmp_path / "mesh.obj"
+    path.write_text(QUAD + "f 1/1 2/2 3/3\nf -4/-4 -2/-2 -1/-1\n")
+    assert len(load_mesh(path)[0].faces) == 2
+    path.write_text(QUAD + "f 1/1 2/2 3/3\nf 0/1 3/3 4/4\n")
+    with pytest.raises(InputError, match=r"mesh\.obj: expected faces of vertices that are counted from 1, found vertex 0"):
+        load_mesh(path)
+
+
+def test_a_pipe_in_place_of_materials_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mtl")
+    (tmp_path / "mesh.obj").write_text(f"mtllib pipe.mtl\n{QUAD}usemtl it\nf 1/1 2/2 3/3\n")
+    try:
+        assert len(load_mesh(tmp_path / "mesh.obj")[0].faces) == 1
+    except InputError as error:
+        assert "pipe.mtl: expected a file" in str(error)  # noqa: PT017 (either is right)
+
+
+@pytest.mark.parametrize("uv", ["mesh", "xatlas"])
+def test_refuses_triangles_in_each_other_s_way(tmp_path: Path, uv: str) -> None:
+    vertices = np.random.default_rng(0).uniform(-1, 1, (6000, 3))
+    path = Ply(vertices, np.arange(6000).reshape(-1, 3), None, np.zeros((6000, 2))).write(tmp_path / "mesh.ply")
+    refused(path, "expected the triangles of a surface, found 2000 that lie in each other's way: a ray would meet", uv=uv)
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("uv", ["mesh", "xatlas"])
 def test_refuses_vertices_that_are_not_finite(tmp_path: Path, ply: Ply, bad: float, uv: str) -> None:
@@ -88,6 +118,8 @@ def test_refuses_vertices_that_are_not_finite(tmp_path: Path, ply: Ply, bad: flo
 def test_refuses_a_face_of_a_vertex_that_is_not_there(tmp_path: Path, ply: Ply) -> None:
     ply.faces[7, 1] = len(ply.vertices)
     refused(ply.write(tmp_path / "mesh.ply"), f"not a readable mesh.* {len(ply.vertices)} ")
+    ply.faces[7, 1] = -1
+    refused(ply.write(tmp_path / "mesh.ply"), f"expected faces of vertices 0 to {len(ply.vertices) - 1}, found -1 to")
 
 
 def test_drops_triangles_of_zero_area_and_says_so(tmp_path: Path, ply: Ply) -> None:

@@ -34,7 +34,11 @@ from written import save_exr
 from ia_bench.scenes.exr import read_exr
 
 CAMERAS, SFM, TRAIN = "cameras.npz", "inputs/sfm_scene.json", "transforms_train.json"
+NORMALS = "ground_truth/tiny_scene001/surface_normal"
 SPARSE, OWN = "sparse/0", "blender_HDR/tiny_scene001"
+
+HUGE_HEADER = b"\x93NUMPY\x01\x00\x76\x00" + b"{'descr':'<f8','fortran_order':False,'shape':(1000000,1000000,3)}".ljust(117) + b"\n"
+"""Of a file of three thousand billion numbers, none of which is there."""
 
 
 def arrays(change: Callable[[dict[str, np.ndarray]], object]) -> Spoil:
@@ -119,6 +123,14 @@ OPEN: Mistakes = {
         edit("output/transforms_train.json", lambda c: c["frames"]["CA3"].update(calib_imgw=50)),
         "CA3.JPG: expected 50 x 32 pixels like calib_imgw",
     ),
+    "one file for two": (
+        edit("output/transforms_train.json", lambda c: c["frames"]["CA3"].update(file_path="./images/CA2")),
+        r"frames\['CA3'\]: file_path: expected every photograph once",
+    ),
+    "a width beyond": (
+        edit("output/transforms_train.json", lambda c: c["frames"]["CA3"].update(calib_imgw=1e300)),
+        "CA3.JPG: expected 1000000000 x 32 pixels like calib_imgw",
+    ),
     "a width as text": (
         edit("output/transforms_train.json", lambda c: c["frames"]["CA3"].update(calib_imgw="48")),
         r"frames\['CA3'\]: calib_imgw: expected a finite number, found '48'",
@@ -146,6 +158,7 @@ MISTAKES: dict[str, Mistakes] = {
         "no scale": (arrays(lambda a: a.pop("scale_mat_0")), "expected scale_mat_0 for the 19 photographs"),
         "3 x 4": (one_matrix("world_mat_3", lambda m: m[:3]), r"world_mat_3: expected 4 x 4 finite numbers, found shape \(3, 4\)"),
         "not finite": (one_matrix("world_mat_3", lambda m: m * np.nan), "world_mat_3: expected finite numbers, found NaN"),
+        "complex": (one_matrix("world_mat_3", lambda m: m * (1 + 1j)), "world_mat_3: expected .* real numbers, found 16 of"),
         "other scale": (one_matrix("scale_mat_3", lambda m: 2 * m), "scale_mat_3: expected the same as scale_mat_0"),
         "stretched": (one_matrix("scale_mat_0", lambda m: m @ np.diag([1, 2, 1, 1.0])), "scale_mat_0: expected one positive scale"),
         "no mask": (gone("mask/003.png"), "image/003.png: expected a mask .*mask/003.png, found none"),
@@ -181,6 +194,11 @@ MISTAKES: dict[str, Mistakes] = {
             word(f"{SPARSE}/cameras.txt", " 0.0 0.0 0.0 0.0", " -40.0 0.0 0.0 0.0"),
             "found one under which the picture folds",
         ),
+        "rotation of zeros": (
+            lambda f: (f / SPARSE / "images.txt").write_text("".join(f"{n} 0 0 0 0 0 0 3 1 {n:04}.png\n\n" for n in range(1, 20))),
+            "image 2: expected a rotation as a unit quaternion, found",
+        ),
+        "one name for two": (word(f"{SPARSE}/images.txt", "0004.png", "0003.png"), "expected every photograph once"),
         "no picture": (text("images/0004.png", "no picture"), "0004.png: expected a picture"),
         "no poses": (
             text(f"{SPARSE}/images.txt", "# nothing\n"),
@@ -203,6 +221,10 @@ MISTAKES: dict[str, Mistakes] = {
         "no focal length": (
             entry(lambda one: one["camera"]["intrinsic"].pop("focal")),
             "camera.intrinsic: expected two numbers each of focal and ppt",
+        ),
+        "focal length beyond": (
+            entry(lambda one: one["camera"]["intrinsic"].update(focal=[1e300, 1e300])),
+            "train view 003: camera: focal: expected 2 numbers from",
         ),
         "entry in a list": (entry_is([2]), r"sfm_scene\.json: camera_track_map\.images\['3'\]: expected an object, found list"),
         "entry null": (entry_is(None), r"sfm_scene\.json: camera_track_map\.images\['3'\]: expected an object, found NoneType"),
@@ -232,6 +254,7 @@ MISTAKES: dict[str, Mistakes] = {
         "no photographs": (gone("test/inputs"), r"expected photographs image_0000\.png, image_0001\.png, ..., found none"),
         "no exposure": (gone("test/inputs/exposure.txt"), r"exposure\.txt: no such file"),
         "two exposures": (text("test/inputs/exposure.txt", "0.1 0.2\n"), r"exposure\.txt: expected one number, found 2"),
+        "exposure beyond": (text("test/inputs/exposure.txt", "1e5\n"), r"exposure\.txt: expected an exposure from -32 to 32 stops"),
         "no numbers": (text("test/inputs/camera_0003.txt", "one two three\n"), r"camera_0003\.txt: expected rows of numbers"),
         "12 numbers": (
             rows("test/inputs/camera_0003.txt", lambda m: m[:4]),
@@ -266,11 +289,24 @@ MISTAKES: dict[str, Mistakes] = {
         "capture not there": (gone("blender_HDR/tiny_scene002"), r"blender_HDR/tiny_scene002/test/0000\.exr: no such file"),
         "no map": (gone("ground_truth/tiny_scene002/env_map/0001.exr"), "no environment map .*tiny_scene002/env_map/0001.exr"),
         "normals in a picture": (
-            array("ground_truth/tiny_scene001/surface_normal/0001.npy", np.ones((32, 32))),
+            array(f"{NORMALS}/0001.npy", np.ones((32, 32))),
             r"0001\.npy: expected finite values \(H, W, 3\)",
         ),
+        **{
+            f"normals as {name}": (array(f"{NORMALS}/0001.npy", values), rf"0001\.npy: expected {says}")
+            for name, values, says in (
+                ("complex", np.ones((32, 32, 3), complex), "at most .* real numbers, found 3072 of complex128"),
+                ("dates", np.zeros((32, 32, 3), "datetime64[s]"), "at most .* real numbers"),
+                ("records", np.zeros((32, 32), [("x", float), ("y", float), ("z", float)]), "at most .* real numbers"),
+                ("large", np.full((32, 32, 3), 1e300), r"finite values \(H, W, 3\) from -1.1 to 1.1, found .* up to 1e\+300"),
+            )
+        },
+        "normals in a header alone": (
+            lambda f: (f / f"{NORMALS}/0001.npy").write_bytes(HUGE_HEADER),
+            r"0001\.npy: expected arrays of numbers \(.npy, .npz\), found a damaged file or another one",
+        ),
         "normals of another size": (
-            array("ground_truth/tiny_scene001/surface_normal/0001.npy", np.ones((48, 32, 3))),
+            array(f"{NORMALS}/0001.npy", np.ones((48, 32, 3))),
             "expected 32 x 32 values, or a multiple of these",
         ),
         "opaque albedo of another size": (

@@ -10,6 +10,7 @@ from spoiled import (
     TWICE,
     Mistakes,
     bare_mask,
+    bare_png,
     beside,
     black,
     both,
@@ -96,6 +97,10 @@ MISTAKES: dict[str, Mistakes] = {
         "another size": (picture("images/train_0003.png", smaller), r"expected 28 x 24 pixels|expected w = 32"),
         "wrong width": (edit(WHOLE, lambda c: c.update(w=64)), "expected w = 64, as .* says, found 32"),
         "focal length in a list": (edit(WHOLE, lambda c: c.update(fl_x=[50.0])), r"fl_x: expected a finite number, found \[50.0\]"),
+        "a picture beyond": (
+            lambda f: (f / "images/train_0003.png").write_bytes(bare_png(13000, 13000)),
+            r"images/train_0003\.png: expected at most 67108864 pixels \(8192 x 8192\), found 13000 x 13000; make it smaller",
+        ),
         "fisheye": (
             edit(WHOLE, lambda c: c.update(camera_model="OPENCV_FISHEYE")),
             "camera_model: expected one of.*found 'OPENCV_FISHEYE'",
@@ -130,7 +135,11 @@ MISTAKES: dict[str, Mistakes] = {
         "no picture": (text("train/r_0003.png", "no picture"), "r_0003.png: expected a picture"),
     },
     "tensoir": {**VIEW_FOLDERS, **photos("rgba_sunset_000.png")},
-    "nerfactor": {**VIEW_FOLDERS, **photos("rgba.png")},
+    "nerfactor": {
+        **VIEW_FOLDERS,
+        **photos("rgba.png"),
+        "a light beyond": (edit("train_000/metadata.json", lambda m: m.update(envmap_inten=1e38)), "light train: expected finite"),
+    },
     "synthetic4relight": {
         "no file": (gone(TRAIN), r"transforms_train\.json: no such file"),
         "broken JSON": (broken_json(TRAIN), r"transforms_train\.json: not valid JSON"),

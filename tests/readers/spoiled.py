@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -89,6 +91,13 @@ def picture(name: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
         Image.fromarray(np.ascontiguousarray(change(values))).save(folder / name)
 
     return spoil
+
+
+def bare_png(width: int, height: int) -> bytes:
+    """The beginning of a PNG file of RGBA, with next to nothing of its pixels."""
+    header = struct.pack(">4sIIBBBBB", b"IHDR", width, height, 8, 6, 0, 0, 0)
+    chunks = (header, b"IDAT" + zlib.compress(bytes(99)))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(struct.pack(">I", len(c) - 4) + c + struct.pack(">I", zlib.crc32(c)) for c in chunks)
 
 
 def opaque(values: np.ndarray) -> np.ndarray:

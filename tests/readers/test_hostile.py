@@ -149,6 +149,7 @@ def cases() -> Iterator[Case]:
         yield f"{file}: all but the end", cut(file, 0.99), file
     bomb = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\3\0\0\0\3\0\0\x08\2\0\0\0"
     yield "texture: too many pixels", write(TEXTURE, bomb), TEXTURE
+    yield "texture: oblong", lambda folder: Image.new("RGB", (20, 7)).save(folder / TEXTURE), "albedo texture: expected as many"
     yield "texture: an EXR file", lambda folder: shutil.copy(folder / LIGHT, folder / TEXTURE), TEXTURE
     yield "image: a PNG file", lambda folder: Image.new("RGBA", (32, 32)).save(folder / IMAGE, format="png"), IMAGE
     for name, to in {"zero": fill(0), "negative": lambda light: light - 1, "square": lambda light: light[:, ::2]}.items():

@@ -56,3 +56,9 @@ def test_pixels_are_those_of_the_file_unless_turned_upright(tmp_path: Path, suff
         values = np.asarray(open_picture(tmp_path / f"turned.{suffix}", upright=found)).astype(int)
         assert values.shape == expected.shape
         assert np.abs(values - expected).max() <= (3 if suffix == "jpg" else 0)
+
+
+def test_colours_of_lab_are_refused(tmp_path: Path) -> None:
+    Image.new("LAB", (4, 3), (120, 9, 9)).save(tmp_path / "a.tif")
+    with pytest.raises(InputError, match=r"a\.tif: expected red, green and blue, or grey, found the colours of CIE Lab"):
+        open_picture(tmp_path / "a.tif")
