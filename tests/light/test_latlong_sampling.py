@@ -238,10 +238,3 @@ def test_blocks_hold_every_texel_once_and_bound_the_cosine() -> None:
     )
     block = grid.block[latlong.direction_to_texel(direction, height, width)]
     assert (grid.bound[normal_bin(normal), block] >= (normal * direction).sum(-1).float()).all()
-
-
-def test_sampling_tables_carry_no_gradient() -> None:
-    radiance = torch.rand(4, 8, 3, requires_grad=True)
-    sampler = LatLongSampler.build(radiance)
-    assert not any(table.requires_grad for table in (sampler.entries, sampler.texels, sampler.edges, sampler.brightness))
-    assert not any(table.requires_grad for table in (sampler.share, sampler.evenly))

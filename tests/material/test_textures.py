@@ -130,12 +130,6 @@ def test_splatting_is_the_transpose_of_the_lookup() -> None:
     assert (weight == 0).any()
 
 
-def test_splatting_a_constant_gives_it_back() -> None:
-    average, weight = splat(numbers(300, 2, seed=7).float(), torch.tensor([0.2, 0.7]).expand(300, 2), 8)
-    assert (weight > 0).all()
-    torch.testing.assert_close(average, torch.tensor([0.2, 0.7]).expand(8, 8, 2))
-
-
 @pytest.mark.parametrize("size", [1, 2, 8, 13, 64])
 def test_filling_leaves_the_observed_and_stays_within_their_range(size: int) -> None:
     texture = numbers(size, size, 3, seed=5)

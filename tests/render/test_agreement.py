@@ -9,7 +9,7 @@ import pytest
 
 from ia_bench.common.errors import InputError
 from ia_bench.render.agreement import GOOD, MISTAKES, check_agreement
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.scenes.scene import Scene
 
 
 def with_cameras(scene: Scene, matrices: list[np.ndarray]) -> Scene:
@@ -56,16 +56,3 @@ def test_a_mesh_of_another_size_is_warned_of(tiny: Scene) -> None:
     assert 0.6 < found < GOOD
     assert notes[0].startswith("warning: ")
     assert f"found intersection over union {found:.2f} over 8 training views; transform_matrix has to be" in notes[0]
-
-
-def test_large_images_are_looked_at_in_blocks(tiny: Scene) -> None:
-    """Every pixel six times: blocks of three, so the edge, 2 x 2 points to 4 masks of one value, agrees a little less."""
-    views = []
-    for view in tiny.train:
-        camera = view.camera
-        focal, centre = ((6 * pair[0], 6 * pair[1]) for pair in (camera.focal, camera.centre))
-        camera = replace(camera, focal=focal, centre=centre, width=6 * camera.width, height=6 * camera.height)
-        mask = view.mask.repeat(6, 0).repeat(6, 1)
-        views.append(View(view.name, camera, np.zeros((*mask.shape, 3), np.float32), mask))
-    notes: list[str] = []
-    assert check_agreement(replace(tiny, train=tuple(views)), notes.append) == pytest.approx(0.95, abs=0.01)

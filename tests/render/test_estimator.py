@@ -5,9 +5,6 @@ Against the same in torch, number by number: test_kernels.py.
 
 from __future__ import annotations
 
-import math
-
-import kernel_calls
 import numpy as np
 import pytest
 import torch
@@ -18,8 +15,6 @@ from stage import Stage
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material, fetch
-from ia_bench.render.estimator import draw_samples
-from ia_bench.render.gbuffer import SurfacePoints
 
 pytestmark = pytest.mark.verify
 
@@ -35,59 +30,8 @@ def constant_light(height: int = 8) -> SampledLight:
     return SampledLight.of(RADIANCE.expand(height, 2 * height, 3).contiguous())
 
 
-def surface_of(normal: torch.Tensor, view: torch.Tensor, uv: torch.Tensor) -> SurfacePoints:
-    """Points at the origin, seen from the front."""
-    front = torch.ones(len(normal), 1, dtype=torch.bool)
-    return SurfacePoints(torch.zeros_like(normal), normal, view, uv, normal, front)
-
-
 # ---------------------------------------------------------------- samples
-def test_weights_are_the_balance_heuristic() -> None:
-    """For a black-box check: 1 / weight is n (p_light + p_brdf) >= n p_light, and nothing counts below the horizon."""
-    generator = torch.Generator().manual_seed(1)
-    normal = torch.nn.functional.normalize(torch.randn(50, 3, generator=generator), dim=-1)
-    view = torch.nn.functional.normalize(normal + 0.5 * torch.randn(50, 3, generator=generator), dim=-1)
-    light = SampledLight.of(torch.rand(8, 16, 3, generator=generator))
-    rotation = torch.rand(2, 50, 3, dtype=torch.float64, generator=generator)
-    drawn = draw_samples(
-        surface_of(normal, view, torch.zeros(50, 2)), torch.ones(50, dtype=torch.bool), torch.full((1, 1, 1), 0.4),
-        light.sampler, rotation, points=1, count=12,
-    )  # fmt: skip
-    assert drawn.direction.shape == (50, 24, 3)
-    torch.testing.assert_close(drawn.direction.norm(dim=-1), torch.ones(50, 24), atol=1e-5, rtol=0)
-    cosine = (drawn.direction * normal[:, None]).sum(-1)
-    above = cosine > 0
-    assert (drawn.texel >= 0).equal(above)
-    weight = torch.where(above, drawn.terms[..., 0] / cosine, 0.0)  # terms[0] is the weighted cosine
-    assert (weight > 0).equal(above)
-    texel = kernel_calls.direction_to_texel(drawn.direction, 8, 16)
-    density = kernel_calls.density(light.sampler, kernel_calls.normal_bin(normal)[:, None], texel)
-    assert (weight * 12 * density <= 1 + 1e-5).all()
-
-
 # ---------------------------------------------------------------- closed forms
-@pytest.mark.parametrize("side", [1, 2])
-def test_lambertian_sphere_in_a_constant_light(side: int) -> None:
-    """Diffuse radiance = albedo * L wherever the pixel is covered, coverage times that at the edge."""
-    stage = Stage.of(sphere(3), [camera_at((2.0, -3.0, 1.0), pixels=24)], side)
-    images = stage.renderer(shadows=False).render_images(
-        stage.gbuffer, constant(), constant_light(), 256, torch.Generator().manual_seed(2)
-    )
-    coverage = stage.gbuffer.coverage()[..., None]
-    expected = coverage * ALBEDO * RADIANCE
-    inside = coverage[..., 0] == 1
-    error = (images["diffuse"] / expected - 1)[inside]
-    assert int(inside.sum()) > 150
-    assert float(error.abs().max()) < 0.3
-    assert float(error.mean().abs()) < 0.005  # about 200 pixels of 3 % each
-    torch.testing.assert_close(images["albedo"], coverage * ALBEDO)
-    torch.testing.assert_close(images["radiance"], images["diffuse"] + images["specular"])
-    assert (images["radiance"][coverage[..., 0] == 0] == 0).all()
-    if side == 2:
-        edge = (coverage[..., 0] > 0) & ~inside
-        assert float((images["diffuse"].sum(-1) / expected.sum(-1) - 1)[edge].mean().abs()) < 0.03
-
-
 def test_shadow_of_a_disk() -> None:
     """A small patch under a coaxial disk: the form factor R^2 / (R^2 + h^2) of its light is blocked."""
     radius, height = 0.7, 0.6
@@ -188,47 +132,7 @@ def test_estimator_agrees_with_brute_force(
         assert np.sqrt((error[:, part].mean(-1) ** 2).sum()) / wanted[:, :, part].mean((1, 2)).sum() < 0.02
 
 
-def test_light_sampling_share_does_not_move_the_mean(
-    tiny_stage: Stage, tiny_material: Material, tiny_sun: torch.Tensor
-) -> None:
-    """Under a sun: half of the light samples spread evenly give the same picture as none."""
-    pixels = torch.arange(0, len(tiny_stage.gbuffer.pixel), 9).repeat(30)
-    renderer = tiny_stage.renderer()
-    means, errors = [], []
-    for seed, share in enumerate((0.0, 0.5)):
-        light = SampledLight.of(tiny_sun, uniform_fraction=share)
-        value = renderer.render_pixels(
-            tiny_stage.gbuffer, pixels, tiny_material, light, 16, torch.Generator().manual_seed(seed)
-        ).radiance.double()
-        values = value.reshape(30, -1, 3).mean((1, 2))
-        means.append(float(values.mean()))
-        errors.append(float(values.std()) / math.sqrt(30))
-    assert abs(means[0] - means[1]) < 4 * math.hypot(*errors)
-    assert math.hypot(*errors) < 0.02 * means[0]
-
-
 # ---------------------------------------------------------------- convergence
-def spread(stage: Stage, material: Material, light: SampledLight, samples: int) -> float:
-    """Root mean square of half the difference of two estimates, over the pixels, tone-mapped so that no pixel rules."""
-    pixels = torch.arange(len(stage.gbuffer.pixel))
-    pair = [
-        stage.renderer().render_pixels(
-            stage.gbuffer, pixels, material, light, samples, torch.Generator().manual_seed(s)
-        )
-        for s in (8, 9)
-    ]
-    return float(((pair[0].radiance - pair[1].radiance) ** 2).mean().sqrt())
-
-
-def test_error_falls_with_samples(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
-    """Slope of log error over log samples: -1/2 for independent samples, steeper for the lattice, never flatter."""
-    samples = np.array([4, 16, 64, 256])
-    light = SampledLight.of(soft_light)
-    errors = [spread(tiny_stage, tiny_material, light, int(n)) for n in samples]
-    slope = np.polyfit(np.log(samples), np.log(errors), 1)[0]
-    assert -1.0 < slope < -0.45, f"slope {slope:.2f} of {errors}"
-
-
 def test_passes_of_a_picture_share_one_lattice(
     tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor
 ) -> None:

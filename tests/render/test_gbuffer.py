@@ -147,16 +147,6 @@ def test_position_uv_and_view_of_a_plate() -> None:
     assert surface.offset == pytest.approx(1e-4 * 3 * np.sqrt(2), rel=1e-5)
 
 
-def test_a_triangle_seen_from_behind_is_turned_over() -> None:
-    mesh = plate(1.0)
-    surface = SurfaceInterpolator(mesh, CPU)
-    for height in (3.0, -3.0):
-        points = surface(torch.tensor([0]), torch.tensor([[0.3, 0.3]]), torch.tensor([[0.1, 0.2, height]]))
-        expected = torch.tensor([[0.0, 0.0, float(np.sign(height))]])
-        torch.testing.assert_close(points.normal, expected)
-        torch.testing.assert_close(points.geometric, expected)
-
-
 def test_shading_normals_that_face_away_are_bent_to_grazing_and_counted() -> None:
     normals = np.tile([0.8, 0.0, 0.6], (3, 1))
     mesh = mesh_of([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)], normals=normals)
@@ -168,15 +158,6 @@ def test_shading_normals_that_face_away_are_bent_to_grazing_and_counted() -> Non
     assert 0 < float(cosine[0]) < 0.01
     torch.testing.assert_close(points.normal.norm(dim=-1), torch.ones(2))
     torch.testing.assert_close(points.normal[1], torch.tensor([0.8, 0.0, 0.6]))
-
-
-def test_smooth_normals_of_a_sphere() -> None:
-    mesh = sphere(3)
-    surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
-    gbuffer = trace_gbuffer([camera_at((2, 3, 1))], rays, 1, CPU)
-    points = surface(gbuffer.face[:, 0].long(), gbuffer.barycentric[:, 0], gbuffer.origin.expand(len(gbuffer.pixel), 3))
-    radial = points.position / points.position.norm(dim=-1, keepdim=True)
-    assert float((points.normal * radial).sum(-1).min()) > np.cos(np.radians(1))
 
 
 def test_points_are_those_of_torch() -> None:
@@ -216,48 +197,27 @@ def scattered(request: pytest.FixtureRequest) -> tuple[GBuffer, list[tuple[int, 
     return gbuffer, [everywhere[flat] for flat in pixel.tolist()]
 
 
-def test_views_and_cameras_of_entries_are_those_of_a_loop(scattered: tuple[GBuffer, list[tuple[int, int, int]]]) -> None:
+def test_entries_are_found_in_views_and_images_as_by_a_loop(scattered: tuple[GBuffer, list[tuple[int, int, int]]]) -> None:
+    """Views and cameras of entries, the entry of a pixel, values of any type as images, and the share of hits."""
     gbuffer, places = scattered
-    some = torch.arange(len(places))[::3].flip(0).repeat(2)
-    every_other = torch.arange(len(places)) % 2 == 0
+    some, every_other = torch.arange(len(places))[::3].flip(0).repeat(2), torch.arange(len(places)) % 2 == 0
     for entries, chosen in ((None, places), (some, [places[i] for i in some]), (every_other, places[::2])):
-        view, camera = gbuffer.view(entries), gbuffer.seen_from(entries)
-        assert (view.dtype, view.tolist()) == (torch.int64, [place[0] for place in chosen])
-        assert camera.shape == (len(chosen), 3)
-        assert all(torch.equal(found, gbuffer.origin[place[0]]) for found, place in zip(camera, chosen, strict=True))
-
-
-def test_every_pixel_finds_its_entry(scattered: tuple[GBuffer, list[tuple[int, int, int]]]) -> None:
-    gbuffer, places = scattered
-    entry = gbuffer.entry_of_pixel()
-    assert (entry.dtype, entry.shape) == (torch.int32, (3 * 5 * 7,))
-    for view, row, column in np.ndindex(3, 5, 7):
-        found = int(entry.reshape(3, 5, 7)[view, row, column])
-        assert found == (places.index((view, row, column)) if (view, row, column) in places else -1)
-
-
-@pytest.mark.parametrize("channels", [(), (1,), (3,), (2, 2)])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.int32, torch.bool])
-def test_values_become_the_images_of_a_loop(
-    scattered: tuple[GBuffer, list[tuple[int, int, int]]], channels: tuple[int, ...], dtype: torch.dtype
-) -> None:
-    """Of any shape and type; a pixel that misses the mesh is zero."""
-    gbuffer, places = scattered
-    values = (9 * torch.rand(len(places), *channels, generator=torch.Generator().manual_seed(1))).to(dtype)
-    expected = np.zeros((3, 5, 7, *values.shape[1:]), values.numpy().dtype)
-    for place, value in zip(places, values.numpy(), strict=True):
-        expected[place] = value
-    found = gbuffer.images(values)
-    assert found.dtype == dtype
-    np.testing.assert_array_equal(found.numpy(), expected)
-
-
-def test_coverage_is_the_share_of_hits_of_a_loop(scattered: tuple[GBuffer, list[tuple[int, int, int]]]) -> None:
-    gbuffer, places = scattered
-    expected = np.zeros((3, 5, 7), np.float32)
+        assert gbuffer.view(entries).tolist() == [place[0] for place in chosen]
+        assert torch.equal(gbuffer.seen_from(entries), gbuffer.origin[[place[0] for place in chosen]])
+    entry = gbuffer.entry_of_pixel().reshape(3, 5, 7)
+    coverage = np.zeros((3, 5, 7), np.float32)
+    for place in np.ndindex(3, 5, 7):
+        assert int(entry[place]) == (places.index(place) if place in places else -1)
     for place, face in zip(places, gbuffer.face.tolist(), strict=True):
-        expected[place] = sum(one >= 0 for one in face) / 4
-    np.testing.assert_array_equal(gbuffer.coverage().numpy(), expected)
+        coverage[place] = sum(one >= 0 for one in face) / 4
+    np.testing.assert_array_equal(gbuffer.coverage().numpy(), coverage)
+    for channels, dtype in (((), torch.bool), ((3,), torch.float64), ((2, 2), torch.int32)):
+        values = (9 * torch.rand(len(places), *channels, generator=torch.Generator().manual_seed(1))).to(dtype)
+        expected = np.zeros((3, 5, 7, *channels), values.numpy().dtype)
+        for place, value in zip(places, values.numpy(), strict=True):
+            expected[place] = value
+        assert gbuffer.images(values).dtype == dtype
+        np.testing.assert_array_equal(gbuffer.images(values).numpy(), expected)
 
 
 def test_views_of_two_sizes_are_refused() -> None:

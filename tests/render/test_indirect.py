@@ -162,21 +162,6 @@ def test_gradients_of_the_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     assert torch.autograd.gradgradcheck(lambda a, r: bounced.solve(a, r).leaving, (albedo, radiance))  # for Gauss-Newton
 
 
-def test_gradient_of_what_is_seen_in_a_mirror(bowl_stage: Stage, cache: Path) -> None:
-    """Along a uniform change of the albedo, by differences."""
-    albedo = torch.full((4, 4, 3), 0.5, requires_grad=True)
-    material = Material(albedo, torch.full((4, 4, 1), 0.3))
-    mirrored = render(bowl_stage, material, 1, cache, samples=64).mirrored
-    assert mirrored is not None
-    (gradient,) = torch.autograd.grad(mirrored.sum(), albedo)
-    step = 1e-2
-    values = [
-        float(render(bowl_stage, flat(0.5 + change, roughness=0.3), 1, cache, samples=64).mirrored.sum())
-        for change in (step, -step)
-    ]
-    assert float(gradient.sum()) == pytest.approx((values[0] - values[1]) / (2 * step), rel=1e-3)
-
-
 def test_texels_inside_the_object_do_not_darken_their_neighbours(tmp_path: Path) -> None:
     """A ball half sunk into a slab: texels below the slab's face are left out of every lookup."""
     slab = plate(2.0)

@@ -125,6 +125,19 @@ def test_padding_costs_no_rays_and_is_not_counted(tiny_material: Material, soft_
     assert 0.5 * seen < stage.rays.rays - before <= 2 * seen
 
 
+def test_without_shadows_a_convex_mesh_is_the_same_to_the_last_bit() -> None:
+    """With flat triangles a direction above the surface never meets it again."""
+    stage = Stage.of(sphere(2, smooth=False), [camera_at((2.0, 1.0, 1.5))])
+    light = SampledLight.of(torch.rand(8, 16, 3, generator=torch.Generator().manual_seed(1)))
+    grey, pixels = Material(torch.full((2, 2, 3), 0.5), torch.full((2, 2, 1), 0.5)), torch.arange(len(stage.gbuffer.pixel))
+    traced, none = (
+        stage.renderer(shadows=shadows).render_pixels(stage.gbuffer, pixels, grey, light, 256, torch.Generator().manual_seed(0))
+        for shadows in (True, False)
+    )
+    assert stage.rays.rays > 10_000
+    assert torch.equal(traced.radiance, none.radiance)
+
+
 def test_points_that_miss_count_as_nothing() -> None:
     """At half covered pixels the radiance is half that of the plate's inside."""
     camera = camera_at((0, 0, 5), pixels=12)

@@ -48,14 +48,6 @@ def test_beyond_its_room_a_gbuffer_is_traced_again(monkeypatch: pytest.MonkeyPat
     assert stage.gbuffer(CAMERAS[:1], 1) is not stage.gbuffer(CAMERAS[:1], 1)
 
 
-def test_a_renderer_is_made_once_for_its_settings() -> None:
-    stage = Stage(sphere(2), CPU)
-    renderer = stage.renderer(coat="added")
-    assert stage.renderer(coat="added") is renderer
-    assert stage.renderer(coat="layered") is not renderer
-    assert (renderer.coat, renderer.interreflection) == ("added", None)
-
-
 def test_points_that_do_not_fit_into_memory_are_told_before_a_ray_is_traced() -> None:
     stage = Stage(sphere(2), CPU)
     with pytest.raises(InputError, match=r"^100000 x 100000 points a pixel: expected to fit into the"):

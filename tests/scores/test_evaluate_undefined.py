@@ -129,26 +129,11 @@ def test_a_view_without_scored_pixels_is_left_out_and_counted(guess: Predictions
     assert scores.counts["albedo_whole_image"]["views_without_scored_pixel"] == 1
 
 
-def test_no_scored_pixel_anywhere(guess: Predictions, truth: Predictions) -> None:
-    nothing = Images(truth.roughness.images, tuple(0.4 * c for c in truth.roughness.coverage))
-    scores = score(guess, replace(truth, roughness=nothing), PAPER)
-    assert scores.metrics["roughness"] == {"mse": None}
-    assert scores.reasons["roughness.mse"] == "no scored pixel (every image)"
-
-
 def test_no_view_at_all(guess: Predictions, truth: Predictions) -> None:
     scores = score(replace(guess, albedo=Images((), ())), replace(truth, albedo=Images((), ())), PAPER)
     assert scores.metrics["albedo"]["psnr"] is None
     assert scores.reasons["albedo.psnr"] == "no image"
     assert "no scored pixel" in scores.reasons["aligned_albedo.psnr"]
-
-
-def test_tiny_images_have_psnr_and_a_reason_for_the_rest() -> None:
-    small = [Images((np.full((4, 5, 3), value),), (np.ones((4, 5)),)) for value in (0.5, 0.25)]
-    scores = score(Predictions(albedo=small[0]), Predictions(albedo=small[1]), PAPER)
-    assert scores.metrics["aligned_albedo"]["psnr"] == math.inf
-    assert scores.metrics["albedo"]["ssim"] is None
-    assert "5 x 4 pixels is smaller than the window of 11" in scores.reasons["albedo.ssim"]
 
 
 @pytest.mark.parametrize(

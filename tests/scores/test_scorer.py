@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -33,6 +32,15 @@ pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
 CPU = torch.device("cpu")
 BALL = Ball()
 QUICK = Protocol(name="quick", map_points=2, render_points=1, samples_per_pixel=2)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Where the ball's indirect light is baked, once for all tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IA_BENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setattr("ia_bench.render.reconstruction.REFERENCE_ATLAS", 32)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -151,10 +159,7 @@ def stage_of_the_ball() -> Stage:
     return Stage(replace(ball, uv=(0.5 + 0.5 * ball.vertices[:, :2]).astype(np.float32)), CPU)
 
 
-def test_what_can_be_exported_is_also_drawn_by_the_reference_renderer(
-    photographed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+def test_what_can_be_exported_is_also_drawn_by_the_reference_renderer(photographed: Scene) -> None:
     stage = stage_of_the_ball()
     exported = as_assets(BALL, stage)
     scores = Scorer(photographed, SMALL, CPU).full(exported)
@@ -166,15 +171,13 @@ def test_what_can_be_exported_is_also_drawn_by_the_reference_renderer(
     assert sorted(reference) == sorted(plain.metrics)
     assert 35 < reference["albedo"]["psnr"] < math.inf  # the mesh's own silhouette
     assert 5 < reference["view_synthesis"]["psnr"] < 60  # true shading of a light that the photographs took from the normal
+    assert scores.counts["textures"] == {"texels": 16, "roughness_raised": 0}
     textured = TexturedReconstruction.of(exported.assets(), stage)
     assert not any(name.endswith("_reference") for name in Scorer(photographed, SMALL, CPU).full(textured).variants)
 
 
-def test_pictures_take_the_scale_of_the_textures_that_they_show(
-    photographed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_take_the_scale_of_the_textures_that_they_show(photographed: Scene) -> None:
     """The maps of this method are half as bright as what it exports, and pictures show what it exports."""
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
     stage = stage_of_the_ball()
     darker = replace(as_assets(BALL, stage), albedo=tuple(0.5 * value for value in BALL.albedo))
     scorer = Scorer(photographed, SMALL, CPU)
@@ -190,10 +193,7 @@ def test_pictures_take_the_scale_of_the_textures_that_they_show(
     assert drawn_scale(own, "mean_rgb") == drawn_scale({**own, "mean_rgb_reference": None}, "mean_rgb") == own["mean_rgb"]
 
 
-def test_a_method_that_renders_under_its_own_light_alone_is_relit_by_the_reference_renderer(
-    photographed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path))
+def test_a_method_that_renders_under_its_own_light_alone_is_relit_by_the_reference_renderer(photographed: Scene) -> None:
     stage = stage_of_the_ball()
     exported = as_assets(BALL, stage)
 
