@@ -19,11 +19,11 @@ from ia_bench.common.ranges import Number
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
-from ia_bench.priors.diffusion.checkpoints import fingerprint, load_network, read_config
-from ia_bench.priors.diffusion.enlarging import enlarge, enlarge_by_difference, enlarge_by_gain
-from ia_bench.priors.diffusion.framing import Frame
-from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.checkpoints import DESCRIPTION, fingerprint, load_network
+from ia_bench.priors.diffusion.framing import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
+from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
 from ia_bench.priors.inputs import Device, Precision, check_views, choose_device, content_number, use_bf16
+from ia_bench.priors.weight_files import read_description
 
 VERSION = 5
 """Part of the fingerprint; raised when a change of the code changes samples."""
@@ -90,9 +90,9 @@ class LearnedPrior(ABC):
         self._folder = weights_folder(weights, self.kind)
         self._device = choose_device(device)
         self.bf16 = use_bf16(precision, self._device)
-        parts = [self._folder / name for name in COMPONENTS if (self._folder / name / "prior.json").is_file()]
+        parts = [self._folder / name for name in COMPONENTS if (self._folder / name / DESCRIPTION).is_file()]
         self._parts = parts or [self._folder]
-        self._configs = [read_config(part) for part in self._parts]
+        self._configs = [read_description(part / DESCRIPTION, NetworkConfig)[0] for part in self._parts]
         for part, config in zip(self._parts, self._configs, strict=True):
             if config.kind != self.kind:
                 raise InputError(f"{part}/prior.json: kind: expected {self.kind}, found {config.kind}")

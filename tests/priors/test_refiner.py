@@ -140,6 +140,10 @@ def test_weights_come_back(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "weights" / DESCRIPTION).read_text())["provenance"] == {"steps": 3}
 
 
+def described(channels: list[int]) -> str:
+    return json.dumps({"format": 1, "network": {"channels": channels}, "provenance": {}})
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -147,11 +151,11 @@ def test_weights_come_back(tmp_path: Path) -> None:
         (lambda folder: (folder / WEIGHTS).unlink(), r"refiner\.safetensors: no such file"),
         (lambda folder: (folder / WEIGHTS).write_bytes(b"0123"), r"expected safetensors, found a file that cannot be read"),
         (
-            lambda folder: (folder / DESCRIPTION).write_text(json.dumps({"format": 1, "network": {"channels": [8, 24]}})),
-            r"refiner\.safetensors: \S+: expected shape \(\d.*, found",
+            lambda folder: (folder / DESCRIPTION).write_text(described([8, 24])),
+            r"refiner\.safetensors: \S+: expected a tensor of shape \(\d.*, found",
         ),
         (
-            lambda folder: (folder / DESCRIPTION).write_text(json.dumps({"format": 1, "network": {"channels": [9]}})),
+            lambda folder: (folder / DESCRIPTION).write_text(described([9])),
             "multiples of 8",
         ),
     ],

@@ -19,7 +19,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.checkpoints import load_network, read_description, save_network
+from ia_bench.priors.diffusion.checkpoints import load_network, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.inputs import use_bf16
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
@@ -88,8 +88,9 @@ class _Training:
         check_seeds("images", self.images, self.held_out)
         torch.manual_seed(settings.seed)
         self.network = MaterialNetwork(settings.network)
+        self._init: dict[str, Any] | None = None
         if settings.init is not None:
-            start, _ = load_network(settings.init)
+            start, self._init = load_network(settings.init)
             if start.config != settings.network:
                 raise InputError(f"init: {settings.init}: expected a network of {settings.network}, found {start.config}")
             self.network.load_state_dict(start.state_dict())
@@ -236,7 +237,7 @@ class _Training:
             "threads": torch.get_num_threads(),
             "device": torch.cuda.get_device_name() if torch.cuda.is_available() else platform.machine(),
             "seed": settings.seed,
-            "init": None if settings.init is None else read_description(settings.init)["provenance"],
+            "init": self._init,
             "validation": self.figures,
         }
 

@@ -18,8 +18,7 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
-from ia_bench.priors.diffusion.enlarging import enlarge, enlarge_by_gain
-from ia_bench.priors.diffusion.framing import Frame
+from ia_bench.priors.diffusion.framing import Frame, enlarge, enlarge_by_gain
 from ia_bench.priors.inputs import check_views
 from ia_bench.priors.weight_files import fill
 
@@ -97,7 +96,7 @@ class PicturePrior(ABC):
     @cached_property
     def _network(self) -> nn.Module:
         network = self.make_network()
-        fill(network, self._path, network.state_dict())
+        fill(network, self._path)
         return network.eval().requires_grad_(False)
 
 

@@ -1,8 +1,85 @@
+"""Frames and the way back: cut and paste are inverse, and predictions at the image's own size, against what is known."""
+
+from __future__ import annotations
+
+import pytest
 import torch
 
-from ia_bench.priors.diffusion.framing import Frame
+from ia_bench.priors.diffusion.framing import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
+
+SIZE = 100
 
 
+@pytest.fixture
+def frame() -> Frame:
+    mask = torch.zeros(SIZE, SIZE)
+    mask[2:-2, 2:-2] = 1
+    found = Frame.around(mask, 32)
+    assert found is not None
+    assert found.length > 3 * found.side
+    return found
+
+
+def texture() -> torch.Tensor:
+    """Stripes of two pixels, which a reduced image cannot hold, with a colour that changes slowly."""
+    rows, columns = torch.meshgrid(torch.arange(SIZE), torch.arange(SIZE), indexing="ij")
+    stripes = 0.3 + 0.3 * ((rows // 2) % 2)
+    return torch.stack([stripes, stripes * columns / SIZE, 0.5 * stripes], -1)
+
+
+def shading() -> torch.Tensor:
+    rows, columns = torch.meshgrid(torch.arange(SIZE), torch.arange(SIZE), indexing="ij")
+    return (0.6 + 0.4 * torch.cos(rows / 30 + columns / 50))[..., None]
+
+
+def everywhere(frame: Frame) -> torch.Tensor:
+    return (frame.cut(torch.ones(SIZE, SIZE, 1))[..., 0] > 0.99).float()
+
+
+def error(found: torch.Tensor, truth: torch.Tensor) -> float:
+    inner = slice(8, -8)  # away from the border of the picture, which a reduced image mixes with nothing
+    return float((found - truth)[inner, inner].square().mean().sqrt())
+
+
+def test_texture_of_the_image_outlives_the_reduction(frame: Frame) -> None:
+    albedo, image = texture(), texture() * shading()
+    reduced, seen, known = frame.cut(albedo), frame.cut(image), everywhere(frame)
+    plain = error(enlarge(frame, reduced, known, albedo.shape[:2]), albedo)
+    by_gain = error(enlarge_by_gain(frame, reduced, seen, image, known), albedo)
+    assert plain > 0.1
+    assert by_gain < 0.02
+
+
+def test_a_black_image_takes_the_prediction(frame: Frame) -> None:
+    colour, black = torch.full((32, 32, 3), 0.4), torch.zeros(32, 32, 3)
+    found = enlarge_by_gain(frame, colour, black, torch.zeros(SIZE, SIZE, 3), torch.ones(32, 32))
+    torch.testing.assert_close(found[8:-8, 8:-8], torch.full_like(found, 0.4)[8:-8, 8:-8])
+
+
+def test_a_render_that_was_not_changed_is_returned(frame: Frame) -> None:
+    render = texture()
+    found = enlarge_by_difference(frame, frame.cut(render), frame.cut(render), render, everywhere(frame))
+    assert error(found, render) < 1e-6
+
+
+def test_a_smooth_change_of_a_render_is_carried_over(frame: Frame) -> None:
+    render, changed = texture(), texture() - 0.1 * shading()
+    found = enlarge_by_difference(frame, frame.cut(changed), frame.cut(render), render, everywhere(frame))
+    assert error(found, changed.clamp_min(0)) < 0.002
+
+
+def test_without_reduction_the_prediction_is_all_there_is() -> None:
+    frame = Frame.around(torch.ones(32, 32), None)
+    assert frame is not None
+    generator = torch.Generator().manual_seed(0)
+    prediction, image = (torch.rand(frame.side, frame.side, 3, generator=generator) for _ in range(2))
+    expected = enlarge(frame, prediction, torch.ones(frame.side, frame.side), torch.Size((32, 32)))
+    for one in (enlarge_by_gain, enlarge_by_difference):
+        found = one(frame, prediction, image, torch.rand(32, 32, 3, generator=generator), torch.ones(frame.side, frame.side))
+        assert torch.equal(found, expected)
+
+
+# ----- cut and paste -----------------------------------------------------------------------------------------------------------
 def disc(height, width, row, column, radius):
     rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     return ((rows - row) ** 2 + (columns - column) ** 2 <= radius**2).float()
