@@ -74,7 +74,7 @@ def measured(folder: Path, kind: str, sdf: SdfSettings, *, true_normals: bool = 
         began = time.perf_counter()
         made = captured(scene, settings, lambda line: None).expect_mesh()
         seconds = time.perf_counter() - began
-    found = score_geometry(Stage(made, torch.device("cpu")), scene.mesh, scene.test or scene.novel, MASK_THRESHOLD).as_dict()
+    found = score_geometry(Stage(made, torch.device("cpu")), scene.mesh, scene.test or scene.novel, MASK_THRESHOLD)
     return {**{column: found[column] for column in COLUMNS}, "seconds": seconds, "threads": torch.get_num_threads()}
 
 

@@ -30,28 +30,28 @@ def views(tiny: Scene) -> list[View]:
 
 def test_a_shape_against_itself(views: list[View]) -> None:
     scores = score_geometry(Stage(sphere(5, radius=0.5), CPU), sphere(5, radius=0.5), views, 0.5)
-    assert scores.normals_degrees == pytest.approx(0, abs=0.05)  # the arc cosine of float32
-    assert (scores.depth, scores.chamfer, scores.missed_share, scores.reasons) == (0, 0, 0, {})
-    assert scores.mask_iou == pytest.approx(1, abs=0.005)
+    assert scores["normals_degrees"] == pytest.approx(0, abs=0.05)  # the arc cosine of float32
+    assert (scores["depth"], scores["chamfer"], scores["missed_share"], scores["reasons"]) == (0, 0, 0, {})
+    assert scores["mask_iou"] == pytest.approx(1, abs=0.005)
 
 
 def test_a_smaller_ball(views: list[View]) -> None:
     scores = score_geometry(Stage(sphere(5, radius=0.4), CPU), sphere(5, radius=0.5), views, 0.5)
     diagonal = np.sqrt(3.0)
-    assert scores.chamfer == pytest.approx(0.1 / diagonal, rel=0.1)
-    assert scores.depth is not None
-    assert scores.depth * diagonal > 0.1  # along rays it is farther than across
-    assert scores.mask_iou == pytest.approx(0.4**2 / 0.5**2, abs=0.03)
-    assert scores.missed_share is not None
-    assert 0.2 < scores.missed_share < 1 - 0.4**2 / 0.5**2  # pixels that are covered in part are not missed
+    assert scores["chamfer"] == pytest.approx(0.1 / diagonal, rel=0.1)
+    assert scores["depth"] is not None
+    assert scores["depth"] * diagonal > 0.1  # along rays it is farther than across
+    assert scores["mask_iou"] == pytest.approx(0.4**2 / 0.5**2, abs=0.03)
+    assert scores["missed_share"] is not None
+    assert 0.2 < scores["missed_share"] < 1 - 0.4**2 / 0.5**2  # pixels that are covered in part are not missed
 
 
 def test_what_there_is_no_truth_for(views: list[View]) -> None:
     scores = score_geometry(Stage(sphere(3, radius=0.5), CPU), None, views, 0.5)
-    assert set(scores.reasons) == {"normals_degrees", "depth", "chamfer"}
-    assert scores.mask_iou is not None
+    assert set(scores["reasons"]) == {"normals_degrees", "depth", "chamfer"}
+    assert scores["mask_iou"] is not None
     nothing = score_geometry(Stage(sphere(3, radius=0.5), CPU), None, [], 0.5)
-    assert len(nothing.reasons) == 5
+    assert len(nothing["reasons"]) == 5
 
 
 @pytest.mark.parametrize("true", [None, sphere(3, radius=0.5)], ids=["no true mesh", "true mesh"])
@@ -60,9 +60,9 @@ def test_shares_of_masks_that_show_nothing_do_not_exist(views: list[View], true:
     faint, empty = (
         score_geometry(stage, true, [replace(view, mask=share * view.mask) for view in views], 0.5) for share in (0.4, 0.0)
     )
-    assert faint.mask_iou == pytest.approx(0.4, abs=0.02)
-    assert (faint.missed_share, faint.reasons["missed_share"]) == (None, "no scored pixel")
-    assert "mask_iou" not in faint.reasons
-    assert (empty.mask_iou, empty.missed_share) == (None, None)
-    assert empty.reasons["mask_iou"] == "no held-out view has a mask that shows the object"
-    assert ("chamfer" in empty.reasons) == (true is None)
+    assert faint["mask_iou"] == pytest.approx(0.4, abs=0.02)
+    assert (faint["missed_share"], faint["reasons"]["missed_share"]) == (None, "no scored pixel")
+    assert "mask_iou" not in faint["reasons"]
+    assert (empty["mask_iou"], empty["missed_share"]) == (None, None)
+    assert empty["reasons"]["mask_iou"] == "no held-out view has a mask that shows the object"
+    assert ("chamfer" in empty["reasons"]) == (true is None)

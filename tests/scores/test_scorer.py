@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,6 @@ import torch
 from made_up import Ball, Gaussian, as_assets
 from shapes import camera_at, plate, sphere
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folder
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import Material
@@ -20,7 +19,6 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import REFERENCE
 from ia_bench.render.stage import Stage
-from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Scene, Truth, View
 from ia_bench.scores import scorer as scorer_module
 from ia_bench.scores.protocol import Protocol
@@ -211,20 +209,3 @@ def test_a_method_that_renders_under_its_own_light_alone_is_relit_by_the_referen
     assert scores.metrics["relighting"]["psnr"] is not None
     textured = TexturedReconstruction.of(exported.assets(), stage)
     assert scorer.quick(alone)["relighting_psnr"] == pytest.approx(scorer.quick(textured)["relighting_psnr"], abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        (lambda images: Images(images.images[:2], images.coverage[:2]), "expected images of .*, one for every camera, found"),
-        (lambda images: Images(*(tuple(part[:5] for part in parts) for parts in (images.images, images.coverage))), r"\(5, 37\)"),
-        (lambda images: images.images, "light along the normal: expected images"),
-    ],
-)
-def test_wrong_answers_are_named(photographed: Scene, wrong: Callable[[Images], object], message: str) -> None:
-    class Wrong(Ball):
-        def render(self, *arguments: object, **settings: object) -> object:
-            return wrong(super().render(*arguments, **settings))
-
-    with pytest.raises(InputError, match=message):
-        Scorer(photographed, SMALL, CPU).full(Wrong())
