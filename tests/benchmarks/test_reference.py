@@ -38,9 +38,7 @@ def leaves() -> list[torch.Tensor]:
     return [leaf.requires_grad_() for leaf in drawn]
 
 
-def render(
-    renderer: Renderer, gbuffer: GBuffer, values: list[torch.Tensor], *, metallic: bool = True
-) -> PixelRadiance:
+def render(renderer: Renderer, gbuffer: GBuffer, values: list[torch.Tensor], *, metallic: bool = True) -> PixelRadiance:
     albedo, roughness, metal, light = values
     material, rng = Material(albedo, roughness, metal if metallic else None), torch.Generator().manual_seed(4)
     pixels = torch.arange(-1, len(gbuffer.pixel))
@@ -72,20 +70,6 @@ def test_pixels_and_gradients(scene: tuple[Stage, GBuffer, Renderer], metallic: 
         results.append(shown + list(torch.autograd.grad(part.radiance.square().sum() + part.albedo.sum(), used)))
     for found, wanted in zip(*results, strict=True):
         assert_alike(found.detach(), wanted.detach())
-
-
-def test_pictures(scene: tuple[Stage, GBuffer, Renderer]) -> None:
-    """In two passes of one lattice."""
-    _, gbuffer, renderer = scene
-    albedo, roughness, metallic, light = (leaf.detach() for leaf in leaves())
-    material = Material(albedo, roughness, metallic)
-    found, wanted = (
-        one.render_images(gbuffer, material, SampledLight.of(light), 160, torch.Generator().manual_seed(5))
-        for one in (renderer, TorchRenderer(renderer))
-    )
-    assert found.keys() == wanted.keys()
-    for name, image in wanted.items():
-        assert_alike(found[name], image)
 
 
 def test_second_derivatives(scene: tuple[Stage, GBuffer, Renderer]) -> None:

@@ -65,7 +65,6 @@ def test_gram_and_what_is_seen() -> None:
     np.testing.assert_allclose(gram(jacobian, seen), (j.T @ j)[np.ix_(seen, seen)], rtol=1e-5, atol=1e-9)  # J itself is float32
 
 
-
 @pytest.fixture(scope="module")
 def stage() -> Stage:
     return Stage.at_truth(scenes_folder() / "tiny", samples=32)
@@ -104,7 +103,6 @@ def test_products_of_the_renderer_are_adjoint_and_its_channels_apart(stage: Stag
 # ---- spectra ---------------------------------------------------------------------------------------------------------
 
 
-
 def test_a_rate_each_undoes_units_and_nothing_else() -> None:
     random = np.random.default_rng(0)
     j = random.standard_normal((50, 6))
@@ -139,7 +137,6 @@ def test_a_product_is_confused_in_its_scale_alone() -> None:
     kept = spectrum.kept_information(matrix, groups)
     assert kept["albedo"] == pytest.approx(3 / 4, rel=1e-6)  # H_aa = 3 I, of which the common part, 1/4, is lost
     assert kept["light"] == pytest.approx(2 / 3, rel=1e-6)
-
 
 
 @pytest.mark.parametrize("name", ["log", "linear", "softplus", "log + scale", "log pyramid"])

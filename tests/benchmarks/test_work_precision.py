@@ -11,14 +11,7 @@ import torch
 
 from benchmarks.work_precision.__main__ import main
 from benchmarks.work_precision.inverse import BUDGETS, SPLITS, Setting
-from benchmarks.work_precision.precision import (
-    Moments,
-    converged,
-    log_slope,
-    relative_rmse,
-    time_in_turns,
-    without_compilation,
-)
+from benchmarks.work_precision.precision import Moments, converged, log_slope, relative_rmse, time_in_turns, without_compilation
 
 
 @pytest.fixture(autouse=True)
@@ -29,8 +22,6 @@ def other_tests_as_before():
     torch.use_deterministic_algorithms(before)
 
 
-
-
 def test_converged_knows_its_own_error():
     """The claimed standard error against the true one: 300 x 300 values, so 5 % is more than 10 of its deviations."""
     noise = np.random.default_rng(0).normal(size=(8, 300, 300))
@@ -38,7 +29,6 @@ def test_converged_knows_its_own_error():
     true = relative_rmse(mean, np.full((300, 300), 2.0))
     assert error == pytest.approx(1 / math.sqrt(8) / 2, rel=0.05)
     assert error == pytest.approx(true, rel=0.05)
-
 
 
 def test_relative_variance_and_distance_have_no_bias_from_few_estimates():
@@ -57,8 +47,6 @@ def test_relative_variance_and_distance_have_no_bias_from_few_estimates():
     assert one.relative_distance(other) == pytest.approx(0, abs=0.1)
 
 
-
-
 def test_log_slope_leaves_out_what_has_no_logarithm():
     assert log_slope([1, 2, 4, 8], [1.0, 0.5, 0.0, 0.125]) == pytest.approx(-1)
 
@@ -67,7 +55,6 @@ def test_without_compilation_replaces_the_time_of_the_first_steps():
     """Ten seconds of compiling in the first of 25 steps, then 0.1 s a step."""
     seconds = without_compilation([25, 50, 100], [12.5, 15.0, 20.0])
     assert seconds == pytest.approx([2.5, 5.0, 10.0])
-
 
 
 def test_cases_are_timed_in_turns_without_their_warm_up():
@@ -79,13 +66,11 @@ def test_cases_are_timed_in_turns_without_their_warm_up():
     assert all(wall.shape == cpu.shape == (2,) for wall, cpu in times.values())
 
 
-
 def test_every_way_of_dividing_a_budget_draws_as_many_samples():
     for budget in BUDGETS:
         drawn = {s.steps * s.pixels * s.samples for s in (Setting.of("none", split, budget) for split in SPLITS)}
         assert drawn == {budget * 4096 * 32}
         assert min(Setting.of("none", split, budget).steps for split in SPLITS) > 25, "the first score has to come earlier"
-
 
 
 @pytest.mark.slow

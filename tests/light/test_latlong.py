@@ -20,6 +20,7 @@ pytestmark = pytest.mark.verify
 SIZES = [(1, 1), (1, 2), (2, 4), (16, 32), (37, 31), (256, 512)]
 BY = {"torch": latlong, "kernels": kernel_calls}
 
+
 # ---------------------------------------------------------------- geometry
 @pytest.mark.parametrize(("height", "width"), SIZES)
 def test_solid_angles_fill_the_sphere(height: int, width: int) -> None:

@@ -17,15 +17,10 @@ from chi_square import assert_frequencies
 from kernel_calls import normal_bin, texel_to_direction
 
 from ia_bench.light import latlong
-from ia_bench.light.latlong import (
-    BIN_RADIUS,
-    BIN_SIDE,
-    LatLongSampler,
-    bin_centres,
-    sampling_grid,
-)
+from ia_bench.light.latlong import BIN_RADIUS, BIN_SIDE, LatLongSampler, bin_centres, sampling_grid
 
 pytestmark = pytest.mark.verify
+
 
 # ---------------------------------------------------------------- sampling
 def one_bright() -> torch.Tensor:
@@ -155,8 +150,7 @@ def test_every_direction_that_can_light_a_normal_can_be_drawn(height: int) -> No
     sampler = LatLongSampler.build(torch.ones(height, 2 * height, 3))
     rng = torch.Generator().manual_seed(5)
     normal, direction = (
-        torch.nn.functional.normalize(torch.randn(200_000, 3, dtype=torch.float64, generator=rng), dim=-1)
-        for _ in range(2)
+        torch.nn.functional.normalize(torch.randn(200_000, 3, dtype=torch.float64, generator=rng), dim=-1) for _ in range(2)
     )
     cosine = (normal * direction).sum(-1)
     texel = latlong.direction_to_texel(direction, height, 2 * height)
@@ -233,8 +227,7 @@ def test_blocks_hold_every_texel_once_and_bound_the_cosine() -> None:
     assert torch.equal(grid.end.diff(prepend=torch.zeros(1, dtype=torch.int32)), torch.bincount(grid.block).int())
     rng = torch.Generator().manual_seed(6)
     normal, direction = (
-        torch.nn.functional.normalize(torch.randn(200_000, 3, dtype=torch.float64, generator=rng), dim=-1)
-        for _ in range(2)
+        torch.nn.functional.normalize(torch.randn(200_000, 3, dtype=torch.float64, generator=rng), dim=-1) for _ in range(2)
     )
     block = grid.block[latlong.direction_to_texel(direction, height, width)]
     assert (grid.bound[normal_bin(normal), block] >= (normal * direction).sum(-1).float()).all()

@@ -21,9 +21,7 @@ DRAWS = 100_000
 def view_at(degrees: float) -> Tensor:
     """A view direction at an angle from the normal +z, off the axes."""
     theta, phi = math.radians(degrees), 0.7
-    return torch.tensor(
-        [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)], dtype=torch.float64
-    )
+    return torch.tensor([math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)], dtype=torch.float64)
 
 
 def half_vector_grid(roughness: float) -> tuple[Tensor, Tensor]:
@@ -39,9 +37,7 @@ def half_vector_grid(roughness: float) -> tuple[Tensor, Tensor]:
     angle = a[None, :, None, :].expand(shape)
     half = normalize(torch.stack([across * angle.cos(), across * angle.sin(), torch.ones(shape)], -1).double())
     area = alpha**2 * torch.tan(q) / torch.cos(q) ** 2  # slope d slope = alpha^2 tan(q) / cos(q)^2 dq
-    cell = (area * weight * (math.pi / 2 / RINGS))[:, None, :, None] * (weight * 2 * math.pi / SECTORS)[
-        None, None, None, :
-    ]
+    cell = (area * weight * (math.pi / 2 / RINGS))[:, None, :, None] * (weight * 2 * math.pi / SECTORS)[None, None, None, :]
     return half, half[..., 2] ** 3 * cell
 
 

@@ -7,12 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from half_vectors import (
-    ROUGHNESS,
-    UP,
-    random_pairs,
-    rough,
-)
+from half_vectors import ROUGHNESS, UP, random_pairs, rough
 from torch import Tensor
 
 from ia_bench.material.brdf import (
@@ -74,9 +69,7 @@ def test_reciprocity(roughness: float) -> None:
 
 
 def test_fresnel_ends() -> None:
-    assert float(fresnel_schlick(torch.tensor(1.0))) == pytest.approx(
-        ((1.5 - 1) / (1.5 + 1)) ** 2
-    )  # exact Fresnel, IOR 1.5
+    assert float(fresnel_schlick(torch.tensor(1.0))) == pytest.approx(((1.5 - 1) / (1.5 + 1)) ** 2)  # exact Fresnel, IOR 1.5
     assert float(fresnel_schlick(torch.tensor(0.0))) == pytest.approx(1)
     assert F0 == 0.04
     falling = fresnel_schlick(torch.linspace(0, 1, 100, dtype=torch.float64))

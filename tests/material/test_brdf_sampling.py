@@ -43,6 +43,7 @@ from ia_bench.material.brdf import (
 
 pytestmark = pytest.mark.verify
 
+
 # ---------------------------------------------------------------- sampling and density
 @pytest.mark.parametrize("degrees", DEGREES)
 @pytest.mark.parametrize("roughness", ROUGHNESS)
@@ -68,6 +69,20 @@ def test_samples_follow_their_density(roughness: float, degrees: float) -> None:
     halves = normalize(drawn + view.to(kind).double())
     counts = np.bincount(cells_of(halves.numpy(), roughness), minlength=RINGS * SECTORS)
     assert_frequencies(counts, expected.numpy(), tests=len(ROUGHNESS) * len(DEGREES))
+
+
+@pytest.mark.parametrize("degrees", DEGREES)
+@pytest.mark.parametrize("roughness", RENDERED)
+def test_float32_draws_what_float64_draws(roughness: float, degrees: float) -> None:
+    """From the same numbers the same directions, 99.9 % of them to 2e-5 and all to 2e-3, each with a density."""
+    u = torch.rand(DRAWS, 2, generator=torch.Generator().manual_seed(14))
+    single = [v.float().expand(DRAWS, -1) for v in (UP, view_at(degrees))], torch.full((DRAWS, 1), roughness)
+    double = [v.double() for v in single[0]], single[1].double()
+    drawn = sample_visible_ggx(*single[0], single[1], u)
+    error = (drawn.double() - sample_visible_ggx(*double[0], double[1], u.double())).norm(dim=-1)
+    assert float(error.quantile(0.999)) < 2e-5
+    assert float(error.max()) < 2e-3
+    assert (visible_ggx_pdf(*single[0], drawn, single[1]) > 0).all()
 
 
 @pytest.mark.parametrize("degrees", DEGREES)

@@ -26,9 +26,7 @@ def numbers(*shape: int, seed: int = 0) -> torch.Tensor:
 @pytest.mark.parametrize(("by", "dtype", "close"), BY)
 @pytest.mark.parametrize("channels", [1, 2, 3, 5])
 @pytest.mark.parametrize(("height", "width"), [(37, 31), (64, 64), (1, 5), (1, 1)])
-def test_bilinear_lookup_against_scipy(
-    height: int, width: int, channels: int, by: Fetch, dtype: torch.dtype, close: float
-) -> None:
+def test_bilinear_lookup_against_scipy(height: int, width: int, channels: int, by: Fetch, dtype: torch.dtype, close: float) -> None:
     """scipy counts from the centre of texel (0, 0), rows down; UV are drawn beyond the border too.
 
     A UV in float32 is 6e-8 off, 64 times that in texels, of which neighbours differ by up to 1.
@@ -36,8 +34,7 @@ def test_bilinear_lookup_against_scipy(
     texture, uv = numbers(height, width, channels), (1.2 * numbers(500, 2, seed=1) - 0.1).to(dtype).double()
     row, column = (1 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5
     expected = [
-        map_coordinates(texture[..., c].numpy(), [row.numpy(), column.numpy()], order=1, mode="nearest")
-        for c in range(channels)
+        map_coordinates(texture[..., c].numpy(), [row.numpy(), column.numpy()], order=1, mode="nearest") for c in range(channels)
     ]
     found = by(texture.to(dtype), uv.to(dtype))
     assert found.dtype == dtype

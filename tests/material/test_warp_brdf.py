@@ -1,4 +1,4 @@
-"""The BRDF of the kernels: its samples by chi-square tests, its numbers against those of torch in float64 (test_brdf.py)."""
+"""The BRDF of the kernels: its samples and its numbers against those of torch in float64 (test_brdf.py, test_brdf_sampling.py)."""
 
 from __future__ import annotations
 
@@ -7,23 +7,10 @@ import math
 import kernel_calls
 import pytest
 import torch
-from half_vectors import (
-    DEGREES,
-    DRAWS,
-    RENDERED,
-    UP,
-    random_pairs,
-    view_at,
-)
+from half_vectors import DEGREES, DRAWS, RENDERED, UP, random_pairs, view_at
 
 from benchmarks.reference import specular_lobes
-from ia_bench.material.brdf import (
-    MIN_ROUGHNESS,
-    dot,
-    normalize,
-    sample_visible_ggx,
-    visible_ggx_pdf,
-)
+from ia_bench.material.brdf import MIN_ROUGHNESS, dot, normalize, sample_visible_ggx, visible_ggx_pdf
 
 pytestmark = pytest.mark.verify
 
@@ -37,13 +24,15 @@ def drawn_at(roughness: float, degrees: float, u: torch.Tensor) -> tuple[tuple[t
 @pytest.mark.parametrize("degrees", DEGREES)
 @pytest.mark.parametrize("roughness", RENDERED)
 def test_the_kernel_draws_what_float64_draws(roughness: float, degrees: float) -> None:
-    """From the same numbers the same directions, 99.9 % of them to 2e-5 and all to 2e-3."""
+    """From the same numbers the same directions, 99.9 % of them to 2e-5 and all to 2e-3; those above have a density."""
     u = torch.rand(DRAWS, 2, generator=torch.Generator().manual_seed(14))
     seen, drawn = drawn_at(roughness, degrees, u)
     exact = sample_visible_ggx(*(v.double() for v in seen), torch.full((DRAWS, 1), roughness).double(), u.double())
     error = (drawn.double() - exact).norm(dim=-1)
     assert float(error.quantile(0.999)) < 2e-5
     assert float(error.max()) < 2e-3
+    density = kernel_calls.lobe(*seen, drawn, torch.full((1, 1), roughness))[3]
+    assert (density[drawn[:, 2] > 0] > 0).all()
 
 
 @pytest.mark.parametrize("roughness", RENDERED)

@@ -41,9 +41,7 @@ def test_gradients_against_finite_differences_with_the_samples_held() -> None:
     log_light = torch.randn(height * width, 3, generator=generator)
     light = SampledLight.of(log_light.exp().reshape(height, width, 3))
     draws = torch.rand(2, count, 8, 3, dtype=torch.float64, generator=generator)
-    direction, texel, weight = reference.sample_directions(
-        normal, view, fetch(roughness, uv), *draws, light.sampler
-    )
+    direction, texel, weight = reference.sample_directions(normal, view, fetch(roughness, uv), *draws, light.sampler)
     fixed = [t.double() for t in (normal, view, uv, direction)]
 
     def shade(albedo: torch.Tensor, roughness: torch.Tensor, log_light: torch.Tensor) -> tuple[torch.Tensor, ...]:
@@ -62,9 +60,7 @@ def test_detached_sampling_has_an_unbiased_gradient_of_roughness() -> None:
     # Midpoint rule over the sphere in (cos theta, phi), whole cells in every texel, in float64.
     fine = 96
     edges = np.cos(np.pi * np.arange(height + 1) / height)
-    z = np.concatenate(
-        [a + (b - a) * (np.arange(fine) + 0.5) / fine for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    )
+    z = np.concatenate([a + (b - a) * (np.arange(fine) + 0.5) / fine for a, b in zip(edges[:-1], edges[1:], strict=True)])
     area = np.repeat((edges[:-1] - edges[1:]) / fine, fine) * (2 * np.pi / (width * fine))
     phi = np.pi - 2 * np.pi * (np.arange(width * fine) + 0.5) / (width * fine)
     sin = np.sqrt(1 - z**2)[:, None]

@@ -72,9 +72,7 @@ def brute_force(stage: Stage, pixels: torch.Tensor, material: Material, radiance
     direction = rng.normal(size=(len(pixels), DIRECTIONS, 3))
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
     origin = (points.position + stage.surface.offset * points.geometric)[:, None].expand(-1, DIRECTIONS, 3)
-    blocked = stage.rays.occluded(
-        origin.reshape(-1, 3).contiguous(), torch.from_numpy(direction).float().reshape(-1, 3)
-    )
+    blocked = stage.rays.occluded(origin.reshape(-1, 3).contiguous(), torch.from_numpy(direction).float().reshape(-1, 3))
     normal, view = points.normal.double().numpy()[:, None], points.view.double().numpy()[:, None]
     roughness = fetch(material.roughness, points.uv).double().numpy()
     albedo = fetch(material.albedo, points.uv).double().numpy()[:, None]
@@ -98,9 +96,7 @@ def brute_force(stage: Stage, pixels: torch.Tensor, material: Material, radiance
     return np.stack([incoming * albedo / np.pi * cos_i[..., None], incoming * specular[..., None]], 2)
 
 
-def test_estimator_agrees_with_brute_force(
-    tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor
-) -> None:
+def test_estimator_agrees_with_brute_force(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
     """z-test per pixel, channel and part of MIS against uniform directions over the sphere, shadows included."""
     radiance = LatLongEnvironment(soft_light).latlong(16)
     light = SampledLight.of(radiance)
@@ -133,17 +129,13 @@ def test_estimator_agrees_with_brute_force(
 
 
 # ---------------------------------------------------------------- convergence
-def test_passes_of_a_picture_share_one_lattice(
-    tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor
-) -> None:
+def test_passes_of_a_picture_share_one_lattice(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
     """Passes of 32 samples: independent ones would halve the error with four times as many, parts of a lattice do better."""
     light = SampledLight.of(soft_light)
 
     def error(samples: int, seed: int) -> float:
         pair = [
-            tiny_stage.renderer().render_images(
-                tiny_stage.gbuffer, tiny_material, light, samples, torch.Generator().manual_seed(s)
-            )
+            tiny_stage.renderer().render_images(tiny_stage.gbuffer, tiny_material, light, samples, torch.Generator().manual_seed(s))
             for s in (seed, seed + 1)
         ]
         return float(((pair[0]["radiance"] - pair[1]["radiance"]) ** 2).mean().sqrt())

@@ -41,9 +41,7 @@ def test_depth_and_normal_are_those_of_cycles(tiny: Scene, fine: tuple[SurfaceIn
     pixels, points = gbuffer.face.shape
     hit = (gbuffer.face >= 0).reshape(-1)
     view = (gbuffer.pixel // 1024)[:, None].expand(-1, points).reshape(-1)
-    found = surface(
-        gbuffer.face.clamp_min(0).reshape(-1).long(), gbuffer.barycentric.reshape(-1, 2), gbuffer.origin[view]
-    )
+    found = surface(gbuffer.face.clamp_min(0).reshape(-1).long(), gbuffer.barycentric.reshape(-1, 2), gbuffer.origin[view])
     forward = torch.stack([torch.from_numpy(-v.camera.to_world[:3, 2]).float() for v in tiny.test])[view]
     depth = ((found.position - gbuffer.origin[view]) * forward).sum(-1)
 
@@ -76,8 +74,7 @@ def test_rays_go_through_stratified_points_of_their_pixel() -> None:
     for row in range(5):
         for column in range(5):
             strata = {
-                (int((y - row) * 3), int((x - column) * 3))
-                for x, y in zip(across[row, column], down[row, column], strict=True)
+                (int((y - row) * 3), int((x - column) * 3)) for x, y in zip(across[row, column], down[row, column], strict=True)
             }
             assert strata == {(i, j) for i in range(3) for j in range(3)}
     np.testing.assert_allclose(directions[2, 2, 4], -camera.to_world[:3, 2], atol=1e-6)  # the middle looks along -z

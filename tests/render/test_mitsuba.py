@@ -119,9 +119,7 @@ def bowl_twin(twin: Twin) -> Twin:
     return replace(twin, mesh=bowl(share=0.6), camera=camera, light=light)
 
 
-def bounced(
-    twin: Twin, bounces: int, pixels: torch.Tensor, leaves: dict[str, torch.Tensor], cache: Path
-) -> torch.Tensor:
+def bounced(twin: Twin, bounces: int, pixels: torch.Tensor, leaves: dict[str, torch.Tensor], cache: Path) -> torch.Tensor:
     """Radiance (P, 3) of G-buffer entries ``pixels``, of the diffuse lobe, differentiable in ``leaves``."""
     stage = twin.stage
     operators = bake_interreflection(stage.mesh, stage.surface, stage.rays, bounces, cache) if bounces else None

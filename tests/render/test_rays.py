@@ -49,9 +49,9 @@ def rays_through(seed: int, count: int = 1500) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return rng.uniform(-1.5, 1.5, (count, 3)).astype(np.float32).astype(np.float64), directions.astype(
-        np.float32
-    ).astype(np.float64)
+    return rng.uniform(-1.5, 1.5, (count, 3)).astype(np.float32).astype(np.float64), directions.astype(np.float32).astype(
+        np.float64
+    )
 
 
 MESHES = {

@@ -136,9 +136,7 @@ def test_lights_of_the_same_views_share_what_the_brdf_meets(material: Material, 
     np.testing.assert_array_equal(found.render(CAMERAS, light=None, **USUAL).images, fresh(light))
 
 
-def test_what_finds_no_room_is_traced_again(
-    material: Material, light: torch.Tensor, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_finds_no_room_is_traced_again(material: Material, light: torch.Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
     pictures, rays = [], []
     for room in (2**20, 0):
         monkeypatch.setattr("ia_bench.render.renderer.MET_BYTES", room)

@@ -22,9 +22,7 @@ from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
 
 
-def test_ground_truth_through_the_renderer_is_cycles_direct_light(
-    tiny: Scene, tiny_folder: Path, tiny_sun: torch.Tensor
-) -> None:
+def test_ground_truth_through_the_renderer_is_cycles_direct_light(tiny: Scene, tiny_folder: Path, tiny_sun: torch.Tensor) -> None:
     """Against direct-only Cycles renders of `tiny`: 32 dB (sRGB, mask) and 7 % of mean radiance, 4 x 4 points a pixel.
 
     The gap is the Principled BSDF, which takes from the diffuse part what it reflects, noise of both, and the pixel's
@@ -34,9 +32,7 @@ def test_ground_truth_through_the_renderer_is_cycles_direct_light(
     stage = Stage.of(tiny.mesh, [view.camera for view in tiny.test], side=4)
     albedo, roughness = (torch.from_numpy(t).float() for t in (tiny.truth.albedo, tiny.truth.roughness))
     material = Material(albedo, roughness[..., None].clamp(0.03, 1))
-    ours = stage.renderer().render_images(
-        stage.gbuffer, material, SampledLight.of(tiny_sun), 256, torch.Generator().manual_seed(0)
-    )
+    ours = stage.renderer().render_images(stage.gbuffer, material, SampledLight.of(tiny_sun), 256, torch.Generator().manual_seed(0))
     theirs = np.stack([read_exr(tiny_folder / "direct" / "test" / f"{i:04d}.exr", 4) for i in range(4)])
     mask = theirs[..., 3] > 0.5
     a, b = (linear_to_srgb(image[mask].clip(0, 1)) for image in (ours["radiance"].numpy(), theirs[..., :3]))
@@ -69,9 +65,7 @@ def test_texture_images_are_box_filtered_and_premultiplied() -> None:
     torch.testing.assert_close(image[0], expected, atol=1e-3, rtol=0)
 
 
-def test_the_same_generator_gives_the_same_picture(
-    tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor
-) -> None:
+def test_the_same_generator_gives_the_same_picture(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
     def once(seed: int) -> torch.Tensor:
         light, rng = SampledLight.of(soft_light), torch.Generator().manual_seed(seed)
         return tiny_stage.renderer().render_images(tiny_stage.gbuffer, tiny_material, light, 32, rng)["radiance"]

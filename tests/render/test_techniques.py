@@ -43,9 +43,7 @@ def joined(stage: Stage, pixels: torch.Tensor, material: Material, light: Sample
     return torch.stack([drawn.diffuse, drawn.specular], 1).reshape(repeats, len(pixels), 2, 3).double().numpy()
 
 
-def alone(
-    technique: str, stage: Stage, pixels: torch.Tensor, material: Material, light: SampledLight, samples: int
-) -> np.ndarray:
+def alone(technique: str, stage: Stage, pixels: torch.Tensor, material: Material, light: SampledLight, samples: int) -> np.ndarray:
     """The same from one technique's independent samples: radiance V f cos / its density, (REPEATS, P, 2, 3)."""
     points = stage.points(pixels.repeat(REPEATS))
     normal, view = points.normal[:, None], points.view[:, None]

@@ -49,12 +49,7 @@ class Ball:
         return {name: self._pictures(cameras, points, values[name]) for name in names if values[name] is not None}
 
     def render(
-        self,
-        cameras: Sequence[Camera],
-        *,
-        light: Environment | None,
-        albedo_scale: torch.Tensor | None,
-        quality: Quality,
+        self, cameras: Sequence[Camera], *, light: Environment | None, albedo_scale: torch.Tensor | None, quality: Quality
     ) -> Images | None:
         chosen = self.environment if light is None else light
         if chosen is None:

@@ -36,6 +36,7 @@ def by_hand(predicted: Images, true: Images, scale: float = 1.0) -> float:
     ]
     return float(np.mean(values))
 
+
 def test_every_component_against_scikit_image(guess: Predictions, truth: Predictions) -> None:
     scores = score(guess, truth, PAPER)
     inside = [coverage > 0.5 for coverage in truth.albedo.coverage]
@@ -147,13 +148,7 @@ def test_the_order_of_views_changes_only_the_order_of_values(guess: Predictions,
 
 def test_the_quick_score_is_the_full_one_without_ssim_and_lpips(guess: Predictions, truth: Predictions) -> None:
     full, quick = score(guess, truth, PAPER).metrics, score_quick(guess, truth, PAPER)
-    assert list(quick) == [
-        "albedo_psnr",
-        "aligned_albedo_psnr",
-        "view_synthesis_psnr",
-        "relighting_psnr",
-        "roughness_mse",
-    ]
+    assert list(quick) == ["albedo_psnr", "aligned_albedo_psnr", "view_synthesis_psnr", "relighting_psnr", "roughness_mse"]
     for column, value in quick.items():
         component, name = column.rsplit("_", 1)
         assert value == full[component][name]

@@ -139,10 +139,7 @@ def test_no_view_at_all(guess: Predictions, truth: Predictions) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            lambda t: replace(t, albedo=Images(t.albedo.images[:2], t.albedo.coverage[:2])),
-            "albedo: expected 2 views, found 3",
-        ),
+        (lambda t: replace(t, albedo=Images(t.albedo.images[:2], t.albedo.coverage[:2])), "albedo: expected 2 views, found 3"),
         (lambda t: replace(t, view_synthesis=t.roughness), r"view_synthesis, view 0: expected shape \(37, 43\)"),
         (lambda t: replace(t, relighting={"night": t.relighting["night"]}), r"expected the lights \['night'\], found"),
         (lambda t: replace(t, roughness=t.albedo), r"roughness, view 0: expected shape \(37, 43, 3\)"),

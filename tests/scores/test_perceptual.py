@@ -86,9 +86,7 @@ def test_empty_masks_and_small_images_have_no_number() -> None:
         perceptual.lpips(Compared.of_object(GUESS[:31], TRUE[:31], EVERYWHERE[:31]))
 
 
-def test_without_internet_there_is_a_reason_and_it_is_remembered(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_internet_there_is_a_reason_and_it_is_remembered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     attempts = []
 
     def unreachable(*_: object, **__: object) -> None:
@@ -159,7 +157,6 @@ def test_other_failures_of_torchvision_are_not_hidden() -> None:
 
 def test_scoring_imports_no_network_package_until_it_is_asked_to() -> None:
     output = run_python(
-        "import sys, ia_bench.scores.evaluate\n"
-        "print([name for name in ('torch', 'torchvision', 'lpips') if name in sys.modules])"
+        "import sys, ia_bench.scores.evaluate\nprint([name for name in ('torch', 'torchvision', 'lpips') if name in sys.modules])"
     )
     assert output.strip() == "[]"

@@ -114,9 +114,7 @@ def darker_than(ball: Ball) -> Ball:
     return replace(ball, albedo=tuple(0.5 * value for value in ball.albedo))
 
 
-def test_a_reconstruction_without_textures_is_scored_by_what_it_draws(
-    photographed: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reconstruction_without_textures_is_scored_by_what_it_draws(photographed: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scorer_module, "Stage", no_texture)
     monkeypatch.setattr(scorer_module.TexturedReconstruction, "of", no_texture)
     assert isinstance(BALL, Reconstruction)
