@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import yaml
 from rich.console import Console
 from rich.text import Text
 
@@ -24,11 +25,14 @@ if TYPE_CHECKING:
     from ia_bench.checks.finding import Finding
     from ia_bench.methods.contract import Problem
     from ia_bench.readers.contract import SceneReader
+    from ia_bench.runs.config import RunConfig
     from ia_bench.scenes.scene import Scene
 
 USAGE = """\
 python -m ia_bench.check prior=NAME [prior.options.KEY=VALUE ...] [--json]
 python -m ia_bench.check method=NAME [method.options.KEY=VALUE ...] [--json]
+python -m ia_bench.check coupling=NAME [coupling.options.KEY=VALUE ...] [--json]
+python -m ia_bench.check regulariser=NAME [regulariser.options.KEY=VALUE ...] [--json]
 python -m ia_bench.check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE ...] [sheet=FILE.png] [--json]
 
 Checks that a plugin keeps its contract. NAME is one of those below, or module:Class.
@@ -39,6 +43,9 @@ ranges, determinism, seeds, guidance, wrong input.
 A method reconstructs tiny (scene=NAME or scene.path=FOLDER: another one) with preset=smoke: whether it sees no truth, repeats
 and resumes to the bit (on the CPU), predicts what it says it does, and is scored. prior=NAME gives it one to ask.
 
+A coupling and a regulariser are asked about tiny, and about samples and materials that are made up: what they give back,
+whether it repeats, whether a coupling goes on from a checkpoint. prior=NAME is the prior of the fit.
+
 A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; what was found, what is missing and what
 will be scored. A picture of it all, cameras around the mesh and photographs with its outline, is written to sheet=FILE.png
 (runs/contact_sheets/SCENE.png): look at it first.
@@ -47,6 +54,10 @@ Priors
 {prior}
 Methods
 {method}
+Couplings
+{coupling}
+Regularisers
+{regulariser}
 Readers
 {reader}
 Exit status: 0 all ticks, 1 at least one cross, 2 a mistake in what was asked.
@@ -55,8 +66,10 @@ Exit status: 0 all ticks, 1 at least one cross, 2 a mistake in what was asked.
 MARKS = {"pass": ("✓", "green"), "fail": ("✗", "red"), "skip": ("-", "bright_black")}
 ASCII_MARKS = {"pass": "ok", "fail": "FAIL", "skip": "skip"}
 SETTINGS = {
-    "method": ("method", "prior", "scene", "reader", "render", "preset", "threads"),
+    "method": ("method", "prior", "coupling", "fit", "scene", "reader", "render", "preset", "threads"),
     "reader": ("reader", "scene", "sheet"),
+    "coupling": ("coupling", "prior", "scene"),
+    "regulariser": ("regulariser", "prior", "scene"),
     "prior": ("prior",),
 }
 """What may be set of a check, by what is checked; the first of these that is named on the command line."""
@@ -104,7 +117,7 @@ def _kind(arguments: Sequence[str]) -> str:
         if key.lstrip("+~").split(".")[0] not in known:
             raise InputError(unknown("setting of ia_bench.check", key.lstrip("+~").split(".")[0], list(known)))
     if kind is None:
-        raise InputError("expected prior=NAME, method=NAME or reader=NAME; --help lists them")
+        raise InputError(f"expected {', '.join(f'{kind}=NAME' for kind in list(SETTINGS)[:-1])} or prior=NAME; --help lists them")
     return kind
 
 
@@ -122,13 +135,16 @@ def _check_prior(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     return f"prior {config.name} ({config.target}) on {what}", check_prior(make, stack)
 
 
-def _check_method(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
+def _on_tiny(arguments: Sequence[str]) -> tuple[RunConfig, Scene, Callable[[Scene], Problem]]:
+    """The configuration of a short run on the CPU, its scene, and what makes a problem of one as that run does.
+
+    On the CPU the same numbers are promised, which rules ask for.
+    """
     given = {text.partition("=")[0] for text in arguments}
     short = [f"{key}={value}" for key, value in SHORT.items() if key not in given]
-    config = compose([*arguments, *short, "device=cpu"])  # where the same numbers are promised, which a rule asks for
+    config = compose([*arguments, *short, "device=cpu"])
     limit_threads(config.threads or 1)
-    from ia_bench.checks.methods import check_method  # brings in torch
-    from ia_bench.methods.costs import CostTracker
+    from ia_bench.methods.costs import CostTracker  # brings in torch, as what follows
     from ia_bench.runs.run import problem_of
 
     scene, info = captured_scene(config, lambda _: None), method_of(config).info
@@ -136,8 +152,44 @@ def _check_method(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     def make_problem(scene: Scene) -> Problem:
         return problem_of(config, scene, info, note=lambda _: None, costs=CostTracker())
 
+    return config, scene, make_problem
+
+
+def _check_method(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
+    config, scene, make_problem = _on_tiny(arguments)
+    from ia_bench.checks.methods import check_method
+
     what = f"method {config.method.name} ({config.method.target}) on scene {scene.name}"
     return what, check_method(lambda: method_of(config), make_problem, scene)
+
+
+def _check_coupling(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
+    config, scene, make_problem = _on_tiny(arguments)
+    from ia_bench.checks.fit_parts import check_coupling
+
+    plugin = registry.find("coupling", config.coupling.name)
+
+    def make() -> object:
+        return registry.create("coupling", plugin.name, plugin.target, config.coupling.options)
+
+    make()
+    return f"coupling {plugin.name} ({plugin.target}) on scene {scene.name}", check_coupling(make, make_problem(scene))
+
+
+def _check_regulariser(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
+    """Its options are written ``regulariser.options.KEY=VALUE``: it is part of no configuration by itself."""
+    own = dict(text.split("=", 1) for text in arguments if text.startswith("regulariser") and "=" in text)
+    _, scene, make_problem = _on_tiny([text for text in arguments if not text.startswith("regulariser")])
+    from ia_bench.checks.fit_parts import check_regulariser
+
+    plugin = registry.find("regulariser", own.pop("regulariser"))
+    options = {key.removeprefix("regulariser.options."): yaml.safe_load(value) for key, value in own.items()}
+
+    def make() -> object:
+        return registry.create("regulariser", plugin.name, plugin.target, options)
+
+    make()
+    return f"regulariser {plugin.name} ({plugin.target}) on scene {scene.name}", check_regulariser(make, make_problem(scene))
 
 
 def _check_reader(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
@@ -158,6 +210,8 @@ CHECKS: dict[str, Callable[[Sequence[str]], tuple[str, Iterable[Finding]]]] = {
     "prior": _check_prior,
     "method": _check_method,
     "reader": _check_reader,
+    "coupling": _check_coupling,
+    "regulariser": _check_regulariser,
 }
 
 

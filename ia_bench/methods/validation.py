@@ -1,9 +1,9 @@
-"""The one place where a method is called: what it gives back is checked before anybody uses it, and told by its name."""
+"""The one place where methods, couplings and regularisers are called: what they give back is checked before anybody uses it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from math import isfinite
 from numbers import Integral, Real
@@ -16,7 +16,18 @@ from torch import Tensor
 from ia_bench.common.errors import PluginError
 from ia_bench.common.registry import BUILT_IN, at_work
 from ia_bench.light.environment import Environment, LatLongEnvironment
-from ia_bench.methods.contract import Method, Monitor, Problem, Result
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import (
+    Coupling,
+    FitState,
+    Method,
+    Monitor,
+    PixelSamples,
+    Problem,
+    Regulariser,
+    Result,
+    StepRender,
+)
 from ia_bench.render.reconstruction import Assets, Quality, Reconstruction, TexturedReconstruction
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Camera, Mesh
@@ -135,11 +146,12 @@ class CheckedReconstruction:
 @contextmanager
 def _at_work(name: str, what: object) -> Iterator[None]:
     """As :func:`ia_bench.common.registry.at_work` for what is not built in; our own mistakes keep their traceback."""
-    if type(what).__module__.partition(".")[0] == BUILT_IN:
+    with nullcontext() if _built_in(what) else at_work("method", name):
         yield
-        return
-    with at_work("method", name):
-        yield
+
+
+def _built_in(what: object) -> bool:
+    return type(what).__module__.partition(".")[0] == BUILT_IN
 
 
 def _numbers(who: str, values: Any, kind: type) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
@@ -198,3 +210,100 @@ def _sized(what: str, found: tuple[int, ...], shape: str, square: bool) -> None:
         raise PluginError(f"{what}: expected shape {shape}, found {found}")
     if max(found[:2]) > LARGEST_SIDE:
         raise PluginError(f"{what}: expected at most {LARGEST_SIDE} texels a side, found {found}")
+
+
+# ---- couplings and regularisers ------------------------------------------------------------------------------------
+
+
+def checked_coupling(name: str, coupling: Any) -> Coupling:  # noqa: ANN401 (whatever the plugin made)
+    """``coupling`` as it is if it is built in, else one whose every answer is checked. Raises PluginError for none."""
+    if not isinstance(coupling, Coupling):
+        raise PluginError(f"coupling {name}: expected a {Coupling.__module__}.Coupling, found {type(coupling).__name__}")
+    return coupling if _built_in(coupling) else CheckedCoupling(name, coupling)
+
+
+class CheckedCoupling(Coupling):
+    """A coupling of somebody else's. Every method raises PluginError, naming it, for what it raises or may not answer."""
+
+    def __init__(self, name: str, found: Coupling) -> None:
+        self._name, self._found = name, found
+        self.sets_albedo, self.period, self.views = bool(found.sets_albedo), int(found.period), int(found.views)
+
+    def uses(self, provides: frozenset[str]) -> frozenset[str]:
+        """See :meth:`Coupling.uses`."""
+        used = self._ask("uses", provides)
+        if not isinstance(used, frozenset) or not used <= provides:
+            raise PluginError(f"coupling {self._name}: uses(): expected a part of {set(provides)}, found {used!r:.100}")
+        return used
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        """See :meth:`Coupling.prepare`."""
+        self._ask("prepare", samples, problem)
+
+    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
+        """See :meth:`Coupling.loss`."""
+        losses = self._ask("loss", render, pixels)
+        who = f"coupling {self._name}: loss()"
+        if not isinstance(losses, Mapping):
+            raise PluginError(f"{who}: expected a mapping of names to losses, found {type(losses).__name__}")
+        for what, value in losses.items():
+            if not isinstance(what, str) or not isinstance(value, Tensor) or value.shape != () or value.dtype != torch.float32:
+                shown = f"a tensor {tuple(value.shape)} of {value.dtype}" if isinstance(value, Tensor) else f"{value!r:.100}"
+                raise PluginError(f"{who}: expected names with single float32 values, found {what!r}: {shown}")
+        return dict(losses)
+
+    def update(self, texture: Tensor, step: int) -> None:
+        """See :meth:`Coupling.update`."""
+        self._ask("update", texture, step)
+
+    def state(self) -> dict[str, Tensor]:
+        """See :meth:`Coupling.state`."""
+        found: dict[str, Tensor] = self._ask("state")
+        return found
+
+    def restore(self, state: dict[str, Tensor]) -> None:
+        """See :meth:`Coupling.restore`."""
+        self._ask("restore", state)
+
+    def _ask(self, method: str, *given: Any) -> Any:  # noqa: ANN401 (as the method)
+        with at_work("coupling", self._name):
+            return getattr(self._found, method)(*given)
+
+
+def checked_regulariser(name: str, regulariser: Any) -> Regulariser:  # noqa: ANN401 (whatever the plugin made)
+    """``regulariser`` as it is if it is built in, else one whose every answer is checked. Raises PluginError for none."""
+    if not isinstance(regulariser, Regulariser):
+        found = type(regulariser).__name__
+        raise PluginError(f"regulariser {name}: expected a {Regulariser.__module__}.Regulariser, found {found}")
+    return regulariser if _built_in(regulariser) else CheckedRegulariser(name, regulariser)
+
+
+class CheckedRegulariser(Regulariser):
+    """A regulariser of somebody else's. Every method raises PluginError, naming it, for what it raises or may not answer."""
+
+    def __init__(self, name: str, found: Regulariser) -> None:
+        self._name, self._found, self.completes = name, found, bool(found.completes)
+
+    def prepare(self, problem: Problem) -> None:
+        """See :meth:`Regulariser.prepare`."""
+        with at_work("regulariser", self._name):
+            self._found.prepare(problem)
+
+    def due(self, step: int, steps: int) -> bool:
+        """See :meth:`Regulariser.due`."""
+        with at_work("regulariser", self._name):
+            return bool(self._found.due(step, steps))
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        """See :meth:`Regulariser.apply`."""
+        with at_work("regulariser", self._name):
+            moved = self._found.apply(material, state)
+        who = f"regulariser {self._name}: apply()"
+        if not isinstance(moved, Material):
+            raise PluginError(f"{who}: expected a {Material.__module__}.Material, found {type(moved).__name__}")
+        for part, channels in (("albedo", 3), ("roughness", 1)):
+            given, found = getattr(material, part), getattr(moved, part)
+            _tensor(f"{who}: {part}", found, f"(T, T, {channels})", given.device.type, square=True)
+            if found.shape != given.shape:
+                raise PluginError(f"{who}: {part}: expected shape {tuple(given.shape)}, found {tuple(found.shape)}")
+        return moved

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import PluginError
 from ia_bench.common.registry import at_work
 from ia_bench.priors.contract import Distiller, Observations, Prior, PriorInfo, Refiner, Samples
 
@@ -19,17 +19,17 @@ LARGEST = 1e6
 
 
 def check_prior_info(prior: Any) -> None:  # noqa: ANN401 (anything may claim to be a prior)
-    """Raise InputError unless ``prior`` says of itself what every user of it asks first."""
+    """Raise PluginError unless ``prior`` says of itself what every user of it asks first."""
     with at_work("prior", name_of(prior)):
         info = getattr(prior, "info", None)
     if not isinstance(info, PriorInfo):
-        raise InputError(f"prior {name_of(prior)}: info: expected a {PriorInfo.__module__}.PriorInfo, found {info!r:.100}")
+        raise PluginError(f"prior {name_of(prior)}: info: expected a {PriorInfo.__module__}.PriorInfo, found {info!r:.100}")
     if not callable(getattr(prior, "sample", None)):
-        raise InputError(f"prior {name_of(prior)}: expected a method sample(observations, *, seed, guidance=None), found none")
+        raise PluginError(f"prior {name_of(prior)}: expected a method sample(observations, *, seed, guidance=None), found none")
 
 
 def ask(prior: Prior, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
-    """The prior's samples, checked and in memory of their own. Raises InputError, naming the prior, for anything else."""
+    """The prior's samples, checked and in memory of their own. Raises PluginError, naming the prior, for anything else."""
     renders = None if guidance is None else _copied(guidance)
     with at_work("prior", name_of(prior)):
         samples = prior.sample(observations.copy(), seed=seed, guidance=renders)
@@ -66,26 +66,26 @@ def checked(name: str, method: str, samples: Any, provides: frozenset[str], shap
     """``samples`` with tensors of their own, if they are what the contract says of images of ``shape`` (V, H, W, 3)."""
     who = f"prior {name}: {method}()"
     if not isinstance(samples, Samples):
-        raise InputError(f"{who}: expected {Samples.__module__}.Samples, found {type(samples).__name__}")
+        raise PluginError(f"{who}: expected {Samples.__module__}.Samples, found {type(samples).__name__}")
     for part in ("values", "ceilings", "cost"):
         if not isinstance(getattr(samples, part), Mapping):
-            raise InputError(f"{who}: {part}: expected a mapping, found {type(getattr(samples, part)).__name__}")
+            raise PluginError(f"{who}: {part}: expected a mapping, found {type(getattr(samples, part)).__name__}")
     wanted = sorted(provides)
     if sorted(map(str, samples.values)) != wanted:
         found = ", ".join(map(str, samples.values)) or "nothing"
-        raise InputError(f"{who}: values: expected {', '.join(wanted) or 'nothing'}, found {found}")
+        raise PluginError(f"{who}: values: expected {', '.join(wanted) or 'nothing'}, found {found}")
     shapes = {component: (*shape[:-1], 1 if component == "roughness" else 3) for component in wanted}
     values = {component: _tensor(f"{who}: {component}", samples.values[component], shapes[component]) for component in wanted}
     ceilings = {}
     for component, ceiling in samples.ceilings.items():
         if component not in provides:
-            raise InputError(f"{who}: ceilings: expected some of {', '.join(wanted)}, found {component}")
+            raise PluginError(f"{who}: ceilings: expected some of {', '.join(wanted)}, found {component}")
         ceilings[component] = _tensor(f"{who}: ceiling of {component}", ceiling, (shape[0],), endless=True)
         if not bool((ceilings[component] > 0).all()):
-            raise InputError(f"{who}: ceiling of {component}: expected values > 0, found {float(ceilings[component].min()):g}")
+            raise PluginError(f"{who}: ceiling of {component}: expected values > 0, found {float(ceilings[component].min()):g}")
     for what, count in samples.cost.items():
         if not isinstance(what, str) or isinstance(count, bool) or not isinstance(count, int) or count < 0:
-            raise InputError(f"{who}: cost: expected names with whole numbers >= 0, found {what!r}: {count!r:.100}")
+            raise PluginError(f"{who}: cost: expected names with whole numbers >= 0, found {what!r}: {count!r:.100}")
     return Samples(values, ceilings, dict(samples.cost))
 
 
@@ -109,7 +109,7 @@ def absurd_values(samples: Samples) -> int:
 def _tensor(what: str, value: Any, shape: tuple[int, ...], *, endless: bool = False) -> Tensor:  # noqa: ANN401
     """A copy of ``value``, if it is a plain float32 tensor of ``shape`` on the CPU; ``endless``: which may hold Inf."""
     if not isinstance(value, Tensor):
-        raise InputError(f"{what}: expected a tensor, found {type(value).__name__}")
+        raise PluginError(f"{what}: expected a tensor, found {type(value).__name__}")
     for kind, expected, found in (
         ("type", torch.float32, value.dtype),
         ("layout", torch.strided, value.layout),
@@ -118,10 +118,10 @@ def _tensor(what: str, value: Any, shape: tuple[int, ...], *, endless: bool = Fa
         ("gradient", False, value.requires_grad),
     ):
         if found != expected:
-            raise InputError(f"{what}: expected {kind} {expected}, found {found}")
+            raise PluginError(f"{what}: expected {kind} {expected}, found {found}")
     bad = int((value.isnan() if endless else ~value.isfinite()).sum())
     if bad:
-        raise InputError(f"{what}: expected finite values, found NaN or Inf in {bad} of {value.numel()}")
+        raise PluginError(f"{what}: expected finite values, found NaN or Inf in {bad} of {value.numel()}")
     return value.clone(memory_format=torch.contiguous_format)
 
 

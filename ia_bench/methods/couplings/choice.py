@@ -7,6 +7,7 @@ from typing import Any
 
 from ia_bench.common import registry
 from ia_bench.methods.contract import Coupling, NoCoupling
+from ia_bench.methods.validation import checked_coupling
 from ia_bench.priors.contract import PriorInfo
 
 AUTO = "auto"
@@ -27,7 +28,8 @@ def coupling_of(
     if name == AUTO:
         name, why = (info.coupling, "which the prior recommends") if info.coupling else (DEFAULT, "the default")
         target = None
-    coupling: Coupling = registry.create("coupling", name, target or registry.find("coupling", name).target, options)
+    made = registry.create("coupling", name, target or registry.find("coupling", name).target, options)
+    coupling = checked_coupling(name, made)
     used = ", ".join(sorted(coupling.uses(info.provides))) or "nothing"
     note(f"coupling: {name}, {why}; it uses {used} of the prior's {', '.join(sorted(info.provides))}")
     return coupling

@@ -1,0 +1,135 @@
+"""Do a coupling and a regulariser keep their contracts (:mod:`ia_bench.methods.contract`)? One finding per question.
+
+Both are asked about a problem as a run makes it, of materials and samples that are made up: they are judged by what they do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ia_bench.checks.finding import Finding, judge
+from ia_bench.common.errors import InputError, raised
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import Coupling, FitState, PixelSamples, Problem, Regulariser, StepRender
+from ia_bench.methods.validation import CheckedCoupling, CheckedRegulariser
+from ia_bench.priors.contract import COMPONENTS, Samples
+
+PIXELS = 512  # of a step
+SIDE, STEPS = 32, 100  # texels of the material, steps of the fit
+THE_SAME = "the same to the bit"
+
+
+def check_coupling(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
+    """Check the coupling that ``make()`` returns; an instance for every question. Never raises for what the coupling does."""
+    yield from _asked(make, Coupling, lambda coupling: _coupling(make, CheckedCoupling("", coupling), problem))
+
+
+def check_regulariser(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
+    """Check the regulariser that ``make()`` returns. Never raises for what the regulariser does."""
+    yield from _asked(make, Regulariser, lambda regulariser: _regulariser(make, CheckedRegulariser("", regulariser), problem))
+
+
+def _asked(make: Callable[[], Any], kind: type, rules: Callable[[Any], Iterator[Finding]]) -> Iterator[Finding]:
+    try:
+        made = make()
+        expected, found = f"a {kind.__module__}.{kind.__name__}", type(made).__name__
+        yield judge(isinstance(made, kind), "construction", expected, found)
+        if isinstance(made, kind):
+            yield from rules(made)
+    except (Exception, SystemExit) as error:
+        yield Finding("fail", "a question", "an answer as the contract describes it", raised(error))
+
+
+# ---- couplings -----------------------------------------------------------------------------------------------------
+
+
+def _coupling(make: Callable[[], Any], coupling: Coupling, problem: Problem) -> Iterator[Finding]:
+    uses = coupling.uses(frozenset(COMPONENTS))
+    yield Finding("pass", "what it uses", "", f"{', '.join(sorted(uses)) or 'nothing'} of {', '.join(COMPONENTS)}")
+    none = coupling.uses(frozenset())
+    yield judge(not none, "a prior that provides nothing", "nothing used", ", ".join(none) or "nothing")
+    radiance = problem.photographs.radiance
+    values = {"albedo": (0.4 * radiance).clamp(0, 1), "specular": 0.1 * radiance}
+    samples = PixelSamples(values, torch.ones(len(radiance), 1))
+    kept = {name: value.clone() for name, value in values.items()}
+    coupling.prepare(samples, problem)
+    pixels = torch.linspace(0, len(radiance) - 1, PIXELS).long()
+    first, gradients = _losses(coupling, samples, pixels)
+    said = ", ".join(f"{name} {float(value):.3g}" for name, value in first.items()) or "none"
+    sound = all(bool(torch.isfinite(part).all()) for part in (*first.values(), *gradients))
+    yield judge(sound, "losses", "finite values, and gradients", said)
+    moved = any(bool(part.any()) for part in gradients)
+    what = "losses that the render moves" if uses else "none that moves the render"
+    yield judge(moved == bool(uses), "gradient", what, "a gradient" if moved else "none")
+    yield _same("the same generator again", first, _losses(coupling, samples, pixels)[0])
+    other = CheckedCoupling("", make())
+    other.prepare(samples, problem)
+    other.restore(coupling.state())
+    yield _same("killed and resumed", _losses(coupling, samples, pixels)[0], _losses(other, samples, pixels)[0])
+    same = all(torch.equal(values[name], kept[name]) for name in kept)
+    yield judge(same, "samples", "nothing modified", "nothing" if same else "modified")
+
+
+def _losses(coupling: Coupling, samples: PixelSamples, pixels: Tensor) -> tuple[dict[str, Tensor], list[Tensor]]:
+    """The losses of a render that is near the samples, and their gradients by albedo, specular shading and texture."""
+    generator = torch.Generator().manual_seed(0)
+    given = {name: (0.8 * samples.values[name][pixels] + 0.02).requires_grad_() for name in COMPONENTS}
+    texture = (0.3 + 0.2 * torch.rand(SIDE, SIDE, 3, generator=generator)).requires_grad_()
+    coupling.update(texture.detach(), 0)
+    losses = coupling.loss(StepRender(given["albedo"], given["specular"], texture, generator), pixels)
+    total = sum(losses.values(), torch.zeros(()))
+    inputs = [*given.values(), texture]
+    found = torch.autograd.grad(total, inputs, allow_unused=True) if total.requires_grad else ()
+    return {name: value.detach() for name, value in losses.items()}, [part for part in found if part is not None]
+
+
+# ---- regularisers --------------------------------------------------------------------------------------------------
+
+
+def _regulariser(make: Callable[[], Any], regulariser: Regulariser, problem: Problem) -> Iterator[Finding]:
+    try:
+        regulariser.prepare(problem)
+    except InputError as error:
+        yield Finding("skip", "everything else", "", f"it cannot be applied here: {error}")
+        return
+    due = [step for step in range(1, STEPS + 1) if regulariser.due(step, STEPS)]
+    when = "it completes the finished material" if regulariser.completes else f"after {len(due)} of {STEPS} steps"
+    yield judge(bool(due) or regulariser.completes, "when it is due", "some step, or the end", when)
+    generator = torch.Generator().manual_seed(0)
+    material = Material(torch.rand(SIDE, SIDE, 3, generator=generator), 0.2 + 0.6 * torch.rand(SIDE, SIDE, 1, generator=generator))
+    before = material.albedo.clone(), material.roughness.clone()
+    with torch.no_grad():
+        moved = regulariser.apply(material, _state(problem))
+        again = regulariser.apply(material, _state(problem))
+        other = CheckedRegulariser("", make())
+        other.prepare(problem)
+        another = other.apply(material, _state(problem))
+    change = float((moved.albedo - material.albedo).abs().mean())
+    yield Finding("pass", "a material", "", f"as large as before, finite; albedo moves by {change:.2g} in the mean")
+    same = torch.equal(material.albedo, before[0]) and torch.equal(material.roughness, before[1])
+    yield judge(same, "the material that it was given", "nothing modified", "nothing" if same else "modified")
+    found = dict(vars(moved))
+    yield _same("the same generator again", found, vars(again))
+    yield _same("another instance", found, vars(another))
+
+
+def _state(problem: Problem) -> FitState:
+    """A fit of which the upper half of the texture is seen, and whose prior corrects everything to a half."""
+    observed = torch.zeros(SIDE, SIDE, dtype=torch.bool)
+    observed[: SIDE // 2] = True
+
+    def refine(renders: dict[str, Tensor]) -> Samples:
+        return Samples({name: 0.5 * renders[name] for name in ("albedo", "roughness")})
+
+    light = SampledLight.of(torch.ones(8, 16, 3))
+    return FitState(problem, light, None, observed, torch.Generator().manual_seed(0), refine)
+
+
+def _same(what: str, first: dict[str, Any], again: dict[str, Any]) -> Finding:
+    differing = [name for name, value in first.items() if isinstance(value, Tensor) and not torch.equal(value, again[name])]
+    return judge(not differing, what, THE_SAME, ", ".join(differing) + " differ" if differing else "the same")

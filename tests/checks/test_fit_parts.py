@@ -1,0 +1,138 @@
+"""The checks of couplings and regularisers: those that come with the package pass, and each way of breaking a contract is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from ia_bench.checks.finding import Finding
+from ia_bench.checks.fit_parts import check_coupling, check_regulariser
+from ia_bench.cli.check import main
+from ia_bench.common import registry
+from ia_bench.common.errors import InputError
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import Coupling, FitState, NoCoupling, PixelSamples, Problem, Regulariser, StepRender
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def problem(tiny: Scene) -> Problem:
+    return Problem(tiny.blind(), RenderSettings(bounces=0))
+
+
+def crosses(findings: Any) -> list[str]:
+    found: list[Finding] = list(findings)
+    return [f"{finding.what}: {finding.found}" for finding in found if finding.status == "fail"]
+
+
+@pytest.mark.parametrize("name", sorted(set(registry.built_in("coupling")) - {"auto"}))
+def test_couplings_of_the_package_keep_their_contract(name: str, problem: Problem) -> None:
+    assert crosses(check_coupling(lambda: registry.load(registry.find("coupling", name))(), problem)) == []
+
+
+@pytest.mark.parametrize("name", ["context", "parsimony", "symmetry"])
+def test_regularisers_of_the_package_keep_their_contract(name: str, problem: Problem) -> None:
+    assert crosses(check_regulariser(lambda: registry.load(registry.find("regulariser", name))(), problem)) == []
+
+
+class Level(Coupling):
+    """Draws the albedo to the mean of the prior's."""
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        self.mean = samples.values["albedo"].mean(0)
+
+    def loss(self, render: StepRender, pixels: Tensor) -> Any:
+        return {"level": (render.albedo.mean(0) - self.mean).square().sum()}
+
+
+class Paints(Level):
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        super().prepare(samples, problem)
+        samples.values["albedo"].zero_()
+
+
+class Counts(Level):
+    steps = 0
+
+    def update(self, texture: Tensor, step: int) -> None:
+        Counts.steps += 1
+
+    def loss(self, render: StepRender, pixels: Tensor) -> Any:
+        return {"level": self.steps * super().loss(render, pixels)["level"]}
+
+
+@pytest.mark.parametrize(
+    ("broken", "cross"),
+    [
+        (dict, "construction: dict"),
+        (Coupling, "a question: PluginError: coupling  raised NotImplementedError: no message"),
+        (type("A", (Level,), {"loss": lambda self, render, pixels: render.albedo.mean()}), "expected a mapping of names to losses"),
+        (type("B", (Level,), {"loss": lambda self, render, pixels: {"a": render.albedo}}), "expected names with single float32"),
+        (type("C", (Level,), {"loss": lambda self, render, pixels: {"a": render.albedo.mean() / 0}}), "losses: a inf"),
+        (type("D", (Level,), {"loss": lambda self, render, pixels: {}}), "gradient: none"),
+        (type("E", (Level,), {"uses": lambda self, provides: {"normals"}}), "uses(): expected a part of"),
+        (type("F", (Level,), {"uses": lambda self, provides: frozenset({"albedo"})}), "expected a part of set()"),
+        (Counts, "the same generator again: level differ"),
+        (Paints, "samples: modified"),
+    ],
+)
+def test_what_breaks_the_contract_of_couplings_is_named(broken: type, cross: str, problem: Problem) -> None:
+    assert any(cross in found for found in crosses(check_coupling(broken, problem)))
+
+
+class Darker(Regulariser):
+    """A hundredth less albedo."""
+
+    def apply(self, material: Material, state: FitState) -> Material:
+        return replace(material, albedo=0.99 * material.albedo)
+
+
+class Inside(Regulariser):
+    def apply(self, material: Material, state: FitState) -> Material:
+        material.albedo.mul_(0.99)
+        return material
+
+
+@pytest.mark.parametrize(
+    ("broken", "cross"),
+    [
+        (NoCoupling, "construction: NoCoupling"),
+        (Regulariser, "raised NotImplementedError"),
+        (type("A", (Darker,), {"apply": lambda self, material, state: None}), "apply(): expected a ia_bench.material"),
+        (type("B", (Darker,), {"due": lambda self, step, steps: False}), "when it is due: after 0 of 100 steps"),
+        (type("C", (Darker,), {"apply": lambda self, m, state: replace(m, albedo=m.albedo / 0)}), "albedo: expected finite values"),
+        (type("D", (Darker,), {"apply": lambda self, m, state: replace(m, albedo=m.albedo[:4, :4])}), "albedo: expected shape"),
+        (type("E", (Darker,), {"apply": lambda self, m, state: replace(m, albedo=torch.rand(32, 32, 3))}), "again: albedo differ"),
+        (Inside, "the material that it was given: modified"),
+    ],
+)
+def test_what_breaks_the_contract_of_regularisers_is_named(broken: type, cross: str, problem: Problem) -> None:
+    assert crosses(check_regulariser(Darker, problem)) == []
+    draws = torch.Generator().manual_seed(5)
+    if broken.__name__ == "E":  # noise of its own, and not of the state's generator
+        broken.apply = lambda self, m, state: replace(m, albedo=torch.rand(32, 32, 3, generator=draws))
+    assert any(cross in found for found in crosses(check_regulariser(broken, problem)))
+
+
+def test_one_that_cannot_be_applied_here_is_no_fault(problem: Problem) -> None:
+    class Choosy(Darker):
+        def prepare(self, problem: Problem) -> None:
+            raise InputError("expected a scene of glass")
+
+    found = list(check_regulariser(Choosy, problem))
+    assert [finding.status for finding in found] == ["pass", "skip"]
+    assert "expected a scene of glass" in found[-1].found
+
+
+def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["coupling=targets", "coupling.options.specular=0"]) == 0
+    assert "what it uses: albedo of albedo, specular" in capsys.readouterr().out
+    assert main(["regulariser=symmetry", "regulariser.options.amount=0"]) == 0
+    assert "albedo moves by 0 in the mean" in capsys.readouterr().out
+    assert main(["regulariser=symmetry", "regulariser.options.amont=0"]) == 2
+    assert "did you mean 'regulariser.options.amount'" in capsys.readouterr().err
