@@ -77,6 +77,12 @@ def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key
     _checked(TypeAdapter(create_model("Options", __config__=STRICT, **fields)), fields, options, key)
 
 
+def defaults_of(factory: Callable[..., Any], given: int = 0) -> dict[str, Any]:
+    """The defaults of the parameters of ``factory`` after the ``given`` ones, by their names."""
+    parameters = list(inspect.signature(factory).parameters.values())[given:]
+    return {p.name: p.default for p in parameters if p.default is not p.empty}
+
+
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """``below`` with what ``above`` says instead, tables within tables likewise."""
     both = dict(below)

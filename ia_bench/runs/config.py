@@ -19,7 +19,7 @@ from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
 from ia_bench.common.paths import MORE_SCENES, SCENES_VARIABLE, conf_folder, lacks_scenes, scenes_folders
 from ia_bench.common.ranges import NO_NUMBER, NumberOrAuto
-from ia_bench.common.settings import check_arguments, merged, parsed
+from ia_bench.common.settings import check_arguments, defaults_of, merged, parsed
 from ia_bench.common.suggestions import unknown
 from ia_bench.methods.couplings.choice import AUTO
 from ia_bench.methods.info import check_declarations
@@ -160,6 +160,8 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     _check_finite("reader.options", config.reader.options)
     reader = registry.load(registry.named("reader", config.reader.name, config.reader.target))
     check_arguments(reader, config.reader.options, "reader.options", 1)
+    options = {key: list(value) if isinstance(value, tuple) else value for key, value in defaults_of(reader, 1).items()}
+    config = replace(config, reader=replace(config.reader, options=options | config.reader.options))
     if scene.path is not None and not scene.name:  # some readers know a better name than that of the folder
         made: object = None
         with suppress(InputError, Fault):  # a folder that is none of its format: told when the scene is read

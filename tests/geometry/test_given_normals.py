@@ -112,13 +112,13 @@ MISTAKES: dict[str, tuple[Callable[[Path], None], str]] = {
     "missing": (gone, r"expected one of 03\.png, 03\.exr, 03\.npy for training view 03, found none"),
     "two": (two, r"for training view 03, found 03\.png and 03\.npy"),
     "another size": (stored(lambda n: n[1:]), r"03\.npy: expected 40 x 40 pixels like the training view.*found 40 x 39"),
-    "channels first": (stored(lambda n: np.moveaxis(n, -1, 0)), r"expected floating point numbers of shape \(H, W, 3\), found"),
-    "codes": (stored(lambda n: np.round(127.5 * (n + 1)).astype(np.uint8)), r"\(H, W, 3\), found uint8"),
+    "channels first": (stored(lambda n: np.moveaxis(n, -1, 0)), r"expected numbers of shape \(H, W, 3\), found"),
+    "codes": (stored(lambda n: np.round(127.5 * (n + 1)).astype(np.uint8)), "expected unit normals, found a median length"),
     "not decoded": (stored(lambda n: 0.5 * (n + 1)), "expected unit normals, found a median length"),
     "half as long": (stored(lambda n: 0.6 * n), "expected unit normals, found a median length of 0.60"),
     "nothing": (stored(np.zeros_like), "expected normals where the mask shows the object, found none"),
     "NaN": (stored(lambda n: np.where(n == 0, np.nan, n)), "expected finite numbers"),
-    "no array": (lambda path: path.write_bytes(b"no array"), r"03\.npy: not a readable array of numpy"),
+    "no array": (lambda path: path.write_bytes(b"no array"), r"03\.npy: expected arrays of numbers"),
 }
 
 

@@ -41,15 +41,13 @@ def test_shipped_choice_composes_and_says_how(path: Path, tmp_path: Path) -> Non
     compose([*(word.replace("=FOLDER", f"={tmp_path}").replace("=FILE", f"={tmp_path}") for word in overrides), "device=cpu"])
 
 
-@pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name in ("prior", "reader")], ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", [p for p in GROUP_FILES if p.parent.name == "prior"], ids=lambda p: p.stem)
 def test_options_of_a_built_in_are_its_signature(path: Path) -> None:
     settings = yaml.safe_load(path.read_text())
     settings = settings.get(path.parent.name, settings)  # of a file that sets more than its group
     module, _, name = settings["target"].partition(":")
     parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters
     defaults = {key: list(p.default) if isinstance(p.default, tuple) else p.default for key, p in parameters.items()}
-    if path.parent.name == "reader":
-        assert defaults.pop("path") is inspect.Parameter.empty
     options = settings.get("options", {})
     assert options.keys() <= defaults.keys()
     if path.stem == "spoiled_oracle":  # the oracle with other dials
