@@ -108,24 +108,24 @@ def _pull_push(values: Tensor, weight: Tensor) -> Tensor:
     return confidence * mean + (1 - confidence) * up
 
 
-def smooth_by_looks(texture: Tensor, looks: Tensor, even: float) -> Tensor:
-    """Each texel of a texture (T, T, C) mixed with what is around it: its weight is looks^2 / (looks^2 + even^2), ``looks`` (T, T).
+def smooth_by_view_count(texture: Tensor, count: Tensor, even: float) -> Tensor:
+    """Mix each texel of a texture (T, T, C) with what is around it, by its view count n (T, T): n^2 / (n^2 + even^2) is its own.
 
-    Pull-push interpolation (Gortler et al. 1996) of values of unequal certainty: what is around a texel is the coarser texture of
-    means weighted by looks, mixed likewise, of which a texel has the looks of all its parts. With no looks at all the texture
-    itself is returned.
+    This is pull-push interpolation (Gortler et al. 1996) of values of unequal certainty. What is around a texel is the coarser
+    texture, whose texels are means weighted by the counts of their parts, count as often as all of them, and are mixed likewise.
+    Where every count is 0, the texture itself is returned.
     """
-    if not bool((looks > 0).any()):
+    if not bool((count > 0).any()):
         return texture
-    return _mixed_with_coarser(texture.permute(2, 0, 1)[None], looks[None, None], even)[0].permute(1, 2, 0)
+    return _mixed_with_coarser(texture.permute(2, 0, 1)[None], count[None, None], even)[0].permute(1, 2, 0)
 
 
-def _mixed_with_coarser(mean: Tensor, looks: Tensor, even: float) -> Tensor:
+def _mixed_with_coarser(mean: Tensor, count: Tensor, even: float) -> Tensor:
     if mean.shape[-1] == 1:
         return mean
     pool = torch.nn.functional.avg_pool2d
-    average = pool(looks, 2, ceil_mode=True)
-    coarse = _mixed_with_coarser(pool(mean * looks, 2, ceil_mode=True) / average.clamp_min(1e-12), 4 * average, even)
+    average = pool(count, 2, ceil_mode=True)
+    coarse = _mixed_with_coarser(pool(mean * count, 2, ceil_mode=True) / average.clamp_min(1e-12), 4 * average, even)
     around = torch.nn.functional.interpolate(coarse, size=mean.shape[-2:], mode="bilinear", align_corners=False)
-    own = looks.square()
+    own = count.square()
     return torch.lerp(around, mean, own / (own + even**2))

@@ -27,7 +27,7 @@ CHANGED = "+changes"
 """What ends the commit of a checkout whose source differs from it (:func:`ia_bench.common.machine.commit`)."""
 
 Group = dict[str, float | None]
-Images = dict[str, list[float | None]]
+PerView = dict[str, list[float | None]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ class RunRecord:
     renderer: str = ""
     metrics: dict[str, Group] = field(default_factory=dict)
     variants: dict[str, Group] = field(default_factory=dict)
-    per_image: dict[str, Images | dict[str, Images]] = field(default_factory=dict)
+    per_image: dict[str, PerView | dict[str, PerView]] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
     counts: dict[str, dict[str, int]] = field(default_factory=dict)
     albedo_scales: dict[str, list[float] | None] = field(default_factory=dict)

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.ranges import Weight
-from ia_bench.material.textures import Material, fill_unobserved, smooth_by_looks, splat
+from ia_bench.material.textures import Material, fill_unobserved, smooth_by_view_count, splat
 from ia_bench.methods.contract import FitState, Problem, Regulariser
 from ia_bench.methods.regularisers.fusion import OFFSET
 
@@ -32,7 +32,7 @@ class Context(Regulariser):
             return material
         count = effective_view_count(state.problem, len(state.observed))
         texture = torch.cat([torch.log(material.albedo + OFFSET), material.roughness], -1)
-        mixed = smooth_by_looks(texture, count, self.view_count)
+        mixed = smooth_by_view_count(texture, count, self.view_count)
         albedo, roughness = (mixed[..., :3].exp() - OFFSET).clamp_min(0), mixed[..., 3:]
         albedo, roughness = (fill_unobserved(part, state.observed) for part in (albedo, roughness))
         return Material(albedo, roughness, material.metallic)

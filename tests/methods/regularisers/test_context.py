@@ -8,7 +8,7 @@ import pytest
 import torch
 from small_fit import altered, of_two_views
 
-from ia_bench.material.textures import Material, smooth_by_looks
+from ia_bench.material.textures import Material, smooth_by_view_count
 from ia_bench.methods.contract import FitState, Problem
 from ia_bench.methods.regularisers import context
 from ia_bench.methods.regularisers.context import Context, effective_view_count
@@ -40,14 +40,14 @@ def test_weights_are_those_of_the_formula() -> None:
     texture, count, even = torch.rand(2, 2, 3), torch.tensor([[0.0, 0.1], [0.2, 3.0]]), 0.2
     around = (texture * count[..., None]).sum((0, 1)) / count.sum()
     own = (count**2 / (count**2 + even**2))[..., None]
-    torch.testing.assert_close(smooth_by_looks(texture, count, even), own * texture + (1 - own) * around)
+    torch.testing.assert_close(smooth_by_view_count(texture, count, even), own * texture + (1 - own) * around)
 
 
 def test_what_is_shown_well_stays_and_the_rest_is_filled() -> None:
     texture, count = torch.rand(32, 32, 2), torch.full((32, 32), PLENTY)
-    torch.testing.assert_close(smooth_by_looks(texture, count, 0.2), texture)
+    torch.testing.assert_close(smooth_by_view_count(texture, count, 0.2), texture)
     texture[8:16, 8:16], count[8:16, 8:16] = 100.0, 0.0
-    mixed = smooth_by_looks(texture, count, 0.2)
+    mixed = smooth_by_view_count(texture, count, 0.2)
     assert float(mixed.max()) <= 1
     torch.testing.assert_close(mixed[:, 16:], texture[:, 16:])
 
@@ -57,12 +57,12 @@ def test_what_is_shown_well_stays_and_the_rest_is_filled() -> None:
 def test_one_colour_stays_that_colour(even: float, least: float) -> None:
     texture = torch.full((48, 48, 3), 0.7)
     count = torch.where(torch.rand(48, 48, generator=torch.Generator().manual_seed(0)) < 0.5, least, 2.0)
-    torch.testing.assert_close(smooth_by_looks(texture, count, even), texture)
+    torch.testing.assert_close(smooth_by_view_count(texture, count, even), texture)
 
 
 def test_with_nothing_shown_it_stays() -> None:
     texture = torch.rand(16, 16, 3)
-    assert torch.equal(smooth_by_looks(texture, torch.zeros(16, 16), 0.2), texture)
+    assert torch.equal(smooth_by_view_count(texture, torch.zeros(16, 16), 0.2), texture)
 
 
 def test_noise_where_little_is_shown_goes_and_metal_stays(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
