@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,15 +14,14 @@ from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
-from ia_bench.report.collect import CellKey, Run, collect
-from ia_bench.report.published import read_published
+from ia_bench.report.collect import read_published
+from ia_bench.report.gains import Gain, gains, maps
 from ia_bench.report.site.against import Former, changes, read_former
 from ia_bench.report.site.content import RowTexts, Sources
 from ia_bench.report.site.gallery import Gallery, take_down_others
-from ia_bench.report.site.worth import maps
 from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.texts import markdown_block
-from ia_bench.report.value.write import remove_former_value, write_value
+from ia_bench.report.value import write_value
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.folder import folders_among
@@ -62,32 +61,22 @@ def _report(wanted: argparse.Namespace) -> int:
     former = None if wanted.against is None else read_former(wanted.against)
     make_writable(wanted.out, "--out")
     found = folders_with_cells(folders, complain)
-    try:
-        reference, of_captures = _reference(wanted.reference, found, published)
-        report = write_report(
-            found,
-            wanted.out,
-            rows,
-            scenes_order=table.scene_names,
-            reference=reference or table.compared,
-            claims=table.claims,
-            papers=table.papers,
-            published=[run for run in published if not wanted.only or run.row in rows],
-        )
-    except ValueError as error:
-        raise InputError(str(error)) from error
-    value = write_value_of(report, table, wanted.out)
-    page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, former, of_captures)
+    report = write_report(
+        found,
+        wanted.out,
+        rows,
+        scenes_order=table.scene_names,
+        reference=table.compared if table.captures else wanted.reference or table.compared,
+        claims=table.claims,
+        papers=table.papers,
+        published=[run for run in published if not wanted.only or run["row"] in rows],
+    )
+    gained = gains(report.findings.runs, table)
+    value = write_value(gained, report.findings.runs, table, wanted.out)
+    page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, gained, former)
     tell(report, table, page)
     say("".join(f"{path}\n" for path in value), sys.stdout)
     return OK
-
-
-def write_value_of(report: Report, table: Table, out: Path) -> list[Path]:
-    """Write what the rows are worth, where the table photographs its scenes in several ways; what a former report said goes."""
-    written = write_value(report.findings.runs, table, out) if table.captures and table.reference else []
-    remove_former_value(out, written)
-    return written
 
 
 def _compared_with(table: Table, wanted: str | None) -> Table:
@@ -105,42 +94,21 @@ def _compared_with(table: Table, wanted: str | None) -> Table:
     return replace(table, reference=known[wanted])
 
 
-def _reference(
-    wanted: str | None, folders: Mapping[Path, CellKey | None], published: Sequence[Run]
-) -> tuple[str | None, str | None]:
-    """The row that all others are compared with, and the one that they are where it was run with their capture.
-
-    A row's name ends with its capture, "none, hull": where none is called ``wanted`` alone, a single one that begins so is meant,
-    and of several each is the reference of its own capture.
-    """
-    if wanted is None:
-        return None, None
-    rows = {run.row for run in collect(folders, published).runs}
-    captured = [row for row in rows if row.startswith(f"{wanted}, ")]
-    if wanted in rows or not captured:
-        return wanted, wanted
-    return (captured[0] if len(captured) == 1 else None), wanted
-
-
 def write_report_page(
-    report: Report, table: Table, out: Path, name: str, former: Former | None = None, reference: str | None = None
+    report: Report, table: Table, out: Path, name: str, gained: Sequence[Gain], former: Former | None = None
 ) -> Path:
-    """Write the page of a report below ``out`` and return its index.html.
-
-    ``former``: an earlier report. ``reference``: the row that others are compared with capture by capture, where
-    it is not that of the report or the table.
-    """
+    """Write the page of a report below ``out`` and return its index.html. ``former``: an earlier report."""
     found = report.findings
     texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed_rows}
     since = None if former is None else changes(former, found.runs, found.rows, found.scenes)
-    sources = Sources(found, f"Table: {name}", texts, since, worth=maps(found.runs, table, reference or found.reference))
+    sources = Sources(found, f"Table: {name}", texts, since, worth=maps(gained))
     return write_page(sources, out / PAGE, _pictures(report, out / PAGE / PARTS))
 
 
 def _pictures(report: Report, parts: Path) -> Gallery:
     """Draw what the runs have exported, where any has; pictures of scenes that the report no longer has go."""
     gallery = Gallery()
-    if any((run.folder / "albedo.exr").is_file() for run in report.findings.runs):
+    if any((folder / "albedo.exr").is_file() for folder in report.findings.runs["folder"]):
         from ia_bench.report.site.pictures.store import write_pictures  # brings in torch
 
         with Progress() as progress:
@@ -154,6 +122,7 @@ def tell(report: Report, table: Table, page: Path) -> None:
     findings = report.findings
     lines = [
         f"Protocol {findings.protocol}, mean over scenes\n",
+        *findings.warnings,
         markdown_block(findings.overall, findings.footnotes),
         *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
         *(f"{row.name}: {row.note}" for row in table.crossed_rows if row.note),

@@ -69,14 +69,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_table(request: TableRequest) -> int:
     """Run every cell, write the report, print the table and where the files are."""
-    from ia_bench.cli.report import tell, write_report_page, write_value_of  # brings in pandas
+    from ia_bench.cli.report import tell, write_report_page  # brings in pandas
+    from ia_bench.report.gains import gains
     from ia_bench.report.table import counterparts
+    from ia_bench.report.value import write_value
     from ia_bench.report.write import write_report
 
     table = request.load()
     try:
         counterparts(table.papers)
-    except ValueError as error:
+    except InputError as error:
         raise InputError(f"table {request.name}: {error}") from None
     launcher = request.launcher
     jobs, threads = launcher.jobs_and_threads(request.jobs, compose(request.overrides, here=launcher.here).device)
@@ -101,9 +103,10 @@ def make_table(request: TableRequest) -> int:
         claims=table.claims,
         papers=table.papers,
     )
-    tell(report, table, write_report_page(report, table, results, request.name))
+    gained = gains(report.findings.runs, table)
+    tell(report, table, write_report_page(report, table, results, request.name, gained))
     pictures = _write_pictures(table.pictured, cells, results)
-    say("\n".join(map(str, write_value_of(report, table, results) + pictures)), sys.stdout)
+    say("\n".join(map(str, write_value(gained, report.findings.runs, table, results) + pictures)), sys.stdout)
     wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])
     for line in wrong:
         complain(line)
@@ -117,7 +120,7 @@ def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -
     former call has left, of other scenes, are removed.
     """
     from ia_bench.report.comparison import write_comparison  # brings in torch
-    from ia_bench.report.leftovers import remove_all_but
+    from ia_bench.report.files import remove_all_but
 
     finished: dict[tuple[str, str], Cell] = {}
     for cell in cells:

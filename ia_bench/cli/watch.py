@@ -16,9 +16,9 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
+from ia_bench.report.gains import gains, maps
 from ia_bench.report.site.content import Live, RowTexts, Sources
 from ia_bench.report.site.live import findings_so_far, key_of, write_news
-from ia_bench.report.site.worth import maps
 from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, WAITING, Overview, look
 from ia_bench.runs.table import Table, load_table, title_of
@@ -68,13 +68,10 @@ def watch(runs: Path, out: Path, every: float) -> int:
 
 def _write(overview: Overview, runs: Path, out: Path, every: float) -> Path:
     table = _table(overview)
-    try:
-        findings = findings_so_far(overview, table)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    findings = findings_so_far(overview, table)
     texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed_rows}
     title = f"Table: {title_of(overview.plan.table)}" if overview.plan is not None else f"Runs: {runs.resolve().name}"
-    worth = maps(findings.runs, table, findings.reference)
+    worth = maps(gains(findings.runs, table))
     return write_page(Sources(findings, title, texts, live=Live(key_of(overview), every), worth=worth), out)
 
 

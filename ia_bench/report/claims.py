@@ -6,16 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from ia_bench.report.collect import Run
-from ia_bench.report.statistics import Estimate, Paired, paired
+from ia_bench.report.collect import Runs
+from ia_bench.report.statistics import Estimate, Paired, better, side_by_side
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRIC_OF, Metric
 
 HOW_JUDGED = """\
-A row is claimed to be above another one. The difference is positive where it is, seed by seed on the same scenes, ± the 95 %
-interval over seeds / over scenes. Reproduced: the interval over seeds lies above zero; not reproduced: below it; undecided: around
-it, or there is none. Carried by: the run without which the mean is zero or has the other sign; ‡ the same within a scene. Every
-line is judged alone, without a correction for their number."""
+A row is claimed to be above another one, and judged with our small prior on our own scenes, not with those of the paper. The
+difference is positive where the row is above, seed by seed on the same scenes, ± the 95 % interval over seeds / over scenes.
+Reproduced: the interval over seeds lies above zero; not reproduced: below it; undecided: around it, or there is none. Carried by:
+the run without which the mean is zero or has the other sign; ‡ the same within a scene. Every line is judged alone, without a
+correction for their number."""
 """What a reader has to know of the table of claims; the same words stand in report.md and on the page."""
 
 
@@ -60,19 +61,21 @@ class Verdict:
         return Outcome.REPRODUCED if self.advantage.mean > 0 else Outcome.NOT_REPRODUCED
 
 
-def judge(runs: Sequence[Run], claims: Sequence[Claim], scenes: Sequence[str]) -> list[Verdict]:
+def judge(runs: Runs, claims: Sequence[Claim], scenes: Sequence[str]) -> list[Verdict]:
     """One verdict for every metric of every claim about ``scenes``, over the scenes and seeds that both rows have.
 
     A difference is taken seed by seed; the interval tells how far other seeds on the same scenes would move its mean.
-    Raises ValueError for a metric that there is not.
     """
+    scores = {key: side_by_side(runs, METRIC_OF[key]) for key in {key for claim in claims for key in claim.metrics}}
     verdicts = []
     for claim in claims:
-        for key in claim.metrics:
-            if key not in METRIC_OF:
-                raise ValueError(f"claims: metrics: expected some of {', '.join(METRIC_OF)}, found {key}")
-            metric = METRIC_OF[key]
-            rows = (claim.better, claim.worse) if metric.higher_is_better else (claim.worse, claim.better)
-            pairs = paired(runs, *rows, metric)
+        for metric in map(METRIC_OF.__getitem__, claim.metrics):
+            pairs = better(scores[metric.key], claim.better, claim.worse, metric)
             verdicts.append(Verdict(claim.better, claim.worse, metric, pairs, pairs.pairs.keys() >= set(scenes)))
     return verdicts
+
+
+def tally(verdicts: Sequence[Verdict]) -> str:
+    """How many verdicts there are of each kind, in a sentence."""
+    counts = ", ".join(f"{sum(one.outcome is outcome for one in verdicts)} {outcome.value}" for outcome in Outcome)
+    return f"With our small prior: {counts}."

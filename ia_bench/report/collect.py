@@ -1,244 +1,293 @@
-"""Read run folders: metrics.json and curve.csv, nothing else. What cannot be read is named and counts as a failure."""
+"""All runs of a report as one table: a line per run, read from run folders and from the runs.csv of former reports.
+
+Columns of :class:`Runs`, empty where a run has none (None for a text, NaN for a number):
+
+    row, scene, seed        which cell of the table it is
+    problem                 why it failed; None for a finished run
+    protocol                what its numbers compare under, LPIPS net included
+    sees_truth              whether prior or method saw the ground truth
+    capture, photographs    the label of how the scene was photographed, and how many photographs the run fitted
+    preset, threads         of its configuration
+    commit, clean, cpu      of the code and the machine; ``clean``: whether the code was the commit's, without changes
+    config_hash             the first digits of it
+    <component>_<metric>    a score, also under other definitions ("albedo_linear_psnr") and of a shape ("geometry_depth")
+    seconds, seconds_PHASE  what the row costs, and every phase by itself
+    peak_memory_bytes, rays, network_calls
+    folder                  where it lies; of a published run, the runs.csv
+    reasons                 metric key -> why its score is undefined
+    curve, curve_problem    error against run time, and why it cannot be read
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 
+from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import read_json
-from ia_bench.runs.record import METRICS_FILE, RunRecord
-from ia_bench.scores.columns import CURVE_METRICS, METRICS
+from ia_bench.common.files import read_json, shown
+from ia_bench.common.settings import parsed
+from ia_bench.report.curve import BadCurve, read_curve
+from ia_bench.runs.folder import CONFIG, CURVE
+from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord
+from ia_bench.scores.columns import METRIC_OF, METRICS
+
+Runs: TypeAlias = pd.DataFrame
+Record = dict[str, Any]
+CellKey = tuple[str, str, int]  # row, scene, seed
 
 HASH_DIGITS = 16
 """Of a configuration's hash that a report keeps: enough to tell any two runs apart, a quarter of the text."""
 NOT_OF_THE_ROW = ("total", "score", "pictures", "capture")
 """Phases that are no cost of a row. The scene's preparation, ``capture``, is the same for all rows and kept between runs: it would
 count for whichever row happened to come first."""
+NOT_SCORED = "its record is of before this metric"
+"""Why a score is undefined that a run of a former version does not have."""
 
-BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
-"""Methods that optimise nothing and bound all others, and what they are: the truth rendered, and one grey."""
-
-CellKey = tuple[str, str, int]  # row, scene, seed
-
-
-class BadRecord(ValueError):
-    """A file of a run folder is not what the format says."""
-
-
-@dataclass(frozen=True)
-class Curve:
-    """Error against run time.
-
-    Attributes:
-        phases: The method's phase at each point, (N,).
-        steps: Of optimisation, (N,).
-        seconds: Of optimisation without scoring, (N,).
-        values: Column of curve.csv -> (N,) float64, NaN where not measured.
-    """
-
-    phases: tuple[str, ...]
-    steps: np.ndarray
-    seconds: np.ndarray
-    values: dict[str, np.ndarray]
-
-    @property
-    def is_level(self) -> bool:
-        """Whether nothing was optimised, as of the bounds: a level, not a curve."""
-        return not (self.steps.any() and self.seconds.any())
-
-    def measured(self, column: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Steps, seconds and values of one column where it has a finite value."""
-        values = self.values.get(column, np.full(len(self.steps), np.nan))
-        there = np.isfinite(values)
-        return self.steps[there], self.seconds[there], values[there]
-
-
-@dataclass(frozen=True)
-class Run:
-    """One cell of the table, as its folder records it.
-
-    Attributes:
-        folder: Where it lies; of a published run, the runs.csv.
-        row: Which row of the table it belongs to.
-        scene: The scene's name.
-        seed: The seed of everything that is drawn.
-        problem: Why it failed, None for a finished run.
-        protocol: What its numbers compare under, LPIPS net included; None for a failed run.
-        metrics: :attr:`Metric.key` -> value, None where null.
-        variants: The same under other definitions, such as "aligned_albedo_linear.psnr", and of a shape that was made for the
-            capture, such as "geometry.missed_share": whatever was recorded.
-        reasons: Dotted name -> why a value is null.
-        phases: Phase -> seconds, scoring and total included.
-        seconds: Of all phases but ``NOT_OF_THE_ROW``, also where a run was interrupted or samples were kept; of a published run,
-            as its runs.csv has it.
-        peak_memory_bytes: Of the process.
-        about: What else runs.csv has, by column: rays, network calls, commit, processor, hash.
-        sees_truth: Whether prior or method saw the ground truth.
-        photographs: How many the run fitted, None where its record does not say.
-        curve: Error against run time, None where there is none or ``curve_problem`` says why it cannot be read.
-    """
-
-    folder: Path
-    row: str
-    scene: str
-    seed: int
-    problem: str | None = None
-    protocol: str | None = None
-    metrics: dict[str, float | None] = field(default_factory=dict)
-    variants: dict[str, float | None] = field(default_factory=dict)
-    reasons: dict[str, str] = field(default_factory=dict)
-    phases: dict[str, float] = field(default_factory=dict)
-    seconds: float | None = None
-    peak_memory_bytes: float | None = None
-    about: dict[str, Any] = field(default_factory=dict)
-    sees_truth: bool = False
-    photographs: int | None = None
-    curve: Curve | None = None
-    curve_problem: str | None = None
-
-    @property
-    def name(self) -> str:
-        """How messages call this run."""
-        return f"{self.row}, {self.scene}, seed {self.seed}"
-
-    def reason(self, key: str) -> str:
-        """Why the metric ``key`` is null."""
-        return self.reasons.get(key, "no reason given")
+CELL = ("row", "scene", "seed")
+TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", "preset", "commit", "clean", "cpu", "config_hash")
+WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
+KEPT = ("folder", "reasons", "curve", "curve_problem")  # never written
+SCORES = tuple(metric.column for metric in METRICS)
+ABOUT = ("config_hash", "rays", "network_calls", "preset", "threads", "capture", "photographs", "commit", "clean", "cpu")
+TIMES = "seconds_"  # what the columns of phases begin with
 
 
 @dataclass(frozen=True)
 class Collection:
     """All runs found, and why each file that is no run's record is none: of others, or torn."""
 
-    runs: tuple[Run, ...]
+    runs: Runs
     unreadable: tuple[str, ...] = ()
 
 
-def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: Iterable[Run] = ()) -> Collection:
+def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: Iterable[Record] = ()) -> Collection:
     """Read the given run folders. A mapping says which cell each folder is for: its row may have been renamed since.
 
-    None in its place: the folder's own record says so.
-    ``published``: runs of former reports, which stand beside them. Raises ValueError where the same row, scene and seed are there
-    twice: neither would be the right one to show.
+    None in its place: the folder's own record says so. ``published``: runs of former reports, which stand beside them.
+    Raises InputError where the same row, scene and seed are there twice: neither would be the right one to show.
     """
-    cells = {folder: cell for folder, cell in folders.items() if cell is not None} if isinstance(folders, Mapping) else {}
-    runs: dict[CellKey, Run] = {}
-    unreadable = []
-
-    def add(run: Run) -> None:
-        cell = (run.row, run.scene, run.seed)
-        if cell in runs:
-            raise ValueError(
-                f"row {run.row}, scene {run.scene}, seed {run.seed} is in {runs[cell].folder} and in {run.folder}: "
-                "expected one run per cell; list the folders of one table only"
-            )
-        runs[cell] = run
-
+    records, unreadable = [], []
     for folder in folders:
-        try:
-            run = read_run(folder)
-        except BadRecord as problem:
-            if folder not in cells:
-                unreadable.append(str(problem))
-                continue
-            run = Run(folder, "", "", 0, problem=str(problem))
-        if folder in cells:
-            row, scene, seed = cells[folder]
-            run = replace(run, row=row, scene=scene, seed=seed)
-        add(run)
-    for run in published:
-        add(run)
-    return Collection(tuple(runs.values()), tuple(unreadable))
+        cell = folders[folder] if isinstance(folders, Mapping) else None
+        record = read_run(folder)
+        if cell is not None:
+            record |= dict(zip(CELL, cell, strict=True))
+        if set(CELL) <= record.keys():
+            records.append(record)
+        else:
+            unreadable.append(record["problem"])
+    places: dict[CellKey, Path] = {}
+    for record in (*records, *published):
+        cell = record["row"], record["scene"], record["seed"]
+        if cell in places:
+            raise InputError(
+                f"row {cell[0]}, scene {cell[1]}, seed {cell[2]} is in {places[cell]} and in {record['folder']}: expected one run "
+                "per cell; list the folders of one table only, or run the new row under another name with row=NAME"
+            )
+        places[cell] = record["folder"]
+    return Collection(as_table([*records, *published]), tuple(unreadable))
 
 
-def read_run(folder: Path) -> Run:
-    """Read one run folder. What is broken makes the run a failed one, as long as it says which cell it is.
+def as_table(records: Iterable[Record]) -> Runs:
+    """The table of records, which may lack any column but those of the cell."""
+    runs = pd.DataFrame(list(records), dtype=object)
+    others = [name for name in runs if name not in {*TEXTS, *WHOLE, *KEPT, *SCORES, "seconds"} and not _is_text(name)]
+    phases = [name for name in others if name.startswith(TIMES)]
+    texts = [*TEXTS, *(name for name in runs if _is_text(name))]
+    variants = [name for name in others if name not in phases]
+    runs = runs.reindex(columns=[*texts, *SCORES, *variants, "seconds", *phases, *WHOLE, *KEPT])
+    numbers = [*SCORES, *others, "seconds"]
+    runs[numbers] = runs[numbers].astype(float)
+    runs = runs.astype(dict.fromkeys(WHOLE, "Int64"))
+    named = [*texts, *KEPT]
+    runs[named] = runs[named].astype(object).where(runs[named].notna(), None)
+    return runs
 
-    Raises :class:`BadRecord` where metrics.json is missing, no JSON, or names no row, scene and seed.
-    """
-    path = folder / METRICS_FILE
-    try:
-        data = read_json(path)
-    except InputError as error:
-        raise BadRecord(f"{path}: expected a run's record, found none ({error})") from error
-    for key, kind in {"row": str, "scene": str, "seed": int}.items():
-        if type(data.get(key)) is not kind:
-            raise BadRecord(f"{path}: {key}: expected {kind.__name__}, found {repr(data[key]) if key in data else 'nothing'}")
-    run = Run(folder, data["row"], data["scene"], data["seed"])
+
+def read_run(folder: Path) -> Record:
+    """Read one run folder. What is broken makes the run a failed one, without a cell where its record names none."""
     try:
         record = RunRecord.read(folder)
+    except FileNotFoundError:
+        return {"folder": folder, "problem": f"{folder / METRICS_FILE}: expected a run's record, found none"}
     except InputError as error:
-        return replace(run, problem=str(error))
-    data = asdict(record)
-    about = {"config_hash": data["config_hash"][:HASH_DIGITS]}
-    if data["status"] == "failed":
-        return replace(run, problem=data["error"], sees_truth=bool(data.get("sees_truth")), about=about)
-    try:
-        curve, curve_problem = read_curve(folder / "curve.csv"), None
-    except BadRecord as error:
-        curve, curve_problem = None, str(error)
-    about |= {key: data[key] for key in ("rays", "network_calls")} | {
-        key: (data["environment"] or {}).get(key) for key in ("commit", "cpu")
+        return {"folder": folder, "problem": str(error), **_cell_of(folder)}
+    environment = record.environment
+    found = {
+        "folder": folder,
+        "row": record.row,
+        "scene": record.scene,
+        "seed": record.seed,
+        "sees_truth": record.sees_truth,
+        "config_hash": record.config_hash[:HASH_DIGITS],
+        "preset": record.preset,
+        "threads": record.threads,
+        "capture": _capture_of(folder),
+        "commit": environment.get("commit"),
+        "clean": record.clean if environment.get("commit") else None,
+        "cpu": environment.get("cpu"),
     }
-    shape = {name: value for name, value in (data.get("geometry") or {}).items() if name != "reasons"}
-    variants = {**data.get("variants", {}), **({"geometry": shape} if shape else {})}
-    about |= {f"rescored_from_{key}": value for key, value in data.get("rescored_from", {}).items()}
-    return replace(
-        run,
-        protocol=_protocol_text(data),
-        metrics={metric.key: record.score(metric.key) for metric in METRICS},
-        variants={f"{group}.{name}": value for group, found in variants.items() for name, value in found.items()},
-        reasons=data.get("reasons", {}),
-        phases=data["time_s"],
-        seconds=sum(seconds for phase, seconds in data["time_s"].items() if phase not in NOT_OF_THE_ROW),
-        peak_memory_bytes=data["peak_memory_bytes"],
-        about=about,
-        sees_truth=data["sees_truth"],
-        photographs=_photographs(data.get("capture")),
-        curve=curve,
-        curve_problem=curve_problem,
-    )
-
-
-def _photographs(capture: object) -> int | None:
-    views = capture.get("views") if isinstance(capture, Mapping) else None
-    return views if type(views) is int and views > 0 else None
-
-
-def _protocol_text(data: Mapping[str, Any]) -> str:
-    """The protocol's label, with the LPIPS net where that does not name it."""
-    lpips = data.get("protocol_description", {}).get("lpips", {})
-    net, label = f"lpips.net={lpips.get('net', 'unknown')}", str(data["protocol"])
-    return label if "lpips.net=" in label else f"{label} ({net})"
-
-
-def read_curve(path: Path) -> Curve | None:
-    """Read a curve.csv; None where there is none. Raises :class:`BadRecord` naming file and line."""
-    if not path.is_file():
-        return None
+    if record.status == "failed":
+        return {**found, "problem": record.error}
+    variants = {**record.variants, "geometry": {name: value for name, value in record.geometry.items() if name != "reasons"}}
+    views = record.capture.get("views")
+    found |= {
+        "protocol": _protocol_of(record),
+        **{metric.column: record.score(metric.key) for metric in METRICS},
+        **{f"{group}_{name}": value for group, values in variants.items() for name, value in values.items()},
+        **{f"{TIMES}{phase}": seconds for phase, seconds in record.time_s.items()},
+        **{f"rescored_from_{key}": value for key, value in record.rescored_from.items()},
+        "seconds": sum(seconds for phase, seconds in record.time_s.items() if phase not in NOT_OF_THE_ROW),
+        "peak_memory_bytes": record.peak_memory_bytes,
+        "rays": record.rays,
+        "network_calls": record.network_calls,
+        "photographs": views if type(views) is int and views > 0 else None,
+        "reasons": {**{metric.key: NOT_SCORED for metric in METRICS if record.score(metric.key) is None}, **record.reasons},
+    }
     try:
-        texts = pd.read_csv(path, dtype=str)
+        return {**found, "curve": read_curve(folder / CURVE)}
+    except BadCurve as error:
+        return {**found, "curve_problem": str(error)}
+
+
+def read_published(path: Path) -> list[Record]:
+    """The runs of a runs.csv, as a report of this or a former version wrote it. Curves and pictures are not in it.
+
+    It needs a row, a scene, a seed and some score; columns that it lacks are empty, others are kept where they hold numbers. Raises
+    InputError, naming file and line, for what is no value of its column.
+    """
+    try:
+        lines = pd.read_csv(path, dtype=str, keep_default_na=False).to_dict("records")
     except (OSError, ValueError) as error:  # of pandas, its own errors are among them
-        raise BadRecord(f"{path}: expected a CSV file, found: {error}") from error
-    missing = next((name for name in ("step", "seconds") if name not in texts), None)
-    if missing is not None:
-        raise BadRecord(f"{path}: expected a column {missing}, found {', '.join(texts.columns)}")
-    columns = [metric.column for metric in CURVE_METRICS]
-    numbers = texts.reindex(columns=["step", "seconds", *columns]).apply(pd.to_numeric, errors="coerce")
-    for name in numbers:
-        wrong = texts.index[numbers[name].isna() & texts[name].notna()] if name in texts else []
-        if len(wrong):  # line 1 is the header
-            raise BadRecord(f"{path}, line {wrong[0] + 2}, {name}: expected a number, found {texts[name][wrong[0]]!r}")
-    steps, seconds = numbers["step"].to_numpy(float), numbers["seconds"].to_numpy(float)
-    if not (np.isfinite(steps).all() and np.isfinite(seconds).all() and (np.diff(seconds) >= 0).all()):
-        raise BadRecord(f"{path}: expected a step and rising seconds in every line")
-    phase = next((name for name in ("phase", "stage") if name in texts), None)
-    phases = tuple(texts[phase].fillna("")) if phase else ("",) * len(texts)
-    values = {name: numbers[name].to_numpy(float) for name in columns}
-    return Curve(phases, steps.astype(int), seconds, values) if len(texts) else None
+        raise InputError(f"{path}: expected a report's runs.csv, found: {shown(str(error))}") from error
+    columns = set(lines[0]) if lines else set()
+    missing = next((name for name in CELL if name not in columns), None)
+    if missing is not None or columns.isdisjoint(SCORES):
+        raise InputError(f"{path}: expected a report's runs.csv, found no column {missing or 'of a score'} or no line below it")
+    return [_published(path, number, line) for number, line in enumerate(lines, start=2)]  # line 1 is the header
+
+
+def _published(path: Path, number: int, line: Mapping[str, str]) -> Record:
+    def wrong(column: str, expected: str) -> InputError:
+        return InputError(f"{path}, line {number}, {column}: expected {expected}, found {shown(repr(line[column]))}")
+
+    found: Record = {"folder": path}
+    for column, text in line.items():
+        if text == "" or column in ("status", "reason"):
+            continue
+        if column in ("sees_truth", "clean"):
+            if text.lower() not in ("true", "false"):
+                raise wrong(column, "true or false")
+            found[column] = text.lower() == "true"
+        elif column in TEXTS or _is_text(column):
+            found[column] = text
+        elif (value := _number(text)) is not None:
+            if column in WHOLE and value != int(value):
+                raise wrong(column, "a whole number")
+            found[column] = int(value) if column in WHOLE else value
+        elif column in (*SCORES, *WHOLE, "seconds"):
+            raise wrong(column, "a number")
+    if not set(CELL) <= found.keys():
+        raise InputError(f"{path}, line {number}: expected a row, a scene and a seed, found {shown(repr(dict(line)))}")
+    if (status := line.get("status", "ok")) not in ("ok", "failed"):
+        raise wrong("status", "ok or failed")
+    if status == "failed":
+        found["problem"] = line.get("reason") or "failed"
+    found |= {"config_hash": found.get("config_hash", "")[:HASH_DIGITS] or None, "sees_truth": found.get("sees_truth", False)}
+    if found.get("commit") and "clean" not in found:
+        found["clean"] = not found["commit"].endswith(CHANGED)
+    found["reasons"] = {m.key: NOT_SCORED for m in METRICS if m.column not in line} | _reasons(line.get("reason", ""))
+    return found
+
+
+def name_of(run: Mapping[str, Any]) -> str:
+    """How messages call a run."""
+    return f"{run['row']}, {run['scene']}, seed {run['seed']}"
+
+
+def reason_of(reasons: Mapping[str, str] | None, key: str) -> str:
+    """Why the score ``key`` of a run is undefined, by its ``reasons``."""
+    return (reasons or {}).get(key, "no reason given")
+
+
+def finished(runs: Runs) -> Runs:
+    """The runs that did not fail."""
+    return runs[runs["problem"].isna()]
+
+
+def settings_of(folder: Path) -> dict[str, Any]:
+    """The configuration that a run folder holds; empty where it holds none."""
+    try:
+        config = read_json(folder / CONFIG).get("config")
+    except InputError:
+        return {}
+    return config if isinstance(config, dict) else {}
+
+
+def _capture_of(folder: Path) -> str | None:
+    found = settings_of(folder).get("capture")
+    try:
+        return parsed(CaptureSettings, found).label if isinstance(found, dict) else None
+    except InputError:  # of a former version
+        return None
+
+
+def _cell_of(folder: Path) -> Record:
+    """Row, scene and seed of a record that is broken elsewhere; nothing where one of them is."""
+    try:
+        found = read_json(folder / METRICS_FILE)
+    except InputError:
+        return {}
+    kinds = zip(CELL, (str, str, int), strict=True)
+    known = {key: found[key] for key, kind in kinds if type(found.get(key)) is kind}
+    cell = {key: value for key, value in known.items() if value != "" and str(value).isprintable()}
+    return cell if len(cell) == len(CELL) else {}
+
+
+def _protocol_of(record: RunRecord) -> str:
+    """The protocol's label, with the LPIPS net where that does not name it."""
+    lpips = record.protocol_description.get("lpips")
+    net = f"lpips.net={lpips.get('net', 'unknown') if isinstance(lpips, dict) else 'unknown'}"
+    return record.protocol if "lpips.net=" in record.protocol else f"{record.protocol} ({net})"
+
+
+def _is_text(column: str) -> bool:
+    return column.startswith("rescored_from_")
+
+
+def _number(text: str) -> float | None:
+    try:
+        found = float(text)
+    except ValueError:
+        return None
+    return found if math.isfinite(found) else None
+
+
+def reasons_text(run: Mapping[str, Any]) -> str:
+    """Why scores of a run are undefined, as runs.csv has it: "key, key: why; key: why"."""
+    keys: dict[str, list[str]] = {}
+    for metric in METRICS:
+        if np.isnan(run[metric.column]):
+            keys.setdefault(reason_of(run["reasons"], metric.key), []).append(metric.key)
+    return "; ".join(f"{', '.join(mine)}: {reason}" for reason, mine in keys.items())
+
+
+def _reasons(text: str) -> dict[str, str]:
+    """What :func:`reasons_text` wrote; a reason may hold colons and semicolons of its own."""
+    found: dict[str, str] = {}
+    mine: list[str] = []
+    for part in text.split("; "):
+        keys, colon, why = part.partition(": ")
+        if colon and METRIC_OF.keys() >= set(keys.split(", ")):
+            mine = keys.split(", ")
+            found |= dict.fromkeys(mine, why)
+        else:
+            found |= {key: f"{found[key]}; {part}" for key in mine}
+    return found

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ia_bench.report.collect import Run
+from ia_bench.report.collect import Runs
 from ia_bench.report.statistics import Estimate, over_seeds
 from ia_bench.scores.columns import CURVE_METRICS, Metric
 
@@ -75,7 +75,7 @@ def seconds_text(seconds: float) -> str:
     return f"{seconds:.1f} s" if seconds < 100 else f"{seconds:.0f} s"
 
 
-def time_to_error(runs: Sequence[Run]) -> list[TimeToError]:
+def time_to_error(runs: Runs) -> list[TimeToError]:
     """For every row and scene with curves and every one of LEVELS; a metric that a curve never measured is left out."""
     table = []
     for metric in CURVE_METRICS:
@@ -84,7 +84,7 @@ def time_to_error(runs: Sequence[Run]) -> list[TimeToError]:
     return table
 
 
-def time_to_beat(runs: Sequence[Run], reference: str) -> list[TimeToError]:
+def time_to_beat(runs: Runs, reference: str) -> list[TimeToError]:
     """For every scene and metric of BEATEN and every row but ``reference``: until it is where the reference is at its best.
 
     The level is the best value that the reference's curve ever has on the scene, the mean over its seeds; seconds hold those
@@ -105,7 +105,7 @@ def time_to_beat(runs: Sequence[Run], reference: str) -> list[TimeToError]:
     return table
 
 
-def worsening(runs: Sequence[Run]) -> list[Worsening]:
+def worsening(runs: Runs) -> list[Worsening]:
     """Every row, scene and metric that ends WORSE_DB or more below its best (mean of seeds), largest first."""
     found = []
     for metric in CURVE_METRICS:
@@ -113,10 +113,7 @@ def worsening(runs: Sequence[Run]) -> list[Worsening]:
             losses = [_loss(*curve, metric) for curve in curves]
             best_step, best_seconds, best, final_seconds, final, loss = np.mean(losses, axis=0).tolist()
             if loss >= WORSE_DB:
-                seeds = len(curves)
-                found.append(
-                    Worsening(row, scene, metric, best, best_step, best_seconds, final, final_seconds, loss, seeds)
-                )
+                found.append(Worsening(row, scene, metric, best, best_step, best_seconds, final, final_seconds, loss, len(curves)))
     return sorted(found, key=lambda one: -one.loss_db)
 
 
@@ -126,15 +123,12 @@ def _reach(row: str, scene: str, metric: Metric, level: float, curves: Sequence[
     return TimeToError(row, scene, metric, level, over_seeds(reached), len(reached), len(times))
 
 
-def _measured(runs: Sequence[Run], metric: Metric) -> dict[tuple[str, str], list[Points]]:
+def _measured(runs: Runs, metric: Metric) -> dict[tuple[str, str], list[Points]]:
     """Steps, seconds and values per row and scene, one entry per seed, of optimisations that measured the metric."""
     curves: dict[tuple[str, str], list[Points]] = {}
-    for run in runs:
-        if run.curve is None or run.curve.is_level:
-            continue
-        points = run.curve.measured(metric.column)
-        if len(points[0]):
-            curves.setdefault((run.row, run.scene), []).append(points)
+    for row, scene, curve in zip(runs["row"], runs["scene"], runs["curve"], strict=True):
+        if curve is not None and not curve.is_level and len((points := curve.measured(metric.column))[0]):
+            curves.setdefault((row, scene), []).append(points)
     return curves
 
 
@@ -143,9 +137,7 @@ def _first_time(seconds: np.ndarray, values: np.ndarray, level: float, metric: M
     return float(seconds[there[0]]) if len(there) else None
 
 
-def _loss(
-    steps: np.ndarray, seconds: np.ndarray, values: np.ndarray, metric: Metric
-) -> tuple[float, float, float, float, float, float]:
+def _loss(steps: np.ndarray, seconds: np.ndarray, values: np.ndarray, metric: Metric) -> tuple[float, ...]:
     """Step, seconds and value of the best point, seconds and value of the last, and the loss between them in dB."""
     index = int(np.argmax(values) if metric.higher_is_better else np.argmin(values))
     best, final = float(values[index]), float(values[-1])

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ia_bench.common.atomic_file import whole_file
-from ia_bench.report.collect import Run
+from ia_bench.report.collect import Runs
+from ia_bench.report.curve import Curve
 from ia_bench.scores.columns import CURVE_METRICS, Metric
 
 if TYPE_CHECKING:
@@ -23,13 +24,14 @@ if TYPE_CHECKING:
 DASHES = ("-", (0, (5, 1.5)), (0, (5, 1, 1, 1)))  # in turn, so that rows of like colours differ; with ten colours, 30 rows
 
 
-def draw_scene(runs: Sequence[Run], scene: str, rows: Sequence[str]) -> Figure | None:
+def draw_scene(runs: Runs, scene: str, rows: Sequence[str]) -> Figure | None:
     """Draw the curves of one scene; None where no run of it has a curve.
 
     A row keeps its colour in every scene, by its place in ``rows``. A line is the mean of its seeds, its band reaches
     from the lowest to the highest of them. The time axis is logarithmic, so points at 0 seconds are not shown.
     """
-    curves = {row: [r for r in runs if (r.row, r.scene) == (row, scene) and r.curve is not None] for row in rows}
+    here = runs[(runs["scene"] == scene) & runs["curve"].notna()]
+    curves = {row: list(here.loc[here["row"] == row, "curve"]) for row in rows}
     if not any(curves.values()):
         return None
     from matplotlib.figure import Figure
@@ -39,11 +41,16 @@ def draw_scene(runs: Sequence[Run], scene: str, rows: Sequence[str]) -> Figure |
     for panel, metric in zip(axes, CURVE_METRICS, strict=False):
         _draw_metric(panel, metric, curves)
     handles = {text: handle for panel in axes for handle, text in zip(*panel.get_legend_handles_labels(), strict=True)}
-    ordered = [row for row in rows if row in handles]
+    ordered = [plain(row) for row in rows if plain(row) in handles]
     axes[-1].axis("off")
     axes[-1].legend([handles[row] for row in ordered], ordered, loc="center left", frameon=False, fontsize=11)
-    figure.suptitle(f"{scene}: quality against run time, scored on a subset of the views (time of scoring not counted)")
+    figure.suptitle(f"{plain(scene)}: quality against run time, scored on a subset of the views (time of scoring not counted)")
     return figure
+
+
+def plain(name: str) -> str:
+    """A name as matplotlib draws it letter by letter: between two dollar signs it would be typeset as mathematics."""
+    return name.replace("$", r"\$")
 
 
 def save(figure: Figure, path: Path) -> list[Path]:
@@ -59,20 +66,20 @@ def save(figure: Figure, path: Path) -> list[Path]:
     return files
 
 
-def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Run]]) -> None:
+def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) -> None:
     from matplotlib import color_sequences
 
     colours = color_sequences["petroff10"]  # told apart by colour-blind readers too
-    for index, (row, runs) in enumerate(curves.items()):
-        measured = [(run.curve.is_level, *run.curve.measured(metric.column)) for run in runs if run.curve]
+    for index, (row, found) in enumerate(curves.items()):
+        measured = [(curve.is_level, *curve.measured(metric.column)) for curve in found]
         levels = [values[-1] for is_level, _, _, values in measured if is_level and len(values)]
         optimised = [(seconds, values) for is_level, _, seconds, values in measured if not is_level]
         points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in optimised if (seconds > 0).any()]
-        style = {"color": colours[index % 10], "linestyle": DASHES[index % len(DASHES)], "label": row}
+        style = {"color": colours[index % 10], "linestyle": DASHES[index % len(DASHES)], "label": plain(row)}
         if points:
             _draw_seeds(panel, points, style)
         if levels:
-            panel.axhline(float(np.mean(levels)), color="0.25", linestyle="--", linewidth=1.2, label=row)
+            panel.axhline(float(np.mean(levels)), color="0.25", linestyle="--", linewidth=1.2, label=plain(row))
     panel.set_xscale("log")
     _label_plainly(panel.xaxis)
     panel.set_title(metric.title, fontsize=11)

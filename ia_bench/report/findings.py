@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
+
+from ia_bench.common.errors import InputError
 from ia_bench.common.suggestions import listed
 from ia_bench.report.claims import Verdict, judge
-from ia_bench.report.collect import Collection, Run
-from ia_bench.report.configurations import mixed_rows
+from ia_bench.report.collect import Collection, Runs, name_of, reason_of
 from ia_bench.report.curves import TimeToError, Worsening, time_to_beat, time_to_error, worsening
-from ia_bench.report.statistics import Paired, Redrawn, line, paired, redrawn
-from ia_bench.report.table import Block, PaperRow, carried_text, counterparts, paper_rows
+from ia_bench.report.origins import Origin, mixed_rows, origins, warnings
+from ia_bench.report.statistics import Block, Estimate, Paired, block, means, paired, side_by_side
+from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, carried_text, counterparts, paper_rows
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
+
+MEAN = "mean over scenes"
 
 
 @dataclass(frozen=True)
@@ -28,9 +33,9 @@ class Findings:
         scenes: Their names.
         overall: Means over scenes.
         blocks: Means over seeds, one block per scene.
-        paper: The paper's own rows.
+        paper: The paper's own rows, where a row stands for one of them.
         counterparts: Row -> the paper's row that it stands for, of those that have one.
-        redrawn: What the reference renderer makes of rows that have another one.
+        redrawn: Row with a renderer of its own -> metric -> what the reference renderer makes of its textures and light.
         reference: The row that the others are compared with.
         differences: Row -> metric -> row minus ``reference``.
         verdicts: On what the table claims.
@@ -39,18 +44,20 @@ class Findings:
         worsening: Where more time makes a metric worse.
         undefined: Reason -> the metrics and runs whose value it explains.
         failures: A sentence per failed run.
-        notes: Where runs come from, and what was left out.
+        warnings: A sentence for everything that makes runs hard to compare.
+        origins: How the runs were made.
+        notes: Which rows mix configurations, and what was left out.
     """
 
     protocol: str
-    runs: tuple[Run, ...]
+    runs: Runs
     rows: tuple[str, ...]
     scenes: tuple[str, ...]
     overall: Block
     blocks: tuple[Block, ...]
     paper: tuple[PaperRow, ...]
     counterparts: dict[str, PaperRow]
-    redrawn: tuple[Redrawn, ...]
+    redrawn: dict[str, dict[str, Estimate | None]]
     reference: str | None
     differences: dict[str, dict[str, Paired]]
     verdicts: tuple[Verdict, ...]
@@ -59,12 +66,19 @@ class Findings:
     worsening: tuple[Worsening, ...]
     undefined: dict[str, str]
     failures: tuple[str, ...]
+    warnings: tuple[str, ...]
+    origins: tuple[Origin, ...]
     notes: tuple[str, ...]
 
     @property
     def footnotes(self) -> dict[str, int]:
         """The number of every reason for an undefined value."""
         return {reason: number for number, reason in enumerate(self.undefined, start=1)}
+
+    @property
+    def bounds(self) -> dict[str, str]:
+        """Those rows that bound all others -> what they are."""
+        return {row: BOUNDS[row] for row in self.rows if row in BOUNDS}
 
     @property
     def carried(self) -> list[str]:
@@ -79,48 +93,63 @@ class Findings:
 
 def analyse(
     collection: Collection,
-    rows_order: Sequence[str],
-    scenes_order: Sequence[str],
-    reference: str | None,
+    rows_order: Sequence[str] = (),
+    scenes_order: Sequence[str] = (),
+    reference: str | None = None,
     claims: Sequence[Claim] = (),
     papers: Mapping[str, str] | None = None,
 ) -> Findings:
     """Gather the findings. Numbers of different protocols do not mix: the most frequent one is kept, the rest is named.
 
     ``papers``: row -> the paper's row that it stands for.
-    Raises ValueError where ``reference`` or a row of ``claims`` is no row, for a claim about an unknown metric, and where the
-    paper has no such row.
+    Raises InputError where ``reference`` or a row of ``claims`` is no row, and where the paper has no such row.
     """
-    counted = Counter(run.protocol for run in collection.runs if run.protocol is not None)
-    protocol = counted.most_common(1)[0][0] if counted else "(no finished run)"
-    runs = tuple(run for run in collection.runs if run.protocol in (None, protocol))
-    rows, scenes = _ordered(rows_order, (run.row for run in runs)), _ordered(scenes_order, (run.scene for run in runs))
-    runs = tuple(sorted(runs, key=lambda run: (rows.index(run.row), scenes.index(run.scene), run.seed)))
+    every = collection.runs
+    counted = every["protocol"].value_counts()
+    protocol = str(counted.index[0]) if len(counted) else "(no finished run)"
+    foreign = every["problem"].isna() & (every["protocol"] != protocol) & (len(counted) > 0)
+    runs, others = every[~foreign], every[foreign]
+    rows, scenes = _ordered(rows_order, runs["row"]), _ordered(scenes_order, runs["scene"])
+    places = {"row": rows.index, "scene": scenes.index}
+    runs = runs.sort_values(["row", "scene", "seed"], key=lambda one: one.map(places.get(one.name, int))).reset_index(drop=True)
+    captured = [row for row in rows if row.startswith(f"{reference}, ")]  # "none, hull": a row's name may end with its capture
+    if reference not in rows and len(captured) == 1:
+        reference = captured[0]
     if reference is not None and reference not in rows:
-        raise ValueError(f"reference: expected one of the rows {listed(rows)}, found {reference}")
+        raise InputError(f"reference: expected one of the rows {listed(rows)}, found {reference}")
     for row in (row for claim in claims for row in (claim.better, claim.worse)):
         if row not in rows:
-            raise ValueError(f"claims: expected rows among {listed(rows)}, found {row}")
-    others = [row for row in rows if row != reference] if reference is not None else []
+            raise InputError(f"claims: expected rows among {listed(rows)}, found {row}")
+    stand_for = counterparts(papers or {})
     return Findings(
         protocol=protocol,
         runs=runs,
         rows=rows,
         scenes=scenes,
-        overall=Block("mean over scenes", tuple(line(runs, row) for row in rows), len(scenes)),
-        blocks=tuple(Block(name, tuple(line([r for r in runs if r.scene == name], row) for row in rows)) for name in scenes),
-        paper=paper_rows(),
-        counterparts=counterparts(papers or {}),
-        redrawn=tuple(found for row in rows if (found := redrawn(runs, row)) is not None),
+        overall=block(runs, rows, scenes, MEAN),
+        blocks=tuple(block(runs, rows, [name], name) for name in scenes),
+        paper=paper_rows() if stand_for else (),
+        counterparts=stand_for,
+        redrawn=_redrawn(runs, rows),
         reference=reference,
-        differences={row: {m.key: paired(runs, row, reference or "", m) for m in METRICS} for row in others},
+        differences={} if reference is None else _differences(runs, [row for row in rows if row != reference], reference),
         verdicts=tuple(judge(runs, claims, scenes)),
         times=tuple(time_to_error(runs)),
         beats=tuple(time_to_beat(runs, reference)) if reference is not None else (),
         worsening=tuple(worsening(runs)),
         undefined=_undefined(runs),
-        failures=tuple(f"{run.name}: {run.problem}" for run in runs if run.problem is not None),
-        notes=tuple(_notes(collection, runs, protocol)),
+        failures=tuple(f"{name_of(run)}: {run['problem']}" for run in _records(runs[runs["problem"].notna()])),
+        warnings=tuple(warnings(runs)),
+        origins=tuple(origins(runs)),
+        notes=(
+            *mixed_rows(runs),
+            *(
+                f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})"
+                for one in _records(others)
+            ),
+            *(f"left out, no record of a run: {problem}" for problem in collection.unreadable),
+            *(f"{name_of(run)}: no curve: {run['curve_problem']}" for run in _records(runs[runs["curve_problem"].notna()])),
+        ),
     )
 
 
@@ -129,34 +158,33 @@ def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
     return (*first, *sorted(set(found) - set(first)))
 
 
-def _notes(collection: Collection, kept: Sequence[Run], protocol: str) -> list[str]:
-    """Where runs come from, which rows mix configurations, what was left out and why, unreadable curves."""
-    origins = Counter((run.about.get("commit"), run.about.get("cpu")) for run in kept)
-    notes = [
-        f"{count} {'run' if count == 1 else 'runs'} of commit {commit or 'unknown'} on {cpu or 'an unknown processor'}"
-        for (commit, cpu), count in origins.most_common()
-        if commit is not None or cpu is not None
-    ]
-    notes += mixed_rows(kept)
-    notes += [
-        f"{run.name}: left out, scored under {run.protocol} and not {protocol} ({run.folder})"
-        for run in collection.runs
-        if run.protocol not in (None, protocol)
-    ]
-    notes += [f"left out, no record of a run: {problem}" for problem in collection.unreadable]
-    return notes + [f"{run.name}: no curve: {run.curve_problem}" for run in kept if run.curve_problem]
+def _records(runs: Runs) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = runs.to_dict("records")
+    return found
 
 
-def _undefined(runs: Sequence[Run]) -> dict[str, str]:
-    """Every reason of a null once, with its metrics and runs."""
-    found: dict[str, list[tuple[str, Run]]] = {}
-    for run in runs:
-        for key, value in run.metrics.items():
-            if value is None:
-                found.setdefault(run.reason(key), []).append((key, run))
+def _differences(runs: Runs, rows: Sequence[str], reference: str) -> dict[str, dict[str, Paired]]:
+    scores = {metric.key: side_by_side(runs, metric) for metric in METRICS}
+    return {row: {key: paired(table, row, reference) for key, table in scores.items()} for row in rows}
+
+
+def _redrawn(runs: Runs, rows: Sequence[str]) -> dict[str, dict[str, Estimate | None]]:
+    """What the reference renderer makes of each row in the metrics of renders; without rows that it draws anyway."""
+    found = {metric.key: means(runs, metric.key.replace(".", "_reference_")) for metric in RENDERED}
+    tables = {row: {key: values.get(row) for key, values in found.items()} for row in rows}
+    return {row: values for row, values in tables.items() if any(values.values())}
+
+
+def _undefined(runs: Runs) -> dict[str, str]:
+    """Every reason of an undefined score once, with its metrics and runs."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for run in _records(runs[runs["problem"].isna()]):
+        for metric in METRICS:
+            if np.isnan(run[metric.column]):
+                found.setdefault(reason_of(run["reasons"], metric.key), []).append((metric.key, name_of(run)))
     texts = {}
     for reason, where in found.items():
-        names = list(dict.fromkeys(run.name for _, run in where))
+        names = list(dict.fromkeys(name for _, name in where))
         keys = ", ".join(dict.fromkeys(key for key, _ in where))
         texts[reason] = f"{keys} in {'; '.join(names) if len(names) <= 3 else f'{len(names)} runs'}"
     return texts

@@ -8,17 +8,20 @@ would move it (Welch-Satterthwaite). To compare two rows, their scenes and seeds
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from scipy.stats import t as student
 
-from ia_bench.report.collect import Run
-from ia_bench.scores.columns import METRIC_OF, METRICS, Metric
+from ia_bench.report.collect import CELL, SCORES, Runs, finished, reason_of
+from ia_bench.scores.columns import METRICS, Metric
 
 CONFIDENCE = 0.95
-RENDERED = ("View synthesis", "Relighting")  # groups of metrics that depend on who renders
+
+Scores = dict[str, dict[tuple[str, int], float]]
+"""Row -> (scene, seed) -> score."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,87 @@ class Estimate:
     mean: float
     half_width: float | None
     scenes: int = 1
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Differences of two rows in one metric: scene -> seed -> difference, of the seeds that both rows have."""
+
+    pairs: dict[str, dict[int, float]]
+
+    @property
+    def over_seeds(self) -> Estimate | None:
+        """The mean, with the interval within which other seeds on the same scenes would move it."""
+        return over_scenes([list(seeds.values()) for seeds in self.pairs.values()])
+
+    @property
+    def over_scenes(self) -> Estimate | None:
+        """The same mean, with Student's interval over scenes: whether the difference would hold on others of this kind."""
+        estimate = over_seeds([float(np.mean(list(seeds.values()))) for seeds in self.pairs.values()])
+        return estimate and Estimate(estimate.mean, estimate.half_width, len(self.pairs))
+
+    @property
+    def carriers(self) -> list[tuple[str, int]]:
+        """The pairs (scene, seed) that carry the mean: without any one of them it is zero or has the other sign."""
+        means = {scene: float(np.mean(list(seeds.values()))) for scene, seeds in self.pairs.items()}
+        mean = float(np.mean(list(means.values()))) if means else 0.0
+        found = []
+        for scene, seeds in self.pairs.items():
+            for seed in seeds:
+                rest = [value for other, value in seeds.items() if other != seed]
+                left = [other for name, other in means.items() if name != scene] + ([float(np.mean(rest))] if rest else [])
+                if mean and left and float(np.mean(left)) * mean <= 0:
+                    found.append((scene, seed))
+        return found
+
+    @property
+    def count(self) -> int:
+        """How many pairs there are."""
+        return sum(map(len, self.pairs.values()))
+
+    def of_scene(self, scene: str) -> Paired:
+        """The pairs of one scene alone."""
+        return Paired({scene: self.pairs[scene]} if scene in self.pairs else {})
+
+
+@dataclass(frozen=True)
+class Leader:
+    """The best row of a metric, among those that do not see the truth and have every scene.
+
+    Attributes:
+        row: The best.
+        value: Its mean and interval.
+        second: The next one; None where it is alone.
+        lead: Best minus second by scene and seed, positive where the best is better.
+        scenes: How many scenes both rows have.
+    """
+
+    row: str
+    value: Estimate
+    second: str | None
+    lead: Paired
+    scenes: int
+
+    @property
+    def decided(self) -> bool:
+        """Whether the lead's interval over seeds lies above zero, with pairs of runs in every scene."""
+        return self.sure == "decided over seeds"
+
+    @property
+    def sure(self) -> str:
+        """How sure the lead is, in words."""
+        found = self.lead.over_seeds
+        if self.second is None:
+            return "the only row"
+        if found is None:
+            return "no seed in common: how sure is unknown"
+        if len(self.lead.pairs) < self.scenes:
+            return "no seed in common on some scene: how sure is unknown"
+        if found.half_width is None:
+            return "one seed: how sure is unknown"
+        if abs(found.mean) <= found.half_width:
+            return "undecided: other seeds may turn it"
+        return "decided over seeds" if found.mean > 0 else "behind on shared seeds"
 
 
 @dataclass(frozen=True)
@@ -56,62 +140,18 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Redrawn:
-    """A row whose renders are its own, and what the reference renderer makes of the textures and the light that it exports.
+class Block:
+    """The lines of all rows over one scene, or over all ``scenes`` of them, and the leader of every metric that has one."""
 
-    Attributes:
-        row: Its name.
-        own: Metric key -> estimate of its own renders.
-        reference: The same of the reference renderer's.
-    """
+    title: str
+    lines: tuple[Line, ...]
+    leaders: dict[str, Leader]
+    scenes: int = 1
 
-    row: str
-    own: dict[str, Estimate | None]
-    reference: dict[str, Estimate | None]
-
-
-@dataclass(frozen=True)
-class Paired:
-    """Differences of two rows in one metric: scene -> seed -> difference, of the seeds that both rows have."""
-
-    pairs: dict[str, dict[int, float]]
-
-    @property
-    def over_seeds(self) -> Estimate | None:
-        """The mean, with the interval within which other seeds on the same scenes would move it."""
-        return over_scenes([list(seeds.values()) for seeds in self.pairs.values()])
-
-    @property
-    def over_scenes(self) -> Estimate | None:
-        """The same mean, with Student's interval over scenes: whether the difference would hold on others of this kind."""
-        estimate = over_seeds([float(np.mean(list(seeds.values()))) for seeds in self.pairs.values()])
-        return estimate and Estimate(estimate.mean, estimate.half_width, len(self.pairs))
-
-    @property
-    def carriers(self) -> list[tuple[str, int]]:
-        """The pairs (scene, seed) that carry the mean: without any one of them it is zero or has the other sign."""
-        mean = self.over_seeds.mean if self.over_seeds else 0.0
-        found = []
-        for scene, seeds in self.pairs.items():
-            for seed in seeds:
-                without = {**self.pairs, scene: {other: value for other, value in seeds.items() if other != seed}}
-                rest = over_scenes([list(values.values()) for values in without.values()])
-                if mean and rest is not None and rest.mean * mean <= 0:
-                    found.append((scene, seed))
-        return found
-
-    def of_scene(self, scene: str) -> Paired:
-        """The pairs of one scene alone."""
-        return Paired({scene: self.pairs[scene]} if scene in self.pairs else {})
-
-
-def paired(runs: Sequence[Run], row: str, reference: str, metric: Metric) -> Paired:
-    """Row minus reference wherever both have a value for the same scene and seed."""
-    ours, theirs = ({(r.scene, r.seed): v for r, v in _values(runs, name, _metric_of(metric))} for name in (row, reference))
-    pairs: dict[str, dict[int, float]] = {}
-    for scene, seed in sorted(ours.keys() & theirs.keys()):
-        pairs.setdefault(scene, {})[seed] = ours[scene, seed] - theirs[scene, seed]
-    return Paired(pairs)
+    def is_best(self, row: str, metric: Metric) -> bool:
+        """Whether a row stands in bold: it leads, and that is decided."""
+        leader = self.leaders.get(metric.key)
+        return leader is not None and leader.row == row and leader.decided
 
 
 def over_seeds(values: Sequence[float]) -> Estimate | None:
@@ -119,7 +159,7 @@ def over_seeds(values: Sequence[float]) -> Estimate | None:
     return over_scenes([values]) if values else None
 
 
-def over_scenes(values: Sequence[Sequence[float]]) -> Estimate | None:
+def over_scenes(values: Sequence[Sequence[float] | np.ndarray]) -> Estimate | None:
     """Mean over scenes of the mean over each scene's seeds; scenes without a value are left out and not counted.
 
     The interval needs two seeds in every scene: standard error sqrt(sum s_i^2 / n_i) / S over S scenes, with Welch and
@@ -140,59 +180,81 @@ def over_scenes(values: Sequence[Sequence[float]]) -> Estimate | None:
     return Estimate(mean, half_width, len(scenes))
 
 
-def line(runs: Sequence[Run], row: str) -> Line:
-    """Summarise the runs of one row, over whichever scenes ``runs`` holds."""
-    mine = [run for run in runs if run.row == row]
-    done = [run for run in mine if run.problem is None]
-
-    return Line(
-        row=row,
-        sees_truth=any(run.sees_truth for run in mine),
-        values={metric.key: _mean(done, row, _metric_of(metric)) for metric in METRICS},
-        reasons={m.key: tuple(dict.fromkeys(r.reason(m.key) for r in done if r.metrics[m.key] is None)) for m in METRICS},
-        seconds=_mean(done, row, lambda run: run.seconds),
-        peak_memory_bytes=max((run.peak_memory_bytes for run in done if run.peak_memory_bytes is not None), default=None),
-        failed=len(mine) - len(done),
-        runs=len(mine),
-    )
+def means(runs: Runs, column: str) -> dict[str, Estimate | None]:
+    """Row -> the mean of a column over the scenes of its finished runs, of rows that have a value."""
+    scenes: dict[str, list[np.ndarray]] = {}
+    if column in runs:
+        for (row, _), values in finished(runs).dropna(subset=[column]).groupby(["row", "scene"])[column]:
+            scenes.setdefault(row, []).append(values.to_numpy(float))
+    return {row: over_scenes(values) for row, values in scenes.items()}
 
 
-def redrawn(runs: Sequence[Run], row: str) -> Redrawn | None:
-    """What the reference renderer makes of a row in the metrics of renders; None for a row that it draws anyway."""
-    keys = [metric.key for metric in METRICS if metric.group in RENDERED]
-    reference = {key: _mean(runs, row, _variant_of(key.replace(".", "_reference."))) for key in keys}
-    if not any(reference.values()):
+def side_by_side(runs: Runs, metric: Metric) -> Scores:
+    """Row -> (scene, seed) -> score of its finished runs in one metric, where it is defined."""
+    known = finished(runs).dropna(subset=[metric.column]).sort_values(["scene", "seed"])
+    found: Scores = {}
+    for row, scene, seed, value in zip(*(known[name].tolist() for name in (*CELL, metric.column)), strict=True):
+        found.setdefault(row, {})[scene, seed] = value
+    return found
+
+
+def paired(scores: Scores, row: str, reference: str) -> Paired:
+    """Row minus reference wherever both have a value for the same scene and seed."""
+    theirs = scores.get(reference, {})
+    pairs: dict[str, dict[int, float]] = {}
+    for (scene, seed), value in scores.get(row, {}).items():
+        if (scene, seed) in theirs:
+            pairs.setdefault(scene, {})[seed] = value - theirs[scene, seed]
+    return Paired(pairs)
+
+
+def better(scores: Scores, row: str, other: str, metric: Metric) -> Paired:
+    """The same, turned so that it is positive where ``row`` is the better one."""
+    return paired(scores, row, other) if metric.higher_is_better else paired(scores, other, row)
+
+
+def block(runs: Runs, rows: Sequence[str], scenes: Sequence[str], title: str) -> Block:
+    """Summarise the runs of ``scenes``, a line for every row."""
+    runs = runs[runs["scene"].isin(scenes)]
+    estimates = {metric.key: means(runs, metric.column) for metric in METRICS}
+    seconds, groups = means(runs, "seconds"), dict(iter(runs.groupby("row")))
+    lines = []
+    for row in rows:
+        mine = groups.get(row, runs.iloc[:0])
+        done = finished(mine)
+        memory = done["peak_memory_bytes"].max()
+        lines.append(
+            Line(
+                row=row,
+                sees_truth=bool(mine["sees_truth"].eq(True).any()),
+                values={key: found.get(row) for key, found in estimates.items()},
+                reasons=_reasons(done),
+                seconds=seconds.get(row),
+                peak_memory_bytes=None if pd.isna(memory) else int(memory),
+                failed=len(mine) - len(done),
+                runs=len(mine),
+            )
+        )
+    leaders = {metric.key: _leader(runs, lines, metric, len(scenes)) for metric in METRICS}
+    return Block(title, tuple(lines), {key: found for key, found in leaders.items() if found is not None}, len(scenes))
+
+
+def _reasons(done: Runs) -> dict[str, tuple[str, ...]]:
+    undefined, reasons = done[list(SCORES)].isna().to_numpy(), done["reasons"].tolist()
+    return {
+        metric.key: tuple(dict.fromkeys(reason_of(reasons[run], metric.key) for run in np.flatnonzero(undefined[:, place])))
+        for place, metric in enumerate(METRICS)
+    }
+
+
+def _leader(runs: Runs, lines: Sequence[Line], metric: Metric, scenes: int) -> Leader | None:
+    ranked = [
+        (one.row, value)
+        for one in lines
+        if not one.sees_truth and (value := one.values[metric.key]) is not None and value.scenes == scenes
+    ]
+    if not ranked:
         return None
-    return Redrawn(row, {key: _mean(runs, row, _metric_of(METRIC_OF[key])) for key in keys}, reference)
-
-
-def best_rows(lines: Sequence[Line], metric: Metric, scenes: int) -> set[str]:
-    """Rows to print in bold: the best as printed, among those that do not see the truth and cover all ``scenes``."""
-    ranked = {}
-    for one in lines:
-        value = one.values[metric.key]
-        if value is not None and value.scenes == scenes and not one.sees_truth:
-            ranked[one.row] = round(value.mean, metric.digits)
-    best = (max if metric.higher_is_better else min)(ranked.values(), default=None)
-    return {row for row, value in ranked.items() if value == best}
-
-
-def _mean(runs: Sequence[Run], row: str, value: Callable[[Run], float | None]) -> Estimate | None:
-    scenes: dict[str, list[float]] = {}
-    for run, number in _values(runs, row, value):
-        scenes.setdefault(run.scene, []).append(number)
-    return over_scenes(list(scenes.values()))
-
-
-def _variant_of(key: str) -> Callable[[Run], float | None]:
-    return lambda run: run.variants.get(key)
-
-
-def _metric_of(metric: Metric) -> Callable[[Run], float | None]:
-    return lambda run: run.metrics[metric.key]
-
-
-def _values(runs: Sequence[Run], row: str, value: Callable[[Run], float | None]) -> list[tuple[Run, float]]:
-    """The finished runs of one row that have a value, with it."""
-    mine = (run for run in runs if run.row == row and run.problem is None)
-    return [(run, number) for run in mine if (number := value(run)) is not None]
+    ranked.sort(key=lambda entry: -entry[1].mean if metric.higher_is_better else entry[1].mean)
+    (row, value), second = ranked[0], ranked[1][0] if len(ranked) > 1 else None
+    return Leader(row, value, second, better(side_by_side(runs, metric), row, second or row, metric), scenes)

@@ -8,23 +8,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 
+from ia_bench.common.errors import InputError
 from ia_bench.report.claims import Verdict
-from ia_bench.report.collect import BOUNDS
 from ia_bench.report.curves import TimeToError, Worsening, seconds_text
-from ia_bench.report.statistics import Estimate, Line, Paired, Redrawn, best_rows
-from ia_bench.scores.columns import METRIC_OF, METRICS, Metric
+from ia_bench.report.origins import Origin
+from ia_bench.report.statistics import Block, Estimate, Paired
+from ia_bench.scores.columns import METRICS, Metric
 
+BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
+"""Rows that optimise nothing and bound all others, and what they are: the truth rendered, and one grey."""
+RENDERED = tuple(metric for metric in METRICS if metric.group in ("View synthesis", "Relighting"))  # which depend on who renders
 COSTS = ("Seconds", "Peak memory", "Failed")
 HEADLINE = ("PSNR", "MSE")  # labels of the metrics that are compared with the paper's
-
-
-@dataclass(frozen=True)
-class Block:
-    """The lines of all rows over one scene, or over all ``scenes`` of them."""
-
-    title: str
-    lines: tuple[Line, ...]
-    scenes: int = 1
 
 
 @dataclass(frozen=True)
@@ -63,11 +58,11 @@ def paper_rows() -> tuple[PaperRow, ...]:
 
 
 def counterparts(papers: Mapping[str, str]) -> dict[str, PaperRow]:
-    """Row -> the paper's row, from row -> its name. Raises ValueError where the paper has no such row."""
+    """Row -> the paper's row, from row -> its name. Raises InputError where the paper has no such row."""
     printed = {one.method: one for one in paper_rows()}
     for row, name in papers.items():
         if name not in printed:
-            raise ValueError(f"rows: {row}: paper: expected a row of the paper's table, some of {', '.join(printed)}, found {name}")
+            raise InputError(f"rows: {row}: paper: expected a row of the paper's table, some of {', '.join(printed)}, found {name}")
     return {row: printed[name] for row, name in papers.items()}
 
 
@@ -105,7 +100,6 @@ def carried_text(pairs: Paired) -> str:
 
 def results_table(block: Block, notes: Mapping[str, int]) -> Printed:
     """Every metric and cost of every row; ``notes`` numbers the reasons of what is undefined."""
-    best = {metric.key: best_rows(block.lines, metric, block.scenes) for metric in METRICS}
     body = []
     for one in block.lines:
         bound = f" ({BOUNDS[one.row]})" if BOUNDS.get(one.row, one.row) != one.row else ""
@@ -113,7 +107,7 @@ def results_table(block: Block, notes: Mapping[str, int]) -> Printed:
         for metric in METRICS:
             text = estimate_text(one.values[metric.key], metric, block.scenes)
             why = tuple(notes[reason] for reason in one.reasons[metric.key])
-            cells.append(Entry(text, one.row in best[metric.key], why))
+            cells.append(Entry(text, block.is_best(one.row, metric), why))
         seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}"
         memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
         body.append([*cells, seconds, memory, f"{one.failed}/{one.runs}"])
@@ -142,14 +136,20 @@ def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Pr
     return Printed(["Row", "Paper's row", *(f"{metric.title} here (paper's scenes)" for metric in metrics)], body)
 
 
-def redrawn_table(rows: Sequence[Redrawn], scenes: int) -> Printed:
+def redrawn_table(rows: Mapping[str, Mapping[str, Estimate | None]], overall: Block) -> Printed:
     """A line per row with a renderer of its own: each metric of renders by that one, and by the reference renderer."""
-    metrics = [METRIC_OF[key] for key in (rows[0].own if rows else ())]
-    body = []
-    for one in rows:
-        pairs = ((metric, values[metric.key]) for metric in metrics for values in (one.own, one.reference))
-        body.append([one.row, *(estimate_text(value, metric, scenes) for metric, value in pairs)])
-    return Printed(["Row", *(f"{m.title}, {by}" for m in metrics for by in ("its own", "reference"))], body)
+    own = {one.row: one.values for one in overall.lines}
+    body = [
+        [row, *(estimate_text(values[m.key], m, overall.scenes) for m in RENDERED for values in (own[row], reference))]
+        for row, reference in rows.items()
+    ]
+    return Printed(["Row", *(f"{m.title}, {by}" for m in RENDERED for by in ("its own", "reference"))], body)
+
+
+def origins_table(origins: Sequence[Origin]) -> Printed:
+    """A line for everything in which runs of one report differ in how they were made, and the rows of which they are."""
+    body = [[str(one.runs), one.preset, one.threads, one.commit, one.cpu, one.rows] for one in origins]
+    return Printed(["Runs", "Preset", "Threads", "Commit", "Processor", "Rows"], body)
 
 
 def _short(value: Estimate | None, metric: Metric) -> str:

@@ -12,10 +12,11 @@ from itertools import groupby
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ia_bench.report import table
-from ia_bench.report.claims import HOW_JUDGED
+from ia_bench.report.claims import HOW_JUDGED, tally
 from ia_bench.report.curves import WORSE_DB
 from ia_bench.report.findings import Findings
-from ia_bench.report.table import Block, Entry, Printed
+from ia_bench.report.statistics import Block
+from ia_bench.report.table import Entry, Printed
 from ia_bench.scores.columns import METRICS
 
 TITLE = "# Results\n"
@@ -34,7 +35,7 @@ LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
 
 def report_text(findings: Findings, pictures: Sequence[str]) -> str:
     """The report to read. ``pictures`` are the figures' paths relative to it."""
-    return _filled("report.md", findings, pictures=pictures, worse_db=WORSE_DB, how_judged=HOW_JUDGED)
+    return _filled("report.md", findings, pictures=pictures, worse_db=WORSE_DB, how_judged=HOW_JUDGED, tally=tally)
 
 
 def latex(findings: Findings) -> str:

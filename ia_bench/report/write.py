@@ -1,4 +1,4 @@
-"""Write the whole report of a set of run folders: Markdown, LaTeX, CSV, JSON, and a figure of curves per scene."""
+"""Write the whole report of a set of run folders: Markdown, LaTeX, CSV, and a figure of curves per scene."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ia_bench.common.atomic_file import whole_file
+from ia_bench.common.errors import InputError
 from ia_bench.report import figures
-from ia_bench.report.collect import CellKey, Run, collect
-from ia_bench.report.csv_text import csv_text
+from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
 from ia_bench.report.curves import TimeToError
-from ia_bench.report.findings import Findings, analyse
-from ia_bench.report.leftovers import begins_with, remove_all_but
+from ia_bench.report.files import begins_with, csv_text, remove_all_but, write_text
+from ia_bench.report.findings import MEAN, Findings, analyse
 from ia_bench.report.statistics import Paired
 from ia_bench.report.table import carried_text
 from ia_bench.report.texts import TITLE, latex, report_text
@@ -41,7 +40,7 @@ def write_report(
     reference: str | None = None,
     claims: Sequence[Claim] = (),
     papers: Mapping[str, str] | None = None,
-    published: Iterable[Run] = (),
+    published: Iterable[Record] = (),
 ) -> Report:
     """Write the report of run folders into ``out``.
 
@@ -60,17 +59,17 @@ def write_report(
         published: Runs of former reports that stand beside them; they have no curves.
 
     Raises:
-        ValueError: Where there is no run, two of them hold the same cell, ``reference`` or a row of ``claims`` is no row,
-            a claim is about an unknown metric, or the paper has no such row.
+        InputError: Where there is no run, two of them hold the same cell, ``reference`` or a row of ``claims`` is no row,
+            or the paper has no such row.
     """
-    collection = collect(folders, published)
-    if not collection.runs:
-        raise ValueError("; ".join(["expected at least one run's metrics.json, found none", *collection.unreadable]))
+    collection = collect(folders, list(published))
+    if not len(collection.runs):
+        raise InputError("; ".join(["expected at least one run's metrics.json, found none", *collection.unreadable]))
     findings = analyse(collection, rows_order, scenes_order, reference, claims, papers)
 
-    out.mkdir(parents=True, exist_ok=True)
+    ours = begins_with(out / "report.md", TITLE)
     pictures = _draw(findings, out / "curves")
-    if begins_with(out / "report.md", TITLE):
+    if ours:
         remove_all_but(pictures, [*(out / "curves").glob("*.png"), *(out / "curves").glob("*.svg")])
     shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
     tables = {
@@ -83,10 +82,10 @@ def write_report(
     texts = {
         "report.md": report_text(findings, shown),
         "table.tex": latex(findings),
-        "runs.csv": csv_text(({"protocol": findings.protocol, **_run(run)} for run in findings.runs), digits=None),
+        "runs.csv": runs_text(findings),
         **{name: csv_text({"protocol": findings.protocol, **record} for record in records) for name, records in tables.items()},
     }
-    return Report((*(_write(out / name, text) for name, text in texts.items()), *pictures), findings)
+    return Report((*(write_text(out / name, text) for name, text in texts.items()), *pictures), findings)
 
 
 def _draw(findings: Findings, folder: Path) -> list[Path]:
@@ -94,30 +93,20 @@ def _draw(findings: Findings, folder: Path) -> list[Path]:
     for scene in findings.scenes:
         figure = figures.draw_scene(findings.runs, scene, findings.rows)
         if figure is not None:
-            folder.mkdir(exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
             pictures += figures.save(figure, folder / re.sub(r"[^\w.-]", "_", scene))
     return pictures
 
 
-def _run(run: Run) -> Line:
-    """What every mean and interval of the report was made from."""
-    reasons: dict[str, list[str]] = {}
-    for key in (key for key, value in run.metrics.items() if value is None):
-        reasons.setdefault(run.reason(key), []).append(key)
-    return {
-        "row": run.row,
-        "scene": run.scene,
-        "seed": run.seed,
-        "status": "ok" if run.problem is None else "failed",
-        "reason": run.problem or "; ".join(f"{', '.join(keys)}: {reason}" for reason, keys in reasons.items()),
-        "sees_truth": run.sees_truth,
-        **{metric.column: run.metrics.get(metric.key) for metric in METRICS},
-        **{key.replace(".", "_"): value for key, value in run.variants.items()},
-        "seconds": run.seconds,
-        **{f"seconds_{phase}": seconds for phase, seconds in run.phases.items()},
-        "peak_memory_bytes": run.peak_memory_bytes,
-        **run.about,
-    }
+def runs_text(findings: Findings) -> str:
+    """Every run with all its digits: what every mean and interval of the report was made from."""
+    runs = findings.runs.drop(columns=[*KEPT, "problem", "protocol"])
+    failed = findings.runs["problem"].notna()
+    reasons = [run["problem"] or reasons_text(run) for run in findings.runs.to_dict("records")]
+    labels = {"protocol": findings.protocol, "status": failed.map({False: "ok", True: "failed"}), "reason": reasons}
+    runs = runs.assign(**labels)
+    first = ["protocol", "row", "scene", "seed", "status", "reason", "sees_truth", *(metric.column for metric in METRICS)]
+    return str(runs[[*first, *(name for name in runs if name not in first)]].to_csv(index=False))
 
 
 def _summaries(findings: Findings) -> Iterable[Line]:
@@ -151,14 +140,14 @@ def _claims(findings: Findings) -> Iterable[Line]:
 
 def _paired(label: Line, pairs: Paired) -> Iterable[Line]:
     """The mean of differences with both intervals, then the same scene by scene."""
-    for scene, part in {"mean over scenes": pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
+    for scene, part in {MEAN: pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
         seeds, scenes = part.over_seeds, part.over_scenes
         yield label | {
             "scene": scene,
             "difference": seeds and seeds.mean,
             "half_width_over_seeds": seeds and seeds.half_width,
             "half_width_over_scenes": scenes and scenes.half_width,
-            "pairs": sum(map(len, part.pairs.values())),
+            "pairs": part.count,
             "carried_by": carried_text(part),
         }
 
@@ -167,9 +156,3 @@ def _time(one: TimeToError) -> Line:
     seconds = "never" if one.seconds is None else one.seconds.mean
     label = {"scene": one.scene, "row": one.row, "metric": one.metric.key, "level": one.level}
     return {**label, "seconds": seconds, "seeds_reached": one.reached, "seeds": one.seeds}
-
-
-def _write(path: Path, text: str) -> Path:
-    with whole_file(path) as partial:
-        partial.write_text(text, encoding="utf-8")
-    return path

@@ -6,38 +6,43 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.cli import table as command
-from ia_bench.cli.report import main, write_value_of
-from ia_bench.report.collect import Run
+from ia_bench.cli.report import main
+from ia_bench.report.collect import SCORES, Record
+from ia_bench.report.gains import gains
 from ia_bench.report.site.gallery import Gallery, take_down_others
-from ia_bench.report.value.write import FILES
+from ia_bench.report.value import FILES, write_value
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.table import Row, Table
-from ia_bench.scores.columns import METRICS
 
 WAYS = Table(rows=[Row("none", []), Row("ours", [])], reference="none", captures=[{}, {"views": 8}])
 
 
-def runs_of(table: Table, captures: Sequence[str]) -> list[Run]:
+def runs_of(table: Table, captures: Sequence[str]) -> list[Record]:
     found = []
     for label in captures:
         for place, row in enumerate(table.rows):
-            values: dict[str, float | None] = {metric.key: 20.0 + place for metric in METRICS}
-            found += [Run(Path(), row.name + label, scene, 0, protocol="p", metrics=values) for scene in ("hat", "ship")]
+            one = {"folder": Path(), "row": row.name + label, "seed": 0, "protocol": "p", **dict.fromkeys(SCORES, 20.0 + place)}
+            found += [{**one, "scene": scene} for scene in ("hat", "ship")]
     return found
 
 
-def reported(runs: Sequence[Run], out: Path) -> Report:
+def value_of(report: Report, table: Table, out: Path) -> set[str]:
+    runs = report.findings.runs
+    return {path.name for path in write_value(gains(runs, table), runs, table, out)}
+
+
+def reported(runs: Sequence[Record], out: Path) -> Report:
     return write_report([], out, published=runs)
 
 
 def test_what_a_prior_was_worth_goes_where_no_table_says_so_any_more(tmp_path: Path) -> None:
     report = reported(runs_of(WAYS, ["", ", 8 views"]), tmp_path)
     (tmp_path / "page").mkdir()
-    assert {path.name for path in write_value_of(report, WAYS, tmp_path)} == set(FILES)
+    assert value_of(report, WAYS, tmp_path) == set(FILES)
     fewer = reported(runs_of(WAYS, [""]), tmp_path)
-    assert {path.name for path in write_value_of(fewer, WAYS, tmp_path)} == {*FILES} - {"photographs.csv"}
+    assert value_of(fewer, WAYS, tmp_path) == {*FILES} - {"photographs.csv"}
     assert not (tmp_path / "photographs.csv").exists()
-    assert write_value_of(fewer, Table(), tmp_path) == []
+    assert value_of(fewer, Table(), tmp_path) == set()
     assert not any((tmp_path / name).exists() for name in FILES)
 
 
@@ -45,7 +50,7 @@ def test_files_of_somebody_else_stay(tmp_path: Path) -> None:
     (tmp_path / "curves").mkdir()
     for name in ("value.md", "value.csv", "curves/mine.png"):
         (tmp_path / name).write_text("mine")
-    write_value_of(reported(runs_of(WAYS, [""]), tmp_path), Table(), tmp_path)
+    value_of(reported(runs_of(WAYS, [""]), tmp_path), Table(), tmp_path)
     assert all((tmp_path / name).read_text() == "mine" for name in ("value.md", "value.csv", "curves/mine.png"))
 
 

@@ -1,39 +1,48 @@
-"""Reading run folders: what is there arrives, what is broken is named and becomes a failure."""
+"""Reading run folders and a report's runs.csv: what is there arrives, what is broken is named and becomes a failure."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from ia_bench.report.collect import BadRecord, collect, read_curve, read_run
+from ia_bench.common.errors import InputError
+from ia_bench.report.collect import NOT_SCORED, SCORES, as_table, collect, read_published, read_run
+from ia_bench.report.curve import BadCurve, read_curve
+from ia_bench.report.write import write_report
 from ia_bench.runs.folder import find_run_folders
+from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
-
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
 Write = Callable[..., Path]
 
 
 def test_a_finished_run_arrives_whole(write_run: Write) -> None:
-    folder = write_run("ours", "hat", 3, sees_truth=True, curve="stage1,0,0.5,,12,,,\nstage2,40,2.5,14,,inf,16,0.05\n")
-    run = read_run(folder)
-    assert (run.row, run.scene, run.seed, run.problem, run.protocol) == ("ours", "hat", 3, None, "paper-v1 (lpips.net=alex)")
-    assert run.metrics["albedo.psnr"] == 20.0
-    assert run.metrics["roughness.mse"] == 0.05
-    assert set(run.metrics) == {metric.key for metric in METRICS}
-    assert run.seconds == 50.0  # of baking, stage 1 and stage 2; 10 of scoring are left out
-    assert run.peak_memory_bytes == 2**30
-    assert run.sees_truth
-    assert run.curve.phases == ("stage1", "stage2")
-    np.testing.assert_array_equal(run.curve.values["albedo_psnr"], [np.nan, 14.0])
-    np.testing.assert_array_equal(run.curve.measured("relighting_psnr"), [[40], [2.5], [16]])
-    assert len(run.curve.measured("view_synthesis_psnr")[0]) == 0  # infinite: nothing to draw
-    assert not run.curve.is_level
+    machine = {"commit": "abc+changes", "cpu": "Abacus 2", "threads": 1}
+    more: dict[str, Any] = {"sees_truth": True, "preset": "quick", "environment": machine, "capture": {"views": 8}}
+    folder = write_run("ours", "hat", 3, curve="stage1,0,0.5,,12,,,\nstage2,40,2.5,14,,inf,16,0.05\n", **more)
+    (folder / "config.json").write_text(json.dumps({"config": {"capture": {"views": 8, "radiometry": "ldr"}}}))
+    (run,) = as_table([read_run(folder)]).to_dict("records")
+    found = {key: run[key] for key in ("row", "scene", "seed", "problem", "protocol", "sees_truth", "seconds", "peak_memory_bytes")}
+    assert [*found.values()] == ["ours", "hat", 3, None, "paper-v1 (lpips.net=alex)", True, 50.0, 2**30]  # scoring is left out
+    assert (run["albedo_psnr"], run["roughness_mse"], run["seconds_stage1"]) == (20.0, 0.05, 30.0)
+    made = {key: run[key] for key in ("preset", "threads", "commit", "clean", "cpu", "capture", "photographs")}
+    assert [*made.values()] == ["quick", 1, "abc+changes", False, "Abacus 2", "8 views, LDR", 8]
+    np.testing.assert_array_equal(run["curve"].values["albedo_psnr"], [np.nan, 14.0])
+    np.testing.assert_array_equal(run["curve"].measured("relighting_psnr"), [[40], [2.5], [16]])
+    assert len(run["curve"].measured("view_synthesis_psnr")[0]) == 0  # infinite: nothing to draw
+    assert not run["curve"].is_level
+    assert read_run(write_run("ceiling", "hat", curve="ceiling,0,0,,,30,31,0.001\n"))["curve"].is_level
+    assert read_run(write_run("short", "hat", curve=""))["curve"] is None
 
 
 def test_what_prepares_the_scene_counts_for_no_row(write_run: Write) -> None:
@@ -41,105 +50,87 @@ def test_what_prepares_the_scene_counts_for_no_row(write_run: Write) -> None:
     spent = {"total": 160.0, "bake": 5.0, "prior": 1.0, "stage1": 30.0, "score": 10.0, "pictures": 4.0}
     first = read_run(write_run("first", "hat", time_s=spent | {"capture": 110.0}))
     second = read_run(write_run("second", "hat", time_s=spent | {"capture": 0.01}))
-    assert first.seconds == second.seconds == 36.0
-    assert first.phases["capture"] == 110.0, "it is still told"
+    assert first["seconds"] == second["seconds"] == 36.0
+    assert first["seconds_capture"] == 110.0, "it is still told"
 
 
-def test_null_and_its_reason_arrive(write_run: Write) -> None:
+def test_a_score_that_is_undefined_or_unknown_says_why(write_run: Write) -> None:
     reasons = dict.fromkeys((f"{name}.psnr" for name in TRIPLES), "identical")
     run = read_run(write_run("ours", "hat", psnr=None, reasons=reasons))
-    assert run.metrics["albedo.psnr"] is None
-    assert run.reasons == reasons
-    assert run.reason("albedo.psnr") == "identical"
-
-
-def test_a_run_that_knows_neither_its_shape_nor_its_machine_arrives(write_run: Write) -> None:
-    unknown = {"geometry": "no mesh was made", "environment": "not recorded"}
-    run = read_run(write_run("ours", "hat", reasons=unknown, **dict.fromkeys(unknown)))
-    assert run.problem is None
-    assert run.about["commit"] is None
+    assert (run["albedo_psnr"], run["reasons"]) == (None, reasons)
+    former = read_run(write_run("former", "hat", metrics={"albedo": {"psnr": 20.0}}))
+    assert (former.get("problem"), former["albedo_psnr"], former["albedo_ssim"]) == (None, 20.0, None)
+    assert former["reasons"]["roughness.mse"] == NOT_SCORED
 
 
 def test_a_failed_run_says_why(write_run: Write) -> None:
-    assert read_run(write_run("ours", "hat", status="failed", metrics={}, error="out of memory")).problem == "out of memory"
-    assert "metrics.json: error: missing" in (read_run(write_run("ours", "ship", status="failed")).problem or "")
-
-
-def test_a_run_without_a_curve(write_run: Write) -> None:
-    run = read_run(write_run("ours", "hat"))
-    assert run.curve is None
-    assert run.curve_problem is None
-
-
-def test_the_ceiling_is_known_by_its_only_stage(write_run: Write) -> None:
-    assert read_run(write_run("ceiling", "hat", curve="ceiling,0,0,,,30,31,0.001\n")).curve.is_level
+    assert read_run(write_run("ours", "hat", status="failed", metrics={}, error="out of memory"))["problem"] == "out of memory"
 
 
 @pytest.mark.parametrize(
-    ("changes", "problem"),
-    [
-        ({"schema": 1}, r"metrics\.json: schema: expected 2, found 1"),
-        ({"status": "done"}, r"metrics\.json: status: expected 'ok' or 'failed', found 'done'"),
-        ({"metrics": None}, r"metrics\.json: metrics: expected dict, found None"),
-        ({"metrics": {}}, r"metrics\.json: metrics\.albedo: missing"),
-        ({"time_s": {"stage1": "long"}}, r"metrics\.json: time_s\.stage1: expected a number, found 'long'"),
-        ({"peak_memory_bytes": True}, r"metrics\.json: peak_memory_bytes: expected int, found True"),
-        ({"protocol": None}, r"metrics\.json: protocol: expected str, found None"),
-        ({"sees_truth": 1}, r"metrics\.json: sees_truth: expected bool, found 1"),
-        ({"metrics": {"albedo": {"psnr": "high"}}}, r"metrics\.json: metrics\.albedo\.psnr: expected a number, found 'high'"),
-        ({"metrics": {"albedo": {"psnr": None}}}, r"metrics\.json: metrics\.albedo\.psnr: is null without a reason"),
-        ({"variants": {"albedo_linear": [1]}}, r"metrics\.json: variants\.albedo_linear: expected dict, found \[1\]"),
-        ({"environment": "here"}, r"metrics\.json: environment: expected dict, found 'here'"),
-        ({"protocol_description": "mine"}, r"metrics\.json: protocol_description: expected dict, found 'mine'"),
-        ({"peak_memory_bytes": 1.5}, r"metrics\.json: peak_memory_bytes: expected int, found 1.5"),
-        ({"reasons": []}, r"metrics\.json: reasons: expected dict, found \[\]"),
-    ],
-)
-def test_a_broken_record_makes_its_cell_a_failed_one(write_run: Write, changes: dict, problem: str) -> None:
-    run = read_run(write_run("ours", "hat", **changes))
-    assert (run.row, run.scene, run.seed) == ("ours", "hat", 0)
-    assert re.search(problem, run.problem or "finished")
+    ("key", "value"),
+    [("schema", 1), ("status", "done"), ("metrics", None), ("metrics", {"albedo": {"psnr": "high"}}), ("protocol", None),
+     ("metrics", {"albedo": {"psnr": None}}), ("time_s", {"stage1": "long"}), ("peak_memory_bytes", [1]), ("environment", "here"),
+     ("protocol_description", "mine"), ("reasons", []), ("geometry", 3), ("config_hash", None), ("capture", "all")],
+)  # fmt: skip
+def test_a_broken_record_makes_its_cell_a_failed_one(write_run: Write, tmp_path: Path, key: str, value: object) -> None:
+    folder = write_run("ours", "hat", **{key: value})
+    report = write_report([folder], tmp_path / "out")
+    (failure,) = report.findings.failures
+    assert failure.startswith(f"ours, hat, seed 0: {folder / 'metrics.json'}: ")
+    assert key in failure
+    assert "\n" not in failure
 
 
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ('{"schema": 2, ', "not valid JSON"),
-        ("[]", "expected a JSON object, found list"),
-        ('{"row": "a", "scene": "b"}', "seed: expected int, found nothing"),
-        ('{"row": "a", "scene": "b", "seed": true}', "seed: expected int, found True"),
-        ("[" * 100_000, "not valid JSON"),
-    ],
-)
-def test_a_record_that_names_no_cell_is_unreadable(tmp_path: Path, text: str, problem: str) -> None:
+@pytest.mark.parametrize("text", ['{"schema": 2, ', "[]", '{"row": "a", "scene": "b"}', "[" * 100_000])
+def test_a_record_that_names_no_cell_is_unreadable(tmp_path: Path, text: str) -> None:
     (tmp_path / "metrics.json").write_text(text)
-    with pytest.raises(BadRecord, match=problem):
-        read_run(tmp_path)
+    (why,) = collect([tmp_path]).unreadable
+    assert why.startswith(str(tmp_path / "metrics.json"))
 
 
-def test_folders_are_found_and_grouped_and_the_unreadable_ones_kept(write_run: Write, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("key", "label"), [("row", 3), ("scene", None), ("seed", True), ("row", "a\0b"), ("row", "")])
+def test_labels_of_another_kind_are_unreadable(write_run: Write, key: str, label: object) -> None:
+    folder = write_run("ours", "hat")
+    (folder / "metrics.json").write_text(json.dumps(json.loads((folder / "metrics.json").read_text()) | {key: label}))
+    (why,) = collect([folder]).unreadable
+    assert key in why
+
+
+@pytest.mark.parametrize("name", ["metrics.json", "config.json", "curve.csv"])
+def test_a_pipe_holds_nobody_up(write_run: Write, tmp_path: Path, name: str) -> None:
+    folder = write_run("ours", "hat")
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    found = collect([folder])
+    assert bool(found.unreadable) == (name == "metrics.json")
+
+
+def test_a_configuration_of_another_kind_is_passed_over(write_run: Write, tmp_path: Path) -> None:
+    for seed, config in enumerate(([], "text", {"config": []}, {"config": {"capture": 3}}, {"config": {"capture": {"views": []}}})):
+        (write_run("ours", "hat", seed) / "config.json").write_text(json.dumps(config))
+    assert len(write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out").findings.runs) == 5
+
+
+def test_folders_are_found_and_the_unreadable_ones_named(write_run: Write, tmp_path: Path) -> None:
     for seed in (0, 1):
         write_run("ours", "hat", seed)
     (tmp_path / "runs" / "broken").mkdir()
     (tmp_path / "runs" / "broken" / "metrics.json").write_text("{")
     found = collect(find_run_folders(tmp_path))
-    assert [(run.row, run.scene, run.seed) for run in found.runs] == [("ours", "hat", 0), ("ours", "hat", 1)]
+    assert found.runs[["row", "scene", "seed"]].to_numpy().tolist() == [["ours", "hat", 0], ["ours", "hat", 1]]
     assert [str(tmp_path / "runs" / "broken" / "metrics.json") in why for why in found.unreadable] == [True]
     assert str(tmp_path / "never ran") in collect([tmp_path / "never ran"]).unreadable[0]
 
 
-def test_a_cell_is_what_the_table_calls_it_now(write_run: Write) -> None:
-    folder = write_run("its former name", "hat", 1)
-    (run,) = collect({folder: ("its name", "hat", 1)}).runs
-    assert (run.row, run.scene, run.seed, run.problem) == ("its name", "hat", 1, None)
-
-
-def test_two_folders_of_one_cell_are_refused(write_run: Write, tmp_path: Path) -> None:
-    first = write_run("ours", "hat")
+def test_a_cell_is_what_the_table_calls_it_now_and_is_there_once(write_run: Write, tmp_path: Path) -> None:
+    first = write_run("its former name", "hat", 1)
+    assert collect({first: ("its name", "hat", 1)}).runs["row"].tolist() == ["its name"]
+    assert collect({tmp_path / "killed": ("its name", "hat", 1)}).runs["problem"].str.contains("found none").all()
     second = tmp_path / "copy"
     second.mkdir()
     (second / "metrics.json").write_text((first / "metrics.json").read_text())
-    with pytest.raises(ValueError, match="row ours, scene hat, seed 0 is in .* and in .*copy: expected one run"):
+    with pytest.raises(InputError, match="seed 1 is in .* and in .*copy: expected one run per cell; .* row=NAME"):
         collect([first, second])
 
 
@@ -152,31 +143,106 @@ def test_two_folders_of_one_cell_are_refused(write_run: Write, tmp_path: Path) -
         ("stage,step,seconds\nstage1,,2\n", "expected a step and rising seconds"),
     ],
 )
-def test_a_broken_curve_is_named_and_does_not_fail_the_run(write_run: Write, tmp_path: Path, text: str, problem: str) -> None:
-    path = tmp_path / "curve.csv"
-    path.write_text(text)
-    with pytest.raises(BadRecord, match=problem):
-        read_curve(path)
+def test_a_broken_curve_is_named_and_does_not_fail_the_run(write_run: Write, text: str, problem: str) -> None:
     folder = write_run("ours", "hat")
-    path.rename(folder / "curve.csv")
+    (folder / "curve.csv").write_text(text)
+    with pytest.raises(BadCurve, match=problem):
+        read_curve(folder / "curve.csv")
     run = read_run(folder)
-    assert run.problem is None
-    assert run.curve is None
-    assert "curve.csv" in run.curve_problem
+    assert "problem" not in run
+    assert re.search(problem, run["curve_problem"])
 
 
-def test_a_curve_with_a_header_only_is_no_curve(write_run: Write) -> None:
-    assert read_run(write_run("ours", "hat", curve="")).curve is None
+# ---- a report's runs.csv read back ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def first(write_run: Write, tmp_path: Path) -> Path:
+    """Two rows, two scenes, two seeds, of which one run failed and one has no view synthesis."""
+    for scene, psnr in (("hat", 20.0), ("ship", 24.5)):
+        for seed in (0, 1):
+            write_run("none", scene, seed, psnr=psnr - seed / 3)
+            write_run("ours", scene, seed, psnr=psnr + 1, variants={"aligned_albedo_linear": {"psnr": 17.25}})
+    write_run("ours", "hat", 2, status="failed", error="loss is not finite at step 3")
+    write_run("none", "ship", 2, psnr=None)
+    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "first", reference="none", claims=[Claim("ours", "none")])
+    return tmp_path / "first" / "runs.csv"
+
+
+def test_tables_of_a_runs_csv_are_those_of_its_runs(first: Path, tmp_path: Path) -> None:
+    options: dict[str, Any] = {"reference": "none", "claims": [Claim("ours", "none")]}
+    write_report([], tmp_path / "again", published=read_published(first), **options)
+    for name in ("table.csv", "runs.csv", "differences.csv", "claims.csv"):
+        again, before = (pd.read_csv(folder / name) for folder in (tmp_path / "again", first.parent))
+        assert len(before) > 0
+        pd.testing.assert_frame_equal(again, before, check_like=True, check_dtype=False, rtol=1e-12)
+    assert "Where more time makes it worse" not in (tmp_path / "again" / "report.md").read_text(), "there are no curves"
+
+
+def test_new_rows_stand_beside_published_ones_unless_a_cell_is_there_twice(first: Path, write_run: Write, tmp_path: Path) -> None:
+    mine = write_run("mine", "hat", psnr=30.0)
+    report = write_report([mine], tmp_path / "both", reference="none", published=read_published(first))
+    assert set(report.findings.rows) == {"none", "ours", "mine"}
+    assert len(report.findings.runs) == 11
+    with pytest.raises(InputError, match=r"row none, scene hat, seed 0 is in .* and in .*runs\.csv.* another name with row=NAME"):
+        write_report([tmp_path / "runs" / "none-hat-0"], tmp_path / "out", published=read_published(first))
+
+
+@pytest.mark.parametrize("path", sorted(RESULTS.rglob("runs.csv")), ids=lambda path: path.parent.name)
+def test_every_list_of_runs_that_was_ever_published_is_read(path: Path) -> None:
+    runs, lines = as_table(read_published(path)), pd.read_csv(path)
+    assert len(runs) == len(lines) > 0
+    for metric in METRICS:
+        np.testing.assert_array_equal(runs[metric.column], lines[metric.column])
+
+
+def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path) -> None:
+    lines = pd.read_csv(first).drop(columns=["roughness_mse", "seconds", "protocol"]).assign(sharpness=3.5, remark="fine")
+    lines.to_csv(first, index=False)
+    runs = as_table(read_published(first))
+    assert (runs["roughness_mse"].isna() & runs["seconds"].isna() & runs["protocol"].isna()).all()
+    assert (runs["sharpness"] == 3.5).all()
+    assert runs.loc[0, "reasons"]["roughness.mse"] == NOT_SCORED
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (",seed,", ",sed,", "found no column seed"),
+        ("none,hat,0,", "none,hat,zero,", "line 2, seed: expected a number, found 'zero'"),
+        ("none,hat,0,", "none,hat,0.5,", "line 2, seed: expected a whole number"),
+        ("none,hat,0,", ",hat,0,", "line 2: expected a row, a scene and a seed"),
+        ("none,hat,0,ok,,False", "none,hat,0,ok,,0", "line 2, sees_truth: expected true or false, found '0'"),
+        ("none,hat,0,ok,", "none,hat,0,OK,", "line 2, status: expected ok or failed, found 'OK'"),
+        (",20.0,", ",twenty,", "albedo_psnr: expected a number, found 'twenty'"),
+    ],
+)
+def test_what_is_wrong_is_named(first: Path, old: str, new: str, message: str) -> None:
+    text = first.read_text()
+    assert old in text
+    first.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        read_published(first)
+
+
+@pytest.mark.parametrize("text", ["True", "TRUE", "true"])
+def test_a_row_sees_the_truth_in_whatever_case_a_spreadsheet_has_written_so(first: Path, text: str) -> None:
+    first.write_text(first.read_text().replace("none,hat,0,ok,,False", f"none,hat,0,ok,,{text}", 1))
+    assert sum(run["sees_truth"] for run in read_published(first)) == 1
+
+
+def test_reasons_with_signs_of_their_own_and_shapes_come_back(write_run: Write, tmp_path: Path) -> None:
+    why = "dusk: identical (image 1); noon: no scored pixel (every image)"
+    shape = {"missed_share": 0.25, "normals_degrees": None, "reasons": {"normals_degrees": "the scene has no true mesh"}}
+    run = write_run("none", "hat", psnr=None, reasons={f"{name}.psnr": why for name in TRIPLES}, geometry=shape)
+    write_report([run, write_run("given", "hat")], tmp_path / "out")
+    given, after = read_published(tmp_path / "out" / "runs.csv")
+    assert after["reasons"] == read_run(run)["reasons"]
+    assert after["geometry_missed_share"] == 0.25
+    assert "geometry_missed_share" not in given
 
 
 def test_the_columns_are_those_of_metrics_json_and_point_the_right_way() -> None:
-    assert [metric.key for metric in METRICS if not metric.higher_is_better] == [
-        "albedo.lpips",
-        "aligned_albedo.lpips",
-        "view_synthesis.lpips",
-        "relighting.lpips",
-        "roughness.mse",
-    ]
-    assert json.dumps([metric.title for metric in METRICS[:3]], ensure_ascii=False) == (
-        '["Albedo PSNR ↑", "Albedo SSIM ↑", "Albedo LPIPS ↓"]'
-    )
+    less = [metric.column for metric in METRICS if not metric.higher_is_better]
+    assert less == [name for name in SCORES if name.endswith(("_lpips", "_mse"))]
+    assert [metric.title for metric in METRICS[:3]] == ["Albedo PSNR ↑", "Albedo SSIM ↑", "Albedo LPIPS ↓"]

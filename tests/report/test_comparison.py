@@ -165,7 +165,8 @@ def test_results_that_are_missing(
     (perfect_run / "roughness.exr").unlink()
     assert main([str(perfect_run), "--scene", str(scene_folder), "--out", str(out)]) == 2
     assert "roughness.exr: no such image" in capsys.readouterr().err
-    (perfect_run / "metrics.json").write_text('{"status": "failed"}')
+    record = json.loads((perfect_run / "metrics.json").read_text())
+    (perfect_run / "metrics.json").write_text(json.dumps({**record, "status": "failed", "error": "boom"}))
     with pytest.raises(InputError, match="expected a finished run, found status 'failed'"):
         write_comparison({"run": perfect_run}, scene_folder, out)
     assert not out.exists()
@@ -196,10 +197,6 @@ def test_columns_stand_as_they_are_given(tmp_path: Path, monkeypatch: pytest.Mon
 @pytest.mark.parametrize(
     ("file", "key"),
     [
-        ("metrics.json", "status"),
-        ("metrics.json", "protocol_description"),
-        ("metrics.json", "albedo_scales"),
-        ("metrics.json", "metrics.relighting"),
         ("config.json", "config.scene.content"),
         ("config.json", "config.render"),
         ("config.json", "config.reader.name"),
@@ -212,11 +209,6 @@ def test_missing_keys_are_named(perfect_run: Path, scene_folder: Path, tmp_path:
 
 
 def test_values_of_another_kind_are_named(perfect_run: Path, scene_folder: Path, tmp_path: Path) -> None:
-    metrics = json.loads((perfect_run / "metrics.json").read_text())
-    metrics["metrics"]["relighting"]["psnr"] = "much"
-    (perfect_run / "metrics.json").write_text(json.dumps(metrics))
-    with pytest.raises(InputError, match=r"metrics.relighting.psnr: expected float \| int \| None, found 'much'"):
-        write_comparison({"run": perfect_run}, scene_folder, tmp_path / "sheet.png")
     (perfect_run / "metrics.json").write_text("[]")
     with pytest.raises(InputError, match="metrics.json: expected a JSON object, found list"):
         write_comparison({"run": perfect_run}, scene_folder, tmp_path / "sheet.png")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ia_bench.report.collect import Run, read_run
+from ia_bench.report.collect import Runs, collect
 from ia_bench.report.curves import LEVELS, time_to_beat, time_to_error, worsening
 from ia_bench.report.figures import draw_scene, save
 from ia_bench.scores.columns import CURVE_METRICS
@@ -20,7 +21,7 @@ CEILING = "ceiling,0,0,,,30,31,0.001\n"
 
 
 @pytest.fixture
-def runs(write_run: Write) -> list[Run]:
+def runs(write_run: Write) -> Runs:
     """Two seeds of ours, one that rises more slowly, a falling none and a ceiling, all on hat."""
     slow = RISES.replace(",5,16", ",8,14.9").replace(",20,24,", ",30,19,")
     folders = [
@@ -30,10 +31,10 @@ def runs(write_run: Write) -> list[Run]:
         write_run("ceiling", "hat", 0, curve=CEILING),
         write_run("quiet", "hat", 0),
     ]
-    return [read_run(folder) for folder in folders]
+    return collect(folders).runs
 
 
-def test_times_are_of_the_first_measured_point_and_never_says_so(runs: list[Run]) -> None:
+def test_times_are_of_the_first_measured_point_and_never_says_so(runs: Runs) -> None:
     times = {(one.row, one.metric.column, one.level): one for one in time_to_error(runs)}
     assert times["ours", "albedo_psnr", 15.0].seconds.mean == (5 + 30) / 2
     assert times["ours", "albedo_psnr", 15.0].text == "17.5 s"
@@ -44,17 +45,17 @@ def test_times_are_of_the_first_measured_point_and_never_says_so(runs: list[Run]
     assert times["none", "roughness_mse", 0.01].text == "never"
 
 
-def test_rows_without_an_optimisation_have_no_times(runs: list[Run]) -> None:
+def test_rows_without_an_optimisation_have_no_times(runs: Runs) -> None:
     assert {one.row for one in time_to_error(runs)} == {"ours", "none"}
     assert set(LEVELS) == {metric.column for metric in CURVE_METRICS}
 
 
 def test_a_metric_that_was_never_measured_is_not_called_never(write_run: Write) -> None:
-    run = read_run(write_run("ours", "hat", curve="stage1,5,1,20,,,,\n"))
-    assert {one.metric.column for one in time_to_error([run])} == {"albedo_psnr"}
+    runs = collect([write_run("ours", "hat", curve="stage1,5,1,20,,,,\n")]).runs
+    assert {one.metric.column for one in time_to_error(runs)} == {"albedo_psnr"}
 
 
-def test_time_to_beat_is_against_the_best_that_the_reference_ever_has(runs: list[Run]) -> None:
+def test_time_to_beat_is_against_the_best_that_the_reference_ever_has(runs: Runs) -> None:
     """None is best in the middle of its curve, with 18 dB: at 5 s it is, ours are later."""
     found = {(one.row, one.metric.key): one for one in time_to_beat(runs, "none")}
     assert set(found) == {("ours", "aligned_albedo.psnr"), ("ours", "relighting.psnr")}
@@ -67,7 +68,7 @@ def test_time_to_beat_is_against_the_best_that_the_reference_ever_has(runs: list
     assert time_to_beat(runs, "ceiling") == []
 
 
-def test_where_more_time_makes_it_worse(runs: list[Run]) -> None:
+def test_where_more_time_makes_it_worse(runs: Runs) -> None:
     found = {(one.row, one.metric.column): one for one in worsening(runs)}
     assert set(found) == {
         ("none", m) for m in ("albedo_psnr", "aligned_albedo_psnr", "relighting_psnr", "roughness_mse")
@@ -81,13 +82,11 @@ def test_where_more_time_makes_it_worse(runs: list[Run]) -> None:
 
 def test_worsening_is_the_mean_of_seeds(write_run: Write) -> None:
     folders = [write_run("none", "hat", 0, curve=FALLS), write_run("none", "hat", 1, curve=RISES)]
-    albedo = next(
-        one for one in worsening([read_run(folder) for folder in folders]) if one.metric.column == "albedo_psnr"
-    )
+    albedo = next(one for one in worsening(collect(folders).runs) if one.metric.column == "albedo_psnr")
     assert (albedo.loss_db, albedo.final, albedo.seeds) == (1.0, 20.0, 2)
 
 
-def test_the_figure_shows_lines_bands_and_the_dashed_ceiling(runs: list[Run]) -> None:
+def test_the_figure_shows_lines_bands_and_the_dashed_ceiling(runs: Runs) -> None:
     figure = draw_scene(runs, "hat", ["ceiling", "none", "ours", "quiet"])
     panels = {panel.get_title(): panel for panel in figure.axes}
     for metric in CURVE_METRICS:
@@ -106,7 +105,7 @@ def test_the_figure_shows_lines_bands_and_the_dashed_ceiling(runs: list[Run]) ->
     assert legend == ["ceiling", "none", "ours"]
 
 
-def test_the_mean_of_a_band_lies_between_its_seeds(runs: list[Run]) -> None:
+def test_the_mean_of_a_band_lies_between_its_seeds(runs: Runs) -> None:
     figure = draw_scene(runs, "hat", ["ours"])
     line = figure.axes[0].get_lines()[0]
     last = line.get_ydata()[-1]  # at 20 s: 24 of one seed, the other on its way from 14.9 at 8 s to 19 at 30 s
@@ -116,8 +115,8 @@ def test_the_mean_of_a_band_lies_between_its_seeds(runs: list[Run]) -> None:
 
 def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
     """As with preset=smoke; a mean at common times has none, and the figure was empty."""
-    once = [read_run(write_run("ours", "hat", seed, curve=f"final,18,{3 + seed},2{seed},20,20,20,0.1\n")) for seed in range(2)]
-    figure = draw_scene(once, "hat", ["ours"])
+    once = [write_run("ours", "hat", seed, curve=f"final,18,{3 + seed},2{seed},20,20,20,0.1\n") for seed in range(2)]
+    figure = draw_scene(collect(once).runs, "hat", ["ours"])
     assert figure is not None
     lines = figure.axes[0].get_lines()
     assert [(*line.get_xdata(), *line.get_ydata()) for line in lines] == [(3, 20), (4, 21)]
@@ -125,19 +124,27 @@ def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
     assert len({line.get_color() for line in lines}) == 1
 
 
-def test_rows_keep_their_colours_whatever_is_missing(runs: list[Run]) -> None:
+def test_rows_keep_their_colours_whatever_is_missing(runs: Runs) -> None:
     rows = ["ceiling", "none", "ours"]
     all_of = draw_scene(runs, "hat", rows).axes[0].get_lines()
-    fewer = draw_scene([run for run in runs if run.row != "none"], "hat", rows).axes[0].get_lines()
+    fewer = draw_scene(runs[runs["row"] != "none"], "hat", rows).axes[0].get_lines()
     assert all_of[-1].get_label() == fewer[-1].get_label() == "ours"
     assert all_of[-1].get_color() == fewer[-1].get_color()
 
 
-def test_a_scene_without_curves_has_no_figure(runs: list[Run]) -> None:
+def test_a_scene_without_curves_has_no_figure(runs: Runs) -> None:
     assert draw_scene(runs, "ship", ["ours"]) is None
 
 
-def test_png_and_svg_are_the_same_bytes_each_time(runs: list[Run], tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["cost_$a%$", "$$", r"$\\undefined$"])
+def test_names_with_dollar_signs_are_drawn_letter_by_letter(write_run: Write, tmp_path: Path, name: str) -> None:
+    runs = collect([write_run(name, "hat", curve=RISES)]).runs.assign(scene=name)
+    save(draw_scene(runs, name, [name]), tmp_path / "drawn")
+    letters = re.findall(r"<!-- (.*?) -->", (tmp_path / "drawn.svg").read_text())
+    assert name in letters, "matplotlib writes down what it draws as a path"
+
+
+def test_png_and_svg_are_the_same_bytes_each_time(runs: Runs, tmp_path: Path) -> None:
     contents = []
     for name in ("first", "second"):
         (tmp_path / name).mkdir()

@@ -2,50 +2,51 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.stats
+from scored_runs import scored
 
-from ia_bench.report.collect import Run
-from ia_bench.report.statistics import Estimate, Paired, best_rows, line, over_scenes, over_seeds, paired
+from ia_bench.report.collect import Record, as_table
+from ia_bench.report.statistics import Block, Estimate, Paired, block, over_scenes, over_seeds, paired, side_by_side
 from ia_bench.scores.columns import METRICS
 
 RANDOM = np.random.default_rng(0)
 PSNR, ROUGHNESS = METRICS[0], METRICS[-1]
 
 
-def run(row: str, scene: str, seed: int, value: float | None, **changes: object) -> Run:
-    """A finished run whose every metric is ``value``."""
-    metrics = {metric.key: value for metric in METRICS}
-    return Run(Path("somewhere"), row, scene, seed, **{"metrics": metrics, "seconds": value} | changes)
+def between(estimate: Estimate | None) -> tuple[float, float]:
+    assert estimate is not None
+    assert estimate.half_width is not None
+    return estimate.mean - estimate.half_width, estimate.mean + estimate.half_width
+
+
+def block_of(records: list[Record], rows: list[str], scenes: list[str]) -> Block:
+    return block(as_table(records), rows, scenes, "all")
+
+
+def difference(records: list[Record], row: str, reference: str) -> Paired:
+    return paired(side_by_side(as_table(records), PSNR), row, reference)
 
 
 @pytest.mark.parametrize("count", [2, 3, 10])
 def test_the_interval_over_seeds_is_students(count: int) -> None:
     values = RANDOM.normal(20, 2, count)
-    low, high = scipy.stats.ttest_1samp(values, 0).confidence_interval(0.95)
-    estimate = over_seeds(values.tolist())
-    assert (estimate.mean - estimate.half_width, estimate.mean + estimate.half_width) == pytest.approx((low, high))
+    assert between(over_seeds(values.tolist())) == pytest.approx(scipy.stats.ttest_1samp(values, 0).confidence_interval(0.95))
 
 
 def test_the_interval_over_two_scenes_is_welchs() -> None:
-    # The mean of two scenes is half of (a - (-b)), whose interval scipy's Welch test gives.
+    """The mean of two scenes is half of (a - (-b)), whose interval scipy's Welch test gives."""
     a, b = RANDOM.normal(20, 2, 4), RANDOM.normal(30, 0.5, 3)
     low, high = scipy.stats.ttest_ind(a, -b, equal_var=False).confidence_interval(0.95)
     estimate = over_scenes([a.tolist(), b.tolist()])
-    assert (estimate.mean - estimate.half_width, estimate.mean + estimate.half_width) == pytest.approx(
-        (low / 2, high / 2)
-    )
+    assert between(estimate) == pytest.approx((low / 2, high / 2))
+    assert estimate is not None
     assert estimate.scenes == 2
 
 
-def test_scenes_weigh_the_same_however_many_seeds_they_have() -> None:
+def test_scenes_weigh_the_same_and_what_was_not_repeated_has_no_interval() -> None:
     assert over_scenes([[10.0, 10.0, 10.0], [20.0]]) == Estimate(15.0, None, 2)
-
-
-def test_one_value_has_no_interval_equal_values_have_a_zero_one_and_none_is_none() -> None:
     assert over_seeds([3.0]) == Estimate(3.0, None)
     assert over_seeds([3.0, 3.0]) == Estimate(3.0, 0.0)
     assert over_seeds([]) is None
@@ -54,23 +55,17 @@ def test_one_value_has_no_interval_equal_values_have_a_zero_one_and_none_is_none
 
 def test_the_paired_difference_is_scipys_and_forgets_the_scenes_own_level() -> None:
     levels, gains = RANDOM.normal(20, 8, 4), RANDOM.normal(1, 0.1, 4)
-    runs = [run("none", f"s{i}", 0, level) for i, level in enumerate(levels)]
-    runs += [run("ours", f"s{i}", 0, level + gain) for i, (level, gain) in enumerate(zip(levels, gains, strict=True))]
-    low, high = scipy.stats.ttest_rel(levels + gains, levels).confidence_interval(0.95)
-    estimate = paired(runs, "ours", "none", PSNR).over_scenes
-    assert (estimate.mean - estimate.half_width, estimate.mean + estimate.half_width) == pytest.approx((low, high))
-    assert estimate.scenes == 4
+    runs = [scored("none", f"s{i}", 0, level) for i, level in enumerate(levels)]
+    runs += [scored("ours", f"s{i}", 0, level + gain) for i, (level, gain) in enumerate(zip(levels, gains, strict=True))]
+    expected = scipy.stats.ttest_rel(levels + gains, levels).confidence_interval(0.95)
+    assert between(difference(runs, "ours", "none").over_scenes) == pytest.approx(expected)
 
 
 def test_the_paired_difference_uses_the_shared_scenes_only() -> None:
-    runs = [
-        run("none", "hat", 0, 10.0),
-        run("none", "ship", 0, 90.0),
-        run("ours", "hat", 0, 12.0),
-        run("ours", "car", 0, 1.0),
-    ]
-    assert paired(runs, "ours", "none", PSNR).over_scenes == Estimate(2.0, None, 1)
-    assert paired(runs, "ours", "nobody", PSNR).over_scenes is None
+    runs = [scored("none", "hat", 0, 10.0), scored("none", "ship", 0, 90.0)]
+    runs += [scored("ours", "hat", 0, 12.0), scored("ours", "car", 0, 1.0)]
+    assert difference(runs, "ours", "none").over_scenes == Estimate(2.0, None, 1)
+    assert difference(runs, "ours", "nobody").over_scenes is None
 
 
 def test_a_mean_is_carried_by_the_pair_without_which_its_sign_changes() -> None:
@@ -94,35 +89,45 @@ def test_carriers_are_of_the_mean_over_scenes_and_scenes_are_judged_alone() -> N
 
 
 def test_failures_are_counted_and_enter_no_mean() -> None:
-    runs = [
-        run("ours", "hat", 0, 10.0),
-        run("ours", "hat", 1, 12.0),
-        run("ours", "hat", 2, None, problem="no", metrics={}),
-    ]
-    summary = line(runs, "ours")
-    assert summary.values["albedo.psnr"].mean == 11.0
-    assert (summary.failed, summary.runs) == (1, 3)
-    assert summary.seconds.mean == 11.0
+    runs = [scored("ours", "hat", seed, 10.0 + 2 * seed, seconds=3.0, peak_memory_bytes=5 + seed) for seed in (0, 1)]
+    runs.append(scored("ours", "hat", 2, None, problem="no"))
+    ours, theirs = block_of(runs, ["ours", "theirs"], ["hat"]).lines
+    assert ours.values["albedo.psnr"] is not None
+    assert ours.values["albedo.psnr"].mean == 11.0
+    assert (ours.failed, ours.runs, ours.seconds, ours.peak_memory_bytes) == (1, 3, Estimate(3.0, 0.0), 6)
+    assert (theirs.failed, theirs.runs, theirs.seconds, theirs.peak_memory_bytes) == (0, 0, None, None)
+    assert set(theirs.values.values()) == {None}
 
 
-def test_a_row_without_runs_is_an_empty_line() -> None:
-    summary = line([run("ours", "hat", 0, 10.0)], "theirs")
-    assert (summary.failed, summary.runs, summary.seconds) == (0, 0, None)
-    assert set(summary.values.values()) == {None}
+def test_bold_goes_to_the_best_that_is_blind_and_complete_where_its_lead_is_decided() -> None:
+    """A lead of 1 dB in every seed, and one of 1 dB on average that the other seed takes back."""
+    runs = [scored("oracle", scene, seed, 99.0, sees_truth=True) for scene in ("hat", "ship") for seed in (0, 1)]
+    for scene in ("hat", "ship"):
+        runs += [scored("none", scene, seed, 20.0 + seed) for seed in (0, 1)]
+        runs += [scored("ours", scene, seed, 21.0 + seed + 0.01 * seed) for seed in (0, 1)]
+        runs += [scored("worse", scene, 0, 10.0), scored("worse", scene, 1, 19.0)]
+    runs += [scored("half", "hat", seed, 50.0) for seed in (0, 1)]
+    found = block_of(runs, ["oracle", "ours", "none", "worse", "half"], ["hat", "ship"])
+    assert [one.row for one in found.lines if found.is_best(one.row, PSNR)] == ["ours"]
+    assert (found.leaders["albedo.psnr"].second, found.leaders["albedo.psnr"].sure) == ("none", "decided over seeds")
+    least = found.leaders["roughness.mse"]
+    assert (least.row, least.sure) == ("worse", "undecided: other seeds may turn it")
+    assert not any(found.is_best(one.row, ROUGHNESS) for one in found.lines)
+    assert block_of(runs[:4], ["oracle"], ["hat", "ship"]).leaders == {}
+    assert block_of(runs[4:6], ["none"], ["hat"]).leaders["albedo.psnr"].sure == "the only row"
 
 
-def test_memory_is_the_largest() -> None:
-    runs = [run("ours", "hat", 0, 1.0, peak_memory_bytes=5), run("ours", "ship", 0, 1.0, peak_memory_bytes=9)]
-    assert line(runs, "ours").peak_memory_bytes == 9
-
-
-def test_bold_goes_to_the_best_as_printed_that_is_blind_and_complete() -> None:
-    runs = [run("oracle", scene, 0, 99.0, sees_truth=True) for scene in ("hat", "ship")]
-    runs += [run("ours", "hat", 0, 20.001), run("ours", "ship", 0, 20.001)]
-    runs += [run("theirs", "hat", 0, 20.0), run("theirs", "ship", 0, 20.0)]
-    runs += [run("none", "hat", 0, 10.0), run("none", "ship", 0, 10.0)]
-    runs += [run("half", "hat", 0, 50.0)]
-    lines = [line(runs, row) for row in ("oracle", "ours", "theirs", "none", "half")]
-    assert best_rows(lines, PSNR, scenes=2) == {"ours", "theirs"}  # both print 20.00
-    assert best_rows(lines, ROUGHNESS, scenes=2) == {"none"}  # lower is better
-    assert best_rows(lines[:1], PSNR, scenes=2) == set()
+@pytest.mark.parametrize(
+    ("seeds", "words"),
+    [
+        ({"hat": (0, 1), "ship": (0, 1)}, "decided over seeds"),
+        ({"hat": (0, 1), "ship": (2, 3)}, "no seed in common on some scene: how sure is unknown"),
+        ({"hat": (2, 3), "ship": (2, 3)}, "no seed in common: how sure is unknown"),
+        ({"hat": (0, 1), "ship": (1, 2)}, "one seed: how sure is unknown"),
+    ],
+)
+def test_a_lead_is_decided_by_pairs_in_every_scene(seeds: dict[str, tuple[int, int]], words: str) -> None:
+    runs = [scored("none", scene, seed, 15.0 + seed) for scene in seeds for seed in (0, 1)]
+    runs += [scored("ours", scene, seed, 25.0 + seed) for scene, mine in seeds.items() for seed in mine]
+    leader = block_of(runs, ["none", "ours"], ["hat", "ship"]).leaders["albedo.psnr"]
+    assert (leader.row, leader.second, leader.sure, leader.decided) == ("ours", "none", words, words == "decided over seeds")

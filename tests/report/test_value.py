@@ -9,15 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scored_runs import scored
 
-from ia_bench.report.collect import Run
-from ia_bench.report.value.bootstrap import Interval, interval, replicates
-from ia_bench.report.value.gains import gains
-from ia_bench.report.value.heat_map import DRAWN
-from ia_bench.report.value.photographs import worth
-from ia_bench.report.value.write import write_value
+from ia_bench.report.bootstrap import Interval, interval, replicates
+from ia_bench.report.collect import Record, Runs, as_table
+from ia_bench.report.gains import gains, maps
+from ia_bench.report.photographs import worth
+from ia_bench.report.value import write_value
 from ia_bench.runs.table import Row, Table
-from ia_bench.scores.columns import METRICS
 
 TABLE = Table(
     rows=[Row("ceiling", ["method=ceiling"], captures=[""]), Row("none", []), Row("kernel", [])],
@@ -28,12 +27,11 @@ TABLE = Table(
 LEVELS = {"2 views": 10.0, "8 views": 20.0, "": 24.0, "8 views, LDR": 18.0}  # of none, dB
 
 
-def run(row: str, scene: str, seed: int, value: float) -> Run:
-    metrics: dict[str, float | None] = {metric.key: value if metric.name == "psnr" else value / 1000 for metric in METRICS}
-    return Run(Path(), row, scene, seed, protocol="p", metrics=metrics)
+def run(row: str, scene: str, seed: int, value: float) -> Record:
+    return scored(row, scene, seed, value, roughness_mse=value / 1000)
 
 
-def runs(gained: dict[str, list[list[float]]]) -> list[Run]:
+def records(gained: dict[str, list[list[float]]]) -> list[Record]:
     """``none`` as in LEVELS on every scene, and ``kernel`` above it by gained[label][scene][seed]."""
     found = [run("ceiling", f"s{scene}", seed, 34.0) for scene in range(2) for seed in range(2)]
     for label, scenes in gained.items():
@@ -45,6 +43,14 @@ def runs(gained: dict[str, list[list[float]]]) -> list[Run]:
     return found
 
 
+def runs(gained: dict[str, list[list[float]]]) -> Runs:
+    return as_table(records(gained))
+
+
+def write(found: Runs, table: Table, out: Path) -> set[str]:
+    return {path.name for path in write_value(gains(found, table), found, table, out)}
+
+
 GAINED = {"2 views": [[5.0, 5.0], [5.0, 5.0]], "8 views": [[1.0, 3.0], [2.0, 2.0]], "": [[-1.0, 0.5], [0.3, 0.6]],
           "8 views, LDR": [[0.0, 0.0], [0.0, 0.0]]}  # fmt: skip
 
@@ -52,7 +58,7 @@ GAINED = {"2 views": [[5.0, 5.0], [5.0, 5.0]], "8 views": [[1.0, 3.0], [2.0, 2.0
 def test_gains_are_means_over_scenes_of_means_over_seeds_and_positive_is_better() -> None:
     found = {(gain.capture.label, gain.metric.key): gain for gain in gains(runs(GAINED), TABLE)}
     assert found["8 views", "aligned_albedo.psnr"].over_scenes.mean == pytest.approx(2.0)
-    assert found["8 views", "aligned_albedo.psnr"].reference == pytest.approx(20.0)
+    assert found["8 views", "aligned_albedo.psnr"].beside == pytest.approx(20.0)
     assert found["8 views", "roughness.mse"].over_scenes.mean == pytest.approx(-0.002), "more error is a loss"
     assert found["8 views", "aligned_albedo.psnr"].headroom == pytest.approx(2 / 14)
     assert found["2 views", "aligned_albedo.psnr"].side == 1
@@ -73,25 +79,25 @@ def test_a_row_needs_the_photographs_that_the_references_curve_says() -> None:
     assert ("LDR", 8, "aligned_albedo.psnr") not in found, "one number of photographs makes no curve"
 
 
-def test_photographs_are_counted_as_runs_with_all_of_them_have_recorded(tmp_path: Path) -> None:
+def test_photographs_are_counted_as_runs_with_all_of_them_have_recorded() -> None:
     """A table made for scenes of 32 photographs, run on scenes of 128: 22 dB then lie half way between 8 and 128."""
-    recorded = [replace(one, photographs=2 if "2 views" in one.row else 8 if "8" in one.row else 128) for one in runs(GAINED)]
+    recorded = runs(GAINED)
+    recorded["photographs"] = [2 if "2 views" in row else 8 if "8" in row else 128 for row in recorded["row"]]
     found = {one.photographs: one for one in worth(recorded, TABLE) if one.metric.key == "aligned_albedo.psnr"}
     assert [*found] == [2, 8, 128]
     assert found[8].needed == pytest.approx(2 ** (3 + 4 * 0.5))
-    assert {gain.photographs for gain in gains(recorded, TABLE)} == {2, 8, 128}
 
 
 def test_a_row_that_runs_with_some_captures_is_read_off_the_whole_curve() -> None:
     some = replace(TABLE, captures=TABLE.captures[:3], rows=[*TABLE.rows[:2], Row("kernel", [], captures=["2 views"])])
-    without = [one for one in runs(GAINED) if one.row not in ("kernel, 8 views", "kernel")]
+    without = as_table(one for one in records(GAINED) if one["row"] not in ("kernel, 8 views", "kernel"))
     found = [one for one in worth(without, some) if one.metric.key == "aligned_albedo.psnr"]
     assert [(one.row, one.photographs) for one in found] == [("kernel", 2)]
     assert found[0].needed == pytest.approx(4.0)
 
 
 def test_every_number_of_photographs_takes_the_seeds_that_it_has() -> None:
-    first = [one for one in runs(GAINED) if (one.row, one.seed) != ("kernel, 2 views", 1)]
+    first = as_table(one for one in records(GAINED) if (one["row"], one["seed"]) != ("kernel, 2 views", 1))
     found = {one.photographs: one for one in worth(first, TABLE) if one.metric.key == "aligned_albedo.psnr"}
     everything = {one.photographs: one for one in worth(runs(GAINED), TABLE) if one.metric.key == "aligned_albedo.psnr"}
     assert found[8] == everything[8], "with 8 photographs no seed is missing"
@@ -101,7 +107,7 @@ def test_every_number_of_photographs_takes_the_seeds_that_it_has() -> None:
 
 def test_bounds_are_no_priors_even_where_their_rows_have_only_names() -> None:
     named = replace(TABLE, rows=[Row("ceiling", []), Row("constant", []), Row("none", []), Row("kernel", [])])
-    found = gains([*runs(GAINED), *(run("constant", f"s{scene}", 0, 5.0) for scene in range(2))], named)
+    found = gains(as_table([*records(GAINED), *(run("constant", f"s{scene}", 0, 5.0) for scene in range(2))]), named)
     assert {gain.row for gain in found} == {"kernel"}
     assert next(gain for gain in found if gain.metric.key == "aligned_albedo.psnr").headroom is not None
     assert {one.row for one in worth(runs(GAINED), named)} == {"kernel"}
@@ -140,8 +146,7 @@ def test_interval_takes_infinity_for_a_number() -> None:
 
 
 def test_files_say_what_was_found(tmp_path: Path) -> None:
-    written = {path.name for path in write_value(runs(GAINED), TABLE, tmp_path)}
-    assert written == {"value.md", "value.csv", "photographs.csv", "value.png", "value.svg"}
+    assert write(runs(GAINED), TABLE, tmp_path) == {"value.md", "value.csv", "photographs.csv", "value.png", "value.svg"}
     page = (tmp_path / "value.md").read_text()
     assert "| 2 views | 10.00 | **+5.00 (+5.00 to +5.00)** |" in page
     assert "| all views | 24.00 | +0.10 (" in page
@@ -160,7 +165,7 @@ def test_the_level_of_the_reference_is_that_of_all_its_runs_whichever_row_stands
     levels = {("s0", 0): 10.0, ("s0", 1): 20.0, ("s1", 0): 30.0, ("s1", 1): 40.0}
     some = [run(row, *cell, level) for cell, level in levels.items() for row in ("none", "other")]
     some += [run("kernel", scene, 0, level + 1) for (scene, seed), level in levels.items() if seed == 0]
-    write_value(some, table, tmp_path)
+    write(as_table(some), table, tmp_path)
     page = (tmp_path / "value.md").read_text()
     assert "| all views | 25.00 | +1.00 (+1.00 to +1.00)" in page.replace("**", "")
     assert "The column `none` is its level over all of its runs" in page
@@ -168,12 +173,26 @@ def test_the_level_of_the_reference_is_that_of_all_its_runs_whichever_row_stands
     assert [float(records[row]["reference"]) for row in ("kernel", "other")] == [20.0, 25.0], "what each was compared with"
 
 
-def test_without_a_metric_in_decibels_there_is_no_figure(tmp_path: Path) -> None:
-    rough = [replace(one, metrics={**one.metrics, **dict.fromkeys(DRAWN)}) for one in runs(GAINED)]
-    written = {path.name for path in write_value(rough, TABLE, tmp_path)}
-    assert written == {"value.md", "value.csv"}
-
-
-def test_a_table_whose_rows_share_no_run_writes_nothing(tmp_path: Path) -> None:
-    assert write_value([run("none", "s0", 0, 1.0)], TABLE, tmp_path / "out") == []
+def test_without_a_metric_in_decibels_there_is_no_figure_and_without_pairs_nothing(tmp_path: Path) -> None:
+    rough = runs(GAINED).assign(aligned_albedo_psnr=math.nan, relighting_psnr=math.nan)
+    assert write(rough, TABLE, tmp_path) == {"value.md", "value.csv"}
+    assert write(as_table([run("none", "s0", 0, 1.0)]), TABLE, tmp_path / "out") == set()
     assert not (tmp_path / "out").exists()
+    assert gains(runs(GAINED), replace(TABLE, captures=[])) == [], "scenes that are photographed in one way"
+
+
+def test_the_map_has_a_line_for_every_capture_and_a_column_for_every_row() -> None:
+    aligned, relighting, roughness = maps(gains(runs(GAINED), TABLE))
+    assert (aligned.reference, aligned.rows, aligned.largest) == ("none", ("kernel",), 5.0)
+    assert [(label, level, gain and (gain.text, gain.outcome)) for label, level, (gain,) in aligned.lines] == [
+        ("2 views", 10.0, ("+5.00", "gains")),
+        ("8 views", 20.0, ("+2.00", "gains")),  # 1 and 3 of one scene, 2 and 2 of the other
+        ("all views", 24.0, ("+0.10", "undecided")),
+        ("8 views, LDR", 18.0, ("+0.00", "undecided")),
+    ]
+    told = aligned.lines[0][2][0]
+    assert told is not None
+    assert told.told.startswith("kernel, 2 views: +5.00 dB over none, 2 views, which has 10.00; gains; scenes: 2, pairs of runs: 4")
+    assert "21 % of the way to the ceiling" in told.told
+    assert roughness.lines[0][2][0].text == "-0.0050", "more error is a loss"
+    assert relighting.metric.key == "relighting.psnr"

@@ -66,8 +66,8 @@ def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> N
     assert after["config_hash"] != before["config_hash"]
     assert after["rescored_from"]["config_hash"] == before["config_hash"]
     assert again.name == f"ceiling-seed3-{after['config_hash'][:8]}"
-    (reported,) = collect([again]).runs
-    assert (reported.problem, reported.protocol) == (None, after["protocol"])
+    (reported,) = collect([again]).runs.to_dict("records")
+    assert (reported["problem"], reported["protocol"]) == (None, after["protocol"])
     for name in ("albedo.exr", "pictures.zip"):
         assert (again / name).read_bytes() == (run / name).read_bytes()
     written = (again / "metrics.json").stat().st_mtime_ns
@@ -144,7 +144,7 @@ def test_a_report_shows_the_pictures_that_a_run_has_kept(run: Path, tmp_path: Pa
         assert np.abs(np.asarray(one, float) - np.asarray(other, float)).mean() < 6, name  # samples and points differ
     record = json.loads((run / "metrics.json").read_text())
     assert record["time_s"]["pictures"] > 0
-    assert of[0].seconds == pytest.approx(
+    assert of.loc[0, "seconds"] == pytest.approx(
         sum(record["time_s"][name] for name in record["time_s"].keys() - {"total", "score", "pictures", "capture"})
     )
     (bare / "pictures.zip").write_bytes(b"torn")

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from ia_bench.report.collect import BOUNDS, Curve, Run
+from ia_bench.report.collect import TIMES, reason_of
+from ia_bench.report.curve import Curve
 from ia_bench.report.findings import Findings
+from ia_bench.report.gains import Map
+from ia_bench.report.origins import seconds_compare
 from ia_bench.report.site.against import Changes
 from ia_bench.report.site.definitions import COSTS, WHY_THE_PAPER_DIFFERS, definition
-from ia_bench.report.site.evidence import Commands, Evidence, Settings, common, evidence_of
-from ia_bench.report.site.leaders import Leader, leaders
-from ia_bench.report.site.worth import Map
-from ia_bench.report.statistics import Estimate, Line, best_rows
-from ia_bench.report.table import HEADLINE, Block, estimate_text
+from ia_bench.report.site.evidence import evidence_of
+from ia_bench.report.statistics import Block, Estimate, Leader, Line
+from ia_bench.report.table import BOUNDS, HEADLINE, estimate_text
 from ia_bench.scores.columns import CURVE_METRICS, METRICS, Metric
 
-MEAN = "mean over scenes"
 DIGITS = 5  # significant ones of a number that a script draws or sorts by
 EXACT = 7  # those of a number that a script prints, so that it rounds as the table does
 BRIEF = 0.05  # seconds below which a phase is not told
-OF_A_RUN = ("seed", "scene.name")  # settings that every run tells by itself
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,11 @@ class Sources:
     live: Live | None = None
     worth: Sequence[Map] = ()
 
+    @property
+    def seconds_compare(self) -> bool:
+        """Whether the table may be sorted by seconds."""
+        return seconds_compare(self.findings.runs)
+
 
 @dataclass(frozen=True)
 class Number:
@@ -80,7 +87,7 @@ class Number:
         width: The interval's half width as it is printed, empty where there is none.
         value: What the entry is sorted by, empty where there is none.
         share: How much of the way from floor to ceiling it goes, in percent; None where that is not known.
-        best: Whether it is the best of those that do not see the truth.
+        best: Whether it leads those that do not see the truth, and that is decided.
         why: Why there is no value, or not for all scenes.
         headline: Whether it is shown before somebody asks for everything.
     """
@@ -97,24 +104,21 @@ class Number:
 
 @dataclass(frozen=True)
 class Scope:
-    """The table over one scene, or over all: its leaders, and a line of numbers for every row."""
+    """The table over one scene, or over all: the leaders of its headline metrics, and a line of numbers for every row."""
 
     name: str
-    leaders: tuple[Leader, ...]
+    leaders: tuple[tuple[Metric, Leader], ...]
     lines: tuple[tuple[Line, tuple[Number, ...]], ...]
 
 
 def scopes(findings: Findings) -> list[Scope]:
     """The mean over scenes, where there are several, then every scene."""
-    blocks = [*([findings.overall] if len(findings.scenes) > 1 else []), *findings.blocks]
-    shown = [metric for metric in METRICS if is_headline(metric)]
     found = []
-    for block in blocks:
-        runs = [run for run in findings.runs if block.title in (run.scene, MEAN)]
-        best = {metric.key: best_rows(block.lines, metric, block.scenes) for metric in METRICS}
+    for block in [*([findings.overall] if len(findings.scenes) > 1 else []), *findings.blocks]:
         bounds = _bounds(block)
-        lines = tuple((one, tuple(_numbers(one, block, best, bounds))) for one in block.lines)
-        found.append(Scope(block.title, tuple(leaders(runs, block, shown)), lines))
+        lines = tuple((one, tuple(_numbers(one, block, bounds))) for one in block.lines)
+        leading = (metric for metric in METRICS if is_headline(metric) and metric.key in block.leaders)
+        found.append(Scope(block.title, tuple((metric, block.leaders[metric.key]) for metric in leading), lines))
     return found
 
 
@@ -126,12 +130,8 @@ def is_headline(metric: Metric) -> bool:
 def data(sources: Sources, page: Path) -> dict[str, Any]:
     """Everything that the page's scripts need, as JSON types. ``page``: the folder that links to run folders start from."""
     findings = sources.findings
-    evidence = [evidence_of(run) for run in findings.runs]
-    shared = common(one.settings for one in evidence if one.settings)
-    machines = common(one.environment for one in evidence if one.environment)
-    commands = Commands({row: texts.overrides for row, texts in sources.rows.items()})
-    known = _Told(commands, shared, machines)
-    runs = [_run(run, one, known, page, findings) for run, one in zip(findings.runs, evidence, strict=True)]
+    configurations, machines = _Once(), _Once()
+    runs = [_run(run, page, findings, configurations, machines) for run in findings.runs.to_dict("records")]
     return {
         "title": sources.title,
         "protocol": findings.protocol,
@@ -141,13 +141,29 @@ def data(sources: Sources, page: Path) -> dict[str, Any]:
         "rows": [_row(row, sources) for row in findings.rows],
         "scenes": list(findings.scenes),
         "whyPaper": WHY_THE_PAPER_DIFFERS,
-        "settings": shared,
-        "environment": machines,
-        "commands": known.commands,
-        "configurations": known.configurations,
+        "configurations": configurations.entries,
+        "machines": machines.entries,
         "runs": runs,
         **({} if sources.live is None else {"live": {"key": sources.live.key, "every": sources.live.every}}),
     }
+
+
+class _Once:
+    """What many runs have alike, told once; a run names it by its place."""
+
+    def __init__(self) -> None:
+        self.entries: list[dict[str, Any]] = []
+        self._places: dict[str, int] = {}
+
+    def place(self, entry: dict[str, Any]) -> int | None:
+        """Place of an entry among all of them; None for an empty one."""
+        if not entry:
+            return None
+        key = json.dumps(entry, sort_keys=True)
+        if key not in self._places:
+            self._places[key] = len(self.entries)
+            self.entries.append(entry)
+        return self._places[key]
 
 
 def _metric(metric: Metric) -> dict[str, Any]:
@@ -165,67 +181,41 @@ def _metric(metric: Metric) -> dict[str, Any]:
 
 def _row(row: str, sources: Sources) -> dict[str, Any]:
     findings, texts = sources.findings, sources.rows.get(row, RowTexts())
-    paper = findings.counterparts.get(row)
+    paper, mine = findings.counterparts.get(row), findings.runs[findings.runs["row"] == row]
     return {
         "name": row,
         "note": texts.note,
         "bound": BOUNDS.get(row),
-        "truth": any(run.sees_truth for run in findings.runs if run.row == row),
+        "truth": bool(mine["sees_truth"].eq(True).any()),
         "paper": paper and {"method": paper.method, "values": paper.values},
+        "command": shlex.join(["python", "-m", "ia_bench", *texts.overrides]) if texts.overrides else "",
     }
 
 
-class _Told:
-    """What many runs have alike, told once; a run names it by its place."""
-
-    def __init__(self, commands: Commands, settings: Settings, machine: Settings) -> None:
-        self.machine = machine
-        self.commands: list[Any] = []
-        self.configurations: list[Any] = []
-        self._writer, self._settings = commands, settings
-
-    def command(self, run: Run, found: Evidence) -> int | None:
-        """Place of the command among all of them."""
-        command = self._writer.of(run, found.settings, found.given)
-        return None if command is None else _place(self.commands, list(command))
-
-    def configuration(self, found: Evidence) -> int | None:
-        """Place of how a configuration differs from what most runs have: names it lacks, and its own values."""
-        if not found.settings:
-            return None
-        own = {name: value for name, value in found.settings.items() if name not in OF_A_RUN}
-        absent = [name for name in self._settings if name not in found.settings]
-        differs = {name: value for name, value in own.items() if name not in self._settings or self._settings[name] != value}
-        return _place(self.configurations, [absent, differs])
-
-
-def _place(known: list[Any], entry: Any) -> int:  # noqa: ANN401 (any JSON value)
-    if entry not in known:
-        known.append(entry)
-    return known.index(entry)
-
-
-def _run(run: Run, found: Evidence, told: _Told, page: Path, of: Findings) -> dict[str, Any]:
-    """One run; of its settings and its machine only what most runs do not have alike."""
-    machine = {**{key: run.about[key] for key in ("commit", "cpu") if run.about.get(key)}, **found.environment}
+def _run(run: dict[str, Any], page: Path, of: Findings, configurations: _Once, machines: _Once) -> dict[str, Any]:
+    found = evidence_of(run)
+    machine = {**{key: run[key] for key in ("commit", "cpu", "threads") if not pd.isna(run[key])}, **found.get("environment", {})}
+    phases = {name.removeprefix(TIMES): value for name, value in run.items() if name.startswith(TIMES) and value >= BRIEF}
+    failed = run["problem"] is not None
     record = {
-        "row": of.rows.index(run.row),
-        "scene": of.scenes.index(run.scene),
-        "seed": run.seed,
-        "problem": run.problem,
-        "values": [short(run.metrics.get(metric.key), EXACT) for metric in METRICS],
-        "reasons": {key: run.reason(key) for key, value in run.metrics.items() if value is None},
-        "seconds": short(run.seconds),
-        "phases": {name: round(seconds, 1) for name, seconds in run.phases.items() if seconds >= BRIEF},
-        "memory": run.peak_memory_bytes,
-        "hash": run.about.get("config_hash"),
-        "folder": os.path.relpath(run.folder, page).replace(os.sep, "/") if found.settings else None,
-        "command": told.command(run, found),
-        "configuration": told.configuration(found),
-        "environment": {name: value for name, value in machine.items() if told.machine.get(name) != value},
-        "files": found.files,
-        "renderer": found.renderer,
-        "curve": None if run.curve is None else curve_data(run.curve),
+        "row": of.rows.index(run["row"]),
+        "scene": of.scenes.index(run["scene"]),
+        "seed": int(run["seed"]),
+        "problem": run["problem"],
+        "values": [short(run[metric.column], EXACT) for metric in METRICS],
+        "reasons": {} if failed else {m.key: reason_of(run["reasons"], m.key) for m in METRICS if np.isnan(run[m.column])},
+        "seconds": short(run["seconds"]),
+        "phases": {name: round(seconds, 1) for name, seconds in phases.items()},
+        "memory": None if pd.isna(run["peak_memory_bytes"]) else int(run["peak_memory_bytes"]),
+        "hash": run["config_hash"],
+        "preset": run["preset"],
+        "folder": os.path.relpath(run["folder"], page).replace(os.sep, "/") if found else None,
+        "command": found.get("command"),
+        "configuration": configurations.place(found.get("settings", {})),
+        "machine": machines.place(machine),
+        "files": found.get("files"),
+        "renderer": found.get("renderer"),
+        "curve": None if run["curve"] is None else curve_data(run["curve"]),
     }
     return {key: value for key, value in record.items() if value is not None and value not in ({}, [], "")}
 
@@ -235,16 +225,13 @@ def curve_data(curve: Curve) -> dict[str, Any]:
     return {
         "level": curve.is_level,
         "seconds": [short(value) for value in curve.seconds.tolist()],
-        "values": [
-            [short(value) if np.isfinite(value) else None for value in curve.values[metric.column].tolist()]
-            for metric in CURVE_METRICS
-        ],
+        "values": [[short(value) for value in curve.values[metric.column].tolist()] for metric in CURVE_METRICS],
     }
 
 
 def short(value: float | None, digits: int = DIGITS) -> float | None:
     """A number without the digits that nobody sees."""
-    return None if value is None else float(f"{value:.{digits}g}")
+    return None if value is None or not np.isfinite(value) else float(f"{value:.{digits}g}")
 
 
 def _bounds(block: Block) -> dict[str, tuple[float, float]]:
@@ -259,7 +246,7 @@ def _bounds(block: Block) -> dict[str, tuple[float, float]]:
     return found
 
 
-def _numbers(one: Line, block: Block, best: Mapping[str, set[str]], bounds: Mapping[str, tuple[float, float]]) -> Sequence[Number]:
+def _numbers(one: Line, block: Block, bounds: Mapping[str, tuple[float, float]]) -> Sequence[Number]:
     numbers = []
     for metric in METRICS:
         value = one.values[metric.key]
@@ -271,7 +258,7 @@ def _numbers(one: Line, block: Block, best: Mapping[str, set[str]], bounds: Mapp
                 width=width,
                 value=_value(None if value is None else value.mean),
                 share=_share(value, bounds.get(metric.key)),
-                best=one.row in best[metric.key],
+                best=block.is_best(one.row, metric),
                 why="; ".join(one.reasons[metric.key]),
                 headline=is_headline(metric),
             )

@@ -11,8 +11,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ia_bench.common.atomic_file import whole_file
-from ia_bench.report.collect import BadRecord, Curve, collect, read_curve
+from ia_bench.report.collect import collect
+from ia_bench.report.curve import BadCurve, Curve, read_curve
+from ia_bench.report.files import write_text
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.site.content import curve_data
 from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, CellStatus, Overview
@@ -32,7 +33,7 @@ def key_of(overview: Overview) -> str:
 def findings_so_far(overview: Overview, table: Table) -> Findings:
     """What the cells that have ended say; rows and scenes of those that have not are there, empty.
 
-    Raises ValueError where two run folders hold the same cell.
+    Raises InputError where two run folders hold the same cell.
     """
     cells = [one.cell for one in overview.cells]
     rows, scenes = (list(dict.fromkeys(names)) for names in ([cell.row for cell in cells], [cell.scene for cell in cells]))
@@ -46,9 +47,7 @@ def findings_so_far(overview: Overview, table: Table) -> Findings:
 def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = False) -> None:
     """Write the news into a page's folder of parts. ``ended``: nobody will write any more."""
     content = {"key": key_of(overview), "every": every, "made": round(time.time(), 1), "ended": ended, **_news(overview)}
-    parts.mkdir(parents=True, exist_ok=True)
-    with whole_file(parts / NEWS) as partial:
-        partial.write_text(f"bench.news({compact(content)});\n", encoding="utf-8")
+    write_text(parts / NEWS, f"bench.news({compact(content)});\n")
 
 
 def _news(overview: Overview) -> dict[str, Any]:
@@ -69,5 +68,5 @@ def _line(one: CellStatus) -> list[Any]:
 def _curve(one: CellStatus) -> Curve | None:
     try:
         return read_curve(one.cell.folder / CURVE)
-    except BadRecord:  # it says so itself once it has finished
+    except BadCurve:  # it says so itself once it has finished
         return None

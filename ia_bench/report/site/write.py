@@ -14,12 +14,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from ia_bench.common.atomic_file import whole_file
-from ia_bench.report.claims import HOW_JUDGED, Outcome
-from ia_bench.report.leftovers import remove_all_but
+from ia_bench.report.claims import HOW_JUDGED, tally
+from ia_bench.report.files import remove_all_but, write_text
 from ia_bench.report.site import content, definitions
 from ia_bench.report.site.gallery import Gallery
-from ia_bench.report.table import claims_table
+from ia_bench.report.table import claims_table, origins_table
 from ia_bench.runs.pictures.packing import compact
+from ia_bench.runs.table import crossed_name
 from ia_bench.scores.columns import METRICS
 
 INDEX = "index.html"
@@ -54,9 +55,7 @@ def write_page(sources: content.Sources, folder: Path, gallery: Gallery | None =
                 partial.write_bytes(part)
     else:
         remove_all_but((), (folder / PARTS / name for name in (VIEWER, PICTURES)))
-    with whole_file(folder / INDEX) as partial:
-        partial.write_text(text, encoding="utf-8")
-    return folder / INDEX
+    return write_text(folder / INDEX, text)
 
 
 def _page(sources: content.Sources, data: dict[str, Any], gallery: Gallery) -> str:
@@ -69,12 +68,14 @@ def _page(sources: content.Sources, data: dict[str, Any], gallery: Gallery) -> s
             findings=sources.findings,
             scopes=content.scopes(sources.findings),
             claims=claims_table(sources.findings.verdicts, sources.findings.scenes),
-            outcomes=Outcome,
+            origins=origins_table(sources.findings.origins),
+            tally=tally,
             how_judged=HOW_JUDGED,
             metrics=METRICS,
             is_headline=content.is_headline,
             rows={row["name"]: row for row in data["rows"]},
             definitions=definitions,
+            crossed_name=crossed_name,
             data=_json(data),
             styles=[_part(name) for name in STYLES],
             scripts=[_part(name) for name in SCRIPTS],

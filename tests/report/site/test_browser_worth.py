@@ -5,9 +5,7 @@ The pictures are plain ones of a known grey, one a row, in the place of those th
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +13,22 @@ import numpy as np
 import pytest
 
 from ia_bench.cli import report
-from ia_bench.report.collect import Run
+from ia_bench.report.collect import Runs
 from ia_bench.report.site.gallery import Gallery
 from ia_bench.runs.pictures import packing
 
 KINDS = ("albedo", "aligned", "roughness", "view", "relit", "turned", "light")
-CAPTURES: dict[str, dict[str, Any]] = {"": {}, "2 views": {"views": 2}}
+TABLE = """
+reference: none
+captures: [{}, {views: 2}]
+rows: [{name: none, overrides: []}, {name: kernel, overrides: []}]
+"""
 GAINS = {"": [[0.5, -0.7], [0.2, 0.2]], "2 views": [[3.0, 3.2], [3.1, 2.9]]}  # of kernel over none, by scene and seed
 
 
-def hang_greys(runs: Sequence[Run], parts: Path) -> Gallery:
+def hang_greys(runs: Runs, parts: Path) -> Gallery:
     """One grey picture of every kind for each row of the scene s1; none of them has recovered a light, so there is no view."""
-    rows = list(dict.fromkeys(run.row for run in runs))
+    rows = list(dict.fromkeys(runs["row"]))
     sheets, errors, described = {kind: [1, 1] for kind in KINDS}, np.zeros((32, 32), np.uint8), {}
     for place, row in enumerate(("truth", *rows)):
         folder = parts / "s1" / str(place if row in rows else row)
@@ -54,18 +56,16 @@ def hang_greys(runs: Sequence[Run], parts: Path) -> Gallery:
 def page(
     tmp_path: Path, write_run_below: Callable[..., Path], open_page: Callable[[Path], Any], monkeypatch: pytest.MonkeyPatch
 ) -> Any:
-    for label, settings in CAPTURES.items():
+    for label in GAINS:
         for scene in range(2):
             for seed in range(2):
                 for row, psnr in {"none": 20.0, "kernel": 20.0 + GAINS[label][scene][seed]}.items():
                     name = f"{row}, {label}" if label else row
-                    run = partial(write_run_below, tmp_path, capture={"views": settings.get("views", 64)})(
-                        name, f"s{scene}", seed, psnr
-                    )
-                    config = {"scene": {"name": f"s{scene}"}} | ({"capture": settings} if settings else {})
-                    (run / "config.json").write_text(json.dumps({"config": config}))
+                    write_run_below(tmp_path, name, f"s{scene}", seed, psnr)
+    (tmp_path / "ways.yaml").write_text(TABLE)
     monkeypatch.setattr(report, "_pictures", lambda written, parts: hang_greys(written.findings.runs, parts))
-    assert report.main([str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--reference", "none"]) == 0
+    table = str(tmp_path / "ways.yaml")
+    assert report.main([str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--table", table]) == 0
     return open_page(tmp_path / "out" / "page")
 
 
@@ -85,6 +85,17 @@ def test_a_click_on_a_cell_of_the_map_opens_the_pictures_of_both_rows(page: Any)
     page.wait_for_function("Math.abs(document.querySelector('#look').getBoundingClientRect().top) < 300")
     assert page.locator("#evidence").is_hidden()
     assert "dB" in page.locator("#look-rows figure", has_text="kernel, 2 views").inner_text()
+
+
+def test_another_metric_is_shown_and_a_cell_says_what_it_is_made_of(page: Any) -> None:
+    shown = page.locator("#worth .worth:not([data-away])")
+    assert shown.count() == 1
+    page.locator("#worth-metrics").get_by_role("button", name="Roughness MSE").click()
+    assert shown.get_attribute("data-key") == "roughness.mse"
+    page.locator("#worth-metrics").get_by_role("button", name="Relighting PSNR").click()
+    assert [text.split("\n")[0] for text in shown.locator(".gain").all_inner_texts()] == ["+0.05", "+3.05"]
+    shown.locator(".gain").nth(1).hover()
+    assert "kernel, 2 views: +3.05 dB over none, 2 views, which has 20.00" in page.locator("#tip").inner_text()
 
 
 @pytest.mark.parametrize("key", ["Enter", "Space"])

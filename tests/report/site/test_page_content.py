@@ -12,14 +12,11 @@ import pytest
 
 from ia_bench.cli.report import main
 from ia_bench.common.errors import InputError
-from ia_bench.common.settings import flat
 from ia_bench.report.claims import HOW_JUDGED
-from ia_bench.report.collect import Collection, collect
-from ia_bench.report.findings import analyse
-from ia_bench.report.published import read_published
+from ia_bench.report.collect import collect
+from ia_bench.report.findings import MEAN, analyse
 from ia_bench.report.site.against import changes, read_former
-from ia_bench.report.site.content import MEAN, Sources, scopes
-from ia_bench.report.site.evidence import Commands, common
+from ia_bench.report.site.content import RowTexts, Sources, scopes
 from ia_bench.report.site.gallery import Gallery
 from ia_bench.report.site.write import write_page
 from ia_bench.report.write import write_report
@@ -48,7 +45,7 @@ def page_data(page: Path) -> dict:
 
 
 def test_bars_are_the_share_of_the_headroom(folders: list[Path]) -> None:
-    tables = {scope.name: scope for scope in scopes(analyse(collect(folders), (), (), None))}
+    tables = {scope.name: scope for scope in scopes(analyse(collect(folders)))}
     assert list(tables) == [MEAN, "hat", "ship"]
     shares = {line.row: numbers[0].share for line, numbers in tables["hat"].lines}
     assert shares == {"ceiling": 100.0, "constant": 0.0, "none": 25.0, "ours": 52.5}  # (20.5 - 10) / (30 - 10)
@@ -57,28 +54,24 @@ def test_bars_are_the_share_of_the_headroom(folders: list[Path]) -> None:
 
 
 def test_the_leader_sees_no_truth_and_its_lead_is_taken_seed_by_seed(folders: list[Path]) -> None:
-    ship = scopes(analyse(collect(folders), (), (), None))[2]
-    first = ship.leaders[0]
-    assert (first.row, first.second, first.value.mean) == ("ours", "none", 26.5)
+    ship = scopes(analyse(collect(folders)))[2]
+    metric, first = ship.leaders[0]
+    assert (metric.key, first.row, first.second, first.value.mean) == ("albedo.psnr", "ours", "none", 26.5)
     assert first.lead.pairs == {"ship": {0: 6.0, 1: 7.0}}
     assert first.sure == "decided over seeds"  # 6.5 +- 12.7 * .707 / sqrt 2 = 6.35
 
 
-@pytest.mark.parametrize(
-    ("seeds", "words"),
-    [
-        ({"hat": (0, 1), "ship": (0, 1)}, "decided over seeds"),
-        ({"hat": (0, 1), "ship": (2, 3)}, "no seed in common on some scene: how sure is unknown"),
-        ({"hat": (2, 3), "ship": (2, 3)}, "no seed in common: how sure is unknown"),
-        ({"hat": (0, 1), "ship": (1, 2)}, "one seed: how sure is unknown"),
-    ],
-)
-def test_a_lead_is_decided_by_pairs_in_every_scene(write_run: Write, seeds: dict[str, tuple[int, int]], words: str) -> None:
-    folders = [write_run("none", scene, seed, psnr=15.0 + seed) for scene in seeds for seed in (0, 1)]
-    folders += [write_run("ours", scene, seed, psnr=25.0 + seed) for scene, mine in seeds.items() for seed in mine]
-    mean = scopes(analyse(collect(folders), (), (), None))[0]
-    assert mean.name == MEAN
-    assert (mean.leaders[0].row, mean.leaders[0].second, mean.leaders[0].sure) == ("ours", "none", words)
+def test_bars_are_explained_where_there_are_some_and_seconds_rank_where_they_compare(write_run: Write, tmp_path: Path) -> None:
+    rows = [write_run("ours", "hat", seed, environment={"cpu": "Abacus 2", "threads": 1}) for seed in (0, 1)]
+    bounds = [write_run(row, "hat", environment={"cpu": "Abacus 3"}) for row in ("ceiling", "constant")]
+    alike, mixed = (
+        write_page(Sources(analyse(collect(folders)), "t"), tmp_path / str(len(folders))).read_text(encoding="utf-8")
+        for folders in (rows, rows + bounds)
+    )
+    assert ["The bar behind a number" in text for text in (alike, mixed)] == [False, True]
+    assert ['data-sort="seconds"' in text for text in (alike, mixed)] == [True, False]
+    assert ["and rank nothing" in text for text in (alike, mixed)] == [False, True]
+    assert ["stand side by side" in text for text in (alike, mixed)] == [False, True]
 
 
 def test_claims_stand_on_the_page_in_the_words_of_the_report(folders: list[Path], tmp_path: Path) -> None:
@@ -96,18 +89,18 @@ def test_claims_stand_on_the_page_in_the_words_of_the_report(folders: list[Path]
     assert all(f"| {' | '.join(line)} |" in report for line in lines)
     assert HOW_JUDGED in section[0]
     assert HOW_JUDGED in report
-    assert "1 reproduced, 1 not reproduced, 0 undecided" in section[0]
+    assert "With our small prior: 1 reproduced, 1 not reproduced, 0 undecided." in section[0]
     assert 'href="#claims"' in text
 
 
 def test_a_table_without_claims_has_no_part_for_them(folders: list[Path], tmp_path: Path) -> None:
-    text = write_page(Sources(analyse(collect(folders), (), (), None), "t"), tmp_path / "page").read_text(encoding="utf-8")
+    text = write_page(Sources(analyse(collect(folders)), "t"), tmp_path / "page").read_text(encoding="utf-8")
     assert 'id="claims"' not in text
     assert 'href="#claims"' not in text
 
 
 def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: Path) -> None:
-    page = write_page(Sources(analyse(collect(folders), (), (), None), "<i>title</i>"), tmp_path / "page")
+    page = write_page(Sources(analyse(collect(folders)), "<i>title</i>"), tmp_path / "page")
     text = page.read_text(encoding="utf-8")
     assert "<b>not finite" not in text
     assert "<i>title" not in text
@@ -115,7 +108,7 @@ def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: 
 
 
 def test_a_page_without_pictures_says_why(folders: list[Path], tmp_path: Path) -> None:
-    sources = Sources(analyse(collect(folders), (), (), None), "title")
+    sources = Sources(analyse(collect(folders)), "title")
     none = write_page(sources, tmp_path / "none").read_text(encoding="utf-8")
     assert "There are no pictures: no run folder with exported textures was there." in none
     told = write_page(sources, tmp_path / "told", Gallery(missing=["ours, hat: a reason"])).read_text(encoding="utf-8")
@@ -124,29 +117,26 @@ def test_a_page_without_pictures_says_why(folders: list[Path], tmp_path: Path) -
 
 
 def test_the_same_runs_give_the_same_bytes_and_no_address_to_fetch(folders: list[Path], tmp_path: Path) -> None:
-    found = analyse(collect(folders), (), (), None)
+    found = analyse(collect(folders))
     first, second = (write_page(Sources(found, "t"), tmp_path / "page").read_bytes() for _ in range(2))
     assert first == second
     assert not re.search(rb'(?:src|href)="(?:https?:)?//', first)
     assert b"url(http" not in first
 
 
-def test_common_settings_are_told_once() -> None:
-    assert flat({"a": {"b": 1, "c": {}}, "d": [2]}) == {"a.b": 1, "a.c": {}, "d": [2]}
-    assert common([{"x": 1, "y": 1}, {"x": 1, "y": 2}, {"x": 1, "y": 3}, {"x": 2}]) == {"x": 1}
-
-
-def test_a_name_with_a_comma_stands_in_quotes_that_can_be_read(write_run: Write) -> None:
-    run = collect([write_run("a, b", "tiny")]).runs[0]
-    assert Commands({"a, b": ("prior=none",)}).of(run, {}, {}) == ("python -m ia_bench prior=none", " \"row='a, b'\"")
-
-
-def test_a_list_of_runs_gives_the_table_of_its_folders(folders: list[Path], tmp_path: Path) -> None:
-    before = write_report(folders, tmp_path / "out").findings
-    after = analyse(Collection(tuple(read_published(tmp_path / "out" / "runs.csv"))), before.rows, before.scenes, None)
-    assert after.overall == before.overall
-    assert after.blocks == before.blocks
-    assert after.failures == before.failures
+def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run: Write, tmp_path: Path) -> None:
+    environment = {"cpu": "Abacus 2", "threads": 1, "packages": {"torch": "3", "numpy": None}}
+    folders = [write_run("ours", "hat", seed, environment=environment, files={"a.exr": "0123456789abcdef"}) for seed in (0, 1)]
+    for seed, folder in enumerate(folders):
+        config = {"seed": seed, "scene": {"name": "hat"}, "fit": {"steps": 7}}
+        (folder / "config.json").write_text(json.dumps({"config": config, "command": f"python -m ia_bench seed={seed}"}))
+    texts = {"ours": RowTexts("a note", ("prior=none", "row='a, b'"))}
+    found = page_data(write_page(Sources(analyse(collect(folders)), "t", texts), tmp_path / "page"))
+    assert found["configurations"] == [{"fit.steps": 7}]
+    assert found["machines"] == [{"cpu": "Abacus 2", "threads": 1, "packages.torch": "3", "packages.numpy": None}]
+    assert [run["command"] for run in found["runs"]] == ["python -m ia_bench seed=0", "python -m ia_bench seed=1"]
+    assert [run["files"] for run in found["runs"]] == [{"a.exr": "0123456789ab"}] * 2
+    assert found["rows"][0]["command"] == """python -m ia_bench prior=none 'row='"'"'a, b'"'"''"""
 
 
 def test_changes_tell_what_is_beyond_seeds_what_came_and_what_drifted(write_run_below: Write, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from ia_bench.common.paths import scenes_folder
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel
 from ia_bench.readers.native import NativeReader
-from ia_bench.report.collect import Run
+from ia_bench.report.collect import Runs, as_table
 from ia_bench.report.site.gallery import folder_names
 from ia_bench.report.site.pictures.store import write_pictures
 from ia_bench.runs.pictures import packing
@@ -28,6 +28,11 @@ from ia_bench.runs.pictures.bundle import bundle
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Pictures, SceneRenderer
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene, Truth
+
+
+def runs_of(*runs: tuple[Path, str, int]) -> Runs:
+    """Finished runs on tiny, by folder, row and seed."""
+    return as_table({"folder": folder, "row": row, "scene": "tiny", "seed": seed} for folder, row, seed in runs)
 
 
 def decoded(levels: np.ndarray) -> np.ndarray:
@@ -218,9 +223,8 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
     bare.mkdir()
     for name in ("metrics.json", "config.json"):
         (bare / name).write_text((perfect_run / name).read_text())
-    run = Run(perfect_run, "perfect", "tiny", 1)
-    failed = Run(tmp_path, "failed", "tiny", 0, problem="x")
-    runs = [run, Run(bare, "no textures", "tiny", 0), replace(run, seed=2, folder=bare), failed]
+    runs = runs_of((perfect_run, "perfect", 1), (bare, "no textures", 0), (bare, "perfect", 2), (tmp_path, "failed", 0))
+    runs.loc[3, "problem"] = "x"
     notes: list[str] = []
     gallery = write_pictures(runs, tmp_path / "parts", notes.append)
     assert notes == ["pictures of tiny: the truth", "pictures of tiny: perfect"]
@@ -239,7 +243,7 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
     notes.pop()
     record["files"]["albedo.exr"] = "another"
     (perfect_run / "metrics.json").write_text(json.dumps(record))
-    write_pictures([replace(run, row="renamed")], tmp_path / "parts", notes.append)
+    write_pictures(runs_of((perfect_run, "renamed", 1)), tmp_path / "parts", notes.append)
     assert notes[2:] == ["pictures of tiny: renamed"]
     assert not (tmp_path / "parts" / "tiny" / "perfect").exists()
     for path in (tmp_path / "parts" / "tiny" / "renamed").glob("*.webp"):
@@ -250,7 +254,7 @@ def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) 
     record = json.loads((perfect_run / "config.json").read_text())
     record["config"]["scene"]["content"] = "0" * 64
     (perfect_run / "config.json").write_text(json.dumps(record))
-    gallery = write_pictures([Run(perfect_run, "perfect", "tiny", 0)], tmp_path / "parts", print)
+    gallery = write_pictures(runs_of((perfect_run, "perfect", 0)), tmp_path / "parts", print)
     assert (gallery.scenes, gallery.relit) == ({}, False)
     assert "a file of the scene has changed since" in gallery.missing[0]
 
@@ -258,7 +262,7 @@ def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) 
 def test_rows_of_one_slug_have_pictures_of_their_own_and_none_is_laid_over_the_truth(tmp_path: Path, perfect_run: Path) -> None:
     record = json.loads((perfect_run / "metrics.json").read_text())
     (perfect_run / "metrics.json").write_text(json.dumps({**record, "files": {}, "per_image": {}}))
-    runs = [Run(perfect_run, row, "tiny", 0) for row in ("w/o prior", "w o prior", "Truth", "truth")]
+    runs = runs_of(*((perfect_run, row, 0) for row in ("w/o prior", "w o prior", "Truth", "truth")))
     gallery = write_pictures(runs, tmp_path / "parts", lambda line: None)
     assert [*gallery.scenes] == ["tiny"], gallery.missing
     folders = {row: about["folder"] for row, about in gallery.scenes["tiny"]["rows"].items()}

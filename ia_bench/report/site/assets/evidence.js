@@ -22,19 +22,15 @@
   const folded = (title, ...content) => make("details", {}, make("summary", { text: title }), ...content);
 
   bench.commandOf = (run) => {
-    if (run.command === undefined) return "";
-    const [before, after] = data.commands[run.command];
-    return `${before} scene=${data.scenes[run.scene]} seed=${run.seed}${after}`;
+    const { command } = data.rows[run.row];
+    return run.command || (command ? `${command} scene=${data.scenes[run.scene]} seed=${run.seed}` : "");
   };
   const command = (run) => (bench.commandOf(run)
     ? make("div", { class: "command" }, make("code", { text: bench.commandOf(run) }), bench.copyButton(bench.commandOf(run)))
     : make("p", { class: "fine", text: "This report does not know the configuration of this run, so not its command." }));
 
   const one = (run, key) => {
-    const [without, special] = data.configurations[run.configuration] || [[], {}];
-    const own = { ...special, seed: run.seed, "scene.name": data.scenes[run.scene] };
-    const settings = { ...Object.fromEntries(Object.entries(data.settings).filter(([name]) => !without.includes(name))), ...own };
-    const environment = { ...(run.files ? data.environment : {}), ...run.environment };
+    const settings = data.configurations[run.configuration], machine = data.machines[run.machine] || {};
     const heading = `${data.scenes[run.scene]}, seed ${run.seed}: ${run.problem ? "failed" : text(value(run, key), key)}`;
     const why = run.problem || (run.reasons || {})[key];
     return make("details", { class: "run" },
@@ -43,14 +39,14 @@
       command(run),
       list({
         ...(run.hash ? { "configuration hash": run.hash } : {}),
+        ...(run.preset ? { preset: run.preset } : {}),
         ...(run.renderer ? { "drawn by": run.renderer } : {}),
         ...Object.fromEntries(Object.entries(run.phases || {}).filter(([, seconds]) => seconds >= 0.05).map(([name, seconds]) => [`seconds: ${name}`, seconds.toFixed(1)])),
-        ...Object.fromEntries(["cpu", "device", "commit"].filter((name) => environment[name]).map((name) => [name, environment[name]])),
+        ...Object.fromEntries(["cpu", "device", "threads", "commit"].filter((name) => machine[name]).map((name) => [name, machine[name]])),
       }),
       run.folder ? make("p", {}, make("a", { href: `${run.folder.split("/").map(encodeURIComponent).join("/")}/`, text: "its run folder" })) : null,
-      Object.keys(special).length ? folded("Settings that most runs of this report do not share", list(special)) : null,
-      run.folder ? folded("Whole configuration", list(settings)) : null,
-      run.files ? folded("Machine and versions", list(environment)) : null,
+      settings ? folded("Whole configuration", list(settings)) : null,
+      run.files ? folded("Machine and versions", list(machine)) : null,
       run.files ? folded("Checksums of its files (SHA-256, first 12 digits)", list(run.files)) : null);
   };
 

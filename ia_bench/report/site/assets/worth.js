@@ -1,16 +1,12 @@
 "use strict";
-// The maps of gains: one row and one metric at a time; a click leads to the pictures, or to the numbers where there are none.
+// The maps of gains: one metric at a time; a click leads to the pictures, or to the numbers where there are none.
 (() => {
-  const select = bench.find("#worth-row");
-  if (!select) return;
+  if (!bench.find("#worth")) return;
   const panels = bench.all("#worth .worth"), tabs = bench.all("#worth-metrics button");
-  const choose = (key) => {
-    tabs.forEach((tab) => tab.setAttribute("aria-pressed", tab.dataset.key === key));
-    panels.forEach((panel) => panel.toggleAttribute("data-away", panel.dataset.row !== select.value || panel.dataset.key !== key));
-  };
-  const chosen = () => tabs.find((tab) => tab.getAttribute("aria-pressed") === "true").dataset.key;
-  tabs.forEach((tab) => tab.addEventListener("click", () => choose(tab.dataset.key)));
-  select.addEventListener("change", () => choose(chosen()));
+  tabs.forEach((tab) => tab.addEventListener("click", () => {
+    tabs.forEach((other) => other.setAttribute("aria-pressed", other === tab));
+    panels.forEach((panel) => panel.toggleAttribute("data-away", panel.dataset.key !== tab.dataset.key));
+  }));
 
   bench.find("#worth").addEventListener("click", (event) => {
     const cell = event.target.closest(".gain");

@@ -18,7 +18,7 @@ from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.report.collect import Run
+from ia_bench.report.collect import Runs, finished
 from ia_bench.report.site.gallery import KEY, NOT_ROWS, TRUTH, Gallery, folder_names
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing
@@ -31,27 +31,28 @@ LAYOUT = 2
 """Part of what a laid-out folder is known by; raised when the page has to know other things of unchanged pictures."""
 
 
-def write_pictures(runs: Sequence[Run], parts: Path, note: Callable[[str], None]) -> Gallery:
+def write_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gallery:
     """Picture the first finished run of every row and scene in the folder ``parts``, and what is true beside it.
 
     ``note`` is told what is being drawn. What cannot be drawn (a run of no textures, a scene that is not there or was changed
     since) is named in :attr:`Gallery.missing`: a report is whole without it.
     """
     gallery = Gallery()
-    first: dict[str, dict[str, Run]] = {}
-    finished = [run for run in runs if run.problem is None and (run.folder / CONFIG).is_file()]
-    for run in sorted(finished, key=lambda run: run.seed):
-        first.setdefault(run.scene, {}).setdefault(run.row, run)
+    first: dict[str, dict[str, Path]] = {}
+    done = finished(runs).sort_values("seed", kind="stable")
+    for row, scene, folder in zip(done["row"], done["scene"], done["folder"], strict=True):
+        if (folder / CONFIG).is_file():
+            first.setdefault(scene, {}).setdefault(row, folder)
     places = folder_names(first)
-    for scene, rows in first.items():
+    for scene, folders in first.items():
         try:
-            gallery.scenes[scene] = _hang_scene(rows, parts / places[scene], gallery.missing, note)
+            gallery.scenes[scene] = _hang_scene(scene, folders, parts / places[scene], gallery.missing, note)
         except InputError as error:
             gallery.missing.append(f"{scene}: {error}")
     return gallery
 
 
-def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Callable[[str], None]) -> dict[str, Any]:
+def _hang_scene(scene: str, rows: dict[str, Path], folder: Path, missing: list[str], note: Callable[[str], None]) -> dict[str, Any]:
     recovered: dict[str, Recovered] = {}
     kept: dict[str, Bundle | None] = {}
     places = folder_names(rows, NOT_ROWS)
@@ -59,11 +60,11 @@ def _hang_scene(rows: dict[str, Run], folder: Path, missing: list[str], note: Ca
         try:
             if row in NOT_ROWS:
                 raise InputError(f"expected a row that is not called as the page calls the {row} itself; row=NAME gives it a name")
-            found, kept[row] = Recovered(run.folder), read_bundle(run.folder)
-            if kept[row] is None and not (run.folder / "albedo.exr").is_file():
+            found, kept[row] = Recovered(run), read_bundle(run)
+            if kept[row] is None and not (run / "albedo.exr").is_file():
                 raise InputError("it has exported no textures")
         except InputError as error:
-            missing.append(f"{row}, {run.scene}: {error}")
+            missing.append(f"{row}, {scene}: {error}")
         else:
             recovered[row] = found
     if not recovered:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
-from ia_bench.report.collect import Run
-from ia_bench.report.value.bootstrap import Interval, interval, replicates
-from ia_bench.report.value.gains import compared, photographs_of, with_photographs
+from ia_bench.report.bootstrap import Interval, interval, replicates
+from ia_bench.report.collect import Runs
+from ia_bench.report.gains import compared, with_photographs
+from ia_bench.report.statistics import Scores, side_by_side
 from ia_bench.runs.table import Table, capture_of, crossed_name
-from ia_bench.scores.columns import METRICS, Metric
+from ia_bench.scores.columns import METRIC_OF, Metric
 
-WORTH_METRICS = tuple(metric for metric in METRICS if metric.key in ("aligned_albedo.psnr", "relighting.psnr"))
-Key = tuple[str, str, int]  # row, scene, seed
+WORTH_METRICS = (METRIC_OF["aligned_albedo.psnr"], METRIC_OF["relighting.psnr"])
 
 
 @dataclass(frozen=True)
@@ -44,39 +44,38 @@ class Worth:
     pairs: int
 
 
-def worth(runs: Sequence[Run], table: Table) -> list[Worth]:
+def worth(runs: Runs, table: Table) -> list[Worth]:
     """For every row of ``table`` but its reference and every number of photographs; captures that differ in more stand apart.
 
     Captures that differ in nothing but that number are a family. Those scenes and seeds count that have the reference with all
     numbers of the family, and the row with the one in question.
     """
     table = with_photographs(table, runs)
-    cells = {(run.row, run.scene, run.seed): run for run in runs if run.problem is None}
     families: dict[str, dict[int, str]] = {}
-    for settings in table.captures:
-        capture = capture_of(settings)
-        families.setdefault(capture.others, {})[photographs_of(capture, table)] = capture.label
+    for capture in map(capture_of, table.captures):
+        count = table.photographs if capture.views == "all" else int(capture.views)
+        families.setdefault(capture.others, {})[count] = capture.label
+    scores = {metric: side_by_side(runs, metric) for metric in WORTH_METRICS}
     found = []
     for others, labels in families.items():
         curve = sorted(labels)
-        for row in compared(table):
+        for row in compared(table) if len(curve) > 1 else []:
             asked = [count for count in curve if row.captures is None or labels[count] in row.captures]
-            names = [crossed_name(str(table.reference), labels[count]) for count in curve]
+            references = [crossed_name(str(table.reference), labels[count]) for count in curve]
             for metric, count in product(WORTH_METRICS, asked):
-                scenes = _together(cells, [*names, crossed_name(row.name, labels[count])], metric)
-                if len(curve) > 1 and scenes:
+                scenes = _together(scores[metric], [*references, crossed_name(row.name, labels[count])])
+                if scenes:
                     found.append(_worth(row.name, others, metric, count, curve, scenes))
     return found
 
 
-def _together(cells: Mapping[Key, Run], names: Sequence[str], metric: Metric) -> list[np.ndarray]:
+def _together(scores: Scores, rows: Sequence[str]) -> list[np.ndarray]:
     """One array (seeds, rows) for every scene, of the seeds that all rows have."""
     found: dict[str, list[list[float]]] = {}
-    for _, scene, seed in sorted(key for key in cells if key[0] == names[0]):
-        runs = [cells.get((name, scene, seed)) for name in names]
-        values = [None if run is None else run.metrics[metric.key] for run in runs]
-        if None not in values:
-            found.setdefault(scene, []).append([value for value in values if value is not None])
+    for scene, seed in scores.get(rows[0], {}):
+        values = [scores[row][scene, seed] for row in rows if (scene, seed) in scores.get(row, {})]
+        if len(values) == len(rows):
+            found.setdefault(scene, []).append(values)
     return [np.array(seeds) for seeds in found.values()]
 
 

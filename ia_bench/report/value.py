@@ -1,0 +1,163 @@
+"""Write what a prior is worth: value.md, value.csv and, where it is in dB, the heat map value.{png,svg}.
+
+photographs.csv is written where the reference was run with every number of photographs of a family.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ia_bench.report.collect import Runs
+from ia_bench.report.figures import plain, save
+from ia_bench.report.files import begins_with, csv_text, remove_all_but, write_text
+from ia_bench.report.gains import NOTHING_LEFT_OUT, SHOWN, Gain, Map, maps
+from ia_bench.report.photographs import Worth, worth
+from ia_bench.report.statistics import CONFIDENCE
+from ia_bench.report.table import Entry, Printed, carried_text
+from ia_bench.report.texts import pipe_table
+from ia_bench.runs.table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+TITLE = "# What a prior is worth\n"
+FILES = ("value.md", "value.csv", "value.png", "value.svg", "photographs.csv")
+
+
+def write_value(found: Sequence[Gain], runs: Runs, table: Table, out: Path) -> list[Path]:
+    """Write the gains that were ``found`` in the runs of a table into ``out`` and return the paths; nothing where there are none.
+
+    FILES that a former report has left there go.
+    """
+    shown, photographs, texts = maps(found), worth(runs, table) if found else [], {}
+    if found:
+        texts = {"value.md": text(found, shown, photographs), "value.csv": csv_text(map(_of_gain, found))}
+    if photographs:
+        texts["photographs.csv"] = csv_text(map(_of_worth, photographs))
+    ours = begins_with(out / FILES[0], TITLE)
+    written = [write_text(out / name, content) for name, content in texts.items()]
+    drawn = [one for one in shown if one.metric.label == "PSNR"]  # which share a scale
+    written += save(draw(drawn), out / "value") if drawn else []
+    if ours:
+        remove_all_but(written, (out / name for name in FILES))
+    return written
+
+
+def text(found: Sequence[Gain], shown: Sequence[Map], photographs: Sequence[Worth]) -> str:
+    """The page to read."""
+    reference = found[0].reference
+    judged = sum(gain.metric in SHOWN and gain.bootstrap is not None for gain in found)
+    parts = [
+        TITLE,
+        f"Every row against `{reference}` of the same scene, seed and capture: mean over scenes, with the 95 % interval of the "
+        "bootstrap over scenes and seeds. More is better in every column. **Bold**: decided, since neither that interval nor "
+        "Student's over scenes holds zero; all else is undecided. "
+        "Intervals over scenes, the smallest effect that would have been found, and what carries a mean are in value.csv. "
+        f"Each cell is judged alone, without a correction for their number: of the {judged} here that have an interval, about "
+        f"{(1 - CONFIDENCE) * judged:.0f} would be decided by chance, at 5 %, if no row differed from `{reference}`.\n",
+        f"The column `{reference}` is its level over all of its runs of that capture: mean over scenes of the means over their "
+        "seeds. A row that has fewer scenes or seeds is compared with these alone (`reference` in value.csv), so that this column "
+        "plus a gain need not be that row's own level.\n",
+    ]
+    for one in shown:
+        body = [[label, one.metric.text(level), *map(_entry, some)] for label, level, some in one.lines]
+        parts += [f"## {one.metric.title}\n", pipe_table(Printed(["capture", reference, *one.rows], body))]
+    if photographs:
+        head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
+        body = [_line(one) for one in photographs]
+        parts += [f"## In photographs\n\nHow many `{reference}` needs to be where a row is.\n", pipe_table(Printed(head, body))]
+    scenes = sorted({scene for gain in found for scene in gain.pairs.pairs})
+    parts.append(f"Scenes: {', '.join(scenes)}. Seeds differ between cells; the first cell has {found[0].pairs.count} pairs.\n")
+    return "\n".join(parts)
+
+
+def _entry(gain: Gain | None) -> Entry | str:
+    return "-" if gain is None else Entry(f"{gain.text} ({gain.between})" if gain.between else gain.text, best=bool(gain.side))
+
+
+def _line(one: Worth) -> list[Entry | str]:
+    def count(number: float) -> str:
+        return "more than all" if math.isinf(number) else "fewer than the fewest" if number == 0 else f"{number:.1f}"
+
+    title = f"{one.metric.title} ({one.others})" if one.others else one.metric.title
+    between = "-" if one.bounds is None else f"{count(one.bounds.low)} to {count(one.bounds.high)}"
+    return [one.row, title, str(one.photographs), count(one.needed), between]
+
+
+def _of_gain(gain: Gain) -> dict[str, Any]:
+    estimate, drawn = gain.over_scenes, gain.bootstrap
+    return {
+        "row": gain.row,
+        "capture": gain.capture.label or NOTHING_LEFT_OUT,
+        "metric": gain.metric.key,
+        "reference": gain.beside,
+        "gain": estimate.mean,
+        "low": drawn and drawn.low,
+        "high": drawn and drawn.high,
+        "half_width_over_scenes": estimate.half_width,
+        "decided": gain.outcome,
+        "detectable": gain.detectable,
+        "headroom": gain.headroom,
+        "scenes": len(gain.pairs.pairs),
+        "pairs": gain.pairs.count,
+        "carried_by": carried_text(gain.pairs),
+    }
+
+
+def _of_worth(one: Worth) -> dict[str, Any]:
+    return {
+        "row": one.row,
+        "capture": one.others,
+        "metric": one.metric.key,
+        "photographs": one.photographs,
+        "needed": one.needed,
+        "low": one.bounds and one.bounds.low,
+        "high": one.bounds and one.bounds.high,
+        "scenes": one.scenes,
+        "pairs": one.pairs,
+    }
+
+
+def draw(shown: Sequence[Map]) -> Figure:
+    """A panel for every metric in dB: captures by rows, the mean gain as colour on one scale, its interval below the number.
+
+    What is not decided is hatched. matplotlib is imported when the map is drawn.
+    """
+    from matplotlib.figure import Figure
+
+    lines, rows = (max(len(part) for part in parts) for parts in ([one.lines for one in shown], [one.rows for one in shown]))
+    largest = max(one.largest for one in shown) or 1.0
+    figure = Figure(figsize=(3.4 + 1.3 * rows * len(shown), 2.4 + 0.45 * lines), layout="constrained")
+    panels = figure.subplots(1, len(shown), squeeze=False, sharey=True)[0]
+    for panel, one in zip(panels, shown, strict=True):
+        image = _draw_panel(panel, one, largest)
+    over = "no prior" if shown[0].reference == "none" else plain(shown[0].reference)
+    figure.colorbar(image, ax=panels, label=f"dB gained over {over}; hatched: undecided", shrink=0.8)
+    return figure
+
+
+def _draw_panel(panel: Axes, one: Map, largest: float) -> AxesImage:
+    from matplotlib.patches import Rectangle
+
+    cells = {(x, y): gain for y, (*_, some) in enumerate(one.lines) for x, gain in enumerate(some) if gain is not None}
+    values = np.full((len(one.lines), len(one.rows)), np.nan)
+    for (x, y), gain in cells.items():
+        values[y, x] = gain.over_scenes.mean
+        if not gain.side:
+            box = Rectangle((x - 0.5, y - 0.5), 1, 1, fill=False, hatch="///", edgecolor="0.75", linewidth=0)
+            panel.add_patch(box)
+        style: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 2}  # above the hatching
+        style["color"] = "white" if abs(values[y, x]) > 0.6 * largest else "black"
+        panel.text(x, y - 0.16, gain.text, fontsize=9, **style)
+        panel.text(x, y + 0.24, gain.between, fontsize=6.5, **style)
+    panel.set_title(one.metric.group, fontsize=9)
+    panel.set_xticks(range(len(one.rows)), [plain(row).replace(", ", ",\n") for row in one.rows], fontsize=8)
+    panel.set_yticks(range(len(one.lines)), [plain(label) for label, *_ in one.lines], fontsize=8)
+    return panel.imshow(values, cmap="PuOr", vmin=-largest, vmax=largest, aspect="auto")
