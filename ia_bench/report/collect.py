@@ -34,8 +34,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json, shown
 from ia_bench.common.settings import parsed
 from ia_bench.report.curve import BadCurve, read_curve
-from ia_bench.runs.folder import CONFIG, CURVE
-from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord
+from ia_bench.runs.folder import CURVE
+from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord, RunSetup
 from ia_bench.scores.columns import METRIC_OF, METRICS
 
 Runs: TypeAlias = pd.DataFrame
@@ -222,19 +222,18 @@ def finished(runs: Runs) -> Runs:
     return runs[runs["problem"].isna()]
 
 
-def settings_of(folder: Path) -> dict[str, Any]:
-    """The configuration that a run folder holds; empty where it holds none."""
+def setup_of(folder: Path) -> RunSetup | None:
+    """What the run of a folder was asked for; None where it holds no configuration."""
     try:
-        config = read_json(folder / CONFIG).get("config")
+        return RunSetup.read(folder)
     except InputError:
-        return {}
-    return config if isinstance(config, dict) else {}
+        return None
 
 
 def _capture_of(folder: Path) -> str | None:
-    found = settings_of(folder).get("capture")
+    setup = setup_of(folder)
     try:
-        return parsed(CaptureSettings, found).label if isinstance(found, dict) else None
+        return None if setup is None else parsed(CaptureSettings, setup.config.get("capture")).label
     except InputError:  # of a former version
         return None
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ia_bench.common.settings import flat
-from ia_bench.report.collect import Runs, settings_of
+from ia_bench.report.collect import Runs, setup_of
 
-OF_EACH_RUN = ("seed", "scene", "threads", "rescored_from", "out", "row")
-"""Parts of a configuration in which the runs of one row may differ: which cell it is, its threads, the run behind a new score."""
+OF_EACH_RUN = ("seed", "scene", "threads", "rescored_from")
+"""Parts of an identity in which the runs of one row may differ: which cell it is, its threads, the run behind a new score."""
 MOST_KEYS = 5
 """So many settings that differ are named, with their values; of more, how many there are."""
 MADE_BY = ("preset", "threads", "commit", "cpu")
@@ -69,7 +69,8 @@ def mixed_rows(runs: Runs) -> list[str]:
     """
     found = []
     for row, folders in runs.groupby("row", sort=False)["folder"]:
-        different = _differing([settings for folder in folders.unique() if (settings := _settings(folder))])
+        setups = [setup for folder in folders.unique() if (setup := setup_of(folder)) is not None]
+        different = _differing([_deciding(setup.identity) for setup in setups])
         if different:
             words = [f"{key} ({', '.join(values)})" for key, values in list(different.items())[:MOST_KEYS]]
             more = f" and {len(different) - MOST_KEYS} more" if len(different) > MOST_KEYS else ""
@@ -77,8 +78,8 @@ def mixed_rows(runs: Runs) -> list[str]:
     return found
 
 
-def _settings(folder: Any) -> dict[str, Any]:  # noqa: ANN401 (an entry of a table)
-    return flat({key: value for key, value in settings_of(folder).items() if key not in OF_EACH_RUN})
+def _deciding(identity: Mapping[str, Any]) -> dict[str, Any]:
+    return flat({key: value for key, value in identity.items() if key not in OF_EACH_RUN})
 
 
 def _differing(tables: Sequence[dict[str, Any]]) -> dict[str, list[str]]:

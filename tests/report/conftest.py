@@ -8,11 +8,12 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from scored_runs import put_setup
 
 from ia_bench.common.paths import scenes_folder
 from ia_bench.readers.native import NativeReader
-from ia_bench.runs.config import NATIVE_READER
-from ia_bench.runs.identity import content_of
+from ia_bench.runs.composition import compose
+from ia_bench.runs.identity import identity, setup
 from ia_bench.scenes.exr import write_exr
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
@@ -75,9 +76,9 @@ def put_on_scene() -> Callable[[Path, Path], None]:
     """A function that makes a run folder's config.json say that the run was on a scene folder."""
 
     def put(run: Path, scene: Path) -> None:
-        record = json.loads((run / "config.json").read_text())
-        record["config"]["scene"] = {"name": scene.name, "content": content_of(scene)}
-        (run / "config.json").write_text(json.dumps(record))
+        config = compose(["prior=none", "render.coat=layered", f"scene.name={scene.name}", f"scene.path={scene}"], here=False)
+        content = identity(config)
+        put_setup(run, content, **setup(config))
 
     return put
 
@@ -106,8 +107,6 @@ def perfect_run(tmp_path: Path, scene_folder: Path, put_on_scene: Callable[[Path
         "plan": {"needed": [{"what": "render.bounces", "value": 2}]},
         "metrics": {"aligned_albedo": psnr, "view_synthesis": psnr, "relighting": {"psnr": None}, "roughness": {"mse": 0.0}},
     }
-    config = {"reader": {"name": "native", "target": NATIVE_READER, "options": {"uv": "mesh"}}, "render": {"coat": "layered"}}
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    (folder / "config.json").write_text(json.dumps({"config": config}))
     put_on_scene(folder, scene_folder)
     return folder

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scored_runs import put_setup
 
 from ia_bench.common.errors import InputError
 from ia_bench.report.collect import NOT_SCORED, SCORES, as_table, collect, read_published, read_run
@@ -30,7 +31,7 @@ def test_a_finished_run_arrives_whole(write_run: Write) -> None:
     machine = {"commit": "abc+changes", "cpu": "Abacus 2", "threads": 1}
     more: dict[str, Any] = {"sees_truth": True, "preset": "quick", "environment": machine, "capture": {"views": 8}}
     folder = write_run("ours", "hat", 3, curve="stage1,0,0.5,,12,,,\nstage2,40,2.5,14,,inf,16,0.05\n", **more)
-    (folder / "config.json").write_text(json.dumps({"config": {"capture": {"views": 8, "radiometry": "ldr"}}}))
+    put_setup(folder, config={"capture": {"views": 8, "radiometry": "ldr"}})
     (run,) = as_table([read_run(folder)]).to_dict("records")
     found = {key: run[key] for key in ("row", "scene", "seed", "problem", "protocol", "sees_truth", "seconds", "peak_memory_bytes")}
     assert [*found.values()] == ["ours", "hat", 3, None, "paper-v1 (lpips.net=alex)", True, 50.0, 2**30]  # scoring is left out
@@ -107,8 +108,9 @@ def test_a_pipe_holds_nobody_up(write_run: Write, tmp_path: Path, name: str) -> 
 
 
 def test_a_configuration_of_another_kind_is_passed_over(write_run: Write, tmp_path: Path) -> None:
-    for seed, config in enumerate(([], "text", {"config": []}, {"config": {"capture": 3}}, {"config": {"capture": {"views": []}}})):
-        (write_run("ours", "hat", seed) / "config.json").write_text(json.dumps(config))
+    for seed, config in enumerate(([], {}, {"capture": 3}, {"capture": {"views": []}})):
+        put_setup(write_run("ours", "hat", seed), config=config)
+    (write_run("ours", "hat", 4) / "config.json").write_text("[]")
     assert len(write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out").findings.runs) == 5
 
 

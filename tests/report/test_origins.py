@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from scored_runs import scored
+from scored_runs import put_setup, scored
 
 from ia_bench.report.collect import as_table, collect
 from ia_bench.report.origins import mixed_rows, origins, seconds_compare, warnings
 from ia_bench.report.write import write_report
 
 Write = Callable[..., Path]
-
-
-def put(folder: Path, **config: Any) -> Path:
-    (folder / "config.json").write_text(json.dumps({"config": config}))
-    return folder
 
 
 def test_presets_threads_commits_and_changed_code_that_mix_stand_first(write_run: Write, tmp_path: Path) -> None:
@@ -56,7 +49,7 @@ def test_runs_that_were_made_alike_are_compared_by_their_seconds_too() -> None:
 def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None:
     steps = {0: {"stage1_steps": 12}, 1: {"stage1_steps": 60, "pixels": 9}}
     folders = [
-        put(write_run(row, "hat", seed), seed=seed, scene={"name": "hat"}, method={"options": steps[seed if row == "mixed" else 0]})
+        put_setup(write_run(row, "hat", seed), {"seed": seed, "method": {"options": steps[seed if row == "mixed" else 0]}})
         for row in ("mixed", "one")
         for seed in (0, 1)
     ]
@@ -67,16 +60,15 @@ def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None
 
 
 def test_seed_scene_threads_and_the_run_behind_a_score_make_no_other_configuration(write_run: Write) -> None:
-    folders = [
-        put(write_run("ours", scene, seed), seed=seed, scene={"name": scene}, threads=1 + seed, rescored_from=f"{scene}{seed}")
-        for scene in ("hat", "ship")
-        for seed in (0, 1)
-    ]
+    folders = []
+    for scene, seed in (("hat", 0), ("hat", 1), ("ship", 0)):
+        own = {"seed": seed, "scene": {"name": scene}, "threads": 1 + seed, "rescored_from": f"{scene}{seed}"}
+        folders.append(put_setup(write_run("ours", scene, seed), own))
     folders.append(write_run("ours", "drum"))  # without any configuration
     assert mixed_rows(collect(folders).runs) == []
 
 
 def test_of_many_settings_that_differ_the_first_are_named(write_run: Write) -> None:
-    folders = [put(write_run("ours", "hat", seed), **dict.fromkeys("abcdefgh", seed)) for seed in (0, 1)]
+    folders = [put_setup(write_run("ours", "hat", seed), dict.fromkeys("abcdefgh", seed)) for seed in (0, 1)]
     (sentence,) = mixed_rows(collect(folders).runs)
     assert sentence.endswith("d (0, 1), e (0, 1) and 3 more")

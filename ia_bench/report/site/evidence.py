@@ -6,15 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import read_json
 from ia_bench.common.settings import flat
-from ia_bench.report.collect import HASH_DIGITS
-from ia_bench.runs.folder import CONFIG
+from ia_bench.report.collect import HASH_DIGITS, setup_of
 from ia_bench.runs.record import RunRecord
 
 DIGITS = 12  # of a file's checksum
 MACHINE = ("cpu", "cores", "threads", "device", "system", "python", "commit")
-OF_A_RUN = ("seed", "scene.", "out")  # begin settings that every run tells by itself
+OF_A_RUN = ("seed", "scene.", "out", "row")  # begin settings that every run tells by itself
 
 
 def evidence_of(run: Mapping[str, Any]) -> dict[str, Any]:
@@ -23,9 +21,12 @@ def evidence_of(run: Mapping[str, Any]) -> dict[str, Any]:
     ``settings``: its configuration, flat; ``command``: its command line; ``environment``: machine, versions and commit, flat;
     ``files``: name -> the first digits of the SHA-256 of what the run wrote; ``renderer``: who drew the pictures that were scored.
     """
+    setup = setup_of(run["folder"])
+    if setup is None:
+        return {}
     try:
-        config, record = read_json(run["folder"] / CONFIG), RunRecord.read(run["folder"])
-    except (InputError, FileNotFoundError, NotADirectoryError):
+        record = RunRecord.read(run["folder"])
+    except (InputError, FileNotFoundError):
         return {}
     if record.row != run["row"] and record.config_hash[:HASH_DIGITS] != run["config_hash"]:
         return {}  # the folder is that of a report, not of this run
@@ -33,11 +34,9 @@ def evidence_of(run: Mapping[str, Any]) -> dict[str, Any]:
     machine = {key: environment[key] for key in MACHINE if environment.get(key) is not None}
     packages = environment.get("packages")
     versions = flat(packages, "packages.") if isinstance(packages, dict) else {}
-    settings, command = config.get("config"), config.get("command")
-    found = flat(settings) if isinstance(settings, dict) else {}
     return {
-        "settings": {name: value for name, value in found.items() if not name.startswith(OF_A_RUN)},
-        "command": command if isinstance(command, str) else "",
+        "settings": {name: value for name, value in flat(setup.config).items() if not name.startswith(OF_A_RUN)},
+        "command": setup.command,
         "environment": machine | versions,
         "files": {name: digest[:DIGITS] for name, digest in record.files.items()},
         "renderer": record.renderer,

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -18,7 +17,6 @@ import pytest
 from ia_bench.cli.report import main
 from ia_bench.common.paths import scenes_folder
 from ia_bench.readers.native import NativeReader
-from ia_bench.runs.config import NATIVE_READER
 from ia_bench.scenes.exr import write_exr
 
 GREY_ALBEDO = 0.25  # of the row "grey", everywhere
@@ -98,8 +96,6 @@ def page_folder(
                     write_exr(run / "albedo.exr", textures[row], half=False)
                     write_exr(run / "roughness.exr", truth.roughness, half=False)
                     write_exr(run / "light.exr", truth.lights["train"], half=False)
-                    config = {"reader": {"name": "native", "target": NATIVE_READER, "options": {"uv": "mesh"}}, "seed": seed}
-                    (run / "config.json").write_text(json.dumps({"config": {**config, "render": {"coat": "layered"}}}))
                     put_on_scene(run, scene)
     assert main([str(root / "runs"), "--out", str(root / "out"), "--reference", "none"]) == 0
     return root / "out" / "page"

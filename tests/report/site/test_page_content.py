@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from scored_runs import put_setup
 
 from ia_bench.cli.report import main
 from ia_bench.common.errors import InputError
@@ -129,7 +130,7 @@ def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run
     folders = [write_run("ours", "hat", seed, environment=environment, files={"a.exr": "0123456789abcdef"}) for seed in (0, 1)]
     for seed, folder in enumerate(folders):
         config = {"seed": seed, "scene": {"name": "hat"}, "fit": {"steps": 7}}
-        (folder / "config.json").write_text(json.dumps({"config": config, "command": f"python -m ia_bench seed={seed}"}))
+        put_setup(folder, config=config, command=f"python -m ia_bench seed={seed}")
     texts = {"ours": RowTexts("a note", ("prior=none", "row='a, b'"))}
     found = page_data(write_page(Sources(analyse(collect(folders)), "t", texts), tmp_path / "page"))
     assert found["configurations"] == [{"fit.steps": 7}]

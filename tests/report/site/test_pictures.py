@@ -234,7 +234,7 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
     scores = gallery.scenes["tiny"]["rows"]["perfect"]["scores"]
     assert (scores["albedo"], scores["roughness"], len(scores["relit"])) == ([1.0, 2.0, None, 4.0], [None] * 4, 3)
     files = {path: path.read_bytes() for path in (tmp_path / "parts").rglob("*") if path.is_file()}
-    assert {path.name for path in files} >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "packing.js"}
+    assert {path.name for path in files} >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "solid.js"}
 
     again = write_pictures(runs, tmp_path / "parts", notes.append)
     assert (again, len(notes)) == (gallery, 2)
@@ -252,7 +252,7 @@ def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perf
 
 def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) -> None:
     record = json.loads((perfect_run / "config.json").read_text())
-    record["config"]["scene"]["content"] = "0" * 64
+    record["identity"]["scene"]["content"] = "0" * 64
     (perfect_run / "config.json").write_text(json.dumps(record))
     gallery = write_pictures(runs_of((perfect_run, "perfect", 0)), tmp_path / "parts", print)
     assert (gallery.scenes, gallery.relit) == ({}, False)
