@@ -233,7 +233,7 @@ def setup_of(folder: Path) -> RunSetup | None:
 def _capture_of(folder: Path) -> str | None:
     setup = setup_of(folder)
     try:
-        return None if setup is None else parsed(CaptureSettings, setup.config.get("capture")).label
+        return None if setup is None else parsed(CaptureSettings, setup.config.get("capture", {})).label
     except InputError:  # of a former version
         return None
 
