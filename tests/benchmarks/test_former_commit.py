@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-from benchmarks.former_commit import NOW, Curve, shown, table, times_to
+from benchmarks.former_commit import NOW, Curve, table
 
 
 def curve(*points: tuple[float, float]) -> Curve:
@@ -13,11 +11,6 @@ def curve(*points: tuple[float, float]) -> Curve:
 
 FAST = [curve((1, 20), (2, 23.5), (4, 25)), curve((1, 20), (3, 23.1), (5, 25.2))]
 SLOW = [curve((2, 20), (8, 22.5), (16, 24)), curve((2, 20), (10, 22.9), (20, 23.9))]
-
-
-def test_a_level_is_reached_where_it_was_first_measured() -> None:
-    assert times_to(FAST, "relighting_psnr", 23) == [2, 3]
-    assert times_to(SLOW, "relighting_psnr", 24) == [16, math.inf]
 
 
 def test_the_table_has_levels_that_this_code_reaches() -> None:
@@ -30,8 +23,3 @@ def test_the_table_has_levels_that_this_code_reaches() -> None:
         "| 24 | 4.5 (4.0 to 5.0) | never (16.0 to never) | never |",
         "| 25 | 4.5 (4.0 to 5.0) | never | never |",
     ]
-
-
-def test_one_time_stands_alone() -> None:
-    assert shown([2.0, 2.0]) == "2.0"
-    assert shown([math.inf, 1.0, 3.0]) == "3.0 (1.0 to never)"

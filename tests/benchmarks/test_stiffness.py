@@ -16,7 +16,6 @@ from torch import Tensor
 from benchmarks.stiffness import spectrum
 from benchmarks.stiffness.__main__ import main
 from benchmarks.stiffness.gauss_newton import Jacobian, gram
-from benchmarks.stiffness.measure import casts
 from benchmarks.stiffness.stage import Stage
 from ia_bench.common.errors import InputError
 from ia_bench.common.paths import scenes_folder
@@ -166,13 +165,6 @@ def test_light_parametrisations_are_the_derivatives_of_their_maps(name: str) -> 
     np.testing.assert_allclose(spectrum.light_transforms(radiance.numpy(), members)[name], expected.numpy(), atol=1e-12)
 
 
-def test_reparametrisation_is_the_chain_rule() -> None:
-    random = np.random.default_rng(0)
-    j, transform, own = random.standard_normal((20, 5)), random.standard_normal((2, 3)), np.array([1, 3])
-    changed = np.concatenate([j[:, [0, 2, 4]], j[:, own] @ transform], 1)
-    np.testing.assert_allclose(spectrum.reparametrised(j.T @ j, own, transform), changed.T @ changed, rtol=1e-12)
-
-
 # ---- the command -----------------------------------------------------------------------------------------------------
 
 
@@ -199,24 +191,3 @@ def test_what_cannot_be_measured_is_said(tmp_path: Path, capsys: pytest.CaptureF
     assert "nothing-of-that-name" in capsys.readouterr().err
     with pytest.raises(InputError, match="expected divisors of the plan's 128 texels and 16 light rows, found 48, 16"):
         stage.jacobian(stage.pixels(10), 48, 16)
-
-
-def test_a_cast_of_matte_paint_is_no_change_at_all() -> None:
-    """Images that are albedo times a sum of light, in log1p: the cast cancels exactly, whatever the channel."""
-    random = torch.Generator().manual_seed(0)
-    albedo = torch.rand(2, 2, 3, generator=random, dtype=torch.float64)
-    form = torch.rand(4, 8, generator=random, dtype=torch.float64)
-    change = {
-        "albedo": torch.zeros(2, 2, 3, dtype=torch.float64, requires_grad=True),
-        "roughness": torch.zeros(2, 2, 1, dtype=torch.float64, requires_grad=True),
-        "log_light": torch.zeros(2, 4, 3, dtype=torch.float64, requires_grad=True),
-    }
-    matte = (albedo + change["albedo"]).reshape(4, 3) * (form @ torch.exp(change["log_light"]).reshape(8, 3))
-    for gloss in (0.0, 1.0):  # a coat reflects the light whatever the paint
-        coat = gloss * (0.1 + change["roughness"].reshape(4, 1)) * (form @ torch.exp(change["log_light"]).reshape(8, 3))
-        found = casts(Jacobian(torch.log1p(matte + coat), change), albedo)
-        assert set(found) == {"red", "green", "blue", "all"}
-        for cast in found.values():
-            assert cast["light_alone"] > 0.01
-            assert (cast["mu"] < 1e-20) == (gloss == 0)
-            assert (cast["image_change"] < 1e-12) == (gloss == 0)

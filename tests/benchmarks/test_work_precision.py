@@ -10,8 +10,7 @@ import pytest
 import torch
 
 from benchmarks.work_precision.__main__ import main
-from benchmarks.work_precision.inverse import BUDGETS, SPLITS, Setting
-from benchmarks.work_precision.precision import Moments, converged, log_slope, relative_rmse, time_in_turns, without_compilation
+from benchmarks.work_precision.precision import Moments, converged, relative_rmse
 
 
 @pytest.fixture(autouse=True)
@@ -47,32 +46,6 @@ def test_relative_variance_and_distance_have_no_bias_from_few_estimates():
     assert one.relative_distance(other) == pytest.approx(0, abs=0.1)
 
 
-def test_log_slope_leaves_out_what_has_no_logarithm():
-    assert log_slope([1, 2, 4, 8], [1.0, 0.5, 0.0, 0.125]) == pytest.approx(-1)
-
-
-def test_without_compilation_replaces_the_time_of_the_first_steps():
-    """Ten seconds of compiling in the first of 25 steps, then 0.1 s a step."""
-    seconds = without_compilation([25, 50, 100], [12.5, 15.0, 20.0])
-    assert seconds == pytest.approx([2.5, 5.0, 10.0])
-
-
-def test_cases_are_timed_in_turns_without_their_warm_up():
-    calls, results = [], []
-    cases = {name: (lambda number, name=name: calls.append((name, number)) or number) for name in "ab"}
-    times = time_in_turns(cases, rounds=2, warm_up=1, after=lambda name, result: results.append((name, result)))
-    assert calls == [("a", 0), ("b", 0), ("a", 1), ("b", 1), ("a", 2), ("b", 2)]
-    assert results == [("a", 1), ("b", 1), ("a", 2), ("b", 2)]
-    assert all(wall.shape == cpu.shape == (2,) for wall, cpu in times.values())
-
-
-def test_every_way_of_dividing_a_budget_draws_as_many_samples():
-    for budget in BUDGETS:
-        drawn = {s.steps * s.pixels * s.samples for s in (Setting.of("none", split, budget) for split in SPLITS)}
-        assert drawn == {budget * 4096 * 32}
-        assert min(Setting.of("none", split, budget).steps for split in SPLITS) > 25, "the first score has to come earlier"
-
-
 @pytest.mark.slow
 def test_forward_command_writes_its_files_and_says_what_was_left_out(tmp_path, capsys):
     assert main(["--quick", "--only", "forward", "--scene", "tiny", "--out", str(tmp_path)]) == 0
@@ -82,8 +55,3 @@ def test_forward_command_writes_its_files_and_says_what_was_left_out(tmp_path, c
     assert by_case["MIS"] < by_case["BRDF"], "the light of this scene has a small bright sun"
     assert (tmp_path / "forward.png").stat().st_size > 10_000
     assert ("left out" in capsys.readouterr().out) == ("Mitsuba 3" not in by_case)
-
-
-def test_an_unknown_scene_is_a_mistake_with_a_message(tmp_path, capsys):
-    assert main(["--only", "forward", "--scene", "hta", "--out", str(tmp_path)]) == 2
-    assert "hta" in capsys.readouterr().err

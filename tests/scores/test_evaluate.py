@@ -102,13 +102,6 @@ def test_the_scale_of_the_prediction_is_aligned_away(guess: Predictions, truth: 
     assert after.metrics["view_synthesis"] == before.metrics["view_synthesis"]
 
 
-def test_a_colour_cast_shows_in_the_papers_alignment_and_hides_in_the_per_channel_one(truth: Predictions) -> None:
-    cast = np.array([1.1, 1.0, 0.7])
-    scores = score(replace(truth, albedo=mapped(truth.albedo, lambda c: c * cast)), truth, PAPER)
-    assert scores.variants["aligned_albedo_per_channel"]["psnr"] > 200
-    assert scores.metrics["aligned_albedo"]["psnr"] < 30
-
-
 def test_what_is_outside_the_mask_changes_nothing(guess: Predictions, truth: Predictions) -> None:
     def littered(images: Images) -> Images:
         outside = [c <= 0.5 for c in images.coverage]
@@ -127,20 +120,6 @@ def test_what_is_outside_the_mask_changes_nothing(guess: Predictions, truth: Pre
     assert all("_whole_image" in key for key in dirty.reasons)
     dirty.reasons.clear()
     assert dirty == clean
-
-
-def test_the_order_of_views_changes_only_the_order_of_values(guess: Predictions, truth: Predictions) -> None:
-    def turned(images: Images) -> Images:
-        return Images(images.images[::-1], images.coverage[::-1])
-
-    def turn(all_of: Predictions) -> Predictions:
-        lit = {light: turned(images) for light, images in reversed(all_of.relighting.items())}
-        return Predictions(turned(all_of.albedo), turned(all_of.roughness), turned(all_of.view_synthesis), lit)
-
-    before, after = score(guess, truth, PAPER), score(turn(guess), turn(truth), PAPER)
-    for name, values in before.metrics.items():
-        assert after.metrics[name] == pytest.approx(values, rel=1e-12)
-    assert after.per_image["albedo"]["ssim"] == pytest.approx(before.per_image["albedo"]["ssim"][::-1], rel=1e-12)
 
 
 # ---- the quick score of curves ----
