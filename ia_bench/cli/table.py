@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import field, make_dataclass
+from dataclasses import field, fields, make_dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from textwrap import fill
@@ -28,11 +28,14 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.cells import Cell, TableRequest, make_cells, write_cells
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import resolve_scene_folder, slug
+from ia_bench.runs.config import RunConfig, resolve_scene_folder, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
 from ia_bench.runs.record import finished_record
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import refuse_own
+
+OWN = ("table", "rows", "scenes", "seeds", "jobs", "launcher")
+"""What the command line says of the table itself; all else goes to every cell."""
 
 
 def parse(arguments: Sequence[str]) -> TableRequest:
@@ -54,7 +57,10 @@ def parse(arguments: Sequence[str]) -> TableRequest:
         elif key == "jobs":
             own[key] = None if value == "auto" else _whole(key, value, 1, "a whole number")
         else:
-            refuse_own(argument)
+            refuse_own(argument, "hydra")
+            first = key.lstrip("+~").split(".")[0]
+            if first not in (known := (*OWN, *(field.name for field in fields(RunConfig)))):
+                raise InputError(unknown("setting", first, sorted(known)))
             overrides.append(argument)
     own["launcher"] = _launcher(launcher)
     if getattr(own["launcher"], "gpus", 0) and not any(text.startswith("device=") for text in overrides):
@@ -168,6 +174,6 @@ def _usage() -> str:
 
 
 def _whole(key: str, text: str, least: int, what: str) -> int:
-    if not text.isdecimal() or int(text) < least:
+    if not (text.isascii() and text.isdecimal()) or int(text) < least:
         raise InputError(f"{key}={text}: expected {what}, from {least} on")
     return int(text)

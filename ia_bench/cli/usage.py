@@ -6,7 +6,8 @@ from pathlib import Path
 from textwrap import fill
 
 from ia_bench.common import registry
-from ia_bench.common.paths import conf_folder
+from ia_bench.common.errors import InputError
+from ia_bench.common.paths import conf_folder, scenes_folders
 
 GROUPS = {
     "scene": "what is reconstructed (or scene.path=FOLDER, a scene of your own)",
@@ -29,11 +30,9 @@ Examples
   python -m ia_bench prior=oracle scene=hat          one run
   python -m ia_bench scene=tiny preset=smoke         does it run? (seconds)
   python -m ia_bench scene.path=FOLDER out=RESULTS   a scene of your own, results where you want them
-  python -m ia_bench -m seed=0,1,2 prior=none,oracle a sweep, one run after the other
-  python -m ia_bench -m hydra/launcher=ray seed=0,1 threads=1
-                                                     a sweep in parallel (pip install -e '.[ray]')
   python -m ia_bench prior=oracle --cfg job          every setting and its value, without running
-  python -m ia_bench.table                           the paper's table: every row x scene x seed
+  python -m ia_bench.table table=FILE.yaml           several runs: every row x scene x seed of a table, side by side or on
+                                                     a cluster, then the report (there is no -m)
 
 Choices
 {choices}
@@ -54,25 +53,35 @@ Results
 
 Exit status: 0 done, 1 it could not be done (one line where a disk or a plugin is to blame, else a traceback),
 2 a mistake in what was asked (one line), 130 or 143 interrupted by Ctrl-C or SIGTERM, with the state saved.
-IA_BENCH_DEBUG=1 shows every traceback. Hydra's own options: --hydra-help.
+IA_BENCH_DEBUG=1 shows every traceback. --version says which code this is.
 """
 
 
 def usage() -> str:
-    """The help text, with built-in and installed choices. Installed plugins are imported to see whether they work."""
+    """The help text, with built-in and installed choices. Nothing is imported; ``ia_bench.check --help`` tells broken plugins."""
     return TEXT.format(choices="\n".join(_group(group, line) for group, line in GROUPS.items()))
 
 
 def _group(group: str, line: str) -> str:
     choices = {path.stem: _description(path) for path in sorted((conf_folder() / group).glob("*.yaml"))}
-    trouble = []
     kind = next((kind for kind in registry.KINDS if kind == group), None)
     if kind is not None:
-        working, broken = registry.load_installed(kind)
-        choices |= {name: f"from {plugin.distribution}" for name, plugin in working.items()}
-        trouble = [f"{fill(f'! {problem}', 118, initial_indent=' ' * 4, subsequent_indent=' ' * 6)}\n" for problem in broken]
-    lines = [f"    {name:<17} {description}\n" for name, description in choices.items()]
-    return f"  {group + '=':<18}{line}\n" + "".join(lines + trouble)
+        choices |= {name: f"from {plugin.distribution}" for name, plugin in registry.installed(kind).items()}
+    if group == "scene":
+        absent = set(choices) - _scenes_here()
+        choices |= {name: f"{text} (not here)" for name, text in choices.items() if name in absent}
+    lines = [
+        fill(f"{name:<17} {description}", 118, initial_indent=" " * 4, subsequent_indent=" " * 22) + "\n"
+        for name, description in choices.items()
+    ]
+    return f"  {group + '=':<18}{line}\n" + "".join(lines)
+
+
+def _scenes_here() -> set[str]:
+    try:
+        return {folder.name for root in scenes_folders() for folder in root.iterdir()}
+    except (InputError, OSError):
+        return set()
 
 
 def _description(path: Path) -> str:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from contextlib import suppress
 from typing import TextIO
+
+log = logging.getLogger("ia_bench")
+"""Where notes go that nobody takes: of this package as a library, whose user decides what becomes of them."""
 
 
 def say(text: str, stream: TextIO | None) -> None:

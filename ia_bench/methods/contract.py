@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,6 +10,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
+from ia_bench.common.output import log
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.costs import CostTracker
@@ -54,7 +54,7 @@ class Problem:
     prior_views: int | str = "auto"
     keep_samples: bool = True
     truth: Scene | None = None
-    note: Callable[[str], None] = warnings.warn
+    note: Callable[[str], None] = log.warning
     costs: CostTracker = field(default_factory=CostTracker)
 
     @cached_property

@@ -57,6 +57,8 @@ def unpack(path: Path, config_hash: str, expected: str | None = None) -> dict[st
         saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
     except Exception as error:  # torch.load raises whatever a file leads it to
         raise BadCheckpoint(first_line(error)) from error
+    if not isinstance(saved, dict) or saved.keys() != {"code", "config_hash", "state"} or not isinstance(saved["state"], dict):
+        raise BadCheckpoint("it holds something else than a state")
     if saved["code"] != _code():
         raise BadCheckpoint("another version of the code wrote it")
     if saved["config_hash"] != config_hash:

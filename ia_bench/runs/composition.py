@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import MISSING, asdict, fields, replace
+from pathlib import Path
 from typing import Any
 
 from hydra import compose as hydra_compose
@@ -21,12 +23,15 @@ from ia_bench.common.paths import conf_folder
 from ia_bench.common.suggestions import unknown
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import RunConfig, resolved
+from ia_bench.scores.protocol import Protocol
 
 HYDRA_VERSION = "1.3"
 CONFIG_NAME = "config"
-LAUNCHER_EXTRAS = ("ray", "submitit")
 OPTIONS = ("fit.", "method.options.", "prior.options.", "coupling.options.", "reader.options.")
 """What begins the names of settings that belong to a plugin."""
+
+
+SEVERAL = "{}: expected one value; several runs are a table: python -m ia_bench.table seeds=0,1 scenes=hat,ship"
 
 
 def register(overrides: Sequence[str]) -> None:
@@ -39,7 +44,8 @@ def register(overrides: Sequence[str]) -> None:
         if value in ("", "null", "~") and (conf_folder() / key).is_dir():
             raise InputError(unknown(key, value, sorted(path.stem for path in (conf_folder() / key).glob("*.yaml"))))
     store = ConfigStore.instance()
-    defaults: dict[str, Any] = {f.name: None for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"} | {
+    plain = [f for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"]
+    defaults: dict[str, Any] = {f.name: f.default for f in plain} | {
         "scene": {"path": None},
         "reader": {"options": {}},
         "capture": asdict(CaptureSettings()),
@@ -47,7 +53,7 @@ def register(overrides: Sequence[str]) -> None:
         "coupling": {"options": {}},
         "method": {"options": {}},
         "preset": None,
-        "protocol": {},
+        "protocol": asdict(Protocol()),
         "render": asdict(RenderSettings()),
     }
     store.store(name="schema", node=OmegaConf.create(defaults))
@@ -87,13 +93,18 @@ def to_run_config(composed: DictConfig, here: bool = True) -> RunConfig:
     return resolved({str(key): value for key, value in content.items()}, here)
 
 
+def as_yaml(config: RunConfig) -> str:
+    """Every setting of a resolved configuration, as YAML."""
+    settings = asdict(config)
+    del settings["command"]
+    return OmegaConf.to_yaml(OmegaConf.create(settings)).rstrip()
+
+
 def explain(error: Exception) -> str:
     """What a user needs to know of an error of Hydra or OmegaConf: key, what was expected, closest right name."""
     cause = error.__cause__ if isinstance(error.__cause__, OmegaConfBaseException) else error
     if isinstance(error, MissingConfigException) and error.missing_cfg_file:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
-        if group == "hydra/launcher" and name.split("_")[0] in LAUNCHER_EXTRAS:
-            return f"hydra/launcher={name} needs an extra: pip install -e '.[{name.split('_')[0]}]' in the checkout"
         return unknown(group or "configuration", name, sorted(error.options or ()))
     if isinstance(error, OverrideParseException):
         first = str(error.message).splitlines()[0]
@@ -105,7 +116,9 @@ def explain(error: Exception) -> str:
         where = f"{cause.full_key}: " if cause.full_key else ""
         return where + str(cause).splitlines()[0]
     if isinstance(error, ConfigCompositionException):
-        return " ".join(str(error).split())
+        text = " ".join(str(error).split())
+        several = re.match(r"Ambiguous value for argument '([^']+)'", text)
+        return SEVERAL.format(several[1].removeprefix("++")) if several else text
     return str(error)
 
 
@@ -118,7 +131,14 @@ def _unknown_key(cause: ConfigKeyError | ConfigAttributeError) -> str:
 
 
 def _named_plugins(kind: registry.Kind, overrides: Sequence[str]) -> list[registry.Plugin]:
-    """Plugins written as ``kind=module:attribute``, also as one of several values of a sweep."""
-    values = [text.partition("=")[2] for text in overrides if text.partition("=")[0] == kind]
-    targets = [target.strip("'\" ") for value in values for target in value.split(",")]
-    return [registry.find(kind, target) for target in targets if ":" in target]
+    """Plugins written as ``kind=module:attribute``. Raises InputError for a file in place of the module."""
+    values = [text.partition("=")[2].strip("'\" ") for text in overrides if text.partition("=")[0] == kind]
+    for value in values:
+        module, colon, attribute = value.partition(":")
+        if os.sep in module or module.endswith(".py"):
+            path = Path(module)
+            raise InputError(
+                f"{kind}={value}: expected a name or module:Class, found a path: PYTHONPATH={path.parent} makes it "
+                f"{kind}={path.stem}:{attribute or 'Class'}"
+            )
+    return [registry.find(kind, target) for target in values if ":" in target]

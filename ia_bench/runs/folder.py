@@ -108,6 +108,8 @@ class RunFolder:
             return None
         try:
             saved = unpack(path, self.config_hash)
+            if saved.keys() != {"kept", "state"} or not all(isinstance(part, dict) for part in saved.values()):
+                raise BadCheckpoint("it lacks its state")
             for digest in saved["kept"].values():
                 unpack(self.path / _kept_file(digest), self.config_hash, digest)
         except BadCheckpoint as error:

@@ -15,10 +15,11 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
+from contextlib import AbstractContextManager, ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
@@ -28,20 +29,11 @@ from ia_bench.common.machine import total_memory
 from ia_bench.runs.config import RunConfig, resolved
 from ia_bench.runs.execute import execute
 
-MEMORY_PER_JOB = 3 << 30
-"""Bytes that one job may need at the default preset; ``jobs=auto`` starts no more jobs than fit."""
-
-AS_MANY_AS_FIT = 1_000_000
-"""So many cells at a time: whoever runs them decides."""
-
-ARRAY = 1000
-"""So many jobs are handed in at once: Slurm's arrays have no more than 1001 unless it is told otherwise."""
-
-ANSWER_SECONDS = 10
-"""Who does not answer in this time is not there."""
-
-DELAY_SECONDS = {"local": 0.0, "slurm": 15.0}
-"""How long a file that another machine has written may take to be seen here."""
+MEMORY_PER_JOB = 3 << 30  # bytes that one job may need at the default preset: no more jobs are started than fit
+AS_MANY_AS_FIT = 1_000_000  # cells at a time: whoever runs them decides
+ARRAY = 1000  # jobs handed in at once: Slurm's arrays have no more than 1001 unless it is told otherwise
+ANSWER_SECONDS = 10  # who does not answer in this time is not there
+DELAY_SECONDS = {"local": 0.0, "slurm": 15.0}  # that a file of another machine may take to be seen here
 
 AtLeastOne = Annotated[int, Field(ge=1)]
 
@@ -52,24 +44,25 @@ class WorkerDied(RuntimeError):
 
 @dataclass(frozen=True)
 class Work:
-    """One run to start: its resolved configuration, the command line that makes it, and the file for what it says."""
+    """One run to start: its resolved configuration with its command line, and the file for what it says."""
 
     config: RunConfig
-    overrides: tuple[str, ...]
     log: Path
 
 
-class Job(Protocol):
-    """A run that was started."""
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A run that was started.
 
-    def done(self) -> bool:
-        """Whether it has ended, in whatever way."""
+    Attributes:
+        done: Whether it has ended, in whatever way.
+        result: Exit status of one that is done, negative for a signal. Raises WorkerDied.
+        cancel: Ask it to end; it saves its state first, if it has begun.
+    """
 
-    def result(self) -> int:
-        """Exit status of one that is done, negative for a signal. Raises WorkerDied."""
-
-    def cancel(self) -> None:
-        """Ask it to end; it saves its state first, if it has begun."""
+    done: Callable[[], bool]
+    result: Callable[[], int]
+    cancel: Callable[[], object]
 
 
 Start = Callable[[Sequence[Work]], Sequence[Job]]
@@ -83,12 +76,9 @@ class Launcher(ABC):
         attempts: How often a cell is started whose worker dies; each attempt goes on from the last checkpoint.
     """
 
-    extra: ClassVar[str | None] = None
-    """The package that it needs beyond those of ia_bench, which is also the name of the extra that brings it."""
-    here: ClassVar[bool] = False
-    """Whether cells run on the machine that the table is called on, and may be checked against it."""
-    poll_seconds: ClassVar[float] = 0.1
-    """How often jobs are asked whether they are done."""
+    extra: ClassVar[str | None] = None  # the package that it needs beyond those of ia_bench, and the name of the extra
+    here: ClassVar[bool] = False  # whether cells run on this machine, and may be checked against it
+    poll_seconds: ClassVar[float] = 0.1  # between two looks whether jobs are done
 
     attempts: AtLeastOne = 3
 
@@ -101,7 +91,7 @@ class Launcher(ABC):
         """
 
     @abstractmethod
-    def opened(self, folder: Path) -> Any:  # noqa: ANN401 (a context manager, which contextmanager makes)
+    def opened(self, folder: Path) -> AbstractContextManager[Start]:
         """A context that gives a function to start runs with; ``folder`` is for what the launcher has to write."""
 
 
@@ -122,35 +112,25 @@ class Local(Launcher):
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:
-        """Nothing to open."""
-        yield _processes
+        """Nothing to open. Where one of several cannot be started, those before it are ended."""
+
+        def start(works: Sequence[Work]) -> list[Job]:
+            with ExitStack() as undone:
+                jobs = []
+                for work in works:
+                    with work.log.open("ab") as log:
+                        command = [sys.executable, "-m", "ia_bench", *work.config.command]
+                        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
+                    jobs.append(Job(partial(_has_ended, process), process.wait, process.terminate))
+                    undone.callback(process.terminate)
+                undone.pop_all()
+            return jobs
+
+        yield start
 
 
-def _processes(works: Sequence[Work]) -> list[Job]:
-    """All of them; where one cannot be started, those before it are ended."""
-    with ExitStack() as undone:
-        started: list[Job] = []
-        for work in works:
-            started.append(_Process(work))
-            undone.callback(started[-1].cancel)
-        undone.pop_all()
-    return started
-
-
-class _Process:
-    def __init__(self, work: Work) -> None:
-        command = [sys.executable, "-m", "ia_bench", *work.overrides]
-        with work.log.open("ab") as log:
-            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
-
-    def done(self) -> bool:
-        return self._process.poll() is not None
-
-    def result(self) -> int:
-        return self._process.wait()
-
-    def cancel(self) -> None:
-        self._process.terminate()
+def _has_ended(process: subprocess.Popen[bytes]) -> bool:
+    return process.poll() is not None
 
 
 @dataclass(frozen=True)
@@ -202,31 +182,25 @@ class Ray(Remote):
         # A worker does one run and ends, as a process of Local does: nothing of one run is left to the next.
         options = {"num_cpus": self.cpus, "num_gpus": self.gpus, "memory": int(self.memory_gb * 1e9)}
         task = ray.remote(max_retries=0, max_calls=1, **options)(run_here)
+
+        def start(work: Work) -> Job:
+            reference = task.remote(*_arguments(work))
+            future = reference.future()
+
+            def result() -> int:
+                try:
+                    return int(future.result())
+                except Exception as error:  # Ray has one for every way in which a worker ends
+                    cause = getattr(error, "cause", None) or error
+                    raise WorkerDied(f"{type(cause).__name__}: {first_line(cause)}") from None
+
+            return Job(future.done, result, lambda: ray.cancel(reference))
+
         with (folder / "ray.log").open("w", buffering=1) as said, redirect_stdout(said):  # where Ray prints why workers end
             try:
-                yield lambda works: [_RayJob(task.remote(*_arguments(work))) for work in works]
+                yield lambda works: [start(work) for work in works]
             finally:
                 ray.shutdown()
-
-
-class _RayJob:
-    def __init__(self, reference: Any) -> None:  # noqa: ANN401 (of a package without types)
-        self._reference, self._future = reference, reference.future()
-
-    def done(self) -> bool:
-        return bool(self._future.done())
-
-    def result(self) -> int:
-        try:
-            return int(self._future.result())
-        except Exception as error:  # Ray has one for every way in which a worker ends
-            cause = getattr(error, "cause", None) or error
-            raise WorkerDied(f"{type(cause).__name__}: {first_line(cause)}") from None
-
-    def cancel(self) -> None:
-        import ray
-
-        ray.cancel(self._reference)
 
 
 @dataclass(frozen=True)
@@ -268,37 +242,34 @@ class SubmititLocal(Remote):
                     jobs = [executor.submit(run_here, *_arguments(work)) for work in works]
             except (submitit.core.utils.FailedJobError, subprocess.CalledProcessError, OSError) as error:
                 raise InputError(f"{named}: the jobs were refused ({first_line(error)})") from None
-            return [_SubmititJob(job, self.cluster) for job in jobs]
+            return [self._job(job) for job in jobs]
 
         yield start
 
+    def _job(self, job: Any) -> Job:  # noqa: ANN401 (of a package without types)
+        ended: list[float] = []
 
-class _SubmititJob:
-    def __init__(self, job: Any, cluster: str) -> None:  # noqa: ANN401 (of a package without types)
-        self._job, self._cluster = job, cluster
-        self._ended: float | None = None
+        def has_result() -> bool:
+            return bool(job.paths.result_pickle.exists())
 
-    def done(self) -> bool:
-        if self._ended is None and self._job.done():
-            self._ended = time.monotonic()
-        return self._ended is not None and (self._has_result() or time.monotonic() >= self._ended + DELAY_SECONDS[self._cluster])
+        def done() -> bool:
+            if not ended and job.done():
+                ended.append(time.monotonic())
+            return bool(ended) and (has_result() or time.monotonic() >= ended[0] + DELAY_SECONDS[self.cluster])
 
-    def result(self) -> int:
-        try:
-            if self._has_result():  # else submitit would wait for it, and nobody else be served
-                return int(self._job.result())
-        except Exception:  # what submitit raises is the job's whole log
-            pass
-        raise WorkerDied(f"job {self._job.job_id}, see {self._job.paths.stderr}")
+        def result() -> int:
+            with suppress(Exception):  # what submitit raises is the job's whole log
+                if has_result():  # else submitit would wait for it, and nobody else be served
+                    return int(job.result())
+            raise WorkerDied(f"job {job.job_id}, see {job.paths.stderr}")
 
-    def _has_result(self) -> bool:
-        return bool(self._job.paths.result_pickle.exists())
+        def cancel() -> None:
+            if self.cluster == "local":  # whose own way kills after a second; the id is that of a process that hands signals on
+                os.kill(int(job.job_id), signal.SIGTERM)
+            else:
+                job.cancel(check=False)
 
-    def cancel(self) -> None:
-        if self._cluster == "local":  # whose own way kills after a second; the id is that of a process that hands signals on
-            os.kill(int(self._job.job_id), signal.SIGTERM)
-        else:
-            self._job.cancel(check=False)
+        return Job(done, result, cancel)
 
 
 @dataclass(frozen=True)

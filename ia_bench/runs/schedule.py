@@ -82,7 +82,7 @@ class _Attempts:
 
     def __init__(self, cell: Cell, logs: Path) -> None:
         self.cell, self.made = cell, 0
-        self.work = Work(cell.config, cell.overrides, cell.log(logs))
+        self.work = Work(cell.config, cell.log(logs))
         self.work.log.unlink(missing_ok=True)
         self._before = _time_of_record(cell)
 

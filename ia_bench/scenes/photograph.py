@@ -6,7 +6,6 @@ Whatever is read, its size is asked for before its pixels, here and for arrays o
 from __future__ import annotations
 
 import struct
-import warnings
 from collections.abc import Callable, Mapping
 from io import BytesIO
 from pathlib import Path
@@ -18,6 +17,7 @@ from PIL import ExifTags, Image, ImageCms, ImageOps
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
+from ia_bench.common.output import log
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import MAX_PIXELS, expect_size_to_read, read_exr, refuse_negative
 
@@ -44,7 +44,7 @@ ALPHA_ROUNDING = 1e-3  # half floats and filters pass 1 by a little
 
 
 def read_photograph(
-    path: Path, mask: Path | None = None, *, upright: bool = True, notice: Callable[[str], None] = warnings.warn
+    path: Path, mask: Path | None = None, *, upright: bool = True, notice: Callable[[str], None] = log.warning
 ) -> tuple[np.ndarray, np.ndarray]:
     """A picture as linear radiance (H, W, 3) float32, premultiplied, and its mask (H, W) in [0, 1].
 

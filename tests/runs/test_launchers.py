@@ -78,7 +78,7 @@ def test_where_one_of_several_cannot_be_started_none_goes_on(tmp_path: Path, mon
 
     monkeypatch.setattr(launchers.subprocess, "Popen", one)
     config = compose(["scene=hat", "device=cpu"])
-    works = [Work(config, (), tmp_path / name) for name in ("a", "b")]
+    works = [Work(config, tmp_path / name) for name in ("a", "b")]
     with Local().opened(tmp_path) as begin, pytest.raises(OSError, match="Too many"):
         begin(works)
     assert started[0].wait(timeout=1200) == -signal.SIGTERM
