@@ -16,6 +16,7 @@ GROUPS = {
     "prior": "what is known of albedo and specular shading beforehand (or module:Class)",
     "coupling": "how a method uses what the prior says (or module:Class)",
     "method": "who reconstructs (or module:Class)",
+    "regulariser": "what corrects the material while it is fitted, as fit.regularise=[NAME, ...]",
     "preset": "how much work",
     "protocol": "how results are scored",
 }
@@ -31,8 +32,8 @@ Examples
   python -m ia_bench scene=tiny preset=smoke         does it run? (seconds)
   python -m ia_bench scene.path=FOLDER out=RESULTS   a scene of your own, results where you want them
   python -m ia_bench prior=oracle --cfg job          every setting and its value, without running
-  python -m ia_bench.table table=FILE.yaml           several runs: every row x scene x seed of a table, side by side or on
-                                                     a cluster, then the report (there is no -m)
+  python -m ia_bench.table table=FILE.yaml           several runs: every row x scene x seed of a table, side by side
+                                                     or on a cluster, then the report (there is no -m)
 
 Choices
 {choices}
