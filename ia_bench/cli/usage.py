@@ -70,7 +70,7 @@ def _group(group: str, line: str) -> str:
         choices |= {name: f"from {plugin.distribution}" for name, plugin in registry.installed(kind).items()}
     if group == "scene":
         absent = set(choices) - _scenes_here()
-        choices |= {name: f"{text} (not here)" for name, text in choices.items() if name in absent}
+        choices |= {name: f"(not here) {text}" for name, text in choices.items() if name in absent}
     lines = [
         fill(f"{name:<17} {description}", 118, initial_indent=" " * 4, subsequent_indent=" " * 22) + "\n"
         for name, description in choices.items()
