@@ -113,9 +113,3 @@ def test_options_of_the_command_line_arrive(weights: str) -> None:
     config = compose(["device=cpu", "prior=corrected", f"prior.options.of_options={{weights: {weights}, steps: 2}}"])
     prior = CorrectedPrior(**config.prior.options)
     assert prior.info.provides == {"albedo", "specular"}
-
-
-def test_untold(weights: str, stack: Stack) -> None:
-    prior = CorrectedPrior(of_options={"weights": weights})
-    with pytest.raises(InputError, match="prior=corrected: expected the true albedo of images of shape .* found none"):
-        prior.sample(stack.shown(), seed=0)

@@ -75,17 +75,6 @@ def test_exact_by_default() -> None:
             np.testing.assert_array_equal(sample.numpy(), truth_of(views, name).astype(np.float32))
 
 
-def test_components() -> None:
-    prior = OraclePrior(components=["specular"])
-    assert prior.info.provides == {"specular"}
-    assert set(draw(prior, views_of(2))) == {"specular"}
-
-
-def test_stochastic_only_with_a_random_dial() -> None:
-    assert not OraclePrior(blur=1.0, baked=0.5).info.stochastic
-    assert all(OraclePrior(**{dial: 0.1}).info.stochastic for dial in ("scale", "shift", "noise", "inconsistency"))
-
-
 def test_scale_is_one_log_normal_factor_per_view() -> None:
     views = views_of(400, height=4, width=5)
     truth, inside = truth_of(views, "specular"), truth_of(views, "specular") > 0.01  # an albedo would be cut at 1
@@ -187,14 +176,6 @@ def test_strength_zero_and_no_variance_return_the_sample_to_the_bit() -> None:
         assert all(torch.equal(guided[name], free[name]) for name in free)
 
 
-def test_guidance_of_one_component_leaves_the_other() -> None:
-    views = views_of(2)
-    prior = OraclePrior(noise=0.3)
-    guided, free = draw(prior, views, albedo=torch.zeros(2, HEIGHT, WIDTH, 3)), draw(prior, views)
-    assert torch.equal(guided["specular"], free["specular"])
-    assert guided["albedo"].abs().mean() < free["albedo"].abs().mean()
-
-
 def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
     first, more = views_of(2), views_of(5)
     assert np.array_equal(first[1].albedo, more[1].albedo)
@@ -211,12 +192,6 @@ def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
     noise = [(sample[name].numpy() - truth_of(same, name))[:, 5:7, 6:10].ravel() for name in ("albedo", "specular")]
     assert not np.allclose(sample["albedo"][0], sample["albedo"][1])
     assert abs(np.corrcoef(*noise)[0, 1]) < 0.5  # ... and so do the components
-
-
-def test_single_component_draws_like_both() -> None:
-    views = views_of(3)
-    both, one = OraclePrior(noise=0.2), OraclePrior(components=["albedo"], noise=0.2)
-    assert torch.equal(draw(both, views)["albedo"], draw(one, views)["albedo"])
 
 
 def test_dark_image_and_empty_mask_stay_finite() -> None:

@@ -17,7 +17,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import COMPONENTS, Observations, Refiner
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.refiner.checkpoint import DESCRIPTION, WEIGHTS, load_refiner, save_refiner
-from ia_bench.priors.refiner.network import FEATURES, RefinerConfig, RefinerNetwork, Seen, see
+from ia_bench.priors.refiner.network import RefinerConfig, RefinerNetwork, Seen, see
 from ia_bench.priors.refiner.prior import WANTS, RefinerPrior
 
 STACK = painted_ball(37, 31, 3)
@@ -81,11 +81,6 @@ def test_no_change_gives_back_the_material() -> None:
     whole = STACK.masks == 1
     for name, maps in zip(("albedo", "roughness"), found, strict=True):
         torch.testing.assert_close(maps[whole], parts[name][whole], rtol=1e-4, atol=1e-5)
-
-
-def test_an_untrained_network_changes_nothing() -> None:
-    network = RefinerNetwork(RefinerConfig((8, 16)))
-    assert not network(torch.rand(2, FEATURES, 8, 8)).any()
 
 
 def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> None:

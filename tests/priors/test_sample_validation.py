@@ -5,7 +5,6 @@ A new kind of wrong answer needs a line in ``WRONG``.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -68,52 +67,28 @@ def cost(**counts: Any) -> Callable[[Observations], Samples]:
 WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
     # what is wrong: the answer, what the message says after the prior's name
     "nothing": (lambda shown: None, "expected ia_bench.priors.contract.Samples, found NoneType"),
-    "a dict": (lambda shown: good(shown).values, "expected ia_bench.priors.contract.Samples, found dict"),
-    "a tensor": (lambda shown: shown.images, "expected ia_bench.priors.contract.Samples, found Tensor"),
-    "the class itself": (lambda shown: Samples, "expected ia_bench.priors.contract.Samples, found type"),
     "values are a list": (changed(values=[]), "values: expected a mapping, found list"),
-    "values are None": (changed(values=None), "values: expected a mapping, found NoneType"),
-    "ceilings are None": (changed(ceilings=None), "ceilings: expected a mapping, found NoneType"),
     "cost is a number": (changed(cost=3), "cost: expected a mapping, found int"),
     "nothing in it": (changed(values={}), "values: expected albedo, specular, found nothing"),
     "a component too few": (changed(values={"albedo": 0}), "values: expected albedo, specular, found albedo"),
     "a component too many": (lambda shown: good(shown, normals=shown.images), "values: expected .*, found albedo, .*normals"),
-    "a component that is no text": (lambda shown: Samples({3: shown.images}), "values: expected .*, found 3"),
-    "a component is None": (edit(lambda albedo: None), "albedo: expected a tensor, found NoneType"),
     "numpy": (edit(lambda albedo: albedo.numpy()), "albedo: expected a tensor, found ndarray"),
-    "a list": (edit(lambda albedo: albedo.tolist()), "albedo: expected a tensor, found list"),
-    "a number": (edit(lambda albedo: 0.5), "albedo: expected a tensor, found float"),
     "double": (edit(Tensor.double), r"albedo: expected type torch\.float32, found torch\.float64"),
-    "half": (edit(Tensor.half), r"albedo: expected type torch\.float32, found torch\.float16"),
     "whole numbers": (edit(Tensor.int), r"albedo: expected type torch\.float32, found torch\.int32"),
-    "truth values": (edit(Tensor.bool), r"albedo: expected type torch\.float32, found torch\.bool"),
-    "complex": (edit(lambda albedo: albedo + 0j), r"albedo: expected type torch\.float32, found torch\.complex64"),
     "sparse": (edit(Tensor.to_sparse), r"albedo: expected layout torch\.strided, found torch\.sparse_coo"),
     "channels first": (edit(lambda albedo: albedo.movedim(-1, 1)), r"albedo: expected shape \(3, 7, 9, 3\), found \(3, 3, 7, 9\)"),
-    "one channel": (edit(lambda albedo: albedo[..., :1]), r"albedo: expected shape .* found \(3, 7, 9, 1\)"),
-    "an alpha channel": (edit(lambda albedo: torch.cat([albedo, albedo[..., :1]], -1)), r"albedo: .* found \(3, 7, 9, 4\)"),
     "one view too few": (edit(lambda albedo: albedo[1:]), r"albedo: expected shape .* found \(2, 7, 9, 3\)"),
-    "no views": (edit(lambda albedo: albedo[:0]), r"albedo: expected shape .* found \(0, 7, 9, 3\)"),
-    "a view without the stack": (edit(lambda albedo: albedo[0]), r"albedo: expected shape .* found \(7, 9, 3\)"),
     "reduced": (edit(lambda albedo: albedo[:, ::2, ::2]), r"albedo: expected shape .* found \(3, 4, 5, 3\)"),
-    "turned": (edit(lambda albedo: albedo.transpose(1, 2)), r"albedo: expected shape .* found \(3, 9, 7, 3\)"),
     "another device": (edit(lambda albedo: albedo.to("meta")), "albedo: expected device cpu, found meta"),
     "with gradient": (edit(lambda albedo: albedo * GRADIENT), "albedo: expected gradient False, found True"),
-    "a parameter": (edit(torch.nn.Parameter), "albedo: expected gradient False, found True"),
     "NaN": (put(torch.nan), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
     "infinity": (put(torch.inf), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
-    "minus infinity": (put(-torch.inf), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
     "a ceiling of what is not provided": (changed(ceilings={"roughness": torch.ones(3)}), "ceilings: .* found roughness"),
     "a ceiling that is a number": (ceiling(1.0), "ceiling of specular: expected a tensor, found float"),
     "one ceiling for all": (ceiling(torch.ones(1)), r"ceiling of specular: expected shape \(3,\), found \(1,\)"),
-    "a ceiling in double": (ceiling(torch.ones(3).double()), "ceiling of specular: expected type .*float32, found .*float64"),
     "a ceiling of NaN": (ceiling(torch.full((3,), torch.nan)), "ceiling of specular: expected finite values, found NaN"),
     "a ceiling of zero": (ceiling(torch.zeros(3)), "ceiling of specular: expected values > 0, found 0"),
-    "a ceiling with gradient": (ceiling(torch.ones(3) * GRADIENT), "ceiling of specular: expected gradient False"),
-    "a cost that is a tensor": (cost(network_calls=torch.tensor(3)), r"cost: expected names .*'network_calls': tensor\(3\)"),
-    "a cost in parts": (cost(network_calls=1.5), "cost: expected names with whole numbers >= 0, found 'network_calls': 1.5"),
     "a negative cost": (cost(network_calls=-1), "cost: expected .*'network_calls': -1"),
-    "a cost that is true": (cost(network_calls=True), "cost: expected .*'network_calls': True"),
     "a cost without a name": (changed(cost={1: 1}), "cost: expected names .* found 1: 1"),
 }
 
@@ -195,7 +170,7 @@ def test_exceptions_are_shown_as_the_priors_with_their_cause(error: BaseExceptio
     if isinstance(error, InputError):  # which says what is wrong by itself
         assert found == message
     else:
-        assert found.startswith(f"{message} (test_border.py:")
+        assert found.startswith(f"{message} (test_sample_validation.py:")
         assert found.endswith("; IA_BENCH_DEBUG=1 shows the traceback)")
     assert caught.value is error or caught.value.__cause__ is error
 
@@ -203,11 +178,6 @@ def test_exceptions_are_shown_as_the_priors_with_their_cause(error: BaseExceptio
 def test_an_interruption_is_the_users() -> None:
     with pytest.raises(KeyboardInterrupt):
         ask(Answering(failing(KeyboardInterrupt())), BALL.shown(), seed=0)
-
-
-def test_exit_in_a_prior() -> None:
-    with pytest.raises(InputError, match="raised SystemExit: 0"):
-        ask(Answering(lambda shown: sys.exit(0)), BALL.shown(), seed=0)
 
 
 class Informed(Answering):

@@ -17,7 +17,7 @@ from ia_bench.priors.refiner.checkpoint import load_refiner
 from ia_bench_training.fit_data import main as make
 from ia_bench_training.fit_files import CHANNELS, FitInfo, fit_path, fit_paths, load_fit, write_fit
 from ia_bench_training.refiner import RefinerSettings, Views, _recoloured, train_refiner
-from ia_bench_training.train_refiner import main, usage
+from ia_bench_training.train_refiner import main
 
 SIZE = 16
 SMALL = ["network.channels=[8,16]", "batch=8", "warmup=5", "threads=1"]
@@ -82,28 +82,6 @@ def test_a_run_that_was_stopped_goes_on_to_the_same_weights(folders: Path, tmp_p
 
 def interrupt(*_: object) -> None:
     raise KeyboardInterrupt
-
-
-def test_a_run_that_was_stopped_before_it_kept_its_state_validates_once(
-    folders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    settings = read_arguments(RefinerSettings, command(folders, tmp_path, "steps=4", "validate_steps=2"))
-    with Progress() as progress:
-        with monkeypatch.context() as patch:
-            patch.setattr("ia_bench_training.resuming.save_state", interrupt)
-            with pytest.raises(KeyboardInterrupt):
-                train_refiner(settings, progress)
-        figures = train_refiner(settings, progress)
-        lines = [json.loads(line) for line in (tmp_path / "validation.jsonl").read_text().splitlines()]
-        assert [line["step"] for line in lines] == [2, 4]
-        assert figures.items() <= lines[-1].items()
-        assert train_refiner(settings, progress) == figures  # of a run that is finished
-
-
-def test_a_damaged_state_is_one_line(folders: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "state.pt").write_bytes(b"half of one")
-    assert main(command(folders, tmp_path, "steps=1")) == 2
-    assert "state.pt: expected the state of a training run, found a file that cannot be read" in capsys.readouterr().err
 
 
 def test_no_limit_of_the_gradient_is_one_that_is_never_reached(folders: Path, tmp_path: Path) -> None:
@@ -204,7 +182,3 @@ def test_fits_of_procedural_scenes_are_made_and_kept(tmp_path: Path, capsys: pyt
     assert int(tensors["view_count"].max()) <= info.photographs
     assert make([line[0], "seed=3", "size=24", "fits=2"]) == 2
     assert f"{first}: expected a fit in photographs of size=24 pixels a side, found 16" in capsys.readouterr().err
-
-
-def test_the_help_names_every_setting() -> None:
-    assert all(key in usage() for key in ("validation", "muon_rate", "network.channels"))

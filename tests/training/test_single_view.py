@@ -96,8 +96,3 @@ def test_a_scene_without_test_views_is_a_mistake(tmp_path, tiny_folder, capsys):
     (folder / "scene.json").write_text(json.dumps({key: value for key, value in description.items() if key != "splits"}))
     assert main([str(folder)]) == 2
     assert "expected test views with true albedo and specular shading, found no test view" in capsys.readouterr().err
-
-
-def test_an_unknown_scene_is_a_mistake(capsys):
-    assert main(["hatt"]) == 2
-    assert "did you mean" in capsys.readouterr().err

@@ -28,7 +28,7 @@ _SHEET_IMAGES = 48
 
 
 @dataclass(frozen=True)
-class Request:
+class ImageRequest:
     """Which images, and how they are made.
 
     Attributes:
@@ -48,7 +48,7 @@ class Request:
     shading: Literal["auto", "compiled", "eager"] = "auto"
 
 
-def make_data(request: Request, progress: Progress) -> list[Path]:
+def make_data(request: ImageRequest, progress: Progress) -> list[Path]:
     """Render what the folder lacks and return the paths of its shards.
 
     Raises InputError if the folder cannot be used, holds other images (seed, size or version), or another process is filling
@@ -77,14 +77,14 @@ def make_data(request: Request, progress: Progress) -> list[Path]:
     return paths
 
 
-def _refuse_more(request: Request, paths: list[Path], last: int) -> None:
+def _refuse_more(request: ImageRequest, paths: list[Path], last: int) -> None:
     """Training takes all shards of a folder, so that one with more than was asked for would not be what was asked for."""
     beyond = sorted({*request.out.glob(SHARDS)} - {*paths})
     if beyond or (paths[-1].exists() and read_info(paths[-1]).count > last):
         raise InputError(f"{request.out}: expected at most images={request.images}, found more. Give another out= folder")
 
 
-def _finished(path: Path, request: Request, first: int, count: int) -> bool:
+def _finished(path: Path, request: ImageRequest, first: int, count: int) -> bool:
     if not path.exists():
         return False
     info = read_info(path)
@@ -96,7 +96,7 @@ def _finished(path: Path, request: Request, first: int, count: int) -> bool:
     return info.count >= count
 
 
-def _render(request: Request, progress: Progress, shards: list[tuple[Path, int, int]], advance: Callable[[int], None]) -> None:
+def _render(request: ImageRequest, progress: Progress, shards: list[tuple[Path, int, int]], advance: Callable[[int], None]) -> None:
     """Share the shards among worker processes."""
     compiled = choose_shading(request.shading, progress.note) == "compiled"
     jobs = [(path, request.seed, first, count, request.size, compiled) for path, first, count in shards]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.progress import Progress
-from ia_bench_training.data import Request, make_data
+from ia_bench_training.data import ImageRequest, make_data
 
 USAGE = """\
 python -m ia_bench_training.prior_data out=FOLDER [images=20000] [size=64] [seed=0] [workers=CORES] [shading=auto]
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _make(arguments: Sequence[str]) -> int:
-    request = read_arguments(Request, arguments)
+    request = read_arguments(ImageRequest, arguments)
     with Progress() as progress:
         make_data(request, progress)
     return OK

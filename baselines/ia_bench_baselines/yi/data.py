@@ -42,7 +42,7 @@ _RELIT = 24  # purpose of the random streams of lights; the generator's own are 
 
 
 @dataclass(frozen=True)
-class Request:
+class RelitRequest:
     """Which objects.
 
     Attributes:
@@ -75,7 +75,7 @@ def render_object(seed: int, number: int, size: int, direct: DirectLight) -> dic
     return render_relit(seed, VIEWS * number, lights, size, direct)
 
 
-def make_data(request: Request, progress: Progress) -> None:
+def make_data(request: RelitRequest, progress: Progress) -> None:
     """Render what the folder lacks."""
     make_writable(request.out, "out")
     limit_threads(request.threads)
@@ -102,7 +102,7 @@ def load_objects(folder: Path) -> dict[str, Tensor]:
 
 def _make(arguments: Sequence[str]) -> int:
     with Progress() as progress:
-        make_data(read_arguments(Request, arguments), progress)
+        make_data(read_arguments(RelitRequest, arguments), progress)
     return OK
 
 

@@ -19,7 +19,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ia_bench.common.seeds import derive_seed
-from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Pull, Rule
+from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Pull, Rule
 from ia_bench.priors.diffusion.operators import GaussianBlur
 from ia_bench.priors.diffusion.sampler import Noise, SamplerSettings, sample, seeded_noise
 from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule
@@ -43,10 +43,20 @@ STRENGTH = 100.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Job:
-    """What every batch of one call has in common: network, schedule, sampler, the manner of guidance, how many are sampled at once.
+class LargeSampler:
+    """Draws square images larger than the side of those that the network works on.
 
-    ``rule``: rule, norm and prior variance of the guidance, which hold for the pull of the coarse sample as well.
+    An image is reduced to that side for the coarse sample, then sampled in patches at full resolution.
+
+    Attributes:
+        make_denoise: The network.
+        schedule: Its noise levels.
+        channels: Channels of a sample.
+        native: The side of the squares that the network works on.
+        settings: How it is sampled.
+        batch: How many images or patches are sampled at once.
+        manner: Rule, norm and prior variance of the guidance, those of the coarse sample's pull on the patches among it.
+        report: Counts what the guidance did.
     """
 
     make_denoise: MakeDenoise
@@ -55,92 +65,62 @@ class _Job:
     native: int
     settings: SamplerSettings
     batch: int
-    rule: tuple[Rule, Norm, float]
+    manner: tuple[Rule, Norm, float]
     report: GuidanceReport
 
-    def sample(self, condition: Tensor, seeds: Sequence[int] | Noise, pulls: Sequence[Pull]) -> Tensor:
+    def sample(self, condition: Tensor, foreground: Tensor, seeds: Sequence[int], pulls: Sequence[Pull]) -> Tensor:
+        """One sample (N, channels, S, S) per ``condition`` (N, C, S, S), on the condition's device.
+
+        Patches without ``foreground`` ((N, 1, S, S) on the CPU, > 0 where it matters) are skipped; what no patch covers keeps the
+        enlarged coarse sample. ``pulls`` (at full resolution) act on the coarse sample, reduced, and on the patches beside the
+        coarse one. ``seeds`` (N,): the coarse sample's seed is the image's, that of the noise its patches share derives from it,
+        so that an image's sample depends neither on the images beside it nor on the batch.
+        """
+        native, side = self.native, condition.shape[-1]
+        coarse = self._coarse(condition, seeds, pulls)
+        # To average over a coarse pixel (variance factor^2 / 12) and interpolate linearly between them (factor^2 / 6) is nearly:
+        blur = GaussianBlur(side / native / 2)
+        pulls = [Pull(coarse, STRENGTH, operator=blur), *pulls]
+        places = [
+            (number, slice(None), slice(top, top + native), slice(left, left + native))
+            for number in range(len(condition))
+            for top, left in patch_origins(side, native)
+            if foreground[number, 0, top : top + native, left : left + native].any()
+        ]
+
+        window = hann_window(native).to(condition.device)
+        total = torch.zeros_like(coarse, dtype=torch.float64)
+        weight = torch.zeros_like(coarse[:, :1], dtype=torch.float64)
+        for start in range(0, len(places), self.batch):
+            part = places[start : start + self.batch]
+            cut = partial(_cut, places=part)
+            noise = _shared_noise(part, seeds, (self.channels, side, side))
+            fine = self._draw(cut(condition), noise, [pull.through(cut) for pull in pulls])
+            for place, patch in zip(part, fine, strict=True):
+                total[place] += window * patch
+                weight[place] += window
+        return torch.where(weight > 0, total / weight, coarse).to(coarse.dtype)
+
+    def _coarse(self, condition: Tensor, seeds: Sequence[int], pulls: Sequence[Pull]) -> Tensor:
+        """The coarse samples, enlarged to the size of ``condition``."""
+        side = condition.shape[-1]
+
+        def reduced(image: Tensor, part: slice) -> Tensor:
+            return _resized(image[part], self.native)
+
+        samples = []
+        for start in range(0, len(condition), self.batch):
+            part = slice(start, start + self.batch)
+            toward = [pull.through(partial(reduced, part=part), self.native / side) for pull in pulls]
+            samples.append(self._draw(reduced(condition, part), seeds[part], toward))
+        return _resized(torch.cat(samples), side)
+
+    def _draw(self, condition: Tensor, seeds: Sequence[int] | Noise, pulls: Sequence[Pull]) -> Tensor:
         """Samples (n, channels, native, native) for ``condition`` (n, C, native, native), toward ``pulls``."""
-        guidance = Guidance.of(pulls, *self.rule, self.report) if pulls else None
+        guidance = Guidance.of(pulls, *self.manner, self.report) if pulls else None
         shape = len(condition), self.channels, self.native, self.native
         denoise, device, dtype = self.make_denoise(condition), condition.device, condition.dtype
         return sample(denoise, self.schedule, shape, seeds, self.settings, guidance, device=device, dtype=dtype)
-
-
-def sample_large(
-    make_denoise: MakeDenoise,
-    schedule: NoiseSchedule,
-    condition: Tensor,
-    native: int,
-    *,
-    channels: int,
-    seeds: Sequence[int],
-    settings: SamplerSettings,
-    batch: int,
-    foreground: Tensor,
-    guidance: Guidance | None,
-    report: GuidanceReport,
-) -> Tensor:
-    """One sample (N, ``channels``, S, S) per ``condition`` (N, C, S, S), larger than ``native``, on the condition's device.
-
-    ``native`` is the side of the squares that the network works on. An image is reduced to it for the coarse sample, then
-    sampled in patches at full resolution; patches without ``foreground`` ((N, 1, S, S) on the CPU, > 0 where it matters) are
-    skipped, and what no patch covers keeps the enlarged coarse sample.
-
-    ``guidance`` (at full resolution, or None) guides the coarse sample, reduced, and the patches beside the coarse one; its rule,
-    norm and prior variance then hold for both. ``report`` counts what all of it did. ``seeds`` (N,): the coarse sample's seed is
-    the image's, that of the noise its patches share derives from it, so that an image's sample depends neither on the images
-    beside it nor on ``batch``, how many images or patches are sampled at once.
-    """
-    usual: tuple[Rule, Norm, float] = ("variance", "squared", DEFAULT_PRIOR_VARIANCE)
-    rule = usual if guidance is None else (guidance.rule, guidance.norm, guidance.prior_variance)
-    job = _Job(make_denoise, schedule, channels, native, settings, batch, rule, report)
-    pulls = () if guidance is None else guidance.pulls
-    coarse = _sample_coarse(job, condition, seeds, pulls)
-    return _sample_fine(job, condition, coarse, foreground, seeds, pulls)
-
-
-def _sample_coarse(job: _Job, condition: Tensor, seeds: Sequence[int], pulls: Sequence[Pull]) -> Tensor:
-    """The coarse samples, enlarged to the size of ``condition``."""
-    side = condition.shape[-1]
-
-    def reduced(image: Tensor, part: slice) -> Tensor:
-        return _resized(image[part], job.native)
-
-    samples = []
-    for start in range(0, len(condition), job.batch):
-        part = slice(start, start + job.batch)
-        toward = [pull.through(partial(reduced, part=part), job.native / side) for pull in pulls]
-        samples.append(job.sample(reduced(condition, part), seeds[part], toward))
-    return _resized(torch.cat(samples), side)
-
-
-def _sample_fine(
-    job: _Job, condition: Tensor, coarse: Tensor, foreground: Tensor, seeds: Sequence[int], pulls: Sequence[Pull]
-) -> Tensor:
-    """The feathered average of all patches, the size of ``condition``; ``coarse`` where no patch lies."""
-    native, side = job.native, condition.shape[-1]
-    # To average over a coarse pixel (variance factor^2 / 12) and interpolate linearly between them (factor^2 / 6) is nearly this:
-    blur = GaussianBlur(side / native / 2)
-    pulls = [Pull(coarse, STRENGTH, operator=blur), *pulls]
-    places = [
-        (number, slice(None), slice(top, top + native), slice(left, left + native))
-        for number in range(len(condition))
-        for top, left in patch_origins(side, native)
-        if foreground[number, 0, top : top + native, left : left + native].any()
-    ]
-
-    window = hann_window(native).to(condition.device)
-    total = torch.zeros_like(coarse, dtype=torch.float64)
-    weight = torch.zeros_like(coarse[:, :1], dtype=torch.float64)
-    for start in range(0, len(places), job.batch):
-        part = places[start : start + job.batch]
-        cut = partial(_cut, places=part)
-        noise = _shared_noise(part, seeds, (job.channels, side, side))
-        fine = job.sample(cut(condition), noise, [pull.through(cut) for pull in pulls])
-        for place, patch in zip(part, fine, strict=True):
-            total[place] += window * patch
-            weight[place] += window
-    return torch.where(weight > 0, total / weight, coarse).to(coarse.dtype)
 
 
 def _cut(images: Tensor, places: Sequence[Place]) -> Tensor:

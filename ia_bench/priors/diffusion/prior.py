@@ -14,9 +14,9 @@ from ia_bench.common.ranges import NotNegative, Number, Positive, UnitInterval
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, Samples
 from ia_bench.priors.diffusion.conditioned import Conditioned
-from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Rule, check_norm
+from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Pull, Rule, check_norm
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, sample_large
+from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, LargeSampler
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
 from ia_bench.priors.inputs import Device, Precision, check_views
 from ia_bench.priors.learned import Framed, LearnedPrior
@@ -64,12 +64,12 @@ class DiffusionPrior(LearnedPrior):
         self.settings = SamplerSettings(steps=steps, eta=eta)
         check_norm(guidance_rule, guidance_norm, "prior.options.guidance_norm")
         self.guidance_strength = guidance_strength
-        self._rule, self._norm, self._variance = guidance_rule, guidance_norm, prior_variance
+        self._manner: tuple[Rule, Norm, float] = (guidance_rule, guidance_norm, prior_variance)
 
     def _options(self) -> dict[str, Any]:
         return {
             "sampler": [self.settings.steps, self.settings.eta],
-            "guidance": [self._rule, self._norm, self.guidance_strength, self._variance],
+            "guidance": [*self._manner, self.guidance_strength],
             "patches": self.patches,
         }
 
@@ -104,28 +104,17 @@ class DiffusionPrior(LearnedPrior):
 
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
         config, model, report = network.config, self._conditioned(network), GuidanceReport()
-        schedule = config.noise_schedule
+        schedule, channels, seeds = config.noise_schedule, config.output_channels, _noise_seeds(network, framed)
         guidance = self._guidance(network, framed, render, report)
         if framed.condition.shape[-1] > config.size:
             cost["patched_images"] += len(framed.views)
-            predicted = sample_large(
-                model.bind,
-                schedule,
-                framed.condition,
-                config.size,
-                channels=config.output_channels,
-                seeds=_noise_seeds(network, framed),
-                settings=self.settings,
-                batch=self.batch,
-                foreground=framed.masks[:, None],
-                guidance=guidance,
-                report=report,
-            )
+            manner = self._manner if guidance is not None else ("variance", "squared", DEFAULT_PRIOR_VARIANCE)
+            large = LargeSampler(model.bind, schedule, channels, config.size, self.settings, self.batch, manner, report)
+            predicted = large.sample(framed.condition, framed.masks[:, None], seeds, guidance.pulls if guidance is not None else ())
         else:
-            shape = (len(framed.condition), config.output_channels, *framed.condition.shape[-2:])
-            denoise = model.bind(framed.condition)
+            shape = (len(framed.condition), channels, *framed.condition.shape[-2:])
             predicted = sample(
-                denoise, schedule, shape, _noise_seeds(network, framed), self.settings, guidance, device=self._device
+                model.bind(framed.condition), schedule, shape, seeds, self.settings, guidance, device=self._device
             )
         cost.update({"network_calls": model.calls, **report.counters})
         return predicted
@@ -140,15 +129,8 @@ class DiffusionPrior(LearnedPrior):
         absent = torch.zeros_like(framed.condition[:, :3])
         parts = [render.get(name, absent) for name in network.config.components]
         weights = [(inside * (name in render)).expand_as(absent) for name in network.config.components]
-        return Guidance(
-            torch.cat(parts, 1),
-            self.guidance_strength,
-            torch.cat(weights, 1),
-            rule=self._rule,
-            norm=self._norm,
-            prior_variance=self._variance,
-            report=report,
-        )
+        pull = Pull(torch.cat(parts, 1), self.guidance_strength, torch.cat(weights, 1))
+        return Guidance.of([pull], *self._manner, report)
 
 
 def _noise_seeds(network: MaterialNetwork, framed: Framed) -> list[int]:

@@ -123,11 +123,6 @@ def test_guiding_one_component_leaves_the_other_to_the_network(weights, ball):
     assert not torch.allclose(drawn["albedo"], free["albedo"], atol=0.01)
 
 
-def test_what_cannot_be_distilled_is_no_guidance(weights, ball):
-    with pytest.raises(InputError, match="prior=diffusion: distilled: expected some of albedo, specular, found gloss"):
-        DiffusionPrior(weights=weights).distill(ball, {"gloss": ball.images}, seed=0)
-
-
 def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights, ball, monkeypatch):
     """Mean and variance of the noise within 5 standard errors (false alarm 1e-6), levels over the whole of their range."""
     asked = []
@@ -237,14 +232,10 @@ def test_several_samples_of_an_image_share_its_condition():
     ("options", "message"),
     [
         ({"steps": 0}, "prior.options.steps: expected 1 or more, found 0"),
-        ({"eta": 2.0}, "prior.options.eta: expected 1 or less, found 2.0"),
-        ({"guidance_strength": -1.0}, "prior.options.guidance_strength: expected 0 or more, found -1.0"),
         ({"prior_variance": 0.0}, "prior.options.prior_variance: expected 1e-06 or more, found 0.0"),
-        ({"batch": 0}, "prior.options.batch: expected 1 or more, found 0"),
         ({"steps": 2000}, r"steps: expected at most 1000 \(the schedule's length\), found 2000"),
         ({"guidance_rule": "foo"}, "unknown value of prior.options.guidance_rule: 'foo'.* There are: paper, variance"),
         ({"guidance_norm": "l2"}, 'prior.options.guidance_norm: expected "squared" with the rule "variance", found \'l2\''),
-        ({"precision": "half"}, "unknown value of prior.options.precision"),
         ({"device": "gpu"}, "unknown value of prior.options.device: 'gpu'.* There are: auto, cpu, cuda"),
     ],
 )
@@ -258,11 +249,6 @@ def test_weights_of_the_other_kind_are_refused(weights, regressor_weights):
         DiffusionPrior(weights=regressor_weights)
     with pytest.raises(InputError, match="kind: expected regressor, found diffusion"):
         RegressorPrior(weights=weights)
-
-
-def test_missing_weights_name_the_file(tmp_path):
-    with pytest.raises(InputError, match="prior.json: no such file"):
-        DiffusionPrior(weights=str(tmp_path))
 
 
 def test_the_packaged_weights_are_small_and_have_a_card():

@@ -6,9 +6,7 @@ import pytest
 import torch
 from priors.tiny_network import tiny_config
 
-from ia_bench.common.errors import InputError
-from ia_bench.common.settings import parsed
-from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
+from ia_bench.priors.diffusion.network import MaterialNetwork
 
 
 def ask(network: MaterialNetwork) -> tuple[torch.Tensor, torch.Tensor]:
@@ -47,8 +45,3 @@ def test_the_head_learns_from_the_features_of_the_unet() -> None:
     output, _ = ask(prior)
     torch.nn.init.zeros_(prior.unet.conv_out.weight)
     assert not torch.allclose(ask(prior)[0], output)
-
-
-def test_a_head_has_a_width() -> None:
-    with pytest.raises(InputError, match="network.head: expected 1 or more, found 0"):
-        parsed(NetworkConfig, {"head": 0}, "network")

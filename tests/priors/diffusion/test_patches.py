@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
+from collections.abc import Sequence
 
 import pytest
 import torch
@@ -17,7 +17,7 @@ from torch import Tensor
 from ia_bench.priors.diffusion import patches
 from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Rule
 from ia_bench.priors.diffusion.operators import GaussianBlur
-from ia_bench.priors.diffusion.patches import MakeDenoise, hann_window, patch_origins, sample_large
+from ia_bench.priors.diffusion.patches import LargeSampler, MakeDenoise, hann_window, patch_origins
 from ia_bench.priors.diffusion.sampler import Denoise, SamplerSettings, sample
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
 
@@ -55,17 +55,23 @@ def random(*shape: int, seed: int = 0) -> Tensor:
     return torch.rand(shape, generator=torch.Generator().manual_seed(seed)) * 2 - 1
 
 
-def large(make: MakeDenoise, condition: Tensor, settings: SamplerSettings, **given: Any) -> Tensor:
-    """One sample of one channel of each image, object everywhere, unguided, seeds 0, 1, ..., but for what is ``given``."""
-    usual = {
-        "channels": 1,
-        "seeds": range(len(condition)),
-        "batch": 64,
-        "foreground": torch.ones(len(condition), 1, *condition.shape[-2:]),
-        "guidance": None,
-        "report": GuidanceReport(),
-    }
-    return sample_large(make, SCHEDULE, condition, NATIVE, settings=settings, **{**usual, **given})
+def large(
+    make: MakeDenoise,
+    condition: Tensor,
+    settings: SamplerSettings,
+    *,
+    channels: int = 1,
+    seeds: Sequence[int] | None = None,
+    batch: int = 64,
+    foreground: Tensor | None = None,
+    guidance: Guidance | None = None,
+    report: GuidanceReport | None = None,
+) -> Tensor:
+    """One sample of one channel of each image, object everywhere, unguided, seeds 0, 1, ..., but for what is given."""
+    manner = (guidance.rule, guidance.norm, 0.1) if guidance is not None else ("variance", "squared", 0.1)
+    sampler = LargeSampler(make, SCHEDULE, channels, NATIVE, settings, batch, manner, report or GuidanceReport())
+    whole = torch.ones(len(condition), 1, *condition.shape[-2:]) if foreground is None else foreground
+    return sampler.sample(condition, whole, seeds or range(len(condition)), () if guidance is None else guidance.pulls)
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ from gaussian_prior import gaussian_denoiser, wide_schedule
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.diffusion.guidance import Guidance
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, step_weights
 from ia_bench.priors.diffusion.schedule import NoiseSchedule
@@ -107,12 +106,6 @@ def test_moments_of_a_gaussian(eta: float):
     found = sample(gaussian_denoiser(schedule, 0.2, 0.09), schedule, shape, range(4), SamplerSettings(1000, eta, clip=None))
     assert abs(float(found.mean()) - 0.2) < 4.5 * math.sqrt(0.09 / count)
     assert abs(float(found.var()) / 0.09 - 1) < 4.5 * math.sqrt(2 / count) + 0.005
-
-
-def test_derived_seeds_differ():
-    seeds = {derive_seed(seed, *path) for seed in range(20) for path in ((0,), (1,), (0, 0), (0, 1), (1, 0))}
-    assert len(seeds) == 20 * 5
-    assert all(0 <= seed < 2**63 for seed in seeds)
 
 
 def test_clear_errors():

@@ -71,8 +71,3 @@ def test_too_many_or_too_few_steps(steps: int):
 def test_no_schedule(levels: list):
     with pytest.raises(InputError, match="noise schedule"):
         NoiseSchedule(torch.tensor(levels))
-
-
-def test_an_unknown_spacing():
-    with pytest.raises(InputError, match="expected one of"):
-        NoiseSchedule(torch.tensor([0.5])).timesteps(1, "linear")
