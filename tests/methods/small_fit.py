@@ -36,7 +36,7 @@ RENDER = RenderSettings(
     metallic=False,
 )
 TEXELS_ALONE = MultigridRates(albedo=0.0, roughness=0.0, metallic=0.0, light=0.0)
-SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256, checkpoint_seconds=1e9)
+SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=256)
 OF_THE_PRIOR = ("prior",)
 
 
@@ -83,6 +83,8 @@ class Record:
     states: dict[int, bytes] = field(default_factory=dict)
     losses: list[float] = field(default_factory=list)
     kept: dict[str, dict[str, Any]] = field(default_factory=dict)
+    every: float = 1e9  # seconds between two states
+    stage1_steps: int = 0  # of the fit that writes here
 
     def monitor(self, resume: bytes | None = None) -> Monitor:
         """A monitor that writes here and hands out the state ``resume``."""
@@ -93,7 +95,7 @@ class Record:
         def save(state: dict[str, Any]) -> None:
             file = io.BytesIO()
             torch.save({"state": state, "kept": self.kept}, file)
-            self.states[state["step"]] = file.getvalue()
+            self.states[state["step"] + state["phase"] * self.stage1_steps] = file.getvalue()
 
         def load() -> dict[str, Any] | None:
             return None if resume is None else resumed["state"]
@@ -115,6 +117,7 @@ class Record:
             load,
             keep=self.kept.__setitem__,
             kept=self.kept.get,
+            checkpoint_seconds=self.every,
         )
 
 
@@ -130,7 +133,7 @@ class Found:
 
 
 def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, seed: int = 0, **resume: bytes) -> Found:
-    asked = altered(problem, make_prior=lambda _: prior)
+    asked, record.stage1_steps = altered(problem, make_prior=lambda _: prior), settings.stage1_steps
     result = TwoStage(settings).fit(asked, seed=seed, monitor=record.monitor(**resume))
     found = result.reconstruction
     assert isinstance(found, TexturedReconstruction)

@@ -16,7 +16,7 @@ def _variations(settings):
         value = getattr(settings, leaf.name)
         if dataclasses.is_dataclass(value):
             found += [dataclasses.replace(settings, **{leaf.name: changed}) for changed in _variations(value)]
-        elif leaf.name not in ("checkpoint_seconds", "regularise", "regulariser_options"):  # numbers and texts
+        elif leaf.name not in ("regularise", "regulariser_options"):  # numbers and texts
             other = value + "x" if isinstance(value, str) else not value if isinstance(value, bool) else value + 1
             found.append(dataclasses.replace(settings, **{leaf.name: other}))
     return found

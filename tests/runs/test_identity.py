@@ -54,7 +54,6 @@ def test_hash_is_sha256_of_canonical_json() -> None:
         ("out=elsewhere",),
         ("row=another",),
         ("preset=quick",),
-        ("fit.checkpoint_seconds=99",),
         ("prior.cache=false",),
         ("fit.pixels=2048",),
         (f"threads={len(os.sched_getaffinity(0))}",),

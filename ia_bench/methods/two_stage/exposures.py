@@ -7,8 +7,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.methods.state import form_of_adam
-
 RATE = 0.02  # of Adam at the start, in log units
 
 
@@ -52,15 +50,9 @@ class Exposures:
         return torch.exp(self.log.detach())
 
     def state_dict(self) -> dict[str, Any]:
-        """For a checkpoint."""
-        return {"log": self.log.detach(), "optimizer": self._optimizer.state_dict()}
-
-    def form(self) -> dict[str, Any]:
-        """The form of :meth:`state_dict`, for :func:`ia_bench.methods.state.check_form`."""
-        return {"log": self.log.detach(), "optimizer": form_of_adam(self._optimizer)}
+        """What a checkpoint must keep beside the factors: Adam's moments."""
+        return self._optimizer.state_dict()
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over a :meth:`state_dict`."""
-        with torch.no_grad():
-            self.log.copy_(state["log"])
-        self._optimizer.load_state_dict(state["optimizer"])
+        self._optimizer.load_state_dict(state)

@@ -18,9 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate
 
-from ia_bench.methods.state import form_of_adam
-
-LEAST_SIDE = 4  # rows of the coarsest level at least: fewer are the mean, which light and albedo exchange (exchange.py)
+LEAST_SIDE = 4  # rows of the coarsest level at least: fewer are the mean, which light and albedo exchange (scale_ambiguity.py)
 
 
 class MultigridSteps:
@@ -60,10 +58,6 @@ class MultigridSteps:
     def state_dict(self) -> dict[str, Any]:
         """What a checkpoint must keep: Adam's moments."""
         return {} if self.optimizer is None else self.optimizer.state_dict()
-
-    def form(self) -> dict[str, Any]:
-        """The form of :meth:`state_dict`, for :func:`ia_bench.methods.state.check_form`."""
-        return {} if self.optimizer is None else form_of_adam(self.optimizer)
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over a :meth:`state_dict`."""

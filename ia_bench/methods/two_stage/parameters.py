@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -11,7 +12,6 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.state import form_of_adam
 from ia_bench.methods.two_stage.exposures import Exposures
 from ia_bench.methods.two_stage.multigrid import MultigridSteps
 from ia_bench.methods.two_stage.scale_ambiguity import ScaleAmbiguityStep
@@ -30,7 +30,7 @@ class Parameters:
         tensors: "albedo" (T, T, 3), "roughness" and "metallic" (T, T, 1), "log_light" (H, 2H, 3): leaves of the gradient.
         observed: (T, T) bool, texels that some training view sees, in a pixel that its mask does not leave out.
         optimizer: Adam, one group a tensor.
-        coarse: Its steps at coarser scales.
+        multigrid: Its steps at coarser scales.
         scale_ambiguity: The step in which light and albedo exchange a colour.
         exposures: The factors of the photographs, None where they are known to be the same.
     """
@@ -51,11 +51,11 @@ class Parameters:
             tensor.requires_grad_(True)
         self._settings = settings
         self._rates = [getattr(settings.rates, name.removeprefix("log_")) for name in self.tensors]
-        self._coarse_rates = {name: getattr(settings.multigrid_rates, name.removeprefix("log_")) for name in self.tensors}
+        self._multigrid_rates = {name: getattr(settings.multigrid_rates, name.removeprefix("log_")) for name in self.tensors}
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
         self.optimizer = torch.optim.Adam(groups, betas=BETAS, fused=True)
         self._alone: dict[str, Tensor] = {}
-        self.coarse = MultigridSteps(self.tensors, BETAS)
+        self.multigrid = MultigridSteps(self.tensors, BETAS)
         self.scale_ambiguity = ScaleAmbiguityStep(self.tensors["albedo"], self.tensors["log_light"], self.observed)
         self.exposures: Exposures | None = None
         if problem.scene.exposures_differ:
@@ -124,36 +124,27 @@ class Parameters:
         for name, tensor in self.tensors.items():  # the backward pass has computed those of what is frozen all the same
             tensor.grad = None if name in frozen else single.get(name)
         self.optimizer.step()
-        self.coarse({name: rate * fall for name, rate in self._coarse_rates.items() if name not in frozen}, shared)
+        self.multigrid({name: rate * fall for name, rate in self._multigrid_rates.items() if name not in frozen}, shared)
         with torch.no_grad():  # projected onto the valid range, so that no clamp in the model can kill a gradient
             for name, least in LEAST.items():
                 if name in self.tensors:
                     self.tensors[name].clamp_(least, 1)
 
-    def state(self) -> dict[str, Any]:
-        """For a checkpoint."""
-        return {
-            "tensors": {name: tensor.detach() for name, tensor in self.tensors.items()},
-            "optimizer": self.optimizer.state_dict(),
-            "coarse": self.coarse.state_dict(),
-            "scale_ambiguity": self.scale_ambiguity.state_dict(),
-            **({} if self.exposures is None else {"exposures": self.exposures.state_dict()}),
-        }
+    @property
+    def changed(self) -> dict[str, Tensor]:
+        """All tensors that a step changes."""
+        return {**self.tensors, **({} if self.exposures is None else {"exposures": self.exposures.log})}
 
-    def form(self) -> dict[str, Any]:
-        """The form of :meth:`state`, for :func:`ia_bench.methods.state.check_form`."""
-        exchange = {"optimizer": form_of_adam(self.scale_ambiguity.optimizer), "blocked": 0}
-        exposures = {} if self.exposures is None else {"exposures": self.exposures.form()}
-        moments = {"optimizer": form_of_adam(self.optimizer), "coarse": self.coarse.form()}
-        return {**self.state(), **moments, "scale_ambiguity": exchange, **exposures}
+    def state_dict(self) -> dict[str, Any]:
+        """What a checkpoint must keep beside the tensors: what the optimisers remember."""
+        return {name: part.state_dict() for name, part in self._optimisers.items()}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Take over a :meth:`state`."""
-        with torch.no_grad():
-            for name, tensor in self.tensors.items():
-                tensor.copy_(state["tensors"][name])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.coarse.load_state_dict(state["coarse"])
-        self.scale_ambiguity.load_state_dict(state["scale_ambiguity"])
-        if self.exposures is not None:
-            self.exposures.load_state_dict(state["exposures"])
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take over a :meth:`state_dict`."""
+        for name, part in self._optimisers.items():
+            part.load_state_dict(state[name])
+
+    @property
+    def _optimisers(self) -> dict[str, Any]:
+        parts = {"texels": self.optimizer, "multigrid": self.multigrid, "scale_ambiguity": self.scale_ambiguity}
+        return {**parts, **({} if self.exposures is None else {"exposures": self.exposures})}

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -32,7 +30,6 @@ class PriorLoss:
     Attributes:
         sampler: What asks the prior.
         samples: What it said last; None before the first answer, and of a prior that says nothing.
-        seconds: What asking took, that of samples kept from an earlier run included.
     """
 
     def __init__(self, problem: Problem, seed: int, monitor: Monitor) -> None:
@@ -41,7 +38,6 @@ class PriorLoss:
         self._prior, self._coupling = problem.prior, problem.coupling
         self.sampler = PriorSampler(problem, self._prior, seed, monitor.note)
         self.samples: PixelSamples | None = None
-        self.seconds = 0.0
         self._kept: PixelSamples | None = None  # those that the monitor keeps
         self._used = self._coupling.uses(self._prior.info.provides)
         if self._coupling.period and not isinstance(self._prior, Distiller):
@@ -64,23 +60,21 @@ class PriorLoss:
         """Sample the prior, toward the current renders of ``parameters`` if they are given; not one that has no weight."""
         if self._coupling.period or not self._used:
             return
-        with self._asking():
-            views = self.sampler.views
-            guidance = None if parameters is None else self._renders(parameters, views, self._used, generator)
-            self._take(pixel_samples(self._problem, self.sampler.draw(guidance), views))
+        views = self.sampler.views
+        guidance = None if parameters is None else self._renders(parameters, views, self._used, generator)
+        self._take(pixel_samples(self._problem, self.sampler.draw(guidance), views))
 
     def update(self, step: int, parameters: Parameters, generator: torch.Generator) -> None:
         """Before ``step``: where it is due, let the prior denoise the current renders of a few views."""
         coupling = self._coupling
         if not coupling.period or step % coupling.period or not self._used:
             return
-        with self._asking():
-            random = np.random.default_rng((self._seed, step))
-            count = min(coupling.views, len(self.sampler.views))
-            views = tuple(sorted(int(view) for view in random.choice(self.sampler.views, count, replace=False)))
-            renders = self._renders(parameters, views, self._prior.info.provides, generator)
-            estimates = self.sampler.distill(renders, views, int(random.integers(2**63)))
-            self._take(pixel_samples(self._problem, estimates, views))
+        random = np.random.default_rng((self._seed, step))
+        count = min(coupling.views, len(self.sampler.views))
+        views = tuple(sorted(int(view) for view in random.choice(self.sampler.views, count, replace=False)))
+        renders = self._renders(parameters, views, self._prior.info.provides, generator)
+        estimates = self.sampler.distill(renders, views, int(random.integers(2**63)))
+        self._take(pixel_samples(self._problem, estimates, views))
 
     def losses(self, render: StepRender, pixels: Tensor, step: int) -> dict[str, Tensor]:
         """Those of the coupling, lambda_2 and lambda_3 of equation 5, at G-buffer entries (B,)."""
@@ -89,35 +83,29 @@ class PriorLoss:
         self._coupling.update(render.texture.detach(), step)
         return self._coupling.loss(render, pixels)
 
-    def state(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """For a checkpoint; the samples, large and seldom new, are kept apart."""
         if self.samples is not self._kept and self.samples is not None:
             self._monitor.keep(KEPT, dict(vars(self.samples)))
             self._kept = self.samples
-        coupling = {} if self.samples is None else self._coupling.state()
-        return {"coupling": coupling, "counters": dict(self.sampler.counters), "sampled": self.samples is not None}
+        coupling = None if self.samples is None else self._coupling.state()
+        return {"coupling": coupling, "counters": dict(self.sampler.counters)}
 
-    def restore(self, state: dict[str, Any], seconds: float) -> None:
-        """Take over a :meth:`state`, and what the prior had taken until then."""
-        if state["sampled"]:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take over a :meth:`state_dict`. Raises ValueError where the samples are not there."""
+        if state["coupling"] is not None:
             kept, device = self._monitor.kept(KEPT), self._problem.device  # checkpoints are read on the CPU
-            assert kept is not None, "it was kept with the state"
+            if kept is None:
+                raise ValueError(f"checkpoint: expected the prior's {KEPT} beside it, found none")
             values, at_least = ({name: part.to(device) for name, part in kept[key].items()} for key in ("values", "at_least"))
             self._take(PixelSamples(values, kept["weight"].to(device), at_least))
             self._coupling.restore(state["coupling"])
             self._kept = self.samples
-        self.sampler.counters, self.seconds = dict(state["counters"]), seconds
+        self.sampler.counters = dict(state["counters"])
 
     def _take(self, samples: PixelSamples) -> None:
         self.samples = samples
         self._coupling.prepare(samples, self._problem)
-
-    @contextmanager
-    def _asking(self) -> Iterator[None]:
-        """The time of what happens inside is the prior's, and so is that of samples kept from an earlier run."""
-        started, kept = time.perf_counter(), self.sampler.kept_seconds
-        yield
-        self.seconds += time.perf_counter() - started + self.sampler.kept_seconds - kept
 
     def _renders(
         self, parameters: Parameters, views: tuple[int, ...], components: frozenset[str], generator: torch.Generator

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import torch
 from torch import Tensor
@@ -24,7 +23,6 @@ class Regularisation:
 
     Attributes:
         clamped: How many values of texels had to be brought back into their range, by more than ROUNDING.
-        seconds: What applying them took.
     """
 
     def __init__(
@@ -35,7 +33,7 @@ class Regularisation:
         self._regularisers = regularisers_of(settings.regularise, settings.regulariser_options)
         for regulariser in self._regularisers:
             regulariser.prepare(problem)
-        self.clamped, self.seconds = 0, 0.0
+        self.clamped = 0
 
     @torch.no_grad()
     def between(self, step: int, steps: int, generator: torch.Generator) -> None:
@@ -51,14 +49,21 @@ class Regularisation:
         """The finished ``material``, its unseen texels filled, in which what photographs hardly show is guessed."""
         return self._applied([one for one in self._regularisers if one.completes], material, generator)
 
+    def state_dict(self) -> dict[str, int]:
+        """For a checkpoint."""
+        return {"clamped": self.clamped}
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Take over a :meth:`state_dict`."""
+        self.clamped = state["clamped"]
+
     def _applied(self, regularisers: list[Regulariser], material: Material, generator: torch.Generator) -> Material:
-        started, parameters = time.perf_counter(), self._parameters
+        parameters = self._parameters
         exposures = None if parameters.exposures is None else parameters.exposures.recovered
         state = FitState(self._problem, parameters.light(), exposures, parameters.observed, generator, self._refine)
         for regulariser in regularisers:
             moved = regulariser.apply(material, state)
             material = Material(self._in_range("albedo", moved), self._in_range("roughness", moved), moved.metallic)
-        self.seconds += time.perf_counter() - started
         return material
 
     def _in_range(self, name: str, material: Material) -> Tensor:

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from ia_bench.common.ranges import NO_NUMBER, Count, Number, Positive, Rate, Roughness, UnitInterval, Weight
+from ia_bench.common.errors import InputError
+from ia_bench.common.ranges import Count, Number, Positive, Rate, Roughness, UnitInterval, Weight
 from ia_bench.methods.regularisers.choice import check_regularisers
 from ia_bench.render.settings import RenderSettings
 
@@ -101,7 +102,6 @@ class FitSettings:
         defensive_share: Share of light samples spread over the sphere, so that dark texels are visited too.
         regularise: What changes the material by itself, in the order in which it is applied (:mod:`ia_bench.methods.regularisers`).
         regulariser_options: By its name, how much and how.
-        checkpoint_seconds: Time between two checkpoints. Decides no number.
     """
 
     stage1_steps: Count = 200
@@ -124,9 +124,10 @@ class FitSettings:
     defensive_share: UnitInterval = 0.2
     regularise: list[str] = field(default_factory=list)
     regulariser_options: dict[str, dict[str, Any]] = field(default_factory=dict)
-    checkpoint_seconds: Weight = field(default=15.0, metadata=NO_NUMBER)
 
     def __post_init__(self) -> None:
+        if not self.stage1_steps + self.stage2_steps:
+            raise InputError("fit.stage1_steps and fit.stage2_steps: expected at least one step, found none")
         check_regularisers(self.regularise, self.regulariser_options)
 
     def memory(self, render: RenderSettings) -> dict[str, int]:

@@ -8,7 +8,7 @@ from torch import Tensor
 from ia_bench.material.textures import fill_unobserved, splat
 from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.mean_image import light_of_the_mean_image
-from ia_bench.methods.two_stage.guard import StepGuard
+from ia_bench.methods.two_stage.guard import check_rendered
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.render.renderer import PixelRadiance
 
@@ -38,7 +38,7 @@ def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets:
 
 
 @torch.no_grad()
-def start_light(parameters: Parameters, problem: Problem, guard: StepGuard, generator: torch.Generator) -> None:
+def start_light(parameters: Parameters, problem: Problem, generator: torch.Generator) -> None:
     """Set the light to the even one that gives the albedo at the start the images' mean colour.
 
     Of all pixels that no mask leaves out, clipped ones among them: a start that is off is left behind, and those that are known
@@ -46,7 +46,7 @@ def start_light(parameters: Parameters, problem: Problem, guard: StepGuard, gene
     """
 
     def check(rendered: PixelRadiance, pixels: Tensor) -> None:
-        guard.check_loss(rendered.radiance.sum(), pixels, {"the first render's radiance": rendered.radiance})
+        check_rendered(problem, rendered.radiance.sum(), pixels, {"radiance of the start": rendered.radiance})
 
     log_light, material = parameters.tensors["log_light"], parameters.material()
     believed = torch.nonzero(~problem.photographs.left_out)[:, 0]

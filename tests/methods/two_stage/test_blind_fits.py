@@ -12,6 +12,7 @@ import pytest
 import torch
 from small_fit import SETTINGS, Record, altered, fit, make_problem, oracle, same
 
+from ia_bench.common.errors import Fault
 from ia_bench.common.progress import Progress
 from ia_bench.methods.ceiling import Ceiling
 from ia_bench.methods.contract import Monitor, Problem, Result
@@ -21,8 +22,10 @@ from ia_bench.priors.none import NoPrior
 from ia_bench.render import renderer as renderer_module
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
+from ia_bench.runs import run as runs
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.identity import identity, labels
 from ia_bench.runs.run import run
 from ia_bench.scenes.scene import Scene
 
@@ -57,8 +60,8 @@ def test_training_sees_images_masks_and_cameras_alone(scene: Scene, record: Reco
     assert same(found, expected)
 
 
-class Reached(Exception):
-    """Carries what a method was given out of run.py."""
+class Reached(Fault):
+    """Carries what a method was given out of run.py, which lets a fault pass."""
 
 
 class Spying(Ceiling):
@@ -74,7 +77,7 @@ def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
     config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"method={__name__}:Spying"])
     folder, progress = RunFolder.open(tmp_path / "run", {}, "0"), Progress(io.StringIO())
     with folder, progress, pytest.raises(Reached) as reached:
-        run(config, folder, progress)
+        run(config, folder, progress, labels(config, identity(config)))
     (problem,) = reached.value.args
     assert problem.truth is None
     assert (problem.scene.truth, problem.scene.test, problem.scene.novel) == (None, (), ())
@@ -113,14 +116,17 @@ def test_samples_are_those_that_the_renderer_takes(
     assert (f"render.samples={samples}: steps take {taken} a pixel" in " ".join(record.notes)) == (samples != taken)
 
 
-def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path) -> None:
+def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Killed after some steps: rays and points of the whole are counted once, and the seconds before count too."""
-    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", "prior=oracle", "fit.checkpoint_seconds=0"])
+    monitor = runs.Record.monitor
+    monkeypatch.setattr(runs.Record, "monitor", lambda *parts: replace(monitor(*parts), checkpoint_seconds=0))
+    config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", "prior=oracle"])
 
     def costs(folder: RunFolder) -> tuple[int, int, bool]:
-        metrics = run(config, folder, Progress(io.StringIO()))
-        return metrics["rays"], metrics["counters"]["points"], metrics["time_s"]["total"] > slept
+        record = run(config, folder, Progress(io.StringIO()), known)
+        return record.rays, record.counters["points"], record.time_s["total"] > slept
 
+    known = labels(config, identity(config))
     slept = 1000.0  # seconds more than the first process says that it took
 
     class Killed(BaseException):

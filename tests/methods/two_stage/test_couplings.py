@@ -25,7 +25,7 @@ from ia_bench.runs.truth import ToldPrior
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
 
-SETTINGS = FitSettings(stage1_steps=6, stage2_steps=4, pixels=128, checkpoint_seconds=1e9)
+SETTINGS = FitSettings(stage1_steps=6, stage2_steps=4, pixels=128)
 DISTILLED = Distilled(period=3, views=2)
 
 CASES: dict[str, tuple[Coupling, int | str, FitSettings]] = {
@@ -87,9 +87,9 @@ def questions(prior: Noisy) -> list[tuple[str, int]]:
 @pytest.fixture(scope="module", params=CASES)
 def uninterrupted(request: pytest.FixtureRequest, problem: Problem, scene: Scene) -> tuple[Found, Record, Problem, FitSettings]:
     """A whole fit that has kept its state after every step."""
-    (coupling, views, settings), record = CASES[request.param], Record()
-    changed, often = coupled(problem, coupling, prior_views=views), replace(settings, checkpoint_seconds=0.0)
-    return fit(changed, noisy(scene)[1], often, record), record, changed, settings
+    (coupling, views, settings), record = CASES[request.param], Record(every=0.0)
+    changed = coupled(problem, coupling, prior_views=views)
+    return fit(changed, noisy(scene)[1], settings, record), record, changed, settings
 
 
 @pytest.mark.parametrize("step", [4, 6, 8], ids=["in stage 1", "at the boundary", "in stage 2"])

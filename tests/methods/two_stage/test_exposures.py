@@ -25,15 +25,6 @@ def test_factors_that_the_images_tell() -> None:
     torch.testing.assert_close(exposures.recovered, true, rtol=0.02, atol=0)
 
 
-def test_a_state_is_taken_over() -> None:
-    pixel, exposures, other = torch.arange(4), *(Exposures(2, 2, torch.device("cpu")) for _ in range(2))
-    (exposures.factors(pixel)[:2]).sum().backward()
-    exposures.descend(1.0)
-    other.load_state_dict(exposures.state_dict())
-    torch.testing.assert_close(other.recovered, exposures.recovered)
-    assert float(exposures.recovered[0]) < 1 < float(exposures.recovered[1])
-
-
 def test_a_gradient_that_is_not_finite_moves_nothing() -> None:
     exposures = Exposures(2, 2, torch.device("cpu"))
     (exposures.factors(torch.arange(4)) * torch.inf).sum().backward()

@@ -16,7 +16,7 @@ from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.none import NoPrior
 from ia_bench.scenes.scene import Scene
 
-SETTINGS = FitSettings(stage1_steps=150, stage2_steps=50, pixels=1024, roughness_start=0.1, checkpoint_seconds=1e9)
+SETTINGS = FitSettings(stage1_steps=150, stage2_steps=50, pixels=1024, roughness_start=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +57,8 @@ def test_metal_is_told_from_paint(half_metal: tuple[Problem, Material]) -> None:
 def test_it_resumes_to_the_same_bits(half_metal: tuple[Problem, Material]) -> None:
     problem = altered(half_metal[0], plan=replace(half_metal[0].plan, metallic=True))
     settings = replace(SETTINGS, stage1_steps=8, stage2_steps=4, pixels=128, rates=LearningRates(metallic=0.1))
-    whole = Record()
-    uninterrupted = fit(problem, NoPrior(), replace(settings, checkpoint_seconds=0), whole)
+    whole = Record(every=0.0)
+    uninterrupted = fit(problem, NoPrior(), settings, whole)
     resumed = fit(problem, NoPrior(), settings, Record(), resume=whole.states[6])
     assert same(uninterrupted, resumed)
     assert resumed.material.metallic is not None

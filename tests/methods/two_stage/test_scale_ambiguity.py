@@ -137,7 +137,7 @@ def test_a_fit_gets_the_level_of_the_albedo_right(problem: Problem, scene: Scene
         for view, image, mask in zip(problem.scene.train, images["radiance"].numpy(), coverage, strict=True)
     )
     problem = altered(problem, scene=replace(problem.scene, train=views), plan=replace(problem.plan, samples=32))
-    settings = FitSettings(stage1_steps=400, stage2_steps=0, pixels=1024, multigrid_rates=TEXELS_ALONE, checkpoint_seconds=1e9)
+    settings = FitSettings(stage1_steps=400, stage2_steps=0, pixels=1024, multigrid_rates=TEXELS_ALONE)
     inside = coverage > 0.99
     wanted = images["albedo"].numpy()[inside].mean(0)
     off = {}
