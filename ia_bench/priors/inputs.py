@@ -75,23 +75,20 @@ def check_views(
     images, masks, seen = observations.images, observations.masks, tuple(observations.images.shape[:3])
     if images.ndim != 4 or images.shape[-1] != 3:
         raise InputError(f"prior={name}: expected images of shape (V, H, W, 3), found {tuple(images.shape)}")
-    known = sorted(provided)
-    for component in renders:
-        if component not in known:
-            raise InputError(f"prior={name}: {what}: expected some of {', '.join(known)}, found {component}")
-    rendered = {f"{what} {component}": (render, (*seen, channels.get(component, 3))) for component, render in renders.items()}
-    expected = {"images": (images, (*seen, 3)), "masks": (masks, seen), **rendered}
-    geometry = {
+    unknown = [component for component in renders if component not in set(provided)]
+    if unknown:
+        raise InputError(f"prior={name}: {what}: expected some of {', '.join(sorted(provided))}, found {unknown[0]}")
+    expected = {
+        "masks": (masks, seen),
+        **{f"{what} {name}": (render, (*seen, channels.get(name, 3))) for name, render in renders.items()},
         "normals": (observations.normals, (*seen, 3)),
         "visibility": (observations.visibility, (*seen, 1)),
         "view_count": (observations.view_count, (*seen, 1)),
     }
-    for tensor, (values, shape) in {**expected, **geometry}.items():
-        if values is None:
-            continue
-        if tuple(values.shape) != shape:
+    for tensor, (values, shape) in {"images": (images, (*seen, 3)), **expected}.items():
+        if values is not None and tuple(values.shape) != shape:
             raise InputError(f"prior={name}: expected {tensor} of shape {shape}, found {tuple(values.shape)}")
-        if not bool(torch.isfinite(values).all()):
+        if values is not None and not bool(torch.isfinite(values).all()):
             raise InputError(f"prior={name}: expected finite {tensor}, found NaN or Inf")
 
 

@@ -67,26 +67,30 @@ class OraclePrior:
         """See :meth:`ia_bench.priors.contract.Prior.sample`. An image's draw is seeded by its place among the others."""
         check_views("oracle", observations, guidance or {}, self.info.provides)
         check_truth("oracle", observations, self.info.provides)
-        assert observations.truth is not None
+        truths, guidance = observations.truth or {}, guidance or {}
         values = {}
-        for component in sorted(self.info.provides):
-            truth = observations.truth[component].numpy()
+        for number, component in enumerate(COMPONENTS):
+            if component not in self.info.provides:
+                continue
+            truth = truths[component].numpy()
             unit = float(truth.sum() / max(3 * int((truth.sum(-1) > 0).sum()), 1))
-            render = (guidance or {}).get(component)
-            rows = [
-                self._sample_image(component, [seed, row, COMPONENTS.index(component)], truth[row], unit, image, mask,
-                                   None if render is None else render[row])
-                for row, (image, mask) in enumerate(zip(observations.images, observations.masks, strict=True))
-            ]  # fmt: skip
-            values[component] = torch.stack(rows)
+            samples = []
+            for row, (image, mask) in enumerate(zip(observations.images, observations.masks, strict=True)):
+                sample = self._spoiled(component, [seed, row, number], truth[row], unit, image, mask.numpy()[..., None])
+                if component in guidance and self.guidance_strength:
+                    even = unit**2 * (self.noise**2 + self.inconsistency**2 + self.shift**2)
+                    variance = torch.from_numpy((even + (self.scale * truth[row]) ** 2).astype(np.float32))
+                    gain = variance * self.guidance_strength / (1 + variance * self.guidance_strength)
+                    sample = sample + gain * (mask > 0)[..., None] * (guidance[component][row] - sample)
+                samples.append(sample)
+            values[component] = torch.stack(samples)
         return Samples(values)
 
-    def _sample_image(
-        self, component: str, seed: list[int], truth: np.ndarray, unit: float, image: Tensor, mask: Tensor, render: Tensor | None
+    def _spoiled(
+        self, component: str, seed: list[int], truth: np.ndarray, unit: float, image: Tensor, coverage: np.ndarray
     ) -> Tensor:
-        """One image's sample; ``unit``: mean of the component over all images."""
+        """One image's unguided sample; ``unit``: mean of the component over all images."""
         random = np.random.default_rng(seed)
-        coverage = mask.numpy()[..., None]
         spoiled = truth * math.exp(self.scale * random.standard_normal())
         spoiled = spoiled + coverage * unit * self.shift * random.standard_normal()
         if component == "albedo" and self.baked:
@@ -103,13 +107,7 @@ class OraclePrior:
         if self.noise:
             spoiled = spoiled + coverage * unit * self.noise * random.standard_normal(truth.shape)
         limit = coverage if component == "albedo" else np.inf  # a sample keeps to the physical range
-        sample = torch.from_numpy(np.clip(spoiled, 0, limit).astype(np.float32))
-        if render is None or self.guidance_strength == 0:
-            return sample
-        even = unit**2 * (self.noise**2 + self.inconsistency**2 + self.shift**2)
-        variance = torch.from_numpy((even + (self.scale * truth) ** 2).astype(np.float32))
-        gain = variance * self.guidance_strength / (1 + variance * self.guidance_strength)
-        return sample + gain * (mask > 0)[..., None] * (render - sample)
+        return torch.from_numpy(np.clip(spoiled, 0, limit).astype(np.float32))
 
 
 def _smooth_field(random: np.random.Generator, shape: tuple[int, ...], patch: float) -> np.ndarray:
