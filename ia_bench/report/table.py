@@ -49,10 +49,10 @@ class Printed:
 
 
 def paper_rows() -> tuple[PaperRow, ...]:
-    """Table 1 of the IntrinsicAnything paper, shipped as data."""
+    """Table 1 of the IntrinsicAnything paper, shipped as data; of the metrics, those that it has."""
     text = resources.files("ia_bench.report").joinpath("paper_table1.csv").read_text(encoding="utf-8")
     return tuple(
-        PaperRow(cells["method"], cells["group"], {metric.key: float(cells[metric.column]) for metric in METRICS})
+        PaperRow(cells["method"], cells["group"], {m.key: float(cells[m.column]) for m in METRICS if m.column in cells})
         for cells in csv.DictReader(io.StringIO(text))
     )
 
@@ -116,12 +116,13 @@ def results_table(block: Block, notes: Mapping[str, int]) -> Printed:
 
 def paper_table(rows: Sequence[PaperRow]) -> Printed:
     """The paper's figures, as it prints them."""
-    best = {metric.key: best_paper_methods(rows, metric) for metric in METRICS}
+    metrics = [metric for metric in METRICS if metric.key in rows[0].values]
+    best = {metric.key: best_paper_methods(rows, metric) for metric in metrics}
     body: list[list[Entry | str]] = [
-        [row.method, *(Entry(metric.text(row.values[metric.key]), row.method in best[metric.key]) for metric in METRICS)]
+        [row.method, *(Entry(metric.text(row.values[metric.key]), row.method in best[metric.key]) for metric in metrics)]
         for row in rows
     ]
-    return Printed(["Paper's row", *(metric.title for metric in METRICS)], body)
+    return Printed(["Paper's row", *(metric.title for metric in metrics)], body)
 
 
 def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Printed:

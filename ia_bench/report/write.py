@@ -122,7 +122,7 @@ def _summaries(findings: Findings) -> Iterable[Line]:
             label = {"scene": block.title, "row": one.row, "sees_truth": one.sees_truth}
             yield {**label, **values, **costs, "failed": one.failed, "runs": one.runs}
     for row in findings.paper:
-        paper = {metric.column: row.values[metric.key] for metric in METRICS}
+        paper = {metric.column: row.values.get(metric.key) for metric in METRICS}
         yield {"protocol": "the paper's", "scene": "the paper's scenes", "row": row.method, **paper}
 
 

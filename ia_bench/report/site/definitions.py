@@ -48,4 +48,5 @@ WHY_THE_PAPER_DIFFERS = (
 def definition(metric: Metric) -> str:
     """What a column shows, and which direction is better."""
     better = "Higher" if metric.higher_is_better else "Lower"
-    return f"{COMPONENTS[metric.component]}. {MEASURES[metric.name]}. {better} is better."
+    said = MEASURES.get(metric.name) or (metric.of.__doc__ or metric.label).splitlines()[0].rstrip(".")  # of a metric that is new
+    return f"{COMPONENTS[metric.component]}. {said}. {better} is better."
