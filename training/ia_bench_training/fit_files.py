@@ -51,7 +51,7 @@ class FitInfo:
     Attributes:
         seed: Which of the endless sets.
         photographs: How many it had; the file shows some of them.
-        version: Of the program that made it.
+        version: Version of the program that made it.
     """
 
     seed: int

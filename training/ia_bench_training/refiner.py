@@ -63,13 +63,13 @@ class RefinerSettings:
         batch: Views a step.
         rate: Full rate of AdamW. Rates rise over ``warmup`` steps and fall along a cosine to a fiftieth.
         muon_rate: Full rate of Muon on the hidden weights.
-        roughness_weight: Of the squared error of the roughness in the loss, beside that of the albedo.
+        roughness_weight: Weight of the squared error of the roughness in the loss, beside that of the albedo.
         warmup: Steps in which the rates rise.
-        weight_decay: Of both optimisers.
+        weight_decay: Weight decay of both optimisers.
         clip_gradient: Largest norm of the gradient; 0 for no limit.
         ema: Decay of the averaged weights, which are the ones that are kept.
-        threads: Of the CPU; None for torch's own choice.
-        seed: Of every draw.
+        threads: Threads of the CPU; None for torch's own choice.
+        seed: Seed of every draw.
         validate_steps: Steps between two validations, after each of which the state is kept.
         network: What is trained.
     """

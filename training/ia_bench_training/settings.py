@@ -31,7 +31,7 @@ class TrainSettings:
         rate: Full rate of AdamW. Rates rise over ``warmup`` steps and fall along a cosine to a fiftieth.
         muon_rate: Full rate of Muon on the hidden weights; with 0 AdamW has them too.
         warmup: Steps in which the rates rise.
-        weight_decay: Of both optimisers.
+        weight_decay: Weight decay of both optimisers.
         clip_gradient: Largest norm of the gradient; 0 for no limit.
         ema: Decay of the averaged weights, which are the ones that are kept.
         background: Weight in the loss of pixels outside the mask.
@@ -39,8 +39,8 @@ class TrainSettings:
             light and paint can share any colour.
         precision: "bf16", "float32", or "auto", which is bf16 where the processor has it.
         compile: Whether the network is compiled for training.
-        threads: Of the CPU; None for torch's own choice.
-        seed: Of every draw.
+        threads: Threads of the CPU; None for torch's own choice.
+        seed: Seed of every draw.
         checkpoint_minutes: How often the state is kept.
         validate_steps: Steps between two validations.
         validation_images: How many images a validation takes.

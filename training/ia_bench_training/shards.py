@@ -51,7 +51,7 @@ class ShardInfo:
         count: How many images it holds.
         size: Their side in pixels.
         redrawn: How many were drawn again because they were empty, full or not finite.
-        version: Of the program that made them.
+        version: Version of the program that made them.
     """
 
     seed: int

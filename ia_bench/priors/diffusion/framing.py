@@ -16,7 +16,7 @@ from torch import Tensor
 from torch.nn import functional as F
 
 MARGIN = 0.03
-"""Of the box around the object, on each side: training images leave about as much."""
+"""Margin on each side of the box around the object, as a share of its side: training images leave about as much."""
 MULTIPLE = 8
 """Pixels of which the side of a frame at full resolution is a multiple, so that views of nearly one size make one batch."""
 

@@ -32,7 +32,7 @@ Rule = Literal["paper", "variance"]
 Norm = Literal["l2", "squared"]
 
 DEFAULT_PRIOR_VARIANCE = 0.1
-"""Of data in [-1, 1] given the photograph: a first prior's one-step estimate of albedo had 16 dB PSNR, so 4 x 10^-1.6.
+"""The variance of data in [-1, 1] given the photograph: a first prior's one-step estimate of albedo had 16 dB PSNR, so 4 x 10^-1.6.
 
 Unconditional data spread evenly over [-1, 1] would have 1/3."""
 SOLVER_TOLERANCE = 1e-4  # of the conjugate gradients, relative; 10^-4 of a pull is below half a step of 8 bits

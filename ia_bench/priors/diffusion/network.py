@@ -39,7 +39,7 @@ class NetworkConfig:
         components: What it predicts. One network for both shares its trunk; one network for each is the paper's way.
         size: Native side in pixels.
         fold: Side of the pixel blocks that become channels before the first convolution.
-        channels: Of the UNet's levels; the lowest level has cross-attention.
+        channels: Widths of the UNet's levels; the lowest level has cross-attention.
         layers: Residual blocks a level.
         head: Width of the convolutions at full resolution that end the network.
         geometry: Whether normals and visibility are inputs, which may be absent.

@@ -33,7 +33,7 @@ EMPTY = 0.02
 """A pixel that the object covers no more than this shows nothing."""
 SHADING_STOPS, SHADING_SCALE = 6, 0.3
 """The log2 of the shading is clipped to so many stops up and down, and multiplied so that it is about as large as the rest."""
-SIGHTINGS_SCALE = 6
+VIEW_COUNT_SCALE = 6
 """The log2 of 1 + view_count is divided by this: 63 photographs that show a place are a 1."""
 
 
@@ -109,7 +109,7 @@ def see(
     shading = stops.clamp(-SHADING_STOPS, SHADING_STOPS) * SHADING_SCALE
     misfit = torch.log2((photograph + OFFSET) / (rendered + OFFSET))
     shown, roughness = linear_to_srgb(paint), renders["roughness"] * straight
-    evidence, counts = renders["evidence"] * straight, torch.log2(1 + view_count.clamp_min(0)) / SIGHTINGS_SCALE
+    evidence, counts = renders["evidence"] * straight, torch.log2(1 + view_count.clamp_min(0)) / VIEW_COUNT_SCALE
     colours = [linear_to_srgb(photograph), shown, linear_to_srgb(shine), shading, misfit]
     features = torch.cat([*colours, normals, evidence, roughness, visibility, counts, mask], -1) * (mask > EMPTY)
     first = [each.movedim(-1, 1).contiguous() for each in (features, shown, roughness)]
