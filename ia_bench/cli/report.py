@@ -18,8 +18,7 @@ from ia_bench.report.collect import read_published
 from ia_bench.report.gains import Gain, gains, maps
 from ia_bench.report.site.against import Former, changes, read_former
 from ia_bench.report.site.content import RowTexts, Sources
-from ia_bench.report.site.gallery import Gallery, take_down_others
-from ia_bench.report.site.write import PARTS, write_page
+from ia_bench.report.site.write import PARTS, draw_pictures, write_page
 from ia_bench.report.texts import markdown_block
 from ia_bench.report.value import write_value
 from ia_bench.report.write import Report, write_report
@@ -34,13 +33,8 @@ PAGE = "page"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="python -m ia_bench.cli.report", description=__doc__, allow_abbrev=False)
-    parser.add_argument(
-        "runs",
-        nargs="+",
-        type=Path,
-        metavar="RUNS",
-        help="folders that are searched for run folders, or a former report's runs.csv",
-    )
+    what = "folders that are searched for run folders, or a former report's runs.csv"
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help=what)
     parser.add_argument("--out", type=Path, required=True, help="folder to write into")
     parser.add_argument("--table", help="a table of conf/table: order of rows and scenes, reference, claims")
     parser.add_argument("--only", action="store_true", help="of every runs.csv, take the rows of --table alone")
@@ -86,9 +80,8 @@ def _compared_with(table: Table, wanted: str | None) -> Table:
     """
     if wanted is None or not table.captures:
         return table
-    labels = [capture_of(settings).label for settings in table.captures]
+    labels = ["", *(capture_of(settings).label for settings in table.captures)]
     known = {crossed_name(row.name, label): row.name for row in table.rows for label in labels}
-    known |= {row.name: row.name for row in table.rows}
     if wanted not in known:
         raise InputError(f"--reference: {unknown('row', wanted, [row.name for row in table.rows])}")
     return replace(table, reference=known[wanted])
@@ -102,19 +95,8 @@ def write_report_page(
     texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed_rows}
     since = None if former is None else changes(former, found.runs, found.rows, found.scenes)
     sources = Sources(found, f"Table: {name}", texts, since, worth=maps(gained))
-    return write_page(sources, out / PAGE, _pictures(report, out / PAGE / PARTS))
-
-
-def _pictures(report: Report, parts: Path) -> Gallery:
-    """Draw what the runs have exported, where any has; pictures of scenes that the report no longer has go."""
-    gallery = Gallery()
-    if any((folder / "albedo.exr").is_file() for folder in report.findings.runs["folder"]):
-        from ia_bench.report.site.pictures.store import write_pictures  # brings in torch
-
-        with Progress() as progress:
-            gallery = write_pictures(report.findings.runs, parts, progress.note)
-    take_down_others(gallery, parts)
-    return gallery
+    with Progress() as progress:
+        return write_page(sources, out / PAGE, draw_pictures(found.runs, out / PAGE / PARTS, progress.note))
 
 
 def tell(report: Report, table: Table, page: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import re
+from collections.abc import Callable
 from functools import cache
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -15,9 +16,10 @@ from markupsafe import Markup
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.report.claims import HOW_JUDGED, tally
+from ia_bench.report.collect import Runs
 from ia_bench.report.files import remove_all_but, write_text
 from ia_bench.report.site import content, definitions
-from ia_bench.report.site.gallery import Gallery
+from ia_bench.report.site.gallery import Gallery, take_down_others
 from ia_bench.report.table import claims_table, origins_table
 from ia_bench.runs.pictures.packing import compact
 from ia_bench.runs.table import crossed_name
@@ -56,6 +58,17 @@ def write_page(sources: content.Sources, folder: Path, gallery: Gallery | None =
     else:
         remove_all_but((), (folder / PARTS / name for name in (VIEWER, PICTURES)))
     return write_text(folder / INDEX, text)
+
+
+def draw_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gallery:
+    """Draw what the runs have exported, where any has; pictures of scenes that the report no longer has go."""
+    gallery = Gallery()
+    if any((folder / "albedo.exr").is_file() for folder in runs["folder"]):
+        from ia_bench.report.site.pictures.store import write_pictures  # brings in torch
+
+        gallery = write_pictures(runs, parts, note)
+    take_down_others(gallery, parts)
+    return gallery
 
 
 def _page(sources: content.Sources, data: dict[str, Any], gallery: Gallery) -> str:

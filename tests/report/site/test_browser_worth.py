@@ -63,7 +63,7 @@ def page(
                     name = f"{row}, {label}" if label else row
                     write_run_below(tmp_path, name, f"s{scene}", seed, psnr)
     (tmp_path / "ways.yaml").write_text(TABLE)
-    monkeypatch.setattr(report, "_pictures", lambda written, parts: hang_greys(written.findings.runs, parts))
+    monkeypatch.setattr(report, "draw_pictures", lambda runs, parts, note: hang_greys(runs, parts))
     table = str(tmp_path / "ways.yaml")
     assert report.main([str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--table", table]) == 0
     return open_page(tmp_path / "out" / "page")
