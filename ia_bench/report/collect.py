@@ -53,6 +53,7 @@ NOT_SCORED = "its record is of before this metric"
 CELL = ("row", "scene", "seed")
 TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", "preset", "commit", "clean", "cpu", "config_hash")
 WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
+LARGEST = 2**63  # of whole numbers
 KEPT = ("folder", "reasons", "curve", "curve_problem")  # never written
 SCORES = tuple(metric.column for metric in METRICS)
 ABOUT = ("config_hash", "rays", "network_calls", "preset", "threads", "capture", "photographs", "commit", "clean", "cpu")
@@ -76,7 +77,7 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
     records, unreadable = [], []
     for folder in folders:
         cell = folders[folder] if isinstance(folders, Mapping) else None
-        record = read_run(folder)
+        record = _fitting(read_run(folder))
         if cell is not None:
             record |= dict(zip(CELL, cell, strict=True))
         if set(CELL) <= record.keys():
@@ -189,12 +190,12 @@ def _published(path: Path, number: int, line: Mapping[str, str]) -> Record:
         elif column in TEXTS or _is_text(column):
             found[column] = text
         elif (value := _number(text)) is not None:
-            if column in WHOLE and value != int(value):
-                raise wrong(column, "a whole number")
+            if column in WHOLE and (value != int(value) or abs(value) >= LARGEST):
+                raise wrong(column, "a whole number below 2^63")
             found[column] = int(value) if column in WHOLE else value
         elif column in (*SCORES, *WHOLE, "seconds"):
             raise wrong(column, "a number")
-    if not set(CELL) <= found.keys():
+    if not set(CELL) <= found.keys() or not (found["row"] + found["scene"]).isprintable():
         raise InputError(f"{path}, line {number}: expected a row, a scene and a seed, found {shown(repr(dict(line)))}")
     if (status := line.get("status", "ok")) not in ("ok", "failed"):
         raise wrong("status", "ok or failed")
@@ -205,6 +206,16 @@ def _published(path: Path, number: int, line: Mapping[str, str]) -> Record:
         found["clean"] = not found["commit"].endswith(CHANGED)
     found["reasons"] = {m.key: NOT_SCORED for m in METRICS if m.column not in line} | _reasons(line.get("reason", ""))
     return found
+
+
+def _fitting(record: Record) -> Record:
+    """The record, or that of a failed run where a number of it has no place in a table; without a seed that has none."""
+    large = [name for name in WHOLE if isinstance(record.get(name), int) and abs(record[name]) >= LARGEST]
+    if not large:
+        return record
+    cell = {name: record[name] for name in ("folder", *CELL) if name not in large}
+    where = f"{record['folder'] / METRICS_FILE}: {large[0]}"
+    return {**cell, "problem": f"{where}: expected a whole number below 2^63, found {record[large[0]]}"}
 
 
 def name_of(run: Mapping[str, Any]) -> str:

@@ -71,8 +71,9 @@ def test_a_failed_run_says_why(write_run: Write) -> None:
 @pytest.mark.parametrize(
     ("key", "value"),
     [("schema", 1), ("status", "done"), ("metrics", None), ("metrics", {"albedo": {"psnr": "high"}}), ("protocol", None),
-     ("metrics", {"albedo": {"psnr": None}}), ("time_s", {"stage1": "long"}), ("peak_memory_bytes", [1]), ("environment", "here"),
-     ("protocol_description", "mine"), ("reasons", []), ("geometry", 3), ("config_hash", None), ("capture", "all")],
+     ("metrics", {"albedo": {"psnr": None}}), ("time_s", {"stage1": "long"}), ("peak_memory_bytes", [1]),
+     ("rays", 10**30), ("environment", "here"), ("protocol_description", "mine"), ("reasons", []),
+     ("geometry", 3), ("config_hash", None), ("capture", "all")],
 )  # fmt: skip
 def test_a_broken_record_makes_its_cell_a_failed_one(write_run: Write, tmp_path: Path, key: str, value: object) -> None:
     folder = write_run("ours", "hat", **{key: value})
@@ -90,7 +91,9 @@ def test_a_record_that_names_no_cell_is_unreadable(tmp_path: Path, text: str) ->
     assert why.startswith(str(tmp_path / "metrics.json"))
 
 
-@pytest.mark.parametrize(("key", "label"), [("row", 3), ("scene", None), ("seed", True), ("row", "a\0b"), ("row", "")])
+@pytest.mark.parametrize(
+    ("key", "label"), [("row", 3), ("scene", None), ("seed", True), ("seed", 2**63), ("row", "a\0b"), ("row", "")]
+)
 def test_labels_of_another_kind_are_unreadable(write_run: Write, key: str, label: object) -> None:
     folder = write_run("ours", "hat")
     (folder / "metrics.json").write_text(json.dumps(json.loads((folder / "metrics.json").read_text()) | {key: label}))
@@ -213,6 +216,7 @@ def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path) -> 
         (",seed,", ",sed,", "found no column seed"),
         ("none,hat,0,", "none,hat,zero,", "line 2, seed: expected a number, found 'zero'"),
         ("none,hat,0,", "none,hat,0.5,", "line 2, seed: expected a whole number"),
+        ("none,hat,0,", "no\0ne,hat,0,", "line 2: expected a row, a scene and a seed"),
         ("none,hat,0,", ",hat,0,", "line 2: expected a row, a scene and a seed"),
         ("none,hat,0,ok,,False", "none,hat,0,ok,,0", "line 2, sees_truth: expected true or false, found '0'"),
         ("none,hat,0,ok,", "none,hat,0,OK,", "line 2, status: expected ok or failed, found 'OK'"),
