@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.warp_launch import launch
 from ia_bench.render import embree_packets
 from ia_bench.render.embree_packets import BLOCK
-from ia_bench.render.rays import RayCaster
+from ia_bench.render.ray_caster import RayCaster
 from ia_bench.scenes.scene import Mesh
 
 TRIANGLES, INDICES, VERTICES, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # Embree's enumerations

@@ -7,7 +7,7 @@ import warp as wp
 from torch import Tensor
 
 from ia_bench.common.warp_launch import launch
-from ia_bench.render.rays import RayCaster
+from ia_bench.render.ray_caster import RayCaster
 from ia_bench.scenes.scene import Mesh
 
 FAR = 1e30
