@@ -51,8 +51,9 @@ value: setup ## what priors are worth with fewer and poorer photographs: four ho
 		$(PY) -m ia_bench.table $(if $(findstring table=,$(ARGS)),,table=value) $(ARGS)
 
 TABLE ?= paper
+RESULTS = results/$(basename $(notdir $(TABLE)))
 report: setup ## the report of a table's runs again, without running (TABLE=longer_fits RUNS=FOLDER)
-	$(PY) -m ia_bench.cli.report $(or $(RUNS),results/$(TABLE)) --out results/$(TABLE) --table $(TABLE) $(ARGS)
+	$(PY) -m ia_bench.cli.report $(or $(RUNS),$(RESULTS)) --out $(RESULTS) --table $(TABLE) $(ARGS)
 
 test: setup ## the fast tests
 	$(PY) -m pytest -n 2 -m "not slow" $(ARGS)

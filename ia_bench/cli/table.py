@@ -59,7 +59,7 @@ def parse(arguments: Sequence[str]) -> TableRequest:
         else:
             refuse_own(argument, "hydra")
             first = key.lstrip("+~").split(".")[0]
-            if first not in (known := (*OWN, *(field.name for field in fields(RunConfig)))):
+            if first not in (known := (*OWN, *(field.name for field in fields(RunConfig) if field.name != "command"))):
                 raise InputError(unknown("setting", first, sorted(known)))
             overrides.append(argument)
     own["launcher"] = _launcher(launcher)

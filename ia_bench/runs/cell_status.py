@@ -5,19 +5,18 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import read_json
 from ia_bench.runs.cells import CellList, Planned, read_cells
 from ia_bench.runs.config import slug
-from ia_bench.runs.folder import CONFIG, find_run_folders
+from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.lock import held_since
-from ia_bench.runs.record import METRICS_FILE, RunRecord
+from ia_bench.runs.record import METRICS_FILE, RunRecord, RunSetup
 
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
 PROGRESS = re.compile(r"^(.+: \d+/\d+, .*)$", re.MULTILINE)  # as common.progress writes it where nobody draws bars
@@ -120,24 +119,14 @@ def _found(folders: Sequence[Path]) -> Iterable[Planned]:
     for folder, record in records.items():
         if record is not None:
             yield Planned(record.row, record.scene, record.seed, "", folder, folder / "log")
-        elif (folder / CONFIG).is_file():  # a metrics.json without one is another program's
-            config = _read(folder / CONFIG).get("config", {})
-            called = OF_A_CELL.sub("", folder.name)
-            yield Planned(
-                rows.get(called, called),
-                str(config.get("scene", {}).get("name", folder.parent.name)),
-                int(config.get("seed", 0)),
-                "",
-                folder,
-                folder / "log",
-            )
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return read_json(path)
-    except InputError:  # not there, or not a record: what it says is nothing
-        return {}
+            continue
+        with suppress(InputError):  # a folder without both files is another program's
+            config = RunSetup.read(folder).config
+            called, scene = OF_A_CELL.sub("", folder.name), config.get("scene")
+            name = scene.get("name") if isinstance(scene, dict) else None
+            seed = config.get("seed")
+            row = rows.get(called, called)
+            yield Planned(row, str(name or folder.parent.name), seed if type(seed) is int else 0, "", folder, folder / "log")
 
 
 def _time_of(path: Path) -> int:

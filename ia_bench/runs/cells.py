@@ -13,6 +13,7 @@ from typing import Any
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
+from ia_bench.common.ranges import Name
 from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import parsed
 from ia_bench.runs.composition import compose, written_out
@@ -70,7 +71,6 @@ class Cell:
     row: Row
     config: RunConfig
     content: dict[str, Any]
-    overrides: tuple[str, ...]
 
     @property
     def config_hash(self) -> str:
@@ -140,7 +140,7 @@ def _cell(row: Row, config: RunConfig, own: list[str], request: TableRequest, re
     content = identity(config)
     folder = results / "runs" / slug(config.scene.name) / f"{slug(row.name)}-seed{config.seed}-{hash_of(content)[:8]}"
     overrides = (*row.overrides, *own, *request.overrides, f"out={quoted(str(folder))}")
-    return Cell(row, replace(config, out=str(folder), command=overrides), content, overrides)
+    return Cell(row, replace(config, out=str(folder), command=overrides), content)
 
 
 def _key_of(override: str) -> str:
@@ -152,8 +152,8 @@ def _key_of(override: str) -> str:
 class Planned:
     """One cell: its labels, the hash of its configuration, its run folder, and the file with what it says."""
 
-    row: str
-    scene: str
+    row: Name
+    scene: Name
     seed: int
     config_hash: str
     folder: Path
@@ -198,6 +198,9 @@ def read_cells(results: Path) -> CellList | None:
         found = parsed(CellList, content)
     except InputError as error:
         raise InputError(f"{path}: expected the cells of a table: {error}") from None
+    for cell in found.cells:
+        if "\0" in f"{cell.folder}{cell.log}":
+            raise InputError(f"{path}: expected folders of cells, found a name with a NUL byte")
     cells = tuple(replace(cell, folder=results / cell.folder, log=results / cell.log) for cell in found.cells)
     return replace(found, cells=cells, started=path.stat().st_mtime)
 

@@ -41,24 +41,18 @@ def lock_folder(path: Path, note: Callable[[str], None]) -> BinaryIO:
 
 
 def held_since(path: Path) -> float | None:
-    """Since when a process has been working in a run's folder, in seconds of the clock; None where none is (:func:`is_held`)."""
-    try:
-        since = (path / ".lock").stat(follow_symlinks=False).st_mtime
-    except OSError:
-        return None
-    return since if is_held(path) else None
+    """Since when a process has been working in a run's folder, in seconds of the clock; None where none is.
 
-
-def is_held(path: Path) -> bool:
-    """Whether a process is working in a run's folder. Nothing is made or changed; one that begins just now waits for a moment."""
+    Nothing is made or changed; a process that begins just now waits for a moment.
+    """
     try:
         lock = os.open(path / ".lock", os.O_RDONLY | os.O_NOFOLLOW)
     except OSError:
-        return False
+        return None
     try:
         fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
-        return True
+        return os.fstat(lock).st_mtime
     finally:
         os.close(lock)
-    return False
+    return None

@@ -21,8 +21,8 @@ from ia_bench.common.exit_codes import TERMINATED
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.progress import Progress
 from ia_bench.report.table import counterparts
+from ia_bench.runs import cells as module
 from ia_bench.runs import launchers
-from ia_bench.runs import table as module
 from ia_bench.runs.cells import TableRequest, make_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
@@ -124,7 +124,7 @@ def test_a_row_may_have_seeds_of_its_own() -> None:
 def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
     cells = cells_of(load_table("ablations"), scenes=("ship",), seeds=(3,))
     (cell,) = [one for one in cells if one.row.name == "diffusion, targets w/o guided"]
-    again = compose(cell.overrides)
+    again = compose(cell.config.command)
     assert again == cell.config
     assert (again.seed, again.scene.name, again.threads) == (3, "ship", 1)
     assert str(cell.folder).startswith("results/paper/runs/ship/diffusion-targets-w-o-guided-seed3-")
@@ -156,8 +156,13 @@ def test_command_line_is_told_apart() -> None:
         ("++seed=1", "it has scenes=, seeds=, rows= and table="),
         ("scene.path=/tmp", "it has scenes=, seeds=, rows= and table="),
         ("seeds=0,0", "found hat / ceiling / seed 0 more than once"),
-        ("seds=1", "unknown setting 'seds'; did you mean 'seed'?"),
+        ("seds=1", "unknown setting 'seds'; did you mean 'seeds'?"),
         ("fit.pixls=1", "did you mean 'fit.pixels'?"),
+        ("tabel=paper", "unknown setting 'tabel'; did you mean 'table'?"),
+        ("seeds=０", "seeds=０: expected whole numbers"),
+        ("rows=none,none", "rows: expected every row once, found none, none"),
+        ("reader=dtu", "it has scenes=, seeds=, rows= and table="),
+        ("hydra.verbose=1", "it has scenes=, seeds=, rows= and table="),
         ("paper", "expected SETTING=VALUE, found 'paper'"),
     ],
 )

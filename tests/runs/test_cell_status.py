@@ -13,7 +13,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, WAITING, look
 from ia_bench.runs.cells import read_cells
 from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.lock import held_since, is_held, lock_folder
+from ia_bench.runs.lock import held_since, lock_folder
 
 HASH = "0" * 64
 
@@ -22,7 +22,8 @@ def cell(results: Path, row: str, seed: int = 0, /, **record: object) -> Path:
     """The folder of a cell on hat; with a metrics.json where ``record`` has something for it."""
     folder = results / "runs" / "hat" / f"{row}-seed{seed}-00000000"
     folder.mkdir(parents=True)
-    (folder / "config.json").write_text(json.dumps({"config_hash": HASH, "config": {"scene": {"name": "hat"}, "seed": seed}}))
+    config = {"scene": {"name": "hat"}, "seed": seed}
+    (folder / "config.json").write_text(json.dumps({"config_hash": HASH, "identity": {}, "config": config}))
     labels = {"schema": 2, "scene": "hat", "seed": seed, "config_hash": HASH, "protocol": "p", "metrics": {"albedo": {}}}
     if record:
         (folder / "metrics.json").write_text(json.dumps({"row": row, **labels, **record}))
@@ -106,18 +107,24 @@ def test_files_of_other_programs_are_no_runs(tmp_path: Path) -> None:
 
 def test_looking_holds_no_lock_and_makes_no_file(tmp_path: Path) -> None:
     folder = cell(tmp_path, "a")
-    assert not is_held(folder)
+    assert held_since(folder) is None
     assert held_since(folder) is None
     assert not (folder / ".lock").exists()
     with lock_folder(folder, print):
-        assert is_held(folder)
+        assert held_since(folder) is not None
         assert held_since(folder) == pytest.approx(time.time(), abs=60)
-    assert not is_held(folder)
+    assert held_since(folder) is None
 
 
 def test_what_is_no_table_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected the results of a table, or a folder with runs, found none"):
         look(tmp_path)
     (tmp_path / "cells.json").write_text('{"table": "paper", "jobs": 1, "cells": [{"row": "a"}]}')
-    with pytest.raises(InputError, match=r"cells\.json: expected the cells of a table, cells.0.scene: expected a value"):
+    with pytest.raises(InputError, match=r"cells\.json: expected the cells of a table: cells.0.scene: expected a value"):
         read_cells(tmp_path)
+    spoiled = {"row": 3, "scene": [], "seed": "0", "config_hash": None, "folder": "a\0b", "log": {}}
+    good = {"row": "a", "scene": "hat", "seed": 0, "config_hash": "", "folder": "a", "log": "b"}
+    for key, value in spoiled.items():
+        (tmp_path / "cells.json").write_text(json.dumps({"table": "paper", "jobs": 1, "cells": [good | {key: value}]}))
+        with pytest.raises(InputError, match=r"cells\.json: expected "):
+            read_cells(tmp_path)

@@ -1,4 +1,4 @@
-"""What a run refuses before its method sees the scene."""
+"""What a run says of its scene, and refuses, before its method sees it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from ia_bench.common.errors import InputError
 from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import MethodInfo
 from ia_bench.priors import inputs, learned
+from ia_bench.readers.contract import NO_MESH
 from ia_bench.runs.composition import compose
 from ia_bench.runs.run import ask_for_the_same_numbers, problem_of
+from ia_bench.runs.scene import tell
 from ia_bench.scenes.scene import Scene
 
 
@@ -85,3 +87,11 @@ def test_a_prior_goes_where_the_run_is_unless_it_is_told_where(
     options = config.prior.options["of_options"] if behind else config.prior.options
     assert found._device.type == expected
     assert options["precision"] == ("bf16" if expected == "cuda" else "float32")
+
+
+@pytest.mark.parametrize("made", [True, False])
+def test_a_mesh_that_was_made_is_not_said_to_be_missing(tiny: Scene, made: bool) -> None:
+    said: list[str] = []
+    tell(replace(tiny, notes=(NO_MESH, "another note"), mesh_is_made=made), said.append)
+    assert said[0] == ("another note" if made else NO_MESH)
+    assert "another note" in said
