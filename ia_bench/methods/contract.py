@@ -196,15 +196,8 @@ class NoCoupling(Coupling):
     """``coupling=none``: whatever the prior says has no influence on the steps, and it is not asked for it."""
 
     def uses(self, provides: frozenset[str]) -> frozenset[str]:
-        """Nothing."""
+        """Nothing, so that there is nothing to prepare and no loss."""
         return frozenset()
-
-    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
-        """There is nothing to prepare."""
-
-    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
-        """None."""
-        return {}
 
 
 # ---- regularisers: what changes a material between steps and after them --------------------------------------------
@@ -234,7 +227,7 @@ class FitState:
 class Regulariser:
     """What changes albedo and roughness by itself, between steps or after them; ``fit.regulariser_options`` are its arguments.
 
-    A subclass must define :meth:`due` and :meth:`apply`; built in are those of :mod:`ia_bench.methods.regularisers`.
+    A subclass must define :meth:`apply`; built in are those of :mod:`ia_bench.methods.regularisers`.
 
     Attributes:
         completes: Whether it guesses what photographs hardly show: it is applied to the finished material, in which texels that no

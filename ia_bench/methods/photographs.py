@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.methods.bounds import known_pixels
 from ia_bench.render.gbuffer import GBuffer
-from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.scene import Scene, View
 
 INSIDE = 0.4
 """A mask of no more than that leaves a pixel out. Of one that the mesh just fills, a camera's filter may show less than a half."""
@@ -74,3 +74,23 @@ def as_photographed(renders: Mapping[str, Tensor], views: tuple[int, ...], expos
         return dict(renders)
     factor = exposures[list(views), None, None, None]
     return {name: images if name == "albedo" else factor * images for name, images in renders.items()}
+
+
+# ---- pixels whose radiance is known from below only: a saturated sensor, an unknown value (``View.valid``) ----
+
+
+def known_pixels(views: Sequence[View]) -> Tensor | None:
+    """``valid`` of views of one size, (V, H, W, 1) bool; None where every pixel of all of them is known."""
+    if all(view.valid is None for view in views):
+        return None
+    known = [view.known for view in views]
+    return torch.from_numpy(np.stack(known))[..., None]
+
+
+def one_sided(target: Tensor, rendered: Tensor, known: Tensor | None) -> Tensor:
+    """What a loss compares ``rendered`` (N, 3) with: ``target`` (N, 3), or the render itself where it may be that bright.
+
+    Where ``known`` (N, 1) is False, the target is a lower bound: a brighter render equals what it is compared with, so that any
+    loss of their difference is at its least there and has no gradient.
+    """
+    return target if known is None else torch.where(known, target, torch.maximum(target, rendered.detach()))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from ia_bench.methods.bounds import known_pixels, one_sided
+from ia_bench.methods.photographs import known_pixels, one_sided
 from ia_bench.methods.two_stage.losses import dual_buffer_loss
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.scenes.scene import Scene

@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.methods.bounds import known_pixels, one_sided
 from ia_bench.methods.contract import Problem
+from ia_bench.methods.photographs import known_pixels, one_sided
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 
 COVERED = 0.999  # of a pixel that shows the object alone

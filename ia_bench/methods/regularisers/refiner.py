@@ -12,9 +12,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import UnitInterval
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.methods.bounds import known_pixels
 from ia_bench.methods.contract import FitState, Problem, Regulariser
-from ia_bench.methods.photographs import as_photographed
+from ia_bench.methods.photographs import as_photographed, known_pixels
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.views import restrict
 from ia_bench.priors import validation

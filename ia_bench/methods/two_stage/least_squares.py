@@ -14,7 +14,7 @@ from torch import Tensor
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material, splat
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.exposures import Exposures
+from ia_bench.methods.two_stage.steps import Exposures
 
 STAY = 0.3
 """Weight of the squared change of a texel, where a pixel that is all diffuse and fits has 1."""

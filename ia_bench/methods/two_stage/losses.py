@@ -14,8 +14,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ia_bench.common.warp_launch import launch_summing
-from ia_bench.methods.bounds import one_sided
 from ia_bench.methods.contract import Problem, StepRender
+from ia_bench.methods.photographs import one_sided
 from ia_bench.methods.two_stage.kernels import differences
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.prior import PriorLoss

@@ -12,10 +12,8 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.exposures import Exposures
-from ia_bench.methods.two_stage.multigrid import MultigridSteps
-from ia_bench.methods.two_stage.scale_ambiguity import ScaleAmbiguityStep
 from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.steps import Exposures, MultigridSteps, ScaleAmbiguityStep
 
 LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
 """The least value of each texture; the largest is 1."""

@@ -8,8 +8,8 @@ import torch
 from small_fit import SETTINGS, altered
 
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.exposures import Exposures
 from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.steps import Exposures
 
 
 def test_factors_that_the_images_tell() -> None:

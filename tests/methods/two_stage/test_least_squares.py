@@ -13,8 +13,8 @@ from torch import Tensor
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.exposures import Exposures
 from ia_bench.methods.two_stage.least_squares import conjugate_gradients, solved_albedo
+from ia_bench.methods.two_stage.steps import Exposures
 from ia_bench.priors.none import NoPrior
 
 SIDE = 64

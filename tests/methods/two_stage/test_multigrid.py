@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.multigrid import MultigridSteps
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.steps import MultigridSteps
 
 BETAS = 0.9, 0.99
 STEP, STEPS = 6, 30

@@ -16,8 +16,8 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.scale_ambiguity import MAX_WHITE, ScaleAmbiguityStep
 from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.steps import MAX_WHITE, ScaleAmbiguityStep
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene
