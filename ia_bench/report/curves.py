@@ -80,7 +80,7 @@ def time_to_error(runs: Runs) -> list[TimeToError]:
     table = []
     for metric in CURVE_METRICS:
         for (row, scene), curves in _measured(runs, metric).items():
-            table += [_reach(row, scene, metric, level, curves) for level in LEVELS[metric.column]]
+            table += [_reach(row, scene, metric, level, curves) for level in LEVELS.get(metric.column, ())]
     return table
 
 

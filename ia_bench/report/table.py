@@ -127,7 +127,8 @@ def paper_table(rows: Sequence[PaperRow]) -> Printed:
 
 def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Printed:
     """A line per row that stands for one of the paper's: the headline metrics here, and there on the paper's scenes."""
-    metrics = [metric for metric in METRICS if metric.label in HEADLINE]
+    printed = next(iter(counterparts.values())).values
+    metrics = [metric for metric in METRICS if metric.label in HEADLINE and metric.key in printed]
     body = [
         [one.row, counterparts[one.row].method]
         + [f"{_short(one.values[m.key], m)} ({m.text(counterparts[one.row].values[m.key])})" for m in metrics]

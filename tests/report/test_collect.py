@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -252,3 +254,32 @@ def test_the_columns_are_those_of_metrics_json_and_point_the_right_way() -> None
     less = [metric.column for metric in METRICS if not metric.higher_is_better]
     assert less == [name for name in SCORES if name.endswith(("_lpips", "_mse"))]
     assert [metric.title for metric in METRICS[:3]] == ["Albedo PSNR ↑", "Albedo SSIM ↑", "Albedo LPIPS ↓"]
+
+
+ONE_MORE = """
+import sys
+from ia_bench.scores import columns
+more = columns.Metric("relighting", "flip", columns.psnr, "Relighting", "FLIP", higher_is_better=False, digits=3)
+columns.METRICS += (more,)
+columns.METRIC_OF[more.key] = more
+from ia_bench.cli.report import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_a_new_metric_is_a_column_of_the_report_and_empty_in_former_lists(first: Path, write_run: Write, tmp_path: Path) -> None:
+    """The walk of whoever adds one: a function in the scores, a line among the columns, and nothing here."""
+    record = json.loads((write_run("new", "hat") / "metrics.json").read_text())
+    record["metrics"]["relighting"]["flip"] = 0.125
+    (tmp_path / "runs" / "new-hat-0" / "metrics.json").write_text(json.dumps(record))
+    out = tmp_path / "more"
+    arguments = [str(tmp_path / "runs" / "new-hat-0"), str(first), "--out", str(out), "--table", "paper"]
+    done = subprocess.run([sys.executable, "-c", ONE_MORE, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = pd.read_csv(out / "runs.csv").set_index("row")["relighting_flip"]
+    assert found["new"] == 0.125
+    assert found.drop("new").isna().all()
+    text = (out / "report.md").read_text()
+    assert "| Relighting FLIP ↓ |" in text
+    assert f"]: {NOT_SCORED} (relighting.flip in 9 runs)" in text
+    assert "Relighting" in (out / "page" / "index.html").read_text()
