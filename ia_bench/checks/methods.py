@@ -53,7 +53,6 @@ class Memory:
     def __init__(self, *, deadly: bool = False) -> None:
         self.state: bytes | None = None
         self.deadly = deadly
-        self._parts: dict[str, bytes] = {}
         self._asked = 0
 
     def monitor(self) -> Monitor:
@@ -62,8 +61,6 @@ class Memory:
             save=self._save,
             load=lambda: None if self.state is None else _unpacked(self.state),
             stopping=self._stopping,
-            keep=lambda name, state: self._parts.update({name: _packed(state)}),
-            kept=lambda name: _unpacked(self._parts[name]) if name in self._parts else None,
         )
 
     def _stopping(self) -> bool:

@@ -297,8 +297,6 @@ class Monitor:
         save: Keeps the state of the fit: tensors, numbers, texts, and lists and dicts of them.
         load: Gives back what was saved last by an interrupted process with the same configuration, or None.
         stopping: Says that the run is to end: the method saves at its next step, and ``save`` does not return.
-        keep: Keeps a part of the state under a name until that name is kept again: what is large and seldom changes.
-        kept: Gives back the part that belongs to the state that was loaded, or None.
         checkpoint_seconds: Time between two states that are saved.
     """
 
@@ -308,8 +306,6 @@ class Monitor:
     save: Callable[[dict[str, Any]], None]
     load: Callable[[], dict[str, Any] | None]
     stopping: Callable[[], bool] = lambda: False
-    keep: Callable[[str, dict[str, Any]], None] = lambda name, state: None
-    kept: Callable[[str], dict[str, Any] | None] = lambda name: None
     checkpoint_seconds: float = 15.0
 
     @classmethod

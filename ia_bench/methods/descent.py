@@ -27,6 +27,7 @@ from ia_bench.methods.contract import Monitor, Result
 from ia_bench.render.reconstruction import Reconstruction
 
 FIRST_SCORE = 25  # steps; later scores follow at doubling steps
+SELDOM = 50  # a state is saved at most once in so many times the seconds that it takes
 PATIENCE = 10  # bad steps in a row that end a fit: one is bad luck of its samples, ten are not
 
 
@@ -136,6 +137,7 @@ class Descent:
         self._place = self._step = 0  # the phase, and the steps that are done in it
         self._optimizer: Optimizer | None = None
         self._kept: dict[str, Tensor] = {}
+        self._saving = 0.0  # seconds that the last state took
         self._inner = 0.0  # seconds that blocks inside the current one have booked
 
     @property
@@ -265,12 +267,15 @@ class Descent:
         if recovered is not None and phase.scored and not last and rest == 0 and ratio.bit_count() == 1:
             self._monitor.score(phase.name, done, sum(self.seconds.values()), recovered)
         stopping = self._monitor.stopping()
-        if stopping or (not last and time.monotonic() - self._saved >= self._monitor.checkpoint_seconds):
+        seconds = self._monitor.checkpoint_seconds
+        wait = max(seconds, SELDOM * self._saving) if seconds else 0.0
+        if stopping or (not last and time.monotonic() - self._saved >= wait):
             self._save()
 
     # ---- checkpoints -------------------------------------------------------------------------------------------
 
     def _save(self) -> None:
+        started = time.monotonic()
         self._monitor.save({
             "phase": self._place,
             "step": self._step,
@@ -282,6 +287,7 @@ class Descent:
             "parts": {name: part.state_dict() for name, part in self._parts.items()},
         })  # fmt: skip
         self._saved = time.monotonic()
+        self._saving = self._saved - started
 
     def _load(self, state: Mapping[str, Any]) -> None:
         phase = self._phases[state["phase"]]

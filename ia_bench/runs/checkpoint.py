@@ -24,18 +24,18 @@ class BadCheckpoint(ValueError):
     """A file that is no checkpoint of this run; the message says why."""
 
 
-def pack(state: dict[str, Any], config_hash: str) -> tuple[bytes, str]:
-    """The content of a checkpoint file, and its checksum. ``state``: tensors, numbers, texts, lists and dicts."""
+def pack(state: dict[str, Any], config_hash: str) -> bytes:
+    """The content of a checkpoint file. ``state``: tensors, numbers, texts, lists and dicts."""
     import torch  # readers of results do without it
 
     buffer = io.BytesIO()
     torch.save({"code": _code(), "config_hash": config_hash, "state": state}, buffer)
     digest = hashlib.sha256(buffer.getbuffer()).hexdigest()
-    return MAGIC + digest.encode() + buffer.getbuffer(), digest
+    return MAGIC + digest.encode() + buffer.getbuffer()
 
 
-def unpack(path: Path, config_hash: str, expected: str | None = None) -> dict[str, Any]:
-    """The state in a checkpoint file; ``expected`` is its checksum where another file names it.
+def unpack(path: Path, config_hash: str) -> dict[str, Any]:
+    """The state in a checkpoint file.
 
     Raises BadCheckpoint for one that is damaged, of another configuration or of other code.
     """
@@ -51,8 +51,6 @@ def unpack(path: Path, config_hash: str, expected: str | None = None) -> dict[st
     digest = content[len(MAGIC) : start].decode("ascii", "replace")
     if hashlib.sha256(memoryview(content)[start:]).hexdigest() != digest:
         raise BadCheckpoint("it is damaged")
-    if expected not in (None, digest):
-        raise BadCheckpoint("it belongs to another checkpoint")
     try:
         saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
     except Exception as error:  # torch.load raises whatever a file leads it to

@@ -40,7 +40,6 @@ class RunFolder:
         self._lock = lock
         self._note = note
         self._written: set[str] = set()
-        self._kept: dict[str, str] = {}  # name of a part that stays -> its checksum
         self._told_unsaved = False
         self.restoring = False
         """Whether a checkpoint was handed out and nobody has gone on from it yet: what fails now is the checkpoint's fault."""
@@ -96,9 +95,14 @@ class RunFolder:
         A disk that cannot take it costs what an interruption would lose, not the run: that is said once. A run that was
         asked to end does so here.
         """
-        content, _ = pack({"kept": dict(self._kept), "state": state}, self.config_hash)
-        if self._try_to_write(CHECKPOINT, content):
-            self._remove_checkpoints({CHECKPOINT, *map(_kept_file, self._kept.values())})  # parts that nothing names any more
+        path = self.path / CHECKPOINT
+        try:
+            with whole_file(path) as temporary:
+                temporary.write_bytes(pack(state, self.config_hash))
+        except OSError as error:
+            if not self._told_unsaved:
+                self._note(f"{path}: cannot be written ({error.strerror}); an interruption would cost more than usual")
+            self._told_unsaved = True
         end_if_asked()
 
     def load_checkpoint(self) -> dict[str, Any] | None:
@@ -107,55 +111,18 @@ class RunFolder:
         if not os.path.lexists(path):
             return None
         try:
-            saved = unpack(path, self.config_hash)
-            if saved.keys() != {"kept", "state"} or not all(isinstance(part, dict) for part in saved.values()):
-                raise BadCheckpoint("it lacks its state")
-            for digest in saved["kept"].values():
-                unpack(self.path / _kept_file(digest), self.config_hash, digest)
+            state = unpack(path, self.config_hash)
         except BadCheckpoint as error:
             self._note(f"{path}: checkpoint ignored, starting over ({error})")
             return None
-        self._kept = saved["kept"]
-        state: dict[str, Any] = saved["state"]
         self.restoring = True
         return state
 
-    def keep(self, name: str, state: dict[str, Any]) -> None:
-        """Write a part of the state that stays as it is, once; the checkpoints that follow refer to it by its checksum.
-
-        One that cannot be written leaves none under its name, for the part of before belongs to another state.
-        """
-        content, digest = pack(state, self.config_hash)
-        self._kept.pop(name, None)
-        if self._try_to_write(_kept_file(digest), content):
-            self._kept[name] = digest
-
-    def kept(self, name: str) -> dict[str, Any] | None:
-        """The part that was last kept under ``name``, as of the checkpoint that was loaded; None if there is none."""
-        digest = self._kept.get(name)
-        return None if digest is None else unpack(self.path / _kept_file(digest), self.config_hash, digest)
-
     def drop_checkpoint(self) -> None:
-        """Remove the checkpoint and all that it refers to."""
-        self._kept, self.restoring = {}, False
-        self._remove_checkpoints(set())
-
-    def _try_to_write(self, name: str, content: bytes) -> bool:
-        try:
-            with whole_file(self.path / name) as temporary:
-                temporary.write_bytes(content)
-        except OSError as error:
-            if not self._told_unsaved:
-                self._note(f"{self.path / name}: cannot be written ({error.strerror}); an interruption would cost more than usual")
-            self._told_unsaved = True
-            return False
-        return True
-
-    def _remove_checkpoints(self, but: set[str]) -> None:
-        for path in self.path.glob("checkpoint*.pt"):
-            if path.name not in but:
-                with suppress(OSError):  # a folder, say, which is nobody's checkpoint
-                    path.unlink()
+        """Remove the checkpoint."""
+        self.restoring = False
+        with suppress(OSError):  # of a folder, say, which is nobody's checkpoint
+            (self.path / CHECKPOINT).unlink(missing_ok=True)
 
     # ---- results -----------------------------------------------------------------------------------------------------
 
@@ -271,10 +238,6 @@ def _is_ours(path: Path) -> bool:
         return "config_hash" in read_json(path)
     except InputError:
         return False
-
-
-def _kept_file(digest: str) -> str:
-    return f"checkpoint-{digest[:16]}.pt"
 
 
 def _differing(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> Iterator[str]:

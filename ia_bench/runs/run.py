@@ -139,8 +139,7 @@ class Record:
             self._folder.restoring = False  # a method that goes on has taken over what it loaded
             return progress.task(name, total, done)
 
-        keep, kept = self._folder.keep, self._folder.kept
-        return Monitor(begin, progress.note, self.score, self._save, self._load, interruption.asked, keep, kept)
+        return Monitor(begin, progress.note, self.score, self._save, self._load, interruption.asked)
 
     def score(self, phase: str, step: int, seconds: float, recovered: Callable[[], Reconstruction]) -> None:
         """Add a row to the curve and write the file."""

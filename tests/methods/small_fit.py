@@ -82,23 +82,18 @@ class Record:
     scores: list[tuple[str, int, float]] = field(default_factory=list)
     states: dict[int, bytes] = field(default_factory=dict)
     losses: list[float] = field(default_factory=list)
-    kept: dict[str, dict[str, Any]] = field(default_factory=dict)
     every: float = 1e9  # seconds between two states
     stage1_steps: int = 0  # of the fit that writes here
 
     def monitor(self, resume: bytes | None = None) -> Monitor:
         """A monitor that writes here and hands out the state ``resume``."""
-        if resume is not None:
-            resumed = torch.load(io.BytesIO(resume), weights_only=True)
-            self.kept = dict(resumed["kept"])
-
         def save(state: dict[str, Any]) -> None:
             file = io.BytesIO()
-            torch.save({"state": state, "kept": self.kept}, file)
+            torch.save(state, file)
             self.states[state["step"] + state["phase"] * self.stage1_steps] = file.getvalue()
 
         def load() -> dict[str, Any] | None:
-            return None if resume is None else resumed["state"]
+            return None if resume is None else torch.load(io.BytesIO(resume), weights_only=True)
 
         def score(stage: str, step: int, seconds: float, reconstruction: Reconstruction) -> None:
             self.scores.append((stage, step, seconds))
@@ -115,8 +110,6 @@ class Record:
             score,
             save,
             load,
-            keep=self.kept.__setitem__,
-            kept=self.kept.get,
             checkpoint_seconds=self.every,
         )
 

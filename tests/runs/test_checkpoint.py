@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from run_folders import CONFIG, HASH, good_record
+from run_folders import CONFIG, HASH
 
 from ia_bench.runs import checkpoint
 from ia_bench.runs.folder import RunFolder
@@ -61,43 +61,16 @@ DAMAGE = {
 }
 
 
-@pytest.mark.parametrize("part", ["checkpoint.pt", "checkpoint-*.pt"])
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_no_bit_of_a_damaged_checkpoint_is_believed(tmp_path: Path, damage: str, part: str) -> None:
+def test_no_bit_of_a_damaged_checkpoint_is_believed(tmp_path: Path, damage: str) -> None:
     notes: list[str] = []
     with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
-        folder.keep("targets", {"albedo": torch.ones(300)})
         folder.save_checkpoint({"weights": torch.zeros(1000)})
         assert folder.load_checkpoint() is not None
-        (path,) = tmp_path.glob(part)
-        _checkpoint_with(path, DAMAGE[damage])
+        _checkpoint_with(tmp_path / "checkpoint.pt", DAMAGE[damage])
         assert folder.load_checkpoint() is None
     assert len(notes) == 1
     assert "checkpoint.pt: checkpoint ignored, starting over" in notes[0]
-
-
-def test_what_stays_is_stored_once_and_goes_with_the_checkpoint(tmp_path: Path) -> None:
-    with RunFolder.open(tmp_path, CONFIG, HASH) as folder:
-        assert folder.kept("targets") is None
-        folder.keep("targets", {"albedo": torch.ones(100_000)})
-        for step in range(3):
-            folder.save_checkpoint({"step": step})
-        assert (tmp_path / "checkpoint.pt").stat().st_size < 10_000
-        (first,) = tmp_path.glob("checkpoint-*.pt")
-        folder.keep("targets", {"albedo": torch.zeros(5)})
-        assert first.exists(), "the checkpoint on disk still refers to it"
-    with RunFolder.open(tmp_path, CONFIG, HASH) as folder:
-        assert folder.load_checkpoint() == {"step": 2}
-        kept = folder.kept("targets")
-        assert kept is not None
-        assert kept["albedo"].sum() == 100_000
-        folder.keep("targets", {"albedo": torch.zeros(5)})
-        folder.save_checkpoint({"step": 3})
-        assert not first.exists()
-        first.write_bytes(b"of another run")
-        assert folder.load_checkpoint() == {"step": 3}
-        folder.write_record(good_record())
-    assert not list(tmp_path.glob("checkpoint*"))
 
 
 def test_checkpoint_that_would_run_code_is_ignored(folder: RunFolder) -> None:
@@ -107,20 +80,6 @@ def test_checkpoint_that_would_run_code_is_ignored(folder: RunFolder) -> None:
 
     torch.save({"config_hash": HASH, "state": Code()}, folder.path / "checkpoint.pt")
     assert folder.load_checkpoint() is None
-    (folder.path / "checkpoint.pt").write_bytes(checkpoint.pack({"kept": {}, "state": Code()}, HASH)[0])
+    (folder.path / "checkpoint.pt").write_bytes(checkpoint.pack(Code(), HASH))
     assert folder.load_checkpoint() is None
     assert not (folder.path / "executed").exists()
-
-
-def test_a_part_that_could_not_be_kept_is_not_the_one_of_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The disk has room for the small checkpoint alone: what it goes with are the new targets, and these are nowhere."""
-    with RunFolder.open(tmp_path, CONFIG, HASH) as folder:
-        folder.keep("targets", {"albedo": torch.ones(100)})
-        folder.save_checkpoint({"step": 1})
-        write = folder._try_to_write
-        monkeypatch.setattr(folder, "_try_to_write", lambda name, content: name == "checkpoint.pt" and write(name, content))
-        folder.keep("targets", {"albedo": torch.zeros(100)})
-        folder.save_checkpoint({"step": 2})
-    with RunFolder.open(tmp_path, CONFIG, HASH) as folder:
-        assert folder.load_checkpoint() == {"step": 2}
-        assert folder.kept("targets") is None

@@ -259,7 +259,7 @@ def test_no_checkpoint_is_resumed_by_other_code_that_a_plugin_shares(monkeypatch
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(content)
     file = tmp_path / "checkpoint.pt"
-    file.write_bytes(pack({"step": 3}, hash_with("method=shares_code.one.method:Ours"))[0])
+    file.write_bytes(pack({"step": 3}, hash_with("method=shares_code.one.method:Ours")))
     assert unpack(file, hash_with("method=shares_code.one.method:Ours")) == {"step": 3}
     (tmp_path / "shares_code/common/steps.py").write_text("RATE = 10")
     with pytest.raises(BadCheckpoint, match="another configuration"):

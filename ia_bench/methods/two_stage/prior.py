@@ -22,7 +22,6 @@ from ia_bench.priors.validation import name_of
 from ia_bench.render.renderer import texture_images
 
 GUIDE_SAMPLES = 32  # per pixel, for the renders that guide stage 2 or are distilled
-KEPT = "samples"  # under which the monitor keeps what the prior said last
 
 
 class PriorLoss:
@@ -35,11 +34,10 @@ class PriorLoss:
 
     def __init__(self, problem: Problem, seed: int, monitor: Monitor) -> None:
         """Raises InputError for a prior that is to be distilled and cannot be."""
-        self._problem, self._seed, self._monitor = problem, seed, monitor
+        self._problem, self._seed = problem, seed
         self._prior, self._coupling = problem.prior, problem.coupling
         self.sampler = PriorSampler(problem, self._prior, seed, monitor.note)
         self.samples: PixelSamples | None = None
-        self._kept: PixelSamples | None = None  # those that the monitor keeps
         self._used = self._coupling.uses(self._prior.info.provides)
         if self._coupling.period and not isinstance(self._prior, Distiller):
             raise InputError(
@@ -86,23 +84,17 @@ class PriorLoss:
             return dict(self._coupling.loss(render, pixels))
 
     def state_dict(self) -> dict[str, Any]:
-        """For a checkpoint; the samples, large and seldom new, are kept apart."""
-        if self.samples is not self._kept and self.samples is not None:
-            self._monitor.keep(KEPT, dict(vars(self.samples)))
-            self._kept = self.samples
-        coupling = None if self.samples is None else self._coupling.state()
-        return {"coupling": coupling, "counters": dict(self.sampler.counters)}
+        """What a checkpoint must hold: the samples, what the coupling made of them, and what the prior has cost."""
+        said = None if self.samples is None else {"samples": dict(vars(self.samples)), "coupling": self._coupling.state()}
+        return {"said": said, "counters": dict(self.sampler.counters)}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take over a :meth:`state_dict`. Raises ValueError where the samples are not there."""
-        if state["coupling"] is not None:
-            kept, device = self._monitor.kept(KEPT), self._problem.device  # checkpoints are read on the CPU
-            if kept is None:
-                raise ValueError(f"checkpoint: expected the prior's {KEPT} beside it, found none")
+        """Take over a :meth:`state_dict`."""
+        if (said := state["said"]) is not None:
+            kept, device = said["samples"], self._problem.device  # checkpoints are read on the CPU
             values, at_least = ({name: part.to(device) for name, part in kept[key].items()} for key in ("values", "at_least"))
             self._take(PixelSamples(values, kept["weight"].to(device), at_least))
-            self._coupling.restore(state["coupling"])
-            self._kept = self.samples
+            self._coupling.restore(said["coupling"])
         self.sampler.counters = dict(state["counters"])
 
     def _take(self, samples: PixelSamples) -> None:

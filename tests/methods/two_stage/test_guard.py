@@ -203,6 +203,6 @@ def test_the_command_says_it_in_one_line_and_records_it(
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["status"] == "failed"
     assert metrics["error"].startswith("FloatingPointError: step 10: the rendered radiance")
-    saved = unpack(out / "checkpoint.pt", metrics["config_hash"])["state"]["method"]
+    saved = unpack(out / "checkpoint.pt", metrics["config_hash"])["method"]
     assert (saved["counters"], saved["in_a_row"]) == ({"skipped_steps": 9}, 9)
     assert all(bool(torch.isfinite(parameter).all()) for parameter in saved["parts"]["parameters"].values())
