@@ -1,7 +1,8 @@
-"""What one part of a process can change for all others, put back: random states, torch's default type, gradients, threads."""
+"""What one part of a process can change for all others, put back: random states, torch's default type, the working folder."""
 
 from __future__ import annotations
 
+import os
 import random
 import sys
 from collections.abc import Iterator
@@ -16,7 +17,8 @@ def process_state_kept() -> Iterator[None]:
 
     Where the block itself imports torch, that is put back to what it starts with.
     """
-    states = random.getstate(), np.random.get_state()
+    states, errors = (random.getstate(), np.random.get_state()), np.geterr()
+    folder = os.open(".", os.O_RDONLY)  # which may have no name any more
     torch = sys.modules.get("torch")
     if torch is not None:
         of_torch = torch.get_default_dtype(), torch.is_grad_enabled(), torch.get_num_threads()
@@ -27,6 +29,9 @@ def process_state_kept() -> Iterator[None]:
     finally:
         random.setstate(states[0])
         np.random.set_state(states[1])
+        np.seterr(**errors)
+        os.fchdir(folder)
+        os.close(folder)
         if torch is None and (fresh := sys.modules.get("torch")) is not None:
             fresh.set_default_dtype(fresh.float32)
             fresh.set_grad_enabled(True)

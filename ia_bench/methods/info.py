@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from ia_bench.common.errors import InputError, PluginError
@@ -52,11 +52,14 @@ class MethodInfo:
 
 def check_declarations(name: str, method: Any) -> None:  # noqa: ANN401 (anything may claim to be a method)
     """Raise PluginError, naming the method, unless its class has ``Options``, ``presets`` and ``info`` as the contract says."""
+    named = isinstance(method.Options, type) and is_dataclass(method.Options)
+    known = {field.name for field in fields(method.Options)} if named else set()
+    presets = method.presets.values() if isinstance(method.presets, Mapping) else [None]
     sound = {
-        "Options": ("a dataclass", isinstance(method.Options, type) and is_dataclass(method.Options)),
+        "Options": ("a dataclass", named),
         "presets": (
             "a mapping of names to options that differ from their defaults",
-            isinstance(method.presets, Mapping) and all(isinstance(part, Mapping) for part in method.presets.values()),
+            all(isinstance(part, Mapping) and set(part) <= known for part in presets),
         ),
         "info": (f"a {MethodInfo.__module__}.MethodInfo", isinstance(method.info, MethodInfo)),
     }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from math import isfinite
 from numbers import Integral, Real
 from typing import Any
 
@@ -34,6 +33,9 @@ from ia_bench.scenes.scene import Camera, Mesh
 
 LARGEST_SIDE = 16384
 """Texels along a side of a texture, or rows of a light: the albedo has 3 GB then, and every copy of it as many."""
+
+MOST = 2**63
+"""Counters and seconds are below it."""
 
 
 def reconstruct(name: str, method: Method, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
@@ -160,7 +162,7 @@ def _numbers(who: str, values: Any, kind: type) -> Iterator[tuple[str, Any]]:  #
         raise PluginError(f"{who}: expected a mapping of names to numbers, found {type(values).__name__}")
     for what, value in values.items():
         number = isinstance(value, kind) and not isinstance(value, bool)
-        if not (isinstance(what, str) and number and isfinite(value) and value >= 0):
+        if not (isinstance(what, str) and what.isprintable() and number and 0 <= value < MOST):  # also not NaN
             expected = "whole numbers >= 0" if kind is Integral else "finite numbers >= 0"
             raise PluginError(f"{who}: expected names with {expected}, found {what!r}: {value!r:.100}")
         yield what, value

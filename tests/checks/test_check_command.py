@@ -44,7 +44,7 @@ def test_command_line(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "expected prior=NAME"),
+        ([], "or prior=NAME; --help lists them"),
         (["prior=orcale"], "unknown prior 'orcale'; did you mean 'oracle'?"),
         (["proir=oracle"], "did you mean 'prior'?"),
         (["prior=oracle", "scene=hat"], "unknown setting of ia_bench.check 'scene'"),

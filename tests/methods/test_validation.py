@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -90,6 +91,8 @@ def test_textures_that_nothing_can_draw(changes: dict[str, Any], message: str, s
         ({"seconds": [1.0]}, "seconds: expected a mapping of names to numbers, found list"),
         ({"counters": {"calls": float("nan")}}, "counters: expected names with whole numbers >= 0, found 'calls': nan"),
         ({"counters": {"calls": object()}}, "counters: expected names with whole numbers >= 0, found 'calls': <object"),
+        ({"counters": {"calls": 10**400}}, "counters: expected names with whole numbers >= 0, found 'calls': 1000"),
+        ({"counters": {"\udc80": 1}}, "counters: expected names with whole numbers"),
         ({"counters": {3: 4}}, "counters: expected names with whole numbers >= 0, found 3: 4"),
         ({"steps": -1}, "expected names with whole numbers >= 0, found 'steps': -1"),
     ],
@@ -175,13 +178,15 @@ class Careless:
         lambda: torch.set_default_device("meta"),
         lambda: np.random.seed(0),
         lambda: random.seed(0),
+        lambda: np.seterr(all="raise"),
+        lambda: os.chdir("/"),
     ],
-    ids=["dtype", "gradients", "torch's seed", "device", "numpy's seed", "Python's seed"],
+    ids=["dtype", "gradients", "torch's seed", "device", "numpy's seed", "Python's seed", "numpy's errors", "folder"],
 )
 def test_what_a_method_changes_for_all_is_put_back(change: Callable[[], object], stage: Stage, tiny: Scene) -> None:
     def state() -> list[object]:
         of_torch = torch.get_default_dtype(), torch.is_grad_enabled(), torch.get_rng_state().tolist(), torch.get_default_device()
-        return [*of_torch, np.random.get_state()[1].tolist(), random.getstate()]
+        return [*of_torch, np.random.get_state()[1].tolist(), random.getstate(), np.geterr(), os.getcwd()]
 
     before = state()
     reconstruct("careless", Careless(stage, change), Problem(tiny.blind()), seed=0, monitor=Monitor.silent())  # type: ignore[arg-type]
@@ -207,7 +212,15 @@ def test_a_reconstruction_that_is_scored_on_the_way_is_checked(stage: Stage, tin
 
 
 @pytest.mark.parametrize(
-    ("part", "value"), [("info", None), ("info", {"uses_prior": True}), ("Options", dict), ("presets", [1]), ("presets", {"a": 1})]
+    ("part", "value"),
+    [
+        ("info", None),
+        ("info", {"uses_prior": True}),
+        ("Options", dict),
+        ("presets", [1]),
+        ("presets", {"a": 1}),
+        ("presets", {"a": {"x": 1}}),
+    ],
 )
 def test_what_a_class_declares_is_checked_before_it_is_made(part: str, value: object) -> None:
     declared = {"Options": dataclass(type("Options", (), {})), "presets": {}, "info": MethodInfo(uses_prior=False)}
