@@ -52,7 +52,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         shaped = with_geometry(shaped, settings, note, normals, begin)
     if not settings.margin:
         return shaped
-    from ia_bench.capture.margin import inside
+    from ia_bench.capture.views import inside
 
     return replace(shaped, train=inside(shaped.train, settings.margin))
 

@@ -12,13 +12,14 @@ import torch
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
-from ia_bench.geometry import overlap
 from ia_bench.scenes.scene import Mesh
 
 if TYPE_CHECKING:
     import trimesh
 
 PARTS = ("vertices", "faces", "normals", "uv")
+SIDE = 512  # points along a side of a texture at which layers of it are counted ...
+AT_ONCE = 2**16  # ... of so many triangles together
 SHARED = 0.05  # of the texture that a mesh uses: more of it that belongs to several places is told of
 CROWDED = 300  # boxes of triangles that a ray meets; those of surfaces are about 3
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
@@ -37,7 +38,7 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
         raise InputError(f"{shown(path)}: no such mesh")
     if path.suffix.lower() != ".ply":  # others may refer to more files
         return _read(path, uv)
-    code = "".join(Path(file).read_text(encoding="utf-8") for file in (__file__, overlap.__file__))
+    code = Path(__file__).read_text(encoding="utf-8")
     cache, key = Cache(), content_key("mesh", code, uv, path.name, np.fromfile(path, np.uint8))
     kept = cache.get(key)
     if kept is None:
@@ -162,7 +163,7 @@ def _given_uv(uv: np.ndarray, faces: np.ndarray, path: Path, notes: list[str]) -
     if not np.isfinite([low, high]).all() or low < -1e-6 or high > 1 + 1e-6:
         raise InputError(f"{path}: expected UV within [0, 1], found {low:.4g} ... {high:.4g}; run with reader.options.uv=xatlas")
     uv = uv.clip(0, 1)
-    shared = overlap.shared_texture(uv, faces)
+    shared = shared_texture(uv, faces)
     if shared > SHARED:
         notes.append(
             f"warning: {path.name}: {shared:.0%} of the texture that it uses belongs to several places of its surface (mirrored or "
@@ -241,3 +242,39 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh
         normals=normals[source].astype(np.float32),
         uv=np.asarray(uv, np.float32).clip(0, 1),
     )
+
+
+# ---------------------------------------------------------------- how much of a texture belongs to several places of a mesh
+def shared_texture(uv: np.ndarray, faces: np.ndarray) -> float:
+    """The share of the texture covered by triangles that more than one of them covers, between 0 and 1; 0 if none covers any.
+
+    ``uv`` (V, 2) in [0, 1], ``faces`` (F, 3). Counted at SIDE x SIDE points, so edges that triangles share do not count.
+    """
+    change = np.zeros(SIDE * (SIDE + 1), np.int64)  # of the number of triangles, along each row of points
+    points = uv.astype(np.float64) * SIDE - 0.5  # the first point lies half a step from the border
+    for part in np.split(faces, range(AT_ONCE, len(faces), AT_ONCE)):
+        row, first, end = _spans(points[part])
+        np.add.at(change, row * (SIDE + 1) + first, 1)
+        np.add.at(change, row * (SIDE + 1) + end, -1)
+    layers = change.reshape(SIDE, SIDE + 1).cumsum(1)
+    return float((layers > 1).sum() / max((layers > 0).sum(), 1))
+
+
+def _spans(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The points inside of triangles with these corners (F, 3, 2): for each row of each its number, first column and end.
+
+    Ranges are half open, so a point on an edge that two triangles share is inside of one of them alone.
+    """
+    low, high = (np.ceil(edge).astype(np.int64).clip(0, SIDE) for edge in (corners[..., 1].min(1), corners[..., 1].max(1)))
+    rows = high - low
+    triangle = np.repeat(np.arange(len(corners)), rows)
+    row = np.arange(len(triangle)) - np.repeat(rows.cumsum() - rows, rows) + low[triangle]
+    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    for one, two in ((0, 1), (1, 2), (2, 0)):
+        (x, y), (to_x, to_y) = corners[triangle, one].T, corners[triangle, two].T
+        crosses = (np.minimum(y, to_y) <= row) & (row < np.maximum(y, to_y))
+        column = x + (row - y) / np.where(crosses, to_y - y, 1) * (to_x - x)
+        left, right = np.where(crosses, np.minimum(left, column), left), np.where(crosses, np.maximum(right, column), right)
+    first, end = (np.ceil(column).clip(0, SIDE).astype(np.int64) for column in (left, right))
+    some = end > first
+    return row[some], first[some], end[some]

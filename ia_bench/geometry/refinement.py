@@ -1,7 +1,7 @@
 """A surface from photographs and masks: the hull, hollowed by stereo, refined until its pictures are the photographs.
 
 1. The visual hull bounds the object. 2. Depth maps by plane sweeping find its hollows, however deep, as steps along a gradient
-would not (:mod:`~ia_bench.geometry.sweep`), and are fused into one field (:mod:`~ia_bench.geometry.fusion`). 3. The distances at
+would not, and are fused into one field (:mod:`~ia_bench.geometry.sweep`). 3. The distances at
 the vertices of a grid, features beside them and a small network are fitted to all pixels by volume rendering
 (:mod:`~ia_bench.geometry.marching`), at one size from the first step on, since coarse cells close hollows again. Minimised is,
 over random pixels,
@@ -22,18 +22,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
-from torch.nn.functional import grid_sample, interpolate, normalize, pad
+from torch import Tensor, nn
+from torch.nn.functional import grid_sample, interpolate, normalize, pad, softplus
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, ProgressBar, unseen
-from ia_bench.geometry.appearance import Appearance
-from ia_bench.geometry.fusion import fused
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Pixels, Rays, gathered, pixels_of
 from ia_bench.geometry.moving_photographs import MovingPhotographs
-from ia_bench.geometry.sweep import depth_maps
+from ia_bench.geometry.sweep import depth_maps, fused
 from ia_bench.geometry.warp_march import CHANNELS
 from ia_bench.scenes.scene import View
 
@@ -49,6 +47,8 @@ OFFSET = 1e-3  # and of the square of a pixel by which a photograph moves
 BAND = 3.0  # cells from the surface within which vertices are regular
 BEYOND = 0.5  # cells that the surface may leave the hull by, where masks are not quite right
 AGAIN = 20  # steps after which the vertices near the surface are looked for again
+HIDDEN = 32  # units of the layers of the network of colours
+BEGINNING = -3.0  # what its last layer starts with: softplus of it is .05 of the mean colour
 DARK = -0.5  # first value of the features of the colour: softplus of it is half of the mean radiance
 
 
@@ -228,3 +228,41 @@ def _differences(values: Tensor) -> Tensor:
         padded[inner, 2:, inner] - padded[inner, :-2, inner],
         padded[inner, inner, 2:] - padded[inner, inner, :-2],
     ])  # fmt: skip
+
+
+# ---------------------------------------------------------------- colour, without a model of light
+class Appearance(nn.Module):
+    """Linear colour (N, 3) of features (N, CHANNELS), unit normals and directions of rays (N, 3): that of all views, and a shine.
+
+    softplus(the first three features) + softplus(network(the other features, normal, mirrored direction, cosine)). Under light that
+    does not move, the first is all that a matt surface shows, whatever its shadows.
+    """
+
+    def __init__(self, generator: torch.Generator) -> None:
+        super().__init__()
+        sizes = CHANNELS - 3 + 2 * 15 + 1, HIDDEN, HIDDEN, 3
+        layers = [nn.Linear(*pair) for pair in zip(sizes, sizes[1:], strict=False)]
+        for layer in layers:
+            bound = layer.in_features**-0.5
+            with torch.no_grad():
+                layer.weight.uniform_(-bound, bound, generator=generator)
+                layer.bias.zero_()
+        nn.init.constant_(layers[-1].bias, BEGINNING)
+        self.network = nn.Sequential(layers[0], nn.ReLU(), layers[1], nn.ReLU(), layers[2])
+
+    def forward(self, features: Tensor, normals: Tensor, directions: Tensor) -> Tensor:
+        """See the class."""
+        cosine = (normals * directions).sum(-1, keepdim=True)
+        mirrored = directions - 2 * cosine * normals
+        known = torch.cat([features[:, 3:], harmonics(normals), harmonics(mirrored), cosine], -1)
+        return softplus(features[:, :3]) + softplus(self.network(known))
+
+
+def harmonics(d: Tensor) -> Tensor:
+    """Real spherical harmonics of degrees 1 to 3 at unit directions (N, 3), each up to a factor: (N, 15)."""
+    x, y, z = d.unbind(-1)
+    first = [x, y, z]
+    second = [x * y, y * z, x * z, x * x - y * y, 3 * z * z - 1]
+    third = [x * (x * x - 3 * y * y), y * (3 * x * x - y * y), z * (x * x - y * y), x * y * z]
+    third += [x * (5 * z * z - 1), y * (5 * z * z - 1), z * (5 * z * z - 3)]
+    return torch.stack(first + second + third, -1)

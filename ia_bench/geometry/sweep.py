@@ -1,4 +1,4 @@
-"""Depth maps by plane sweeping: which depth makes a photograph agree with its neighbours?
+"""Depth maps by plane sweeping, and one field of them all: which depth makes a photograph agree with its neighbours?
 
 For planes across the axis of a camera, neighbouring photographs are projected onto the plane and seen from that camera. Where the
 plane meets the surface they look alike, which is measured in small windows by zero-mean normalised cross-correlation (Collins
@@ -13,6 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+from skimage.measure import marching_cubes
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
@@ -33,6 +36,13 @@ OUTSIDE = 1.2  # cost of a depth outside of the hull; 0 is perfect agreement, 1 
 NEVER = 9.0  # and once costs are summed
 WHOLE = 0.9  # coverage from which a pixel shows nothing but the object
 TEXTURE = 1e-4  # of the variance of the photograph: windows with less of it agree with nothing
+
+TRUNCATION = 3.0  # cells from its depth within which a view tells how far a point is; before that "outside", behind nothing
+LEAST_TRUST = 0.3  # correlation from which a depth counts
+PASSING = 0.5  # weight of a view that only says "outside": a depth that is too large would say so of the object
+ENOUGH = 0.2  # weight of all views together at which they count as much as the hull, which is what is believed without any
+FAR = 8.0  # cells, beyond which nobody asks how far the surface is
+BLUR = 0.5  # cells, of distances that come from triangles
 
 
 @dataclass(frozen=True)
@@ -173,3 +183,44 @@ def _between(cost: Tensor, best: Tensor) -> Tensor:
     bend = before - 2 * here + after
     real = (bend > 1e-6) & (before < NEVER) & (after < NEVER) & (middle == best)
     return torch.where(real, 0.5 * (before - after) / bend.clamp_min(1e-6), 0).clamp(-0.5, 0.5)
+
+
+# ---------------------------------------------------------------- all depth maps in one field (Curless and Levoy 1996)
+def fused(hull: DistanceGrid, maps: Sequence[DepthMap]) -> DistanceGrid:
+    """The part of the hull that depth maps leave, as signed distances on the grid of the hull.
+
+    Of a point, view v says d_v = depth of its map - depth of the point, cut to the truncation, with the weight
+    (trust - least trust)^2; the mean of these and of the hull is kept, where that is farther outside than the hull.
+    """
+    inside = torch.nonzero(hull.values.reshape(-1) < hull.step)[:, 0]
+    points = hull.positions().reshape(-1, 3)[inside]
+    reach = TRUNCATION * hull.step
+    total, weights = torch.zeros(len(points)), torch.full((len(points),), ENOUGH)
+    total += ENOUGH * hull.values.reshape(-1)[inside].clamp(-reach, reach)
+    for one in maps:
+        column, row, depth = one.camera.project(points)
+        place = torch.stack([2 * column / one.camera.width - 1, 2 * row / one.camera.height - 1], -1)[None, None]
+        layers = torch.stack([one.depth, one.trust])[None]
+        there, trust = grid_sample(layers, place, mode="nearest", align_corners=False)[0, :, 0]
+        outside = there - depth
+        weight = (trust - LEAST_TRUST).clamp_min(0) ** 2 * ((there > 0) & (depth > 0) & (outside > -reach))
+        weight = torch.where(outside > reach, PASSING * weight, weight)
+        total += weight * outside.clamp(-reach, reach)
+        weights += weight
+    values = hull.values.clone().reshape(-1)
+    values[inside] = torch.maximum(values[inside], total / weights)
+    if not values.min() < 0:  # the views agree about nothing
+        return hull
+    return redistanced(DistanceGrid(values.reshape(hull.values.shape), hull.low, hull.step))
+
+
+def redistanced(grid: DistanceGrid) -> DistanceGrid:
+    """Distances, of FAR cells at most, to the zero of a field whose values are none: to the nearest points of its triangles."""
+    values = grid.values.numpy()
+    vertices, faces, _, _ = marching_cubes(values, 0.0)
+    surface = np.concatenate([vertices, vertices[faces].mean(1)])
+    places = np.indices(values.shape).reshape(3, -1).T
+    distance = cKDTree(surface).query(places, distance_upper_bound=FAR)[0].clip(max=FAR).reshape(values.shape)
+    signed: np.ndarray = gaussian_filter(np.where(values < 0, -distance, distance), BLUR)
+    found: Tensor = torch.from_numpy(signed.astype(np.float32)) * grid.step
+    return DistanceGrid(found, grid.low, grid.step)

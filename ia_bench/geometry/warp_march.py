@@ -56,47 +56,41 @@ def value_at(values: wp.array3d(dtype=float), t: Taps):
 
 
 @wp.func
+def near_corner(place: float, corner: int):
+    """How near a place between two vertices, 0 to 1, is to the first or the second one."""
+    return wp.where(corner == 1, place, 1.0 - place)
+
+
+@wp.func
 def add_value(values: wp.array3d(dtype=float), t: Taps, amount: float):
     """The adjoint of :func:`value_at`."""
-    one = amount * (1.0 - t.u)
-    two = amount * t.u
-    values[t.x, t.y, t.z] += one * (1.0 - t.v) * (1.0 - t.w)
-    values[t.x, t.y, t.z + 1] += one * (1.0 - t.v) * t.w
-    values[t.x, t.y + 1, t.z] += one * t.v * (1.0 - t.w)
-    values[t.x, t.y + 1, t.z + 1] += one * t.v * t.w
-    values[t.x + 1, t.y, t.z] += two * (1.0 - t.v) * (1.0 - t.w)
-    values[t.x + 1, t.y, t.z + 1] += two * (1.0 - t.v) * t.w
-    values[t.x + 1, t.y + 1, t.z] += two * t.v * (1.0 - t.w)
-    values[t.x + 1, t.y + 1, t.z + 1] += two * t.v * t.w
+    for i in range(2):
+        for j in range(2):
+            for k in range(2):
+                part = amount * near_corner(t.u, i) * near_corner(t.v, j) * near_corner(t.w, k)
+                values[t.x + i, t.y + j, t.z + k] += part
 
 
 @wp.func
 def features_at(features: wp.array3d(dtype=vec8), t: Taps):
     """Trilinear."""
-    one = 1.0 - t.u
-    total = (one * (1.0 - t.v) * (1.0 - t.w)) * features[t.x, t.y, t.z]
-    total += (one * (1.0 - t.v) * t.w) * features[t.x, t.y, t.z + 1]
-    total += (one * t.v * (1.0 - t.w)) * features[t.x, t.y + 1, t.z]
-    total += (one * t.v * t.w) * features[t.x, t.y + 1, t.z + 1]
-    total += (t.u * (1.0 - t.v) * (1.0 - t.w)) * features[t.x + 1, t.y, t.z]
-    total += (t.u * (1.0 - t.v) * t.w) * features[t.x + 1, t.y, t.z + 1]
-    total += (t.u * t.v * (1.0 - t.w)) * features[t.x + 1, t.y + 1, t.z]
-    total += (t.u * t.v * t.w) * features[t.x + 1, t.y + 1, t.z + 1]
+    total = vec8()
+    for i in range(2):
+        for j in range(2):
+            for k in range(2):
+                weight = near_corner(t.u, i) * near_corner(t.v, j) * near_corner(t.w, k)
+                total += weight * features[t.x + i, t.y + j, t.z + k]
     return total
 
 
 @wp.func
 def add_features(features: wp.array3d(dtype=vec8), t: Taps, amount: vec8):
     """The adjoint of :func:`features_at`."""
-    one = 1.0 - t.u
-    features[t.x, t.y, t.z] += (one * (1.0 - t.v) * (1.0 - t.w)) * amount
-    features[t.x, t.y, t.z + 1] += (one * (1.0 - t.v) * t.w) * amount
-    features[t.x, t.y + 1, t.z] += (one * t.v * (1.0 - t.w)) * amount
-    features[t.x, t.y + 1, t.z + 1] += (one * t.v * t.w) * amount
-    features[t.x + 1, t.y, t.z] += (t.u * (1.0 - t.v) * (1.0 - t.w)) * amount
-    features[t.x + 1, t.y, t.z + 1] += (t.u * (1.0 - t.v) * t.w) * amount
-    features[t.x + 1, t.y + 1, t.z] += (t.u * t.v * (1.0 - t.w)) * amount
-    features[t.x + 1, t.y + 1, t.z + 1] += (t.u * t.v * t.w) * amount
+    for i in range(2):
+        for j in range(2):
+            for k in range(2):
+                weight = near_corner(t.u, i) * near_corner(t.v, j) * near_corner(t.w, k)
+                features[t.x + i, t.y + j, t.z + k] += weight * amount
 
 
 @wp.func

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +27,8 @@ DESCRIPTION = "scene.json"
 MESH = "mesh.ply"
 SHARED_LIGHTS = "lights"
 """Name of the folder, beside that of the scenes, with lights that several scenes see and that are stored once."""
-Views = dict[str, tuple[View, ...]]
+RINGING = {"image": "images", "specular": "true specular shading"}
+RANG = "values below zero or beyond the object (ringing of lossy compression) set to 0"
 
 
 class NativeReader:
@@ -59,8 +61,9 @@ class NativeReader:
             cameras = len({view.camera.to_world.tobytes() for view in frames})  # each may see the object under several lights
             if count not in (len(frames), cameras):
                 raise InputError(f"{folder / DESCRIPTION}: splits: expected {count!r} {split} views, found {len(frames)}")
-        for name in ("image", "specular"):
-            views, notes = _without_ringing(views, name, notes)
+        rung = Counter[str]()
+        views = {split: tuple(_without_ringing(view, rung) for view in found) for split, found in views.items()}
+        notes += tuple(f"{RINGING[name]}: {count} {RANG}" for name, count in sorted(rung.items()) if count)
         return Scene(
             name=text(str(folder / DESCRIPTION), description, "name", folder.name),
             source=str(folder),
@@ -172,23 +175,13 @@ def _check(path: Path, description: Mapping[str, Any]) -> None:
             raise InputError(f"{path}: {key}: expected {words}, found {description[key]!r}")
 
 
-def _without_ringing(views: Views, name: str, notes: tuple[str, ...]) -> tuple[Views, tuple[str, ...]]:
-    """Radiance ``name`` of all views without what lossy compression leaves below zero and beyond the object; says so."""
-    count = 0
-    cleaned: Views = {}
-    for split, found in views.items():
-        kept = []
-        for view in found:
-            radiance = getattr(view, name)
-            if radiance is not None:
-                wrong = (radiance < 0) | ((radiance != 0) & (view.mask == 0)[..., None])
-                count += int(wrong.sum())
-                cleared: dict[str, Any] = {name: np.where(wrong, 0, radiance)}
-                view = replace(view, **cleared)
-            kept.append(view)
-        cleaned[split] = tuple(kept)
-    if not count:
-        return views, notes
-    what = {"image": "images", "specular": "true specular shading"}[name]
-    line = f"{what}: {count} values below zero or beyond the object (ringing of lossy compression) set to 0"
-    return cleaned, (*notes, line)
+def _without_ringing(view: View, rung: Counter[str]) -> View:
+    """The view without what lossy compression leaves below zero and beyond the object; ``rung`` counts the values."""
+    cleared: dict[str, Any] = {}
+    for name in RINGING:
+        radiance = getattr(view, name)
+        if radiance is not None:
+            wrong = (radiance < 0) | ((radiance != 0) & (view.mask == 0)[..., None])
+            rung[name] += int(wrong.sum())
+            cleared[name] = np.where(wrong, 0, radiance)
+    return replace(view, **cleared)

@@ -86,7 +86,7 @@ class NerfstudioReader(FolderReader):
     def _view(self, where: str, frame: Mapping[str, Any], notes: Notes, read: _Read) -> View:
         folder = self.folder
         path = _spelled_below(folder, picture_below(folder, frame.get("file_path"), f"{where}: file_path"))
-        photo = photograph(path, self._mask(where, path, frame, read), notes, self._places(path)[0])
+        photo = photograph(path, self._mask(where, path, frame, read), notes, self._mask_places(path)[0])
         height, width = photo.mask.shape
         for key, size in (("w", width), ("h", height)):
             if key in frame and number(where, frame, key) != size:
@@ -106,7 +106,7 @@ class NerfstudioReader(FolderReader):
         if "mask_path" in frame:
             return file_below(self.folder, frame["mask_path"], f"{where}: mask_path")
         photo = plain(path.relative_to(self.folder))
-        found = next((mask for mask in self._places(path) if mask.is_file()), None)
+        found = next((mask for mask in self._mask_places(path) if mask.is_file()), None)
         if found is not None and (other := read.masks.setdefault(found, photo)) != photo:
             raise InputError(
                 f"{found}: expected the mask of one photograph, found that {other} and {photo} would share it; "
@@ -114,7 +114,7 @@ class NerfstudioReader(FolderReader):
             )
         return found
 
-    def _places(self, path: Path) -> list[Path]:
+    def _mask_places(self, path: Path) -> list[Path]:
         """Where the mask of a photograph may lie, first the place that messages name."""
         photo, masks = Path(plain(path.relative_to(self.folder))), self.folder / self.masks
         names = (f"{path.stem}.png", f"{path.name}.png")  # COLMAP's own masks keep the suffix of the photograph

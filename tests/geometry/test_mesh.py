@@ -286,9 +286,7 @@ end_header
     (tmp_path / "mesh.ply").write_text(ply)
     mesh, _ = load_mesh(tmp_path / "mesh.ply")
     corner = mesh.uv[mesh.faces].reshape(2, 6)
-    np.testing.assert_allclose(
-        corner[corner[:, 0].argsort()], [[0, 0, 0.4, 0, 0.4, 0.4], [0.5, 0.5, 0.9, 0.9, 0.5, 0.9]]
-    )
+    np.testing.assert_allclose(corner[corner[:, 0].argsort()], [[0, 0, 0.4, 0, 0.4, 0.4], [0.5, 0.5, 0.9, 0.9, 0.5, 0.9]])
 
 
 def test_a_mesh_is_kept_for_the_next_time(tmp_path: Path, ply: Ply, monkeypatch: pytest.MonkeyPatch) -> None:

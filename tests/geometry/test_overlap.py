@@ -9,8 +9,7 @@ import pytest
 import trimesh
 from trimesh.visual import TextureVisuals
 
-from ia_bench.geometry.mesh import load_mesh
-from ia_bench.geometry.overlap import SIDE, shared_texture
+from ia_bench.geometry.mesh import SIDE, load_mesh, shared_texture
 from ia_bench.scenes.scene import Scene
 
 
@@ -68,9 +67,7 @@ def test_a_folded_atlas_is_told_of(tmp_path: Path, tiny: Scene) -> None:
     folded = np.stack([np.abs(2 * mesh.uv[:, 0] - 1), mesh.uv[:, 1]], 1)
     notes = {}
     for name, uv in (("folded", folded), ("plain", mesh.uv)):
-        solid = trimesh.Trimesh(
-            mesh.vertices, mesh.faces, vertex_normals=mesh.normals, visual=TextureVisuals(uv=uv), process=False
-        )
+        solid = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_normals=mesh.normals, visual=TextureVisuals(uv=uv), process=False)
         solid.export(tmp_path / f"{name}.obj", include_normals=True)
         notes[name] = load_mesh(tmp_path / f"{name}.obj")[1]
     assert notes["plain"] == ()

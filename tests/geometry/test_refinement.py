@@ -10,13 +10,12 @@ import pytest
 import torch
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.fusion import fused, redistanced
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Rays
 from ia_bench.geometry.refinement import surface_from_images, turned_away
 from ia_bench.geometry.surface import extracted, normals_at
-from ia_bench.geometry.sweep import DepthMap, correlation, depth_maps, neighbours, semi_global
+from ia_bench.geometry.sweep import DepthMap, correlation, depth_maps, fused, neighbours, redistanced, semi_global
 from ia_bench.scenes.scene import View
 
 CELLS = 40

@@ -1,16 +1,25 @@
-"""Meshes of distances that are known: radius, normals, winding, number of triangles, parts."""
+"""Meshes: of distances that are known, without their detail, and their texture coordinates."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+import trimesh
+import xatlas
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.surface import extracted, mesh_of
+from ia_bench.geometry.mesh import unwrap
+from ia_bench.geometry.surface import extracted, mesh_of, smoothed
+from ia_bench.scenes.scene import Mesh
+from tests.shapes import sphere
 
 
+# ---------------------------------------------------------------- meshes of distances that are known
+# Radius, normals, winding, number of triangles, parts.
 def field(*balls: tuple[tuple[float, float, float], float], cells: int = 40) -> DistanceGrid:
     """Exact distances to the union of balls, (centre, radius), in the box from -1 to 1."""
     grid = DistanceGrid(torch.zeros(cells + 1, cells + 1, cells + 1), torch.full((3,), -1.0), 2 / cells)
@@ -54,3 +63,78 @@ def test_crumbs_go_and_parts_stay() -> None:
 def test_distances_without_a_surface_are_refused() -> None:
     with pytest.raises(InputError, match="some below and some above 0"):
         extracted(field(((0.0, 0.0, 0.0), 5.0)))
+
+
+# ---------------------------------------------------------------- heat flow of a sphere
+# Which is known: the Laplacian of the position on a sphere is -2 / radius^2 times the position.
+@pytest.mark.parametrize("width", [0.05, 0.3])
+def test_a_sphere_shrinks_as_the_heat_equation_says(width: float) -> None:
+    ball = sphere(4, radius=0.8)
+    after = np.linalg.norm(smoothed(ball, width).vertices, axis=1)
+    expected = 0.8 / (1 + (width / 0.8) ** 2)  # one implicit step of t = width^2 / 2
+    np.testing.assert_allclose(after, expected, rtol=2e-3)
+
+
+def test_bumps_go_before_the_shape() -> None:
+    ball = sphere(4)
+    random = np.random.default_rng(0)
+    rough = replace(ball, vertices=ball.vertices * (1 + 0.02 * random.standard_normal((len(ball.vertices), 1))).astype(np.float32))
+    after = np.linalg.norm(smoothed(rough, 0.1).vertices, axis=1)
+    assert after.std() < 0.45 * np.linalg.norm(rough.vertices, axis=1).std()
+    assert 0.97 < after.mean() < 1
+
+
+def test_seams_stay_closed_and_texture_coordinates_stay() -> None:
+    ball = sphere(2, smooth=False)  # every triangle has corners of its own
+    after = smoothed(ball, 0.2)
+    np.testing.assert_array_equal(after.uv, ball.uv)
+    _, before = np.unique(ball.vertices, axis=0, return_inverse=True)
+    for place in range(before.max() + 1):
+        assert np.ptp(after.vertices[before.reshape(-1) == place], axis=0).max() == 0
+    np.testing.assert_allclose(np.linalg.norm(after.normals, axis=1), 1, atol=1e-5)
+
+
+# ---------------------------------------------------------------- texture coordinates by xatlas
+# The size of an object decides nothing, and what xatlas cannot do is told.
+def ball(scale: float, place: float = 0.0) -> trimesh.Trimesh:
+    """A ball of 1280 triangles, of this radius, at this place on the x axis."""
+    solid = trimesh.creation.icosphere(3)
+    return trimesh.Trimesh(solid.vertices * scale + [place, 0, 0], solid.faces, process=False)
+
+
+def unwrapped(solid: trimesh.Trimesh) -> Mesh:
+    return unwrap(np.asarray(solid.vertices), np.asarray(solid.faces), np.asarray(solid.vertex_normals))
+
+
+def covered(mesh: Mesh) -> float:
+    """The share of the texture that triangles cover, each counted by its own area."""
+    a, b, c = (mesh.uv[mesh.faces[:, i]].astype(np.float64) for i in range(3))
+    return float(0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum())
+
+
+@pytest.mark.parametrize("scale", [0.1, 1e-2, 1e-3, 1e-5])
+def test_a_small_object_has_the_atlas_of_a_large_one(scale: float) -> None:
+    small = unwrapped(ball(scale))
+    assert covered(small) == pytest.approx(covered(unwrapped(ball(1.0))), abs=0.02)
+    np.testing.assert_allclose(np.linalg.norm(small.vertices, axis=1), scale, rtol=1e-5)  # it stays where it is
+
+
+@pytest.mark.parametrize("scale", [0.25, 0.5, 3.0])
+def test_other_objects_are_given_to_xatlas_as_they_are(scale: float) -> None:
+    """From a longest side of .5 on, to the bit: textures of finished runs belong to these coordinates."""
+    solid = ball(scale)
+    atlas, options = xatlas.Atlas(), xatlas.PackOptions()
+    atlas.add_mesh(solid.vertices.astype(np.float32), solid.faces.astype(np.uint32), solid.vertex_normals.astype(np.float32))
+    options.padding, options.resolution, options.bilinear = 2, 1024, True
+    atlas.generate(pack_options=options)
+    _, faces, uv = atlas[0]
+    mesh = unwrapped(solid)
+    np.testing.assert_array_equal(mesh.faces, faces)
+    np.testing.assert_array_equal(mesh.uv, uv)
+
+
+def test_coordinates_that_are_not_finite_are_refused() -> None:
+    """Two balls so small beside what is between them that xatlas takes all triangles for none."""
+    apart = trimesh.util.concatenate([ball(1e-5), ball(1e-5, place=1.0)])
+    with pytest.raises(InputError, match=r"^xatlas: expected finite texture coordinates, found NaN or Inf at \d+ of \d+ vertices"):
+        unwrapped(apart)

@@ -162,7 +162,6 @@ MISTAKES: dict[str, Mistakes] = {
         "other scale": (one_matrix("scale_mat_3", lambda m: 2 * m), "scale_mat_3: expected the same as scale_mat_0"),
         "stretched": (one_matrix("scale_mat_0", lambda m: m @ np.diag([1, 2, 1, 1.0])), "scale_mat_0: expected one positive scale"),
         "no mask": (gone("mask/003.png"), "image/003.png: expected a mask .*mask/003.png, found none"),
-        "mask of another size": (picture("mask/003.png", smaller), "mask/003.png: expected 32 x 32 pixels"),
         "inverse": (
             arrays(
                 lambda a: a.update({k: np.linalg.inv(m) for k, m in a.items() if k.startswith("world_mat_") and "inv" not in k})
@@ -180,8 +179,6 @@ MISTAKES: dict[str, Mistakes] = {
         "no photographs": (gone("images"), r"sparse model: image .*: images/000.*.png: no such file"),
         "no photograph": (gone("images/0004.png"), "images/0004.png: no such file"),
         "no mask": (gone("masks/0004.png.png"), "images/0004.png: expected a mask .*masks/0004.png, found none"),
-        "empty mask": (picture("masks/0004.png.png", black), "the mask has no pixel of an object"),
-        "mask of another size": (picture("masks/0004.png.png", smaller), "0004.png.png: expected 32 x 32 pixels"),
         "another size": (
             both(picture("images/0004.png", smaller), picture("masks/0004.png.png", smaller)),
             "0004.png: expected 32 x 32 pixels like camera 1 of the sparse model, found 28 x 24",
@@ -199,7 +196,6 @@ MISTAKES: dict[str, Mistakes] = {
             "image 2: expected a rotation as a unit quaternion, found",
         ),
         "one name for two": (word(f"{SPARSE}/images.txt", "0004.png", "0003.png"), "expected every photograph once"),
-        "no picture": (text("images/0004.png", "no picture"), "0004.png: expected a picture"),
         "no poses": (
             text(f"{SPARSE}/images.txt", "# nothing\n"),
             "expected photographs with a pose in the sparse model, found none",
@@ -207,7 +203,6 @@ MISTAKES: dict[str, Mistakes] = {
     },
     "neilf": {
         "no file": (gone(SFM), r"sfm_scene\.json: no such file"),
-        "broken JSON": (broken_json(SFM), r"sfm_scene\.json: not valid JSON"),
         "README's key": (edit(SFM, lambda c: c.update(image_list=c.pop("image_path"))), "expected image_path, found none"),
         "no box": (edit(SFM, lambda c: c.pop("bbox")), "expected bbox, found none"),
         "12 numbers": (edit(SFM, lambda c: c["bbox"].update(transform=[1.0] * 12)), "bbox.transform: expected 16 finite numbers"),
@@ -249,7 +244,7 @@ MISTAKES: dict[str, Mistakes] = {
         "truth of another size": (picture("ground_truths/materials/kd/009.png", smaller), "kd/009.png: expected 32 x 32 pixels"),
     },
     "openillumination": OPEN,
-    "openillumination_opengl": {name: OPEN[name] for name in list(OPEN)[:10]},
+    "openillumination_opengl": {},
     "objects_with_lighting": {
         "no photographs": (gone("test/inputs"), r"expected photographs image_0000\.png, image_0001\.png, ..., found none"),
         "no exposure": (gone("test/inputs/exposure.txt"), r"exposure\.txt: no such file"),
@@ -262,8 +257,6 @@ MISTAKES: dict[str, Mistakes] = {
         ),
         "no camera": (gone("test/inputs/camera_0003.txt"), r"inputs/camera_0003\.txt: no such file"),
         "no mask": (gone("test/inputs/mask_0003.png"), r"inputs/mask_0003\.png: no such file"),
-        "mask of another size": (picture("test/inputs/mask_0003.png", smaller), r"mask_0003\.png: expected 32 x 32 pixels"),
-        "empty mask": (picture("test/inputs/mask_0003.png", black), r"mask_0003\.png: the mask has no pixel of an object"),
         "another size": (
             both(picture("test/inputs/mask_0003.png", smaller), picture("test/inputs/image_0003.png", smaller)),
             r"image_0003\.png: expected 32 x 32 pixels like .*camera_0003\.txt, found 28 x 24",
@@ -276,12 +269,8 @@ MISTAKES: dict[str, Mistakes] = {
         "no dataset": (gone("blender_HDR"), "expected the dataset's folder, with blender_HDR in it, found none"),
         "no capture": (gone(OWN), "unknown reader.options.capture 'tiny_scene001'; did you mean"),
         "no frames file": (gone(f"{OWN}/{TRAIN}"), r"transforms_train\.json: no such file"),
-        "broken JSON": (broken_json(f"{OWN}/{TRAIN}"), r"transforms_train\.json: not valid JSON"),
         "no photograph": (gone(f"{OWN}/train/0003.exr"), r"train/0003\.exr: no such file"),
         "no mask": (gone(f"{OWN}/train_mask/0003.png"), r"train_mask/0003\.png: no such file"),
-        "empty mask": (picture(f"{OWN}/train_mask/0003.png", black), r"0003\.png: the mask has no pixel of an object"),
-        "mask of another size": (picture(f"{OWN}/train_mask/0003.png", smaller), r"0003\.png: expected 32 x 32 pixels"),
-        "degrees": (edit(f"{OWN}/{TRAIN}", lambda c: c.update(camera_angle_x=38.0)), DEGREES),
         "transposed": (frame(f"{OWN}/{TRAIN}", matrix(np.transpose)), "transform_matrix: expected the last row 0 0 0 1"),
         "OpenCV axes": (frame(f"{OWN}/{TRAIN}", matrix(other_axes), every=True), AXES),
         "another unit": (frame(f"{OWN}/{TRAIN}", matrix(farther), every=True), MESH),

@@ -1,4 +1,4 @@
-"""Every kind of wrong file that a scene can have, through the real command line: exit status 2, one line, no traceback.
+"""Every kind of wrong file that a native scene can have: one sentence; through the real command line, exit status 2 and one line.
 
 A case is a name, what is done to a copy of the scene `tiny` of few views, and what the line has to say besides the folder. To add
 one, add it to the table of its kind; mistakes of one kind are mended in one place (`common/files.py`, `readers/contract.py`).
@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 
 from ia_bench.cli.run import main
+from ia_bench.common.errors import InputError
 from ia_bench.runs.config import ReaderConfig, SceneConfig
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr, write_exr
@@ -77,6 +79,46 @@ def change(name: str, channels: int, to: Callable[[np.ndarray], np.ndarray]) -> 
     return lambda folder: write_exr(folder / name, to(read_exr(folder / name, channels)), half=False)
 
 
+def lossy(name: str, at: tuple[int, ...], value: float) -> Spoil:
+    """One value of an image changed, also to what write_exr refuses."""
+
+    def spoil(folder: Path) -> None:
+        image = read_exr(folder / name, None)
+        image[at] = value
+        channels = {channel: image[..., i].astype(np.float16) for i, channel in enumerate("RGBA"[: image.shape[-1]])}
+        with OpenEXR.File({"type": OpenEXR.scanlineimage}, channels) as file:
+            file.write(str(folder / name))
+
+    return spoil
+
+
+def without(name: str, *keys: str | int) -> Spoil:
+    def spoil(folder: Path) -> None:
+        content = place = json.loads((folder / name).read_text())
+        for key in keys[:-1]:
+            place = place[key]
+        del place[keys[-1]]
+        (folder / name).write_text(json.dumps(content))
+
+    return spoil
+
+
+def gone(name: str) -> Spoil:
+    return lambda folder: (folder / name).unlink()
+
+
+def turned(how: Callable[[np.ndarray], object]) -> Spoil:
+    """The matrix of a frame, changed."""
+
+    def spoil(folder: Path) -> None:
+        content = json.loads((folder / TRAIN).read_text())
+        found = how(np.array(content["frames"][1]["transform_matrix"]))
+        content["frames"][1]["transform_matrix"] = found.tolist() if isinstance(found, np.ndarray) else found
+        (folder / TRAIN).write_text(json.dumps(content))
+
+    return spoil
+
+
 def fill(value: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda image: np.full_like(image, value)
 
@@ -84,40 +126,32 @@ def fill(value: float) -> Callable[[np.ndarray], np.ndarray]:
 # ---------------------------------------------------------------- the table
 NO_JSON: dict[str, bytes] = {
     "utf-16": '{"name": "ü"}'.encode("utf-16"),
-    "utf-16 without a mark": '{"name": "ü"}'.encode("utf-16-le"),
-    "latin-1": '{"name": "ü"}'.encode("latin-1"),
     "binary": bytes(range(256)),
-    "zeros": bytes(100),
     "empty": b"",
     "half": b'{"name": "tin',
     "a list": b"[1]",
-    "a number": b"3",
     "nested brackets": b"[" * 100_000,
-    "nested objects": b'{"a":' * 100_000,
-    "a comma too many": b'{"a": 1,}',
     "NaN": b'{"a": NaN}',
     "5000 digits": b'{"a": ' + b"9" * 5000 + b"}",
     "beyond a float": b'{"a": ' + b"9" * 400 + b"}",
-    "two byte order marks": b"\xef\xbb\xbf\xef\xbb\xbf{}",
 }
 NO_PATH: dict[str, Any] = {
     "number": 5,
     "null": None,
     "list": ["a"],
-    "true": True,
     "nothing": "",
     "5000 characters": "a" * 5000,
-    "many folders": "a/" * 3000,
     "surrogate": b'"\\ud800"',
     "zero byte": "images/\0.exr",
     "line break": "images/\n.exr",
     "above": "../../../../../../../../etc/hostname",
     "absolute": "/etc/hostname",
-    "home": "~/image.exr",
     "folder": "images",
     "the scene": ".",
     "below a file": "mesh.ply/image.exr",
 }
+INTRINSICS = (("camera_angle_x", 0.0), ("camera_angle_x", 4.0), ("camera_angle_x", "wide"), ("fl_x", -3.0), ("fl_x", None),
+              ("cx", "middle"), ("cx", b"1e999"), ("cy", True), ("w", "32 px"), ("w", 31), ("h", None))  # fmt: skip
 PATHS = {
     "file_path": (TRAIN, "frames", 1, "file_path"),
     "albedo_path": (TRAIN, "frames", 1, "albedo_path"),
@@ -174,7 +208,47 @@ def cases() -> Iterator[Case]:
     yield "matrix: large", edit(*matrix, 0, 0, value=1e300), r"frames\[1\]: transform_matrix"
     yield "matrix: nested", edit(*matrix, 0, 0, value=b"[" * 500 + b"]" * 500), r"frames\[1\]: transform_matrix"
     yield "matrix: objects", edit(*matrix, 0, 0, value={"a": 1}), r"frames\[1\]: transform_matrix"
-    yield "cx: beyond", edit(TRAIN, "cx", value=b"1e999"), r"frames\[0\]: cx"
+    matrices = {
+        "scaled": lambda m: m * np.array([[1.01, 1.01, 1.01, 1]] * 3 + [[1, 1, 1, 1]]),
+        "mirrored": lambda m: m * [-1, 1, 1, 1],
+        "transposed": np.transpose,  # a file written column by column: its rotation is still one
+        "3 x 4": lambda m: m[:3],
+        "ragged": lambda m: [[1, 2], *m.tolist()[1:]],
+    }
+    for name, how in matrices.items():
+        yield f"matrix: {name}", turned(how), r"frames\[1\]: transform_matrix: expected"
+    yield "matrix: missing", without(TRAIN, "frames", 1, "transform_matrix"), r"frames\[1\]: transform_matrix: expected"
+    for key, value in INTRINSICS:
+        yield f"{key}: {value}", edit(TRAIN, key, value=value), rf"{key}\b.*expected|expected {key}|focal length: expected"
+    yield "no focal length", without(TRAIN, "camera_angle_x"), r"frames\[0\]: expected camera_angle_x or fl_x, found neither"
+    for value in ("srgb", None):
+        yield f"colours: {value}", edit(SCENE, "color_space", value=value), "color_space: expected 'linear_rec709'"
+    for key, value in {"up": "y", "lights": [1], "truth_textures": 3, "metallic": "yes"}.items():
+        yield f"{key}: another", edit(SCENE, key, value=value), f"{key}: expected"
+    for value in (None, {}, [3], []):
+        yield f"frames: {value}", edit(TRAIN, "frames", value=value), "frames.*expected|needs at least one training view"
+    yield "no file_path", without(TRAIN, "frames", 1, "file_path"), r"frames\[1\]: file_path"
+    for file in (SCENE, TRAIN, IMAGE, TEXTURE):
+        yield f"{file}: gone", gone(file), f"{file}: no such file"
+    for value in (np.nan, np.inf):
+        yield f"image: {value}", lossy(IMAGE, (5, 7, 1), value), f"{IMAGE}: 1 pixel.* NaN or Inf, the first at row 5, column 7"
+    yield "light: NaN", lossy("lights/night.exr", (0, 0, 0), np.nan), "night.exr: 1 pixel.* NaN"
+    yield "image: negative", lossy(IMAGE, (9, 9, 0), -0.25), f"{IMAGE}: expected radiance, found the negative value -0.25"
+    yield (
+        "image: without alpha",
+        change(IMAGE, 4, lambda image: image[..., :3]),
+        f"{IMAGE}: expected channels R, G, B, A",
+    )
+    yield "image: empty mask", change(IMAGE, 4, fill(0)), "train view 0001: mask: expected a pixel above 0.5, found none"
+    yield "image: alpha of 255", change(IMAGE, 4, lambda image: 255 * image), rf"{IMAGE}: alpha: expected values in \[0, 1\].*255"
+    yield "image: another size", change(IMAGE, 4, lambda image: image[:, :31]), f"{IMAGE}: expected w = 32, found 31"
+    depth = "truth/test/depth/0000.exr"
+    yield "truth: another size", change(depth, 1, lambda image: image[:16, :16]), f"{depth}: expected 32 x 32.*found 16 x 16"
+    yield (
+        "image: another format",
+        edit(TRAIN, "frames", 1, "file_path", value=TEXTURE),
+        "expected a linear OpenEXR image",
+    )
 
 
 CASES = list(cases())
@@ -218,29 +292,34 @@ def test_the_small_scene_is_sound(small: Path) -> None:
 
 
 @pytest.mark.parametrize(("spoil", "says"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
-def test_a_wrong_file_is_one_line(scene: Path, spoil: Spoil, says: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_file_is_one_sentence(scene: Path, spoil: Spoil, says: str) -> None:
     spoil(scene)
-    line = one_line("scene.path=scene", "out=out", capfd=capfd)
-    assert str(scene) in line
-    assert re.search(says, line), line
-    assert len(CASES) > 100
+    with pytest.raises(InputError) as caught:
+        read_scene(SceneConfig(path=str(scene)), ReaderConfig(), truth=True)
+    said = str(caught.value)
+    assert str(scene) in said
+    assert re.search(says, said), said
+    assert "\n" not in said
+    assert len(said) < 1000
+
+
+@pytest.mark.parametrize(("spoil", "says"), [case[1:] for case in CASES[::20]], ids=[case[0] for case in CASES[::20]])
+def test_a_wrong_file_is_one_line_of_a_run(scene: Path, spoil: Spoil, says: str, capfd: pytest.CaptureFixture[str]) -> None:
+    spoil(scene)
+    assert re.search(says, one_line("scene.path=scene", "out=out", capfd=capfd))
 
 
 @pytest.mark.parametrize(
     ("path", "says"),
     [
-        ("5", "expected text"),
         ("'a\nb'", "no such folder"),
         ("a" * 5000, "no such folder"),
-        ("a/" * 3000, "no such folder"),
         ("scene/scene.json", "expected a folder, found a file"),
-        ("scene/scene.json/a", "no such folder"),
         ("loop", "no such folder"),
-        ("'~nobody-at-all/scene'", "no such folder"),
         ("'\udcff'", "expected text"),
         ("''", "expected a folder, found nothing"),
     ],
-    ids=range(10),
+    ids=range(6),
 )
 def test_a_path_that_is_no_scene_is_one_line(scene: Path, path: str, says: str, capfd: pytest.CaptureFixture[str]) -> None:
     Path("loop").symlink_to("loop")

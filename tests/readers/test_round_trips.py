@@ -6,6 +6,7 @@ Cameras are compared to 1e-6, photographs to their quantisation, truth to the tr
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,8 +29,10 @@ from written import (
     straight,
 )
 
+from ia_bench.checks.readers import difference
 from ia_bench.common.registry import create, find
 from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.readers.base import FolderReader
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS, check_scene, unscored
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.scenes.scene import Scene, View
@@ -42,9 +45,14 @@ def read(layout: Layout, folder: Path, mesh: Path, *, truth: bool = True, **opti
     """The scene that a reader finds in a folder, as a run gets it."""
     if layout.name == "colmap":
         pytest.importorskip("pycolmap", reason="needs the extra colmap")
-    given = {**({} if layout.own_mesh else {"mesh": str(mesh)}), **layout.options(folder), **options}
-    reader = create("reader", layout.name, find("reader", layout.name).target, given, folder / layout.root)
-    return check_scene(reader.read(truth), truth=truth)
+    return check_scene(made(layout, folder, folder, mesh, **options).read(truth), truth=truth)
+
+
+def made(layout: Layout, folder: Path, written: Path, mesh: Path, **options: object) -> FolderReader:
+    """The reader of ``folder``, where a copy may lie of what was ``written``, with what lies beside that."""
+    given = {**({} if layout.own_mesh else {"mesh": str(mesh)}), **layout.options(written), **options}
+    reader: FolderReader = create("reader", layout.name, find("reader", layout.name).target, given, folder / layout.root)
+    return reader
 
 
 @pytest.fixture(scope="session")
@@ -103,6 +111,25 @@ def test_without_truth_the_same_photographs_and_nothing_else(layout: Layout, fol
     for split in SPLITS:
         for one, other in zip(getattr(blind, split), getattr(told, split), strict=True):
             assert np.array_equal(one.image, other.image)
+
+
+@every_layout
+def test_the_files_that_a_reader_names_are_all_that_it_reads(layout: Layout, folder: Path, mesh: Path, tmp_path: Path) -> None:
+    """Where nothing else is there, the scene is the same. What lies in the folder besides is not among them."""
+    (folder / "a_note.md").write_text("not read")
+    if layout.name == "colmap":
+        pytest.importorskip("pycolmap", reason="needs the extra colmap")
+    files = made(layout, folder, folder, mesh).files()
+    assert files == sorted(set(files))
+    for path in files:
+        if path.is_relative_to(folder):
+            (tmp_path / path.relative_to(folder)).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, tmp_path / path.relative_to(folder))
+    assert sum(path.is_file() for path in tmp_path.rglob("*")) < sum(path.is_file() for path in folder.rglob("*"))
+    for truth in (False, True):
+        copy = check_scene(made(layout, tmp_path, folder, mesh).read(truth), truth=truth)
+        scenes = copy, read(layout, folder, mesh, truth=truth)
+        assert difference(*(replace(scene, name="", source="", notes=()) for scene in scenes)) is None
 
 
 @every_layout

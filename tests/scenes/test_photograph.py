@@ -1,19 +1,25 @@
-"""Pictures that are none, each in a format whose decoder has an exception of its own for it, and pictures stored in other turns."""
+"""Pictures: what decoders refuse, turns, colour profiles."""
 
 from __future__ import annotations
 
+import json
+import struct
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image, ImageOps
+from PIL import Image, ImageCms, ImageOps
 
 from ia_bench.common.errors import InputError
-from ia_bench.scenes.photograph import open_picture
+from ia_bench.readers.nerfstudio import NerfstudioReader
+from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.photograph import open_picture, read_mask, read_photograph, read_values
 
 
+# ---------------------------------------------------------------- pictures that are none
+# Each in a format whose decoder has an exception of its own for it, and pictures stored in other turns.
 def with_a_wrong_tag() -> bytes:
     """A JPEG whose other tags cannot be written again once it was turned upright: a whole number stored as text."""
     exif, stored = Image.Exif(), BytesIO()
@@ -62,3 +68,119 @@ def test_colours_of_lab_are_refused(tmp_path: Path) -> None:
     Image.new("LAB", (4, 3), (120, 9, 9)).save(tmp_path / "a.tif")
     with pytest.raises(InputError, match=r"a\.tif: expected red, green and blue, or grey, found the colours of CIE Lab"):
         open_picture(tmp_path / "a.tif")
+
+
+# ---------------------------------------------------------------- photographs with a colour profile
+# Against the matrix between the two colour spaces computed from their chromaticities.
+D65 = (0.3127, 0.3290)
+SRGB = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06))
+DISPLAY_P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
+SRGB_CURVE = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
+BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+D50 = np.array([0.9642, 1.0, 0.8249])
+
+
+def xyz(chromaticity: tuple[float, float]) -> np.ndarray:
+    x, y = chromaticity
+    return np.array([x / y, 1, (1 - x - y) / y])
+
+
+def to_xyz(primaries: tuple[tuple[float, float], ...]) -> np.ndarray:
+    """Linear red, green and blue of white D65 to CIE XYZ (3, 3)."""
+    columns = np.stack([xyz(primary) for primary in primaries], -1)
+    return columns * np.linalg.solve(columns, xyz(D65))
+
+
+def profile(name: str, primaries: tuple[tuple[float, float], ...], curve: tuple[float, ...] = SRGB_CURVE) -> bytes:
+    """An ICC profile of version 4: a matrix and one parametric curve ((a v + b)^g above d, c v below; or v^g) for all channels."""
+    adapted = np.linalg.inv(BRADFORD) @ np.diag((BRADFORD @ D50) / (BRADFORD @ xyz(D65))) @ BRADFORD @ to_xyz(primaries)
+
+    def text(words: str) -> bytes:
+        return b"mluc" + struct.pack(">3I", 0, 1, 12) + b"enUS" + struct.pack(">2I", 2 * len(words), 28) + words.encode("utf-16-be")
+
+    def place(values: np.ndarray) -> bytes:
+        return b"XYZ " + struct.pack(">I3i", 0, *(round(65536 * value) for value in values))
+
+    kind = {1: 0, 5: 3}[len(curve)]
+    tone = b"para" + struct.pack(f">IHH{len(curve)}i", 0, kind, 0, *(round(65536 * value) for value in curve))
+    tags = {b"desc": text(name), b"cprt": text("none"), b"wtpt": place(D50)}
+    tags |= {c.encode() + b"XYZ": place(adapted[:, i]) for i, c in enumerate("rgb")}
+    tags |= {c.encode() + b"TRC": tone for c in "rgb"}
+    listed, body = struct.pack(">I", len(tags)), b""
+    for tag, value in tags.items():
+        listed += tag + struct.pack(">2I", 132 + 12 * len(tags) + len(body), len(value))
+        body += value + bytes(-len(value) % 4)
+    head = struct.pack(">I4x", 132 + 12 * len(tags) + len(body)) + b"\x04\x20\0\0mntrRGB XYZ " + bytes(12) + b"acsp" + bytes(28)
+    return head + struct.pack(">3i", *(round(65536 * value) for value in D50)) + bytes(48) + listed + body
+
+
+P3 = profile("Display P3", DISPLAY_P3)
+COLOURS = np.random.default_rng(0).integers(70, 180, (5, 7, 3)).astype(np.uint8)  # within the gamut of sRGB
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "jpg"])
+@pytest.mark.parametrize("upright", [True, False])
+def test_display_p3_becomes_srgb(tmp_path: Path, suffix: str, upright: bool) -> None:
+    expected = srgb_to_linear(COLOURS / 255.0) @ (np.linalg.inv(to_xyz(SRGB)) @ to_xyz(DISPLAY_P3)).T
+    written = {"quality": 100, "subsampling": 0} if suffix == "jpg" else {}
+    Image.fromarray(COLOURS).save(tmp_path / f"a.{suffix}", icc_profile=P3, **written)
+    image, _ = read_photograph(tmp_path / f"a.{suffix}", upright=upright)
+    np.testing.assert_allclose(image, expected, atol=0.03 if suffix == "jpg" else 0.005)
+    assert np.abs(srgb_to_linear(COLOURS / 255.0) - expected).max() > 0.05
+
+
+def test_a_linear_curve_is_undone_and_alpha_kept(tmp_path: Path) -> None:
+    """A profile whose name says sRGB need not be sRGB."""
+    alpha = np.arange(35, dtype=np.uint8).reshape(5, 7) * 7
+    linear = profile("Linear sRGB", SRGB, (1.0,))
+    Image.fromarray(np.dstack([COLOURS, alpha])).save(tmp_path / "a.png", icc_profile=linear)
+    image, mask = read_photograph(tmp_path / "a.png")
+    np.testing.assert_array_equal(mask, np.float32(alpha) / 255)
+    np.testing.assert_allclose(image, COLOURS / 255.0 * mask[..., None], atol=0.005)
+
+
+def test_a_profile_of_srgb_changes_nothing(tmp_path: Path) -> None:
+    for number, content in enumerate((profile("c2", SRGB), ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())):
+        Image.fromarray(COLOURS).save(tmp_path / f"{number}.png", icc_profile=content)
+        np.testing.assert_array_equal(read_photograph(tmp_path / f"{number}.png")[0], srgb_to_linear(COLOURS / np.float32(255)))
+
+
+def test_masks_and_maps_are_values_and_no_colours(tmp_path: Path) -> None:
+    Image.fromarray(COLOURS).save(tmp_path / "a.png", icc_profile=P3)
+    np.testing.assert_array_equal(read_values(tmp_path / "a.png")[..., :3], np.float32(COLOURS) / 255)
+    Image.fromarray(COLOURS).save(tmp_path / "plain.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "a.png"), read_mask(tmp_path / "plain.png"))
+
+
+@pytest.mark.parametrize(
+    ("picture", "content", "name"),
+    [
+        (Image.fromarray(COLOURS[..., 0]), P3, "Display P3"),
+        (Image.fromarray(COLOURS[..., 0].astype(np.uint16) * 257), P3, "Display P3"),
+        (Image.fromarray(COLOURS), b"none at all", "(damaged)"),
+    ],
+    ids=["grey", "16 bits", "damaged"],
+)
+def test_a_profile_that_cannot_be_applied_is_told(tmp_path: Path, picture: Image.Image, content: bytes, name: str) -> None:
+    told: list[str] = []
+    picture.save(tmp_path / "a.png", icc_profile=content)
+    image, _ = read_photograph(tmp_path / "a.png", notice=told.append)
+    assert told == [f"{tmp_path / 'a.png'}: its colour profile {name} is ignored, and sRGB assumed"]
+    picture.save(tmp_path / "plain.png")
+    np.testing.assert_array_equal(image, read_photograph(tmp_path / "plain.png", notice=told.append)[0])
+    assert len(told) == 1
+
+
+def test_a_scene_tells_of_a_profile_once(tmp_path: Path) -> None:
+    frames = []
+    for number in range(6):
+        alpha = Image.new("L", (8, 6))
+        alpha.paste(255, (2, 2, 6, 5))
+        Image.merge("LA", (Image.new("L", (8, 6), 99), alpha)).save(tmp_path / f"{number}.png", icc_profile=P3)
+        to_world = np.eye(4)
+        to_world[:3, :3] = [[np.cos(number), 0, np.sin(number)], [0, 1, 0], [-np.sin(number), 0, np.cos(number)]]
+        to_world[:3, 3] = 3 * to_world[:3, 2]
+        frames.append({"file_path": f"{number}.png", "transform_matrix": to_world.tolist()})
+    (tmp_path / "transforms.json").write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}))
+    told = [note for note in NerfstudioReader(tmp_path).read(truth=False).notes if "profile" in note]
+    assert told == [f"{tmp_path / '1.png'}: its colour profile Display P3 is ignored, and sRGB assumed"]

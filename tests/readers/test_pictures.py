@@ -1,0 +1,233 @@
+"""Photographs and masks as readers open them: names, turns, which mask is whose, and what pixels betray."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from calibrated_writers import write_dtu
+from nerf_writers import write_nerfstudio
+from PIL import Image
+from spoiled import edit
+from written import STEP, save_png, scene_to_write, unlit
+
+from ia_bench.common.errors import InputError
+from ia_bench.readers.base import FADED, GLARING, edge_colour, in_eight_bits, warnings_of
+from ia_bench.readers.dtu import DtuReader
+from ia_bench.readers.native import NativeReader
+from ia_bench.readers.nerfstudio import NerfstudioReader
+from ia_bench.readers.pictures import picture_below, pictures_in, tone_mapped
+from ia_bench.scenes.photograph import read_mask
+from ia_bench.scenes.scene import Scene, View
+
+
+# ----------------------------------------------------------------
+# Photographs whose suffix a camera wrote in upper case are photographs.
+@pytest.mark.parametrize("suffix", [".PNG", ".JPG", ".JPEG", ".TIF", ".png", ".jpg", ".WebP"])
+def test_the_case_of_a_suffix_does_not_matter_in_a_list(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / "notes.TXT").write_text("no picture")
+    Image.new("RGB", (2, 2)).save(tmp_path / f"a{suffix}")
+    Image.new("RGB", (2, 2)).save(tmp_path / "b.png")
+    assert [path.name for path in pictures_in(tmp_path)] == [f"a{suffix}", "b.png"]
+
+
+@pytest.mark.parametrize("suffix", [".PNG", ".JPG", ".JPEG", ".TIF", ".png", ".jpg", ".tiff"])
+def test_a_name_without_its_suffix_is_found(tmp_path: Path, suffix: str) -> None:
+    Image.new("RGB", (2, 2)).save(tmp_path / f"a{suffix}")
+    assert picture_below(tmp_path, "a", "here").name == f"a{suffix}"
+    assert picture_below(tmp_path, f"a{suffix}", "here").name == f"a{suffix}"
+    with pytest.raises(InputError, match="here: b: no such file"):
+        picture_below(tmp_path, "b", "here")
+
+
+# ---------------------------------------------------------------- photographs of a camera that was held upright
+# Calibrated cameras and masks are of the stored pixels, whatever EXIF says.
+FORMATS = {
+    "nerfstudio": (write_nerfstudio, NerfstudioReader, ("images", "masks")),
+    "dtu": (write_dtu, DtuReader, ("image", "mask")),
+}
+
+
+def tag(folder: Path, orientation: int) -> None:
+    """Give every picture of the folder an EXIF orientation and leave its pixels as they are."""
+    exif = Image.Exif()
+    exif[0x112] = orientation
+    for path in folder.iterdir():
+        with Image.open(path) as file:
+            file.load()
+            file.save(path, exif=exif)
+
+
+@pytest.mark.parametrize("orientation", [3, 6])
+@pytest.mark.parametrize("tagged", ["photographs", "both"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_an_orientation_turns_neither_photograph_nor_mask(
+    tmp_path: Path, tiny: Scene, name: str, tagged: str, orientation: int
+) -> None:
+    write: Callable[[Path, Scene], None]
+    write, reader, folders = FORMATS[name]
+    write(tmp_path, scene_to_write(tiny))
+    expected = reader(tmp_path).read(truth=False).train
+    for folder in folders if tagged == "both" else folders[:1]:
+        tag(tmp_path / folder, orientation)
+    for found, view in zip(reader(tmp_path).read(truth=False).train, expected, strict=True):
+        np.testing.assert_array_equal(found.image, view.image)
+        np.testing.assert_array_equal(found.mask, view.mask)
+
+
+# ---------------------------------------------------------------- masks that nerfstudio's reader finds by the name of a photograph
+# Beside photographs of two cameras, and of one.
+@pytest.fixture
+def folder(tmp_path: Path, tiny: Scene) -> Path:
+    """The scene `tiny` as of two cameras: images/left/NNNN.png with masks/left/NNNN.png, and the same of images/right."""
+    write_nerfstudio(tmp_path, scene_to_write(tiny))
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    for place, frame in enumerate(content["frames"]):
+        name = f"{('left', 'right')[place % 2]}/{place // 2:04}.png"
+        for kind, path in (("images", frame["file_path"]), ("masks", frame.pop("mask_path"))):
+            (tmp_path / kind / name).parent.mkdir(exist_ok=True)
+            (tmp_path / path).rename(tmp_path / kind / name)
+        frame["file_path"] = f"./images/{name}"
+    paths = [frame["file_path"] for frame in content["frames"]]
+    count = len(content["train_filenames"])
+    content.update(train_filenames=paths[:count], test_filenames=paths[count:])
+    (tmp_path / "transforms.json").write_text(json.dumps(content))
+    return tmp_path
+
+
+def test_masks_lie_in_folders_like_those_of_the_photographs(folder: Path, tiny: Scene) -> None:
+    scene, expected = NerfstudioReader(folder).read(truth=False), unlit(scene_to_write(tiny))
+    assert scene.train[1].name == "images/right/0000"
+    for split in ("train", "test"):
+        for view, one in zip(getattr(scene, split), getattr(expected, split), strict=True):
+            assert np.abs(view.mask - one.mask).max() <= STEP + 1e-6
+
+
+def test_one_mask_is_of_one_photograph(folder: Path) -> None:
+    for path in (folder / "masks" / "left").iterdir():
+        path.rename(folder / "masks" / path.name)
+    NerfstudioReader(folder).read(truth=False)  # those of the other camera have masks of their own
+    for path in (folder / "masks" / "right").iterdir():
+        path.unlink()
+    with pytest.raises(InputError, match=r"masks/0000\.png: .* images/left/0000\.png and images/right/0000\.png would share it"):
+        NerfstudioReader(folder).read(truth=False)
+
+
+@pytest.mark.parametrize("name", [None, "0001.jpg", "0001.tif"])
+def test_a_mask_that_is_missing_is_named(folder: Path, name: str | None) -> None:
+    """Also where it is there under another suffix."""
+    mask = folder / "masks" / "right" / "0001.png"
+    if name is None:
+        mask.unlink()
+        said = ""
+    else:
+        mask.rename(mask.with_name(name))
+        said = f"; {name}, which lies there, is no .png file"
+    with pytest.raises(InputError) as error:
+        NerfstudioReader(folder).read(truth=False)
+    assert str(error.value).startswith(f"{folder / 'images' / 'right' / '0001.png'}: expected a mask")
+    assert str(error.value).endswith(f"found an opaque picture and no {mask}{said}")
+
+
+def test_a_folder_may_be_read_twice(folder: Path) -> None:
+    """The second reading does not take the masks of the first for those of other photographs."""
+    reader = NerfstudioReader(folder)
+    assert len(reader.read(truth=False).test) == len(reader.read(truth=True).test) > 0
+
+
+def test_a_photograph_is_not_its_own_mask(folder: Path) -> None:
+    """A path with .. in it leads to photographs, but not from the folder of masks to them."""
+    content = json.loads((folder / "transforms.json").read_text())
+    for frame in content["frames"]:
+        frame["file_path"] = frame["file_path"].replace("./images", "masks/../images")
+    del content["train_filenames"], content["test_filenames"]
+    (folder / "transforms.json").write_text(json.dumps(content))
+    train = NerfstudioReader(folder).read(truth=False).train
+    assert min(view.mask.min() for view in train) == 0
+
+
+# ---------------------------------------------------------------- masks that are 1 and not white where the object is
+# As segmentation programs write labels, are refused by name and cause.
+INSIDE = np.zeros((6, 9), np.uint8)
+INSIDE[2:5, 3:7] = 1
+
+
+@pytest.mark.parametrize("lens", [False, True])
+def test_labels_are_no_mask(tmp_path: Path, tiny: Scene, lens: bool) -> None:
+    write_nerfstudio(tmp_path, scene_to_write(tiny))
+    for path in (tmp_path / "masks").iterdir():
+        with Image.open(path) as file:
+            white = np.asarray(file) > 127
+        Image.fromarray(white.astype(np.uint8)).save(path)
+    if lens:
+        edit("transforms.json", lambda content: content.update(k1=-0.05))(tmp_path)
+    said = r"masks/train_\w+\.png: expected white \(255\) where the object is, found values up to 1 of 255$"
+    with pytest.raises(InputError, match=said):
+        NerfstudioReader(tmp_path).read(truth=False)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (INSIDE * 3, "expected white (255) where the object is, found values up to 3 of 255"),
+        (INSIDE.astype(np.uint16) * 255, "expected white (65535) where the object is, found values up to 255 of 65535"),
+    ],
+    ids=["8 bits", "16 bits"],
+)
+def test_a_mask_for_another_tone_curve_is_white_too(tmp_path: Path, values: np.ndarray, said: str) -> None:
+    save_png(tmp_path / "photo.png", np.full((6, 9, 3), 0.4))
+    Image.fromarray(values).save(tmp_path / "mask.png")
+    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'mask.png'}: {said}")):
+        tone_mapped(tmp_path / "photo.png", tmp_path / "mask.png", lambda stored: stored)
+
+
+def test_masks_with_edges_of_grey_and_of_one_bit_are_masks(tmp_path: Path) -> None:
+    soft = INSIDE * np.linspace(20, 255, 9).astype(np.uint8)
+    Image.fromarray(soft).save(tmp_path / "soft.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "soft.png"), soft / np.float32(255))
+    Image.fromarray(INSIDE > 0).save(tmp_path / "bit.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "bit.png"), INSIDE)
+    Image.fromarray(0 * INSIDE).save(tmp_path / "empty.png")
+    assert read_mask(tmp_path / "empty.png").max() == 0
+
+
+# ---------------------------------------------------------------- what pixels betray
+# How far sound scenes are from a warning, and that spoiled ones get it.
+def times_alpha(view: View, power: int) -> View:
+    alpha = np.where(view.mask > 0, view.mask, 1)[..., None]
+    return replace(view, image=(view.image * alpha**power).astype(np.float32))
+
+
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("hat", "ship", "console", "figurine")]
+
+
+@pytest.mark.parametrize("name", ["tiny", *SLOW])
+def test_no_shipped_scene_is_suspected(name: str, tiny_folder: Path) -> None:
+    """Edges of the shipped scenes are .80 to 1.25 times as bright as what is beside them: a third of the way to a warning."""
+    views = NativeReader(tiny_folder.parent / name).read(truth=False).train[::4]
+    ratio = edge_colour(views)
+    assert ratio is not None
+    assert FADED * 1.3 < ratio < GLARING / 1.3
+    assert list(warnings_of(views)) == []
+
+
+def test_alpha_once_too_often_or_too_seldom(tiny: Scene) -> None:
+    (twice,) = warnings_of([times_alpha(view, 1) for view in tiny.train])
+    assert "multiplied by alpha twice" in twice
+    (never,) = warnings_of([times_alpha(view, -1) for view in tiny.train])
+    assert "not to be multiplied by alpha" in never
+    assert list(warnings_of([times_alpha(view, -1) for view in tiny.train], own_alpha=False)) == []  # edges show a background
+    assert edge_colour(tiny.train[:1]) is None  # too few pixels to tell
+
+
+def test_eight_bits_stored_as_linear(tiny: Scene) -> None:
+    stepped = [
+        replace(v, image=(np.round(255 * v.image.clip(0, 1)) / 255).astype(np.float16).astype(np.float32)) for v in tiny.train
+    ]
+    assert in_eight_bits(stepped)
+    assert not in_eight_bits(tiny.train)

@@ -1,0 +1,189 @@
+"""Linear pictures, OpenEXR and Radiance, and the sRGB transfer function."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+import torch
+from skimage.color import rgb2xyz, xyz2rgb
+
+from ia_bench.common.errors import InputError
+from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
+from ia_bench.scenes.color import linear_to_srgb as linear_to_srgb_torch
+from ia_bench.scenes.exr import read_exr, write_exr
+from ia_bench.scenes.rgbe import read_rgbe
+
+# ---------------------------------------------------------------- openEXR files that store a part of what they show
+# Or more: pixels are where the picture that is shown has them.
+HEIGHT, WIDTH = 23, 31
+Corner = tuple[int, int]
+"""Column and row of a pixel."""
+
+
+def write(path: Path, image: np.ndarray, first: Corner, shown: tuple[Corner, Corner] = ((0, 0), (WIDTH - 1, HEIGHT - 1))) -> None:
+    """The pixels of ``image`` from the column and row ``first`` on, in a picture that shows the window ``shown``."""
+    last = (first[0] + image.shape[1] - 1, first[1] + image.shape[0] - 1)
+    windows = {"dataWindow": (first, last), "displayWindow": shown}
+    header = {key: tuple(np.array(corner, np.int32) for corner in window) for key, window in windows.items()}
+    channels = {name: np.ascontiguousarray(image[..., i].astype(np.float32)) for i, name in enumerate("RGBA")}
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}, channels) as file:
+        file.write(str(path))
+
+
+IMAGE = np.random.default_rng(0).random((HEIGHT, WIDTH, 4)).astype(np.float32)
+
+
+def test_what_is_not_stored_is_zero(tmp_path: Path) -> None:
+    write(tmp_path / "a.exr", IMAGE[4:15, 9:28], (9, 4))
+    expected = np.zeros_like(IMAGE)
+    expected[4:15, 9:28] = IMAGE[4:15, 9:28]
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr", 4), expected)
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr", 3), expected[..., :3])
+
+
+def test_what_is_beyond_the_picture_is_cut(tmp_path: Path) -> None:
+    """Renderers store a margin for filters, on some sides or on all of them."""
+    write(tmp_path / "all.exr", np.pad(IMAGE, ((2, 1), (3, 5), (0, 0)), constant_values=9), (-3, -2))
+    np.testing.assert_array_equal(read_exr(tmp_path / "all.exr", 4), IMAGE)
+    write(tmp_path / "left.exr", np.pad(IMAGE[:, :20], ((0, 0), (3, 0), (0, 0)), constant_values=9), (-3, 0))
+    expected = np.where(np.arange(WIDTH)[:, None] < 20, IMAGE, 0)
+    np.testing.assert_array_equal(read_exr(tmp_path / "left.exr", 4), expected)
+
+
+def test_a_window_need_not_begin_at_zero(tmp_path: Path) -> None:
+    write(tmp_path / "a.exr", IMAGE, (100, -40), ((100, -40), (100 + WIDTH - 1, -40 + HEIGHT - 1)))
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr", 4), IMAGE)
+
+
+def test_windows_that_do_not_meet_show_nothing(tmp_path: Path) -> None:
+    write(tmp_path / "a.exr", IMAGE, (500, 600))
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr", 4), np.zeros_like(IMAGE))
+
+
+def test_a_window_beyond_all_measure_is_refused(tmp_path: Path) -> None:
+    write(tmp_path / "a.exr", IMAGE, (0, 0), ((0, 0), (999_999, 999_999)))
+    with pytest.raises(InputError, match=r"a\.exr: expected at most \d+ pixels .*, found 1000000 x 1000000"):
+        read_exr(tmp_path / "a.exr", 4)
+
+
+# ---------------------------------------------------------------- radiance pictures
+# Pixels worked out by hand, rows of both kinds, and files that are none.
+HEAD = b"#?RADIANCE\n# a comment\nFORMAT=32-bit_rle_rgbe\n\n"
+
+
+def test_flat_rows_by_hand(tmp_path: Path) -> None:
+    """(128, 64, 32, 129) is 128 * 2^(129 - 136) = 1, a half and a quarter; an exponent of 0 is black."""
+    path = tmp_path / "it.hdr"
+    path.write_bytes(HEAD + b"-Y 1 +X 3\n" + bytes([128, 64, 32, 129, 255, 0, 1, 136, 9, 9, 9, 0]))
+    np.testing.assert_array_equal(read_rgbe(path), [[[1, 0.5, 0.25], [255, 0, 1], [0, 0, 0]]])
+
+
+def test_encoded_rows_by_hand(tmp_path: Path) -> None:
+    """Eight pixels: a run of 8, a run of 5 and 3 single bytes, 8 single bytes, a run of 8."""
+    path = tmp_path / "it.hdr"
+    row = bytes([2, 2, 0, 8, 136, 7, 133, 1, 3, 2, 3, 4, 8, *range(8), 136, 136])
+    path.write_bytes(HEAD + b"-Y 2 +X 8\n" + row + row)
+    picture = read_rgbe(path)
+    assert picture.shape == (2, 8, 3)
+    np.testing.assert_array_equal(picture[0], picture[1])
+    np.testing.assert_array_equal(picture[0].T, [[7] * 8, [1, 1, 1, 1, 1, 2, 3, 4], range(8)])
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"no picture", "expected a Radiance picture, which begins with #\\?"),
+        (HEAD + b"+X 3 -Y 1\n", "expected a size as '-Y rows \\+X columns'"),
+        (HEAD.replace(b"rgbe", b"xyze") + b"-Y 1 +X 1\n\0\0\0\0", "found 32-bit_rle_xyze"),
+        (HEAD + b"-Y 2 +X 2\n" + bytes(8), "expected 2 rows of 2 pixels, found damaged or missing data"),
+        (HEAD + b"-Y 1 +X 8\n" + bytes([2, 2, 0, 8, 137, 7]), "found damaged or missing data"),
+        (HEAD + b"-Y 1 +X 8\n" + bytes([2, 2, 0, 8, 0]), "found damaged or missing data"),
+        (HEAD + b"-Y 99999999 +X 99999999\n" + bytes(8), "expected at most 67108864 pixels"),
+    ],
+)
+def test_what_is_no_picture(tmp_path: Path, content: bytes, says: str) -> None:
+    (tmp_path / "it.hdr").write_bytes(content)
+    with pytest.raises(InputError, match=says):
+        read_rgbe(tmp_path / "it.hdr")
+
+
+def test_no_file(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such image"):
+        read_rgbe(tmp_path / "it.hdr")
+
+
+# ---------------------------------------------------------------- the sRGB curve against skimage and itself
+# OpenEXR files against the values written.
+CODES = np.linspace(0, 1, 4097)
+
+
+def test_srgb_round_trip() -> None:
+    np.testing.assert_allclose(linear_to_srgb(srgb_to_linear(CODES)), CODES, atol=1e-7)
+    np.testing.assert_allclose(srgb_to_linear(linear_to_srgb(3 * CODES)), 3 * CODES, atol=1e-6)
+    assert linear_to_srgb(np.array([0.0, 1.0])) == pytest.approx([0, 1], abs=1e-9)
+    assert (np.diff(linear_to_srgb(np.linspace(-0.1, 2, 9999))) > 0).all()
+
+
+def test_srgb_against_scikit_image() -> None:
+    """scikit-image decodes on its way to XYZ; Y of a grey is its linear value, whatever the primaries."""
+    grey = np.repeat(CODES[:, None], 3, axis=1)
+    np.testing.assert_allclose(srgb_to_linear(CODES), rgb2xyz(grey)[:, 1], atol=1e-5)
+    np.testing.assert_allclose(linear_to_srgb(CODES), xyz2rgb(rgb2xyz(linear_to_srgb(grey)))[:, 1], atol=1e-3)
+
+
+def test_srgb_of_torch_is_the_same_with_finite_gradients() -> None:
+    linear = torch.tensor([-0.1, 0.0, 1e-9, 0.003, 0.0031308, 0.0032, 0.5, 1.0, 40.0], dtype=torch.float64)
+    linear.requires_grad_()
+    encoded = linear_to_srgb_torch(linear)
+    np.testing.assert_allclose(encoded.detach().numpy(), linear_to_srgb(linear.detach().numpy()), rtol=1e-12)
+    (gradient,) = torch.autograd.grad(encoded.sum(), linear)
+    step = 1e-7
+    expected = [(linear_to_srgb(x + step) - linear_to_srgb(x - step)) / (2 * step) for x in linear.detach().numpy()]
+    away = [0, 1, 2, 3, 5, 6, 7, 8]  # not at the kink
+    np.testing.assert_allclose(gradient.numpy()[away], np.array(expected)[away], rtol=1e-5)
+    assert torch.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("half", [True, False])
+def test_exr_round_trip(tmp_path: Path, channels: int, half: bool) -> None:
+    """Channels, rows and columns come back where they were; half floats are off by their rounding only."""
+    image = np.random.default_rng(0).normal(0, 50, (37, 31, channels)).astype(np.float32)
+    write_exr(tmp_path / "deep" / "a.exr", image, half=half)
+    back = read_exr(tmp_path / "deep" / "a.exr", channels)
+    assert back.dtype == np.float32
+    np.testing.assert_array_equal(back, image.astype(np.float16).astype(np.float32) if half else image)
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == ["a.exr"]  # no partial file is left
+
+
+def test_exr_of_two_dimensions(tmp_path: Path) -> None:
+    write_exr(tmp_path / "depth.exr", np.arange(6.0).reshape(2, 3))
+    np.testing.assert_array_equal(read_exr(tmp_path / "depth.exr", 1)[..., 0], [[0, 1, 2], [3, 4, 5]])
+
+
+def test_half_overflow_is_refused_and_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "sun.exr"
+    write_exr(path, np.full((2, 2), 65504.0))
+    with pytest.raises(ValueError, match=r"sun\.exr.*-70000.*half|sun\.exr.*70000.*half"):
+        write_exr(path, np.full((2, 2), -70000.0))
+    assert read_exr(path, 1).max() == 65504
+    write_exr(path, np.full((2, 2), 70000.0), half=False)
+    assert read_exr(path, 1).max() == 70000
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_could_not_be_read_is_not_written(tmp_path: Path, bad: float) -> None:
+    with pytest.raises(ValueError, match=r"a\.exr.*(NaN|inf)"):
+        write_exr(tmp_path / "a.exr", np.array([[1.0, bad]]))
+    assert not (tmp_path / "a.exr").exists()
+
+
+def test_a_folder_or_garbage_is_no_image(tmp_path: Path) -> None:
+    (tmp_path / "folder.exr").mkdir()
+    (tmp_path / "garbage.exr").write_bytes(b"v/1\x01 and then nothing")
+    for name in ("folder.exr", "garbage.exr", "absent.exr"):
+        with pytest.raises(InputError, match=name):
+            read_exr(tmp_path / name, 3)
