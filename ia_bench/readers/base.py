@@ -165,7 +165,7 @@ def placed(mesh: Mesh, place: np.ndarray) -> Mesh:
 
 
 # ---------------------------------------------------------------- signs in the pixels that a dataset is not what its format says
-# Each is a number that sound images hardly have; tests/readers/test_pictures.py measures what the shipped scenes have.
+# Each is a number that sound images hardly have; tests/readers/test_opened_pictures.py measures what the shipped scenes have.
 SOLID, EDGE = 0.95, (0.1, 0.5)  # coverages: of pixels inside the object, and of those whose colour alpha decides
 LEAST_PIXELS = 100  # of an edge; fewer prove nothing
 FADED, GLARING = 0.5, 2.0  # colour of edges over colour beside them; 1 is right, about .3 and 3 are alpha once too often or seldom
