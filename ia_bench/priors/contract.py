@@ -164,7 +164,7 @@ class Refiner(Protocol):
         :func:`ia_bench.methods.regularisers.refiner.evidence` has it. All are premultiplied. ``observations`` hold whatever the
         info ``wants`` but truth.
 
-        The answer holds an "albedo" (V, H, W, 3), on whose level and cast nothing depends, and a "roughness" (V, H, W, 1) if the
+        The answer holds an "albedo" (V, H, W, 3), on whose level and colour nothing depends, and a "roughness" (V, H, W, 1) if the
         prior has one. It is always the same for the same input, and an image's does not depend on the images beside it.
         """
         ...

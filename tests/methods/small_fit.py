@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -21,8 +22,10 @@ from ia_bench.priors.contract import Prior
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
+from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.truth import ToldPrior
+from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
 
 RENDER = RenderSettings(
@@ -137,6 +140,16 @@ def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, s
 def losses_of(problem: Problem, settings: FitSettings) -> Losses:
     """Those of a fit without a prior."""
     return Losses(problem, settings, PriorLoss(altered(problem, prior=NoPrior()), 0, Monitor.silent()))
+
+
+def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
+    """RMS of sRGB albedo over the training views' inner pixels, after one scale for the scene has made means equal."""
+    picture = texture_images(problem.renderer.surface, problem.gbuffer, albedo).numpy()
+    truth = np.stack([view.albedo for view in scene.train])
+    inside = np.stack([view.mask for view in scene.train]) > 0.99
+    picture, truth = picture[inside], truth[inside]
+    aligned = picture * (truth.mean() / picture.mean())
+    return float(np.sqrt(((linear_to_srgb(aligned.clip(0, 1)) - linear_to_srgb(truth)) ** 2).mean()))
 
 
 def same(a: Found, b: Found) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from small_fit import Found, Record, altered, coupled, fit, make_problem, oracle, regularised, same
+from small_fit import Found, Record, albedo_error, altered, coupled, fit, make_problem, oracle, regularised, same
 from torch import Tensor
 
 from ia_bench.common.errors import InputError, PluginError
@@ -23,7 +23,6 @@ from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.renderer import texture_images
 from ia_bench.runs.truth import ToldPrior
-from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
 
 SETTINGS = FitSettings(stage1_steps=6, stage2_steps=4, pixels=128)
@@ -218,15 +217,6 @@ def test_plug_ins_of_a_few_lines(problem: Problem, scene: Scene) -> None:
 
 
 # ---- it helps --------------------------------------------------------------------------------------------------------
-
-
-def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
-    """RMS of sRGB albedo over the training views' inner pixels, after one scale for the scene."""
-    picture = texture_images(problem.renderer.surface, problem.gbuffer, albedo).numpy()
-    inside = np.stack([view.mask for view in scene.train]) > 0.99
-    picture, truth = picture[inside], np.stack([view.albedo for view in scene.train])[inside]
-    aligned = picture * (truth.mean() / picture.mean())
-    return float(np.sqrt(((linear_to_srgb(aligned.clip(0, 1)) - linear_to_srgb(truth)) ** 2).mean()))
 
 
 def test_kernel_does_not_mind_the_scale_of_a_view(problem: Problem, scene: Scene) -> None:

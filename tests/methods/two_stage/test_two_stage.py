@@ -11,27 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_fit import SETTINGS, Found, Record, fit, make_problem, oracle, same
-from torch import Tensor
+from small_fit import SETTINGS, Found, Record, albedo_error, fit, make_problem, oracle, same
 
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.none import NoPrior
-from ia_bench.render.renderer import texture_images
-from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
-
-
-def albedo_error(problem: Problem, scene: Scene, albedo: Tensor) -> float:
-    """RMS of sRGB albedo over the training views' inner pixels, after one scale for the scene has made means equal."""
-    picture = texture_images(problem.renderer.surface, problem.gbuffer, albedo).numpy()
-    truth = np.stack([view.albedo for view in scene.train])
-    inside = np.stack([view.mask for view in scene.train]) > 0.99
-    picture, truth = picture[inside], truth[inside]
-    aligned = picture * (truth.mean() / picture.mean())
-    return float(np.sqrt(((linear_to_srgb(aligned.clip(0, 1)) - linear_to_srgb(truth)) ** 2).mean()))
-
 
 # ---- it recovers -----------------------------------------------------------------------------------------------------
 
