@@ -201,6 +201,8 @@ def _published(path: Path, number: int, line: Mapping[str, str]) -> Record:
         raise wrong("status", "ok or failed")
     if status == "failed":
         found["problem"] = line.get("reason") or "failed"
+    if "problem" not in found:
+        found.setdefault("protocol", "unknown")
     found |= {"config_hash": found.get("config_hash", "")[:HASH_DIGITS] or None, "sees_truth": found.get("sees_truth", False)}
     if found.get("commit") and "clean" not in found:
         found["clean"] = not found["commit"].endswith(CHANGED)

@@ -207,7 +207,8 @@ def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path) -> 
     lines = pd.read_csv(first).drop(columns=["roughness_mse", "seconds", "protocol"]).assign(sharpness=3.5, remark="fine")
     lines.to_csv(first, index=False)
     runs = as_table(read_published(first))
-    assert (runs["roughness_mse"].isna() & runs["seconds"].isna() & runs["protocol"].isna()).all()
+    assert (runs["roughness_mse"].isna() & runs["seconds"].isna()).all()
+    assert set(runs.loc[runs["problem"].isna(), "protocol"]) == {"unknown"}
     assert (runs["sharpness"] == 3.5).all()
     assert runs.loc[0, "reasons"]["roughness.mse"] == NOT_SCORED
 
