@@ -13,7 +13,6 @@ from safetensors import safe_open
 from torch import Tensor, nn
 from torch.optim import Adam
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.priors.weight_files import fill
 from ia_bench_baselines.common.pictures import save_weights
@@ -22,7 +21,7 @@ from ia_bench_training.generate import render_images, render_relit
 from ia_bench_training.lights import draw_light
 from ia_bench_training.objects import make_object
 from ia_bench_training.render import draw_view
-from ia_bench_training.resuming import STATE, VALIDATIONS
+from ia_bench_training.resuming import VALIDATIONS
 from ia_bench_training.shading import DirectLight
 
 
@@ -67,17 +66,6 @@ def test_the_weights_that_are_kept_are_those_of_the_best_validation(tmp_path: Pa
     assert (about["points"], about["step"]) == (8, best["step"])
 
 
-def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
-    whole, half = tmp_path / "whole", tmp_path / "half"
-    straight, first, second = Line(3), Line(3), Line(3)
-    run(straight, settings(whole), {}, Progress())
-    run(first, settings(half, steps=23), {}, Progress())
-    assert not torch.equal(first.networks.weight, straight.networks.weight)  # type: ignore[attr-defined]
-    run(second, settings(half), {}, Progress())
-    for name, value in straight.networks.state_dict().items():
-        assert torch.equal(value, second.networks.state_dict()[name])
-
-
 class Killed(Line):
     """One whose process ends at step 30."""
 
@@ -104,24 +92,6 @@ def test_a_killed_run_validates_every_step_once_and_ends_with_the_very_same_weig
     for network, folder in ((straight, whole), (resumed, half)):
         fill(network, folder / WEIGHTS)
     assert torch.equal(straight.weight, resumed.weight)
-
-
-@pytest.mark.parametrize("changes", [{"seed": 1}, {"data": Path("other images")}], ids=["seed", "data"])
-def test_a_run_of_other_settings_is_refused(changes: dict[str, Any], tmp_path: Path):
-    run(Line(0), settings(tmp_path, steps=3), {}, Progress())
-    with pytest.raises(InputError, match="other settings"):
-        run(Line(1), settings(tmp_path, **changes), {}, Progress())
-
-
-def test_a_state_that_is_no_state_is_refused(tmp_path: Path):
-    run(Line(0), settings(tmp_path, steps=3), {}, Progress())
-    whole = torch.load(tmp_path / STATE, weights_only=True)
-    torch.save({**whole, "format": 0}, tmp_path / STATE)
-    with pytest.raises(InputError, match=r"state\.pt: expected format 4, found 0"):
-        run(Line(0), settings(tmp_path), {}, Progress())
-    (tmp_path / STATE).write_bytes(b"no state")
-    with pytest.raises(InputError, match=r"state\.pt: expected the state of a training run"):
-        run(Line(0), settings(tmp_path), {}, Progress())
 
 
 def test_weights_come_back_from_half_precision(tmp_path: Path):
