@@ -10,15 +10,15 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.priors.diffusion.conditioned import Conditioned
+from ia_bench.priors.diffusion.learned import Framed, LearnedPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.learned import Framed, LearnedPrior
 
 
 class RegressorPrior(LearnedPrior):
     """The paper's "data-driven" alternative: a network of the diffusion prior's size, data and training, without noise.
 
     It returns the mean of what the image could mean, always the same; so there is nothing to guide. Options as in
-    :class:`ia_bench.priors.learned.LearnedPrior`.
+    :class:`ia_bench.priors.diffusion.learned.LearnedPrior`.
     """
 
     kind = "regressor"

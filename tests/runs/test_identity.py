@@ -18,7 +18,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors import learned
+from ia_bench.priors.diffusion import learned
 from ia_bench.runs import identity as identities
 from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
 from ia_bench.runs.composition import compose

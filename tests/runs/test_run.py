@@ -11,7 +11,8 @@ import torch
 from ia_bench.common.errors import InputError
 from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.info import MethodInfo
-from ia_bench.priors import inputs, learned
+from ia_bench.priors import inputs
+from ia_bench.priors.diffusion import learned
 from ia_bench.readers.contract import NO_MESH
 from ia_bench.runs.composition import compose
 from ia_bench.runs.run import ask_for_the_same_numbers, problem_of

@@ -15,11 +15,11 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, Samples
 from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Pull, Rule, check_norm
+from ia_bench.priors.diffusion.learned import Framed, LearnedPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, LargeSampler
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
 from ia_bench.priors.inputs import Device, Precision, check_views
-from ia_bench.priors.learned import Framed, LearnedPrior
 
 DISTILLED_LEVELS = (0.02, 0.98)
 """Share of the schedule from which score distillation draws its noise level; the ends teach nothing (DreamFusion)."""
@@ -33,8 +33,8 @@ class DiffusionPrior(LearnedPrior):
     reducing it to the native size; "auto": images that would be reduced more than PATCH_REDUCTION times. ``guidance_rule``,
     ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's samples are drawn toward the current renders
     (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
-    :class:`ia_bench.priors.learned.LearnedPrior`. Its cost counts guided estimates, those whose step was cut, and images that
-    were predicted in patches.
+    :class:`ia_bench.priors.diffusion.learned.LearnedPrior`. Its cost counts guided estimates, those whose step was cut, and
+    images that were predicted in patches.
     """
 
     kind = "diffusion"
@@ -74,11 +74,11 @@ class DiffusionPrior(LearnedPrior):
         }
 
     def at_full_resolution(self, reduction: float) -> bool:
-        """See :class:`ia_bench.priors.learned.LearnedPrior`."""
+        """See :class:`ia_bench.priors.diffusion.learned.LearnedPrior`."""
         return reduction > PATCH_REDUCTION if self.patches == "auto" else bool(self.patches)
 
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
-        """See :class:`ia_bench.priors.learned.LearnedPrior`; without strength a guided sample is an unguided one."""
+        """See :class:`ia_bench.priors.diffusion.learned.LearnedPrior`; without strength a guided sample is an unguided one."""
         check_views(self.kind, observations, guidance or {}, self.info.provides)
         return super().sample(observations, seed=seed, guidance=guidance if self.guidance_strength else None)
 

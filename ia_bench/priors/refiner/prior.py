@@ -14,8 +14,8 @@ from torch.nn import functional as F
 from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
+from ia_bench.priors.diffusion.learned import weights_folder
 from ia_bench.priors.inputs import Device, Precision, check_views
-from ia_bench.priors.learned import weights_folder
 from ia_bench.priors.refiner.checkpoint import load_refiner
 from ia_bench.priors.refiner.network import EMPTY, RENDERS, RefinerNetwork, see
 from ia_bench.priors.regressor import RegressorPrior
@@ -32,8 +32,8 @@ class RefinerPrior(RegressorPrior):
     those that the prior is asked about (with prior.views=auto about a third of a hundred, say).
 
     ``refiner``: its weights, a folder that ia_bench_training.train_refiner wrote, or None for the packaged ones. Other options as
-    in :class:`ia_bench.priors.learned.LearnedPrior`; ``weights`` are the regressor's. The fingerprint is that of the samples, on
-    which the refiner's weights have no influence.
+    in :class:`ia_bench.priors.diffusion.learned.LearnedPrior`; ``weights`` are the regressor's. The fingerprint
+    is that of the samples, on which the refiner's weights have no influence.
 
     Raises InputError for weights that cannot be used.
     """

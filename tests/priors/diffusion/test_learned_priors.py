@@ -96,7 +96,7 @@ def test_specular_follows_the_scale_of_the_image_and_albedo_does_not(weights, ba
     prior = DiffusionPrior(weights=weights, steps=2)
     brighter = replace(ball, images=100 * ball.images)
     # The seed of a view's noise is the content of its image; the same noise shows what scaling alone does.
-    prior_seed = "ia_bench.priors.learned.content_number"
+    prior_seed = "ia_bench.priors.diffusion.learned.content_number"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(prior_seed, lambda image, mask: 1)
         once, brighter = prior.sample(ball, seed=0).values, prior.sample(brighter, seed=0).values
