@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from hashlib import sha256
 from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
 
-from ia_bench.checks.conformance import check_prior
-from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
-from ia_bench.priors.contract import Observations
 from ia_bench_baselines.usi3d.data import UnpairedImages, domain_pictures
 from ia_bench_baselines.usi3d.losses import discriminator_loss, physical_error, picture_error
 from ia_bench_baselines.usi3d.networks import (
@@ -26,7 +22,6 @@ from ia_bench_baselines.usi3d.networks import (
     instance_normalised,
     instance_statistics,
 )
-from ia_bench_baselines.usi3d.prior import WEIGHTS, Usi3dPrior
 from ia_bench_baselines.usi3d.train import Settings, Training, train
 from ia_bench_training.shards import ShardInfo, load_shard, write_shard
 
@@ -160,22 +155,3 @@ def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
     states = (torch.load(tmp_path / name / "state.pt", weights_only=True) for name in ("whole", "parts"))
     whole, parts = (state["parts"]["trainee"]["networks"] for state in states)
     assert all(torch.equal(whole[name], parts[name]) for name in whole)
-
-
-@pytest.mark.parametrize("image", [0.0, 1e6])
-def test_black_and_bright_pictures_and_an_empty_mask_give_finite_albedo(image: float):
-    images, masks = torch.full((2, 6, 5, 3), image), torch.ones(2, 6, 5)
-    masks[1] = 0
-    found = Usi3dPrior().sample(Observations(images * masks[..., None], masks), seed=0).values["albedo"]
-    assert bool(torch.isfinite(found).all())
-    assert float(found[1].abs().max()) == 0
-
-
-def test_it_keeps_the_contract():
-    failed = [finding for finding in check_prior(Usi3dPrior, painted_ball(20, 24, 3)) if finding.status == "fail"]
-    assert failed == []
-
-
-def test_the_packaged_weights_are_those_that_the_code_names():
-    """A run is not repeated while its prior's code is the same: who packages other weights must say so in the code."""
-    assert sha256(Usi3dPrior.packaged().read_bytes()).hexdigest() == WEIGHTS
