@@ -19,6 +19,7 @@ FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench", 
 BELOW = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *BELOW]
 WRITTEN = [path for path in DOCUMENTS if not path.is_relative_to(ROOT / "docs" / "results")]
+CURRENT = [path for path in WRITTEN if "log" not in path.parts]  # the log names files as they were called at the time
 LONGEST = 160  # characters of a line; the aim is about 100
 
 LINK = re.compile(r"(?<!`)\]\(([^()\s]+)\)")
@@ -68,7 +69,7 @@ def test_links_and_anchors_resolve(document: Path) -> None:
     assert not broken, "\n".join(broken)
 
 
-@pytest.mark.parametrize("document", WRITTEN, ids=name)
+@pytest.mark.parametrize("document", CURRENT, ids=name)
 def test_files_that_are_named_exist(document: Path) -> None:
     """As seen from the project's root, from the packages, from the tests, or from the document itself."""
     folders = (".", "ia_bench", "baselines/ia_bench_baselines", "training", "tests")
@@ -94,7 +95,7 @@ def test_commands_that_are_named_exist(document: Path) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("document", [path for path in WRITTEN if "log" not in path.parts], ids=name)
+@pytest.mark.parametrize("document", CURRENT, ids=name)
 def test_imports_that_are_shown_work(document: Path) -> None:
     shown = re.findall(r"^ *from (ia_bench[\w.]*) import ([\w, ]+)", document.read_text(encoding="utf-8"), re.MULTILINE)
     missing = [
