@@ -196,8 +196,15 @@ class NoCoupling(Coupling):
     """``coupling=none``: whatever the prior says has no influence on the steps, and it is not asked for it."""
 
     def uses(self, provides: frozenset[str]) -> frozenset[str]:
-        """Nothing, so that there is nothing to prepare and no loss."""
+        """Nothing."""
         return frozenset()
+
+    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
+        """There is nothing to prepare."""
+
+    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
+        """There is none."""
+        return {}
 
 
 # ---- regularisers: what changes a material between steps and after them --------------------------------------------
@@ -246,9 +253,6 @@ class Regulariser:
     def apply(self, material: Material, state: FitState) -> Material:
         """A material instead of ``material``, which stays as it is; the fit brings values back into their range."""
         raise NotImplementedError
-
-
-# ---- methods -------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
