@@ -27,8 +27,6 @@ from ia_bench_baselines.invrender.visibility import NARROWEST, LobeVisibility
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light
 from tests.shapes import bowl
 
-SMALL = InvRenderOptions(radiance_steps=3, indirect_steps=3, steps=4, pixels=64, atlas=32, directions=64, texture=64, width=16)
-
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
