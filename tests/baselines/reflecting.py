@@ -46,12 +46,7 @@ class Reflecting(ShadedReconstruction):
 
             return radiance
 
-        self._light, self._sent, self._rays = light, sent, stage
         super().__init__(stage, material, renderer="home ground", environment=light, shader=shader)
-
-    def arriving(self, start: Tensor, along: Tensor) -> Tensor:
-        """Radiance (N, 3) along rays from ``start`` (N, 3), unit ``along`` (N, 3)."""
-        return _met(self._rays, start, along, self._light.radiance(along), self._sent)
 
 
 def _arriving(stage: Stage, position: Tensor, normal: Tensor, directions: Tensor, light: Environment, sent: Tensor) -> Tensor:

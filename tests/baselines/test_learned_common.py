@@ -6,23 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
-from safetensors import safe_open
-from torch import Tensor, nn
+from torch import nn
 from torch.optim import Adam
 
 from ia_bench.common.progress import Progress
 from ia_bench.priors.weight_files import fill
-from ia_bench_baselines.common.pictures import save_weights
-from ia_bench_baselines.common.training import WEIGHTS, RunSettings, initial_weights, masked_mean, run
-from ia_bench_training.generate import render_images, render_relit
-from ia_bench_training.lights import draw_light
-from ia_bench_training.objects import make_object
-from ia_bench_training.render import draw_view
+from ia_bench_baselines.common.training import WEIGHTS, RunSettings, initial_weights, run
 from ia_bench_training.resuming import VALIDATIONS
-from ia_bench_training.shading import DirectLight
 
 
 class Line:
@@ -57,15 +49,6 @@ def validations(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / VALIDATIONS).read_text().splitlines()]
 
 
-def test_the_weights_that_are_kept_are_those_of_the_best_validation(tmp_path: Path):
-    best = run(Line(0), settings(tmp_path), {"points": 8}, Progress())
-    lines = validations(tmp_path)
-    assert best["objective"] == min(line["objective"] for line in lines) < 0.1 * lines[0]["objective"]
-    with safe_open(tmp_path / WEIGHTS, framework="pt") as file:
-        about = json.loads(file.metadata()["about"])
-    assert (about["points"], about["step"]) == (8, best["step"])
-
-
 class Killed(Line):
     """One whose process ends at step 30."""
 
@@ -92,45 +75,3 @@ def test_a_killed_run_validates_every_step_once_and_ends_with_the_very_same_weig
     for network, folder in ((straight, whole), (resumed, half)):
         fill(network, folder / WEIGHTS)
     assert torch.equal(straight.weight, resumed.weight)
-
-
-def test_weights_come_back_from_half_precision(tmp_path: Path):
-    path, network, again = tmp_path / "a.safetensors", nn.Linear(3, 2), nn.Linear(3, 2)
-    save_weights(network, path, {})
-    fill(again, path)
-    torch.testing.assert_close(again.weight, network.weight, rtol=2**-11, atol=1e-7)
-
-
-def test_a_masked_mean_is_that_of_the_foreground():
-    values, mask = torch.rand(2, 3, 5, 7), torch.zeros(2, 1, 5, 7)
-    mask[0, :, 1:3, 2:6] = 1
-    torch.testing.assert_close(masked_mean(values, mask), values[0, :, 1:3, 2:6].mean())
-    assert float(masked_mean(values, 0 * mask)) == 0
-
-
-def light_of(seed: int, index: int, size: int) -> object:
-    """The light of an image whose first draw is taken."""
-    group, view = divmod(index, 8)
-    solid = make_object(np.random.default_rng([seed, 1, group, 0]))
-    return draw_view(np.random.default_rng([seed, 2, group, view, 0]), solid, size).light
-
-
-@pytest.mark.parametrize("index", [8, 13])
-def test_an_image_under_its_own_light_is_the_image_of_the_generator(index: int):
-    """To the last bit, and another light changes the radiance, but neither mask, albedo nor normals."""
-    direct, size = DirectLight(compiled=False), 16
-    usual, rejected = render_images(3, index, 1, size, direct)
-    assert rejected == 0
-    own, other = light_of(3, index, size), draw_light(np.random.default_rng(0))
-    relit = render_relit(3, index, [own], size, direct)  # type: ignore[list-item]
-    for name, values in usual.items():
-        assert torch.equal(values, relit[name]), name
-    both = render_relit(3, index, [other, own], size, direct)  # type: ignore[list-item]
-    assert same(both, ("albedo", "normal"), 0, 1)
-    assert torch.equal(both["image"][0, ..., 3], both["image"][1, ..., 3])
-    torch.testing.assert_close(both["image"][1], relit["image"][0])
-    assert float((both["image"][0] - both["image"][1]).abs().max()) > 0.05
-
-
-def same(images: dict[str, Tensor], names: tuple[str, ...], first: int, second: int) -> bool:
-    return all(torch.equal(images[name][first], images[name][second]) for name in names)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from types import SimpleNamespace
 
 import pytest
 import torch
@@ -12,14 +11,11 @@ import torch
 from ia_bench.checks.methods import Memory
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
-from ia_bench_baselines.mitsuba_adam.reconstruction import MitsubaReconstruction
 from ia_bench_baselines.mitsuba_adam.scene import import_mitsuba
 from ia_bench_baselines.mitsuba_adam.settings import MitsubaAdamOptions
 
@@ -45,17 +41,6 @@ def test_where_mitsuba_is_missing_it_is_a_broken_plugin_of_one_line(monkeypatch:
     with pytest.raises(InputError, match=r"method 'mitsuba_adam' .* cannot be used: .* pip install mitsuba") as caught:
         registry.load(registry.Plugin("method", "mitsuba_adam", TARGET, "ia_bench_baselines 0.1.0"))
     assert "\n" not in str(caught.value)
-
-
-def test_what_it_recovers_goes_to_the_device_of_the_stage() -> None:
-    """Mitsuba computes on the CPU; maps, and what the reference renderer draws, are made where the run computes."""
-    stage = SimpleNamespace(device=torch.device("meta"))
-    stage.apart = stage
-    material = Material(torch.ones(4, 4, 3), torch.ones(4, 4, 1))
-    found = MitsubaReconstruction(stage, material, torch.ones(2, 4, 3), depth=2)  # type: ignore[arg-type]
-    assert isinstance(found.environment, LatLongEnvironment)
-    kept = found._textures.material
-    assert {part.device.type for part in (kept.albedo, kept.roughness, found.environment.texels)} == {"meta"}
 
 
 @pytest.mark.slow

@@ -11,13 +11,12 @@ from torch import Tensor
 
 from ia_bench.checks.methods import Memory
 from ia_bench.light.latlong import row_solid_angles, texel_centres
-from ia_bench.material.brdf import normalize
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.nvdiffrec.fit import reconstruction
 from ia_bench_baselines.nvdiffrec.method import Nvdiffrec
 from ia_bench_baselines.nvdiffrec.prefilter import PrefilteredLight, lobe_kernel
 from ia_bench_baselines.nvdiffrec.settings import NvdiffrecOptions
-from ia_bench_baselines.nvdiffrec.split_sum import shade, white_reflectance
+from ia_bench_baselines.nvdiffrec.split_sum import shade
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light, smooth_material
 
 
@@ -51,12 +50,6 @@ def test_under_white_light_it_is_exact(roughness: float, degrees: float):
     found = shade(white, torch.tensor([[0.0, 0.0, 1.0]]), view[None], colour, value, torch.zeros(1, 1))
     specular = brute_force(torch.ones_like, view.double(), roughness, 0.04)
     torch.testing.assert_close((found - colour)[0].double(), specular, rtol=0.01, atol=2e-4)
-
-
-def test_all_of_a_metal_under_white_light_is_what_its_lobe_reflects():
-    scale, bias = white_reflectance()
-    assert float((scale + bias).max()) <= 1 + 1e-6
-    assert float((scale + bias)[:10, 16:].min()) > 0.97  # smooth lobes lose next to nothing by masking
 
 
 @pytest.mark.parametrize("sharpness", [6.0, 40.0])
@@ -95,14 +88,6 @@ def test_filtered_maps_are_weighted_means_of_the_light():
         weight = kernel * area
         torch.testing.assert_close(found.double(), weight @ fine / weight.sum(1, keepdim=True), rtol=2e-3, atol=0)
     torch.testing.assert_close(filtered.glossy(axis, torch.zeros(4, 1)), light.reshape(-1, 3)[place])
-
-
-def test_look_ups_go_on_across_the_seam_and_the_poles():
-    """A light that is linear in the direction is smooth everywhere; looked up beside the seam and the poles it stays so."""
-    rows, slope = 64, torch.tensor([[0.3, 0.0, 0.0], [0.0, 0.2, 0.0], [0.1, 0.0, 0.4]])
-    light = PrefilteredLight(2 + texel_centres(rows, 2 * rows) @ slope)
-    beside = normalize(torch.tensor([[-1.0, 1e-4, 0.2], [-1.0, -1e-4, 0.2], [1e-3, 1e-3, 1.0], [-1e-3, 1e-3, -1.0]]))
-    torch.testing.assert_close(light.glossy(beside, torch.zeros(4, 1)), 2 + beside @ slope, atol=2e-3, rtol=0)
 
 
 @pytest.mark.slow

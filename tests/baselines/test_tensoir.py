@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample
 
-from ia_bench.checks.methods import Killed, Memory
-from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.checks.methods import Memory
 from ia_bench.light.latlong import row_solid_angles, texel_centres
-from ia_bench.methods.contract import Monitor
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.scene import Scene
-from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
-from ia_bench_baselines.tensoir.fit import relative_change
 from ia_bench_baselines.tensoir.method import Tensoir as TensoirMethod
-from ia_bench_baselines.tensoir.model import FIRST_ENERGY, Tensoir, TrainedLight
+from ia_bench_baselines.tensoir.model import Tensoir
 from ia_bench_baselines.tensoir.settings import TensoirOptions
-from ia_bench_baselines.tensoir.shading import half_vector, reflect, stratified_directions
+from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
 from ia_bench_baselines.tensoir.tensor import LINES, PLANES, VectorMatrix
 from ia_bench_baselines.tensoir.transport import arriving_light
-from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light, smooth_material
+from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
 from tests.baselines.reflecting import Reflecting
 
 SMALL = TensoirOptions(
@@ -70,14 +64,6 @@ def test_refining_changes_nothing_at_first():
     tensor(position).sum().backward()
     assert all(p.grad is None for p in tensor.coarse())
     assert all(p.grad is not None and bool(p.grad.any()) for p in tensor.fine())
-
-
-def test_variation_is_that_of_a_ramp():
-    tensor = VectorMatrix(1, 5, 5, torch.Generator().manual_seed(0))
-    with torch.no_grad():
-        tensor.coarse_planes.copy_(torch.arange(5.0).expand(3, 1, 5, 5))  # 1 a step along columns, 0 along rows
-        tensor.coarse_lines.copy_(3 * torch.arange(5.0)[:, None].expand(3, 1, 5, 1))
-    assert float(tensor.variation().detach()) == pytest.approx(2 * (1 + 9))
 
 
 # ---- shading -----------------------------------------------------------------------------------------------------------
@@ -133,38 +119,7 @@ def test_stratified_directions_add_up_to_the_integral():
     torch.testing.assert_close(torch.stack([estimate(6) for _ in range(300)]).mean(0), true, rtol=0.01, atol=0)
 
 
-def test_half_vectors_are_those_of_float64_below_the_horizon_too():
-    """At grazing views half of all directions are below; with their cosine cut at 0, (n . h) would reach 2."""
-    generator = torch.Generator().manual_seed(3)
-    normal, view, directions = (torch.randn(count, 3, generator=generator, dtype=torch.float64) for count in (40, 40, 500))
-    normal, view, directions = (torch.nn.functional.normalize(part, dim=1) for part in (normal, view, directions))
-    view = torch.nn.functional.normalize(view - 0.98 * (view * normal).sum(1, keepdim=True) * normal, dim=1)
-    half = torch.nn.functional.normalize(view[:, None] + directions, dim=2)
-    cos_h, cos_oh = half_vector(normal.float(), view.float(), directions.float())
-    apart = (view[:, None] + directions).norm(dim=2) > 0.05
-    true = (half * normal[:, None]).sum(2).clamp_min(0)
-    torch.testing.assert_close(cos_h[apart].double(), true[apart], atol=1e-3, rtol=0)
-    torch.testing.assert_close(cos_oh[apart].double(), (half * view[:, None]).sum(2)[apart], atol=1e-3, rtol=0)
-    cut = ((normal @ directions.T).clamp_min(0) + (normal * view).sum(1, keepdim=True)) / (view[:, None] + directions).norm(dim=2)
-    assert float(cut.max()) > 1.2
-
-
-def test_every_cell_has_its_direction():
-    directions, solid_angles = stratified_directions(6, torch.Generator().manual_seed(0))
-    assert float(solid_angles.sum()) == pytest.approx(4 * math.pi, rel=1e-6)
-    torch.testing.assert_close(directions.norm(dim=1), torch.ones(72))
-    row = (torch.acos(directions[:, 2]) * 6 / math.pi).long()
-    column = (torch.atan2(directions[:, 1], directions[:, 0]) % (2 * math.pi) * 12 / (2 * math.pi)).long()
-    assert (row * 12 + column).tolist() == list(range(72))
-
-
 # ---- light -------------------------------------------------------------------------------------------------------------
-
-
-def test_the_light_starts_white_with_its_energy():
-    lobes = TrainedLight(128, torch.Generator().manual_seed(0)).lobes()
-    torch.testing.assert_close(lobes.energy().sum(0), torch.full((3,), FIRST_ENERGY))
-    assert float(lobes.sharpness.detach().min()) >= 10
 
 
 def test_what_arrives_is_the_light_or_what_the_radiance_head_sends(tiny: Scene):
@@ -200,50 +155,7 @@ def test_what_arrives_is_the_light_or_what_the_radiance_head_sends(tiny: Scene):
     assert float(alone.detach().sum()) < float(light.detach().sum())
 
 
-def test_relative_change_is_that_of_the_larger():
-    assert float(relative_change(torch.tensor([1.0, 4.0]), torch.tensor([2.0, 4.0]))) == pytest.approx(0.125)
-
-
 # ---- the method --------------------------------------------------------------------------------------------------------
-
-
-def test_a_fit_goes_on_in_the_fine_tensor(tiny: Scene):
-    """Killed after the second step of the last phase and resumed, it gives the textures of a fit that was not."""
-    method = TensoirMethod(SMALL)
-    whole = method.fit(problem_of(tiny), seed=3, monitor=Memory().monitor()).reconstruction.assets()
-    memory, asked = Memory(deadly=True), iter(range(1000))
-
-    def monitor(last: int) -> Monitor:
-        parts = memory.monitor()
-        return Monitor.silent(save=parts.save, load=parts.load, stopping=lambda: next(asked) == last)
-
-    with pytest.raises(Killed):
-        method.fit(problem_of(tiny), seed=3, monitor=monitor(SMALL.radiance_steps + SMALL.coarse_steps + 1))
-    resumed = method.fit(problem_of(tiny), seed=3, monitor=monitor(-1)).reconstruction.assets()
-    assert whole is not None
-    assert resumed is not None
-    assert (whole.albedo == resumed.albedo).all()
-    assert (whole.roughness == resumed.roughness).all()
-
-
-def test_either_head_draws_the_recovered_light(tiny: Scene):
-    """The fit is the same, and the pictures under its own light are not."""
-    found = {
-        head: TensoirMethod(
-            replace(SMALL, head=head),  # type: ignore[arg-type]
-        ).fit(problem_of(tiny), seed=0, monitor=Memory().monitor()).reconstruction
-        for head in ("brdf", "radiance")
-    }  # fmt: skip
-    camera, quality = [tiny.test[0].camera], Quality(points=1, samples=1)
-    images = {head: one.render(camera, light=None, albedo_scale=None, quality=quality) for head, one in found.items()}
-    assert images["brdf"] is not None
-    assert images["radiance"] is not None
-    assert abs(images["brdf"].images[0] - images["radiance"].images[0]).max() > 0.01
-    assert "radiance head" in found["radiance"].renderer
-    textures = [one.assets() for one in found.values()]
-    assert textures[0] is not None
-    assert textures[1] is not None
-    assert (textures[0].albedo == textures[1].albedo).all()
 
 
 @pytest.fixture
@@ -268,13 +180,3 @@ def test_on_its_home_ground_it_recovers_the_material(at_home: tuple[Scene, Refle
     recovered = compare(found.reconstruction, truth, scene)
     assert recovered.albedo >= 19.5, recovered  # the aims are 30 and .01: see the card
     assert recovered.roughness <= 0.05, recovered
-
-
-@pytest.mark.slow
-def test_with_the_true_light_it_recovers_much_more(at_home: tuple[Scene, Reflecting], monkeypatch: pytest.MonkeyPatch):
-    """So what is missing above is the light, neither the forward model nor the tensor: see the card."""
-    scene, truth = at_home
-    lobes = fit_light(LatLongEnvironment(smooth_light()), 128)
-    monkeypatch.setattr(TrainedLight, "lobes", lambda self: lobes)
-    found = TensoirMethod(TensoirOptions()).fit(problem_of(scene), seed=0, monitor=Memory().monitor())
-    assert compare(found.reconstruction, truth, scene).albedo >= 26.5

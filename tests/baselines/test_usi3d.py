@@ -6,24 +6,17 @@ from pathlib import Path
 
 import pytest
 import torch
-from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.progress import Progress
-from ia_bench_baselines.usi3d.data import UnpairedImages, domain_pictures
+from ia_bench_baselines.usi3d.data import UnpairedImages
 from ia_bench_baselines.usi3d.losses import discriminator_loss, physical_error, picture_error
 from ia_bench_baselines.usi3d.networks import (
-    STYLE,
-    AlbedoPath,
     Discriminator,
-    Domain,
-    ThreeDomains,
     adaptive_instance_norm,
     instance_normalised,
     instance_statistics,
 )
-from ia_bench_baselines.usi3d.train import Settings, Training, train
-from ia_bench_training.shards import ShardInfo, load_shard, write_shard
+from ia_bench_training.shards import ShardInfo, write_shard
 
 
 def test_instance_norm_is_torchs_and_forgets_gain_and_offset():
@@ -43,18 +36,6 @@ def test_adaptive_instance_norm_gives_the_statistics_that_are_asked_for():
     torch.testing.assert_close(found.std((2, 3), correction=0), scale, rtol=1e-3, atol=1e-4)
     mean, deviation = (values[..., 0, 0] for values in instance_statistics(features))
     torch.testing.assert_close(adaptive_instance_norm(features, mean, deviation), features, rtol=1e-4, atol=1e-5)
-
-
-def test_a_style_changes_the_picture_inside_its_mask_alone():
-    torch.manual_seed(0)
-    domain, mask = Domain(), torch.zeros(1, 1, 64, 64)
-    mask[..., 8:50, 5:60] = 1
-    content = torch.randn(1, 48, 16, 16)
-    first, second = (domain.decode(content, torch.full((1, STYLE), value), mask).detach() for value in (-10.0, 10.0))
-    inside = mask[0, 0] > 0
-    assert float((first - second)[0, :3, inside].abs().mean()) > 0.05
-    assert float(first[0, :3, ~inside].abs().max()) == 0
-    assert torch.equal(first[:, 3:], mask)
 
 
 def write_images(folder: Path, count: int) -> Path:
@@ -92,24 +73,6 @@ def test_the_domains_have_no_object_in_common(tmp_path: Path):
         UnpairedImages(tmp_path / "data", held_out=24)
 
 
-def test_of_one_object_the_three_pictures_fulfil_the_physical_loss_up_to_one_factor(tmp_path: Path):
-    """sRGB is nearly a power law, and exposures are factors: log I - log R - log S hardly varies where nothing is clipped."""
-    images = {name: value.float() for name, value in load(write_images(tmp_path / "data", 8)).items()}
-    images["image"] = torch.cat([images["image"][..., :3] - images["specular"], images["image"][..., 3:]], -1)
-    images["specular"] = 0 * images["specular"]
-    image, albedo, shading = (domain_pictures(name, images) for name in ("image", "albedo", "shading"))
-    shown = [0.5 + 0.5 * picture[:, :3] for picture in (image, albedo, shading)]
-    known = (image[:, 3:] > 0) & torch.stack([(value < 0.999) & (value > 0.2) for value in shown]).all(0)
-    difference = (shown[0].log() - shown[1].log() - shown[2].log())[known]
-    assert known.float().mean() > 0.3
-    assert float(difference.std()) < 0.05
-    assert abs(float(difference.mean())) < 0.2
-
-
-def load(folder: Path) -> dict[str, Tensor]:
-    return load_shard(folder / "shard_00000.safetensors")[0]
-
-
 def test_losses_are_zero_where_they_should_be():
     mask = (torch.rand(2, 1, 8, 8) > 0.4).float()
     albedo, shading = (torch.cat([2 * torch.rand(2, 3, 8, 8) - 1, mask], 1) for _ in range(2))
@@ -125,33 +88,5 @@ def test_losses_are_zero_where_they_should_be():
     assert float(discriminator_loss(judge, picture, (picture,)).detach()) == pytest.approx(1)  # true ones right, made ones wrong
 
 
-def test_what_is_packaged_is_the_albedo_of_the_whole():
-    torch.manual_seed(0)
-    whole, picture = ThreeDomains().eval(), torch.rand(2, 4, 64, 64)
-    picture[:, 3] = 1
-    with torch.no_grad():
-        torch.testing.assert_close(AlbedoPath(whole)(picture), whole.translate(picture).albedo[:, :3])
-
-
-def test_a_few_steps_lower_the_losses_of_both_sides(tmp_path: Path):
-    data = write_images(tmp_path / "data", 72)
-    settings = Settings(data=data, out=tmp_path / "out", batch=1, rate=1e-3, held_out=4)
-    training = Training(settings, UnpairedImages(data, 4))
-    losses = [training.step(k, torch.Generator().manual_seed(k)) for k in range(24)]
-    for name in ("picture", "cycle", "discriminators"):
-        assert mean(losses[20:], name) < 0.8 * mean(losses[:4], name), name
-
-
 def mean(losses: list[dict[str, float]], name: str) -> float:
     return sum(loss[name] for loss in losses) / len(losses)
-
-
-def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):
-    data = write_images(tmp_path / "data", 72)
-    common = {"data": data, "batch": 1, "held_out": 2, "validate_steps": 2}
-    train(Settings(out=tmp_path / "whole", steps=3, **common), Progress())  # type: ignore[arg-type]
-    for steps in (1, 3):
-        train(Settings(out=tmp_path / "parts", steps=steps, **common), Progress())  # type: ignore[arg-type]
-    states = (torch.load(tmp_path / name / "state.pt", weights_only=True) for name in ("whole", "parts"))
-    whole, parts = (state["parts"]["trainee"]["networks"] for state in states)
-    assert all(torch.equal(whole[name], parts[name]) for name in whole)

@@ -14,14 +14,11 @@ from torch import Tensor
 from ia_bench.common.progress import Progress
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.priors.contract import Observations
-from ia_bench.scenes.color import linear_to_srgb
-from ia_bench_baselines.yi.data import grey, load_objects
 from ia_bench_baselines.yi.losses import chromaticity, low_rank_loss, rank_one_distance
 from ia_bench_baselines.yi.networks import InverseRendering
 from ia_bench_baselines.yi.prior import YiPrior
-from ia_bench_baselines.yi.shading import AMBIENT, irradiance, normals_of, shading
-from ia_bench_baselines.yi.train import Settings, Training, encode, train
-from ia_bench_training.lights import draw_light
+from ia_bench_baselines.yi.shading import irradiance
+from ia_bench_baselines.yi.train import Settings, train
 from ia_bench_training.shards import ShardInfo, write_shard
 
 
@@ -49,16 +46,6 @@ def test_irradiance_is_the_integral_of_the_light_times_the_clamped_cosine():
             assert abs(float(value) - expected) < 1e-3, (k, normal)
 
 
-def test_shading_is_bounded_below_and_knows_no_scale_of_the_light():
-    light, normals = torch.randn(3, 9), normals_of(2 * torch.rand(3, 2, 5, 7) - 1)
-    found = shading(normals, light)
-    torch.testing.assert_close(found, shading(normals, 7 * light))
-    assert float(found.min()) >= AMBIENT
-    assert float(shading(normals, torch.tensor([[-1.0] + 8 * [0.0]]).expand(3, 9)).min()) > 0.9  # |L00|
-    torch.testing.assert_close(normals.square().sum(1), torch.ones(3, 5, 7))
-    assert float(normals[:, 2].min()) > 0.2
-
-
 def test_the_distance_from_rank_one_is_numpys():
     stack = np.random.default_rng(0).normal(size=(40, 8))
     u, s, vh = np.linalg.svd(stack, full_matrices=False)
@@ -73,14 +60,6 @@ def test_its_gradient_is_that_of_finite_differences_and_of_a_truncation_held_fix
     u, s, vh = torch.linalg.svd(stack.detach(), full_matrices=False)
     (fixed,) = torch.autograd.grad(torch.linalg.norm(stack - s[0] * torch.outer(u[:, 0], vh[0])), stack)
     torch.testing.assert_close(through, fixed)
-
-
-@pytest.mark.parametrize("columns", [torch.zeros(6, 3), torch.ones(6, 3), torch.eye(6, 3)], ids=["zero", "rank one", "equal"])
-def test_its_gradient_is_finite_where_singular_values_are_equal(columns: Tensor):
-    stack = columns.clone().requires_grad_()
-    rank_one_distance(stack).backward()
-    assert stack.grad is not None
-    assert bool(torch.isfinite(stack.grad).all())
 
 
 def test_one_paint_under_several_grey_lights_has_no_low_rank_loss():
@@ -117,40 +96,6 @@ def write_objects(folder: Path, count: int) -> Path:
     tensors = {name: torch.stack(values) for name, values in parts.items()}
     write_shard(folder / "relit_00000.safetensors", tensors, ShardInfo(seed=0, first=0, count=8 * count, size=64))
     return folder
-
-
-def test_the_specular_target_leaves_the_diffuse_display_picture(tmp_path: Path):
-    objects = load_objects(write_objects(tmp_path / "data", 1))
-    shown = encode({name: values[0].float() for name, values in objects.items()})
-    images = {name: values[0].float() for name, values in objects.items()}
-    factor = shown.image[0, :, 32, 32]
-    assert shown.picture.shape == (8, 4, 64, 64)
-    assert float((shown.image - shown.specular).min()) >= 0
-    scale = 0.7 / images["image"][0, ..., :3].amax(-1)[images["image"][0, ..., 3] > 0].quantile(0.9)
-    diffuse = linear_to_srgb(((images["image"][0, 32, 32, :3] - images["specular"][0, 32, 32]) * scale).clamp(0, 1))
-    torch.testing.assert_close(factor - shown.specular[0, :, 32, 32], diffuse, atol=0.01, rtol=0)
-
-
-def test_a_grey_light_has_one_colour_and_the_same_mean():
-    light = draw_light(np.random.default_rng(4))
-    changed = grey(light)
-    torch.testing.assert_close(changed.radiance.mean(-1), light.radiance.mean(-1))
-    assert float(changed.radiance.std(-1).max()) < 1e-6
-    assert float(changed.emission.std(-1).max()) < 1e-5
-
-
-def test_a_few_steps_lower_both_kinds_of_loss(tmp_path: Path):
-    data = write_objects(tmp_path / "data", 3)
-    settings = Settings(data=data, out=tmp_path / "out", supervised_steps=16, held_out=1)
-    training = Training(settings, load_objects(data))
-    losses = [training.step(k, torch.Generator().manual_seed(k % 2)) for k in range(40)]
-    assert mean(losses[12:16], "specular") < 0.8 * mean(losses[:4], "specular")
-    assert mean(losses[12:16], "normal") < 0.9 * mean(losses[:4], "normal")
-    assert mean(losses[36:], "albedo") < 0.95 * mean(losses[16:20], "albedo")
-
-
-def mean(losses: list[dict[str, float]], name: str) -> float:
-    return sum(loss[name] for loss in losses) / len(losses)
 
 
 def test_a_resumed_run_ends_with_the_very_same_weights(tmp_path: Path):

@@ -4,15 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.forward_check import check_scene, main
+from benchmarks.forward_check import check_scene
 
 SCENES = Path(__file__).parents[2] / "datasets" / "scenes"
-
-
-def test_a_misspelt_scene_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("sys.argv", ["forward", "hatt"])
-    assert main() == 2
-    assert "did you mean 'hat'" in capsys.readouterr().err
 
 
 @pytest.mark.verify

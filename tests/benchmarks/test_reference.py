@@ -6,7 +6,7 @@ import pytest
 import torch
 from shapes import bowl, camera_at
 
-from benchmarks.reference import TorchRenderer, can_compile
+from benchmarks.reference import TorchRenderer
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
@@ -86,18 +86,3 @@ def test_second_derivatives(scene: tuple[Stage, GBuffer, Renderer]) -> None:
     step = 0.05
     low, middle, high = (mean(albedo.detach() + change) for change in (-step, 0.0, step))
     assert float(bend.sum()) == pytest.approx(float(high - 2 * middle + low) / step**2, rel=0.02)
-
-
-@pytest.mark.slow
-def test_compiled_torch_gives_the_same_numbers_and_gradients(scene: tuple[Stage, GBuffer, Renderer]) -> None:
-    if not can_compile():
-        pytest.skip("no C++ compiler found")
-    _, gbuffer, renderer = scene
-    plain = Renderer(renderer.surface, renderer.visibility)
-    results = []
-    for compiled in (False, True):
-        values = leaves()
-        part = render(TorchRenderer(plain, compiled=compiled), gbuffer, values)
-        results.append([part.diffuse, part.specular, *torch.autograd.grad(part.radiance.square().sum(), values)])
-    for found, wanted in zip(*results, strict=True):
-        assert_alike(found.detach(), wanted.detach())

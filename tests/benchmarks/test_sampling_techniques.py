@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from benchmarks.work_precision.forward import WAYS, ForwardStage
-from benchmarks.work_precision.techniques import unit_points
 from ia_bench.light.latlong import SampledLight
 from ia_bench.render.renderer import Renderer
 
@@ -59,22 +58,3 @@ def test_a_technique_has_the_renderers_mean(stage: ForwardStage, truth: tuple[np
     limit = t.isf((1 - (1 - FALSE_ALARM) ** (1 / tests)) / 2, PARTS - 1)
     assert z.max() < limit, f"{name}: {mean.mean():.5f} against {truth[0].mean():.5f}, z = {z.max():.2f}, limit {limit:.2f}"
     assert (BIAS * mean / error).max() > 2 * limit, f"so noisy that a bias of {BIAS} would not be found"
-
-
-@pytest.mark.parametrize("rule", ["independent", "stratified", "lattice"])
-def test_points_are_uniform_and_a_pixel_shares_the_strata(rule: str):
-    pixels, points, count = 4000, 4, 8
-    unit = unit_points(rule, pixels, points, count, torch.Generator().manual_seed(0))
-    assert unit.shape == (pixels, points, count, 3)
-    assert 0 <= float(unit.min()) <= float(unit.max()) < 1
-    # the mean of each coordinate: no rule is noisier than independent points; 4.5 standard deviations, 7e-6 a test
-    bound = 4.5 * math.sqrt(1 / 12 / (pixels * points * count))
-    assert float((unit.reshape(-1, 3).mean(0) - 0.5).abs().max()) < bound
-    strata = (unit[..., 0].reshape(pixels, -1) * (points * count)).long().sort(-1).values
-    filled = (strata == torch.arange(points * count)).all(-1).float().mean()
-    if rule == "independent":
-        assert filled == 0
-    if rule == "stratified":
-        assert filled == 1
-        deal = (unit[0, ..., 0] * (points * count)).long()
-        assert torch.equal(deal[1], 1 + points * torch.arange(count)), "a point's own samples span the whole range"

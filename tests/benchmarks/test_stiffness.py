@@ -138,33 +138,6 @@ def test_a_product_is_confused_in_its_scale_alone() -> None:
     assert kept["light"] == pytest.approx(2 / 3, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["log", "linear", "softplus", "log + scale", "log pyramid"])
-def test_light_parametrisations_are_the_derivatives_of_their_maps(name: str) -> None:
-    """log radiance as a function of the new parameters, differentiated by autograd."""
-    radiance = torch.rand(4, 8, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64) + 0.1
-    radiance /= radiance.mean()
-    flat, members = radiance.reshape(-1), np.arange(radiance.numel())
-
-    def pyramid(z: Tensor) -> Tensor:
-        base, two, four, whole = z.split([96, 24, 6, 3])
-        up = [
-            level.reshape(4 // side, 8 // side, 3).repeat_interleave(side, 0).repeat_interleave(side, 1)
-            for level, side in ((two, 2), (four, 4))
-        ]
-        return base + sum(up).reshape(-1) + whole.repeat(32)  # type: ignore[union-attr]
-
-    maps = {
-        "log": (lambda z: z, torch.log(flat)),
-        "linear": (torch.log, flat),
-        "softplus": (lambda z: torch.log(torch.nn.functional.softplus(z)), torch.log(torch.expm1(flat))),
-        "log + scale": (lambda z: z[:96] + z[96:].repeat(32), torch.cat([torch.log(flat), torch.zeros(3)])),
-        "log pyramid": (pyramid, torch.cat([torch.log(flat), torch.zeros(33)])),
-    }
-    function, at = maps[name]
-    expected = torch.autograd.functional.jacobian(function, at.double())
-    np.testing.assert_allclose(spectrum.light_transforms(radiance.numpy(), members)[name], expected.numpy(), atol=1e-12)
-
-
 # ---- the command -----------------------------------------------------------------------------------------------------
 
 

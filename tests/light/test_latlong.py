@@ -30,12 +30,6 @@ def test_solid_angles_fill_the_sphere(height: int, width: int) -> None:
     assert (angles > 0).all()
 
 
-def test_solid_angle_of_a_cap() -> None:
-    """The first k of H rows are the cap of half angle pi k / H: 2 pi (1 - cos)."""
-    cap = row_solid_angles(12, 24)[:5].sum() * 24
-    assert float(cap) == pytest.approx(2 * math.pi * (1 - math.cos(5 * math.pi / 12)), rel=1e-12)
-
-
 @pytest.mark.parametrize("by", BY)
 @pytest.mark.parametrize(("height", "width"), [(16, 32), (37, 31), (256, 512)])
 def test_every_point_of_a_texel_comes_back_to_it(height: int, width: int, by: str) -> None:

@@ -37,7 +37,6 @@ from ia_bench.material.brdf import (
     normalize,
     sample_visible_ggx,
     specular_brdf_cosine,
-    tangent_frame,
     visible_ggx_pdf,
 )
 
@@ -69,58 +68,6 @@ def test_samples_follow_their_density(roughness: float, degrees: float) -> None:
     halves = normalize(drawn + view.to(kind).double())
     counts = np.bincount(cells_of(halves.numpy(), roughness), minlength=RINGS * SECTORS)
     assert_frequencies(counts, expected.numpy(), tests=len(ROUGHNESS) * len(DEGREES))
-
-
-@pytest.mark.parametrize("degrees", DEGREES)
-@pytest.mark.parametrize("roughness", RENDERED)
-def test_float32_draws_what_float64_draws(roughness: float, degrees: float) -> None:
-    """From the same numbers the same directions, 99.9 % of them to 2e-5 and all to 2e-3, each with a density."""
-    u = torch.rand(DRAWS, 2, generator=torch.Generator().manual_seed(14))
-    single = [v.float().expand(DRAWS, -1) for v in (UP, view_at(degrees))], torch.full((DRAWS, 1), roughness)
-    double = [v.double() for v in single[0]], single[1].double()
-    drawn = sample_visible_ggx(*single[0], single[1], u)
-    error = (drawn.double() - sample_visible_ggx(*double[0], double[1], u.double())).norm(dim=-1)
-    assert float(error.quantile(0.999)) < 2e-5
-    assert float(error.max()) < 2e-3
-    assert (visible_ggx_pdf(*single[0], drawn, single[1]) > 0).all()
-
-
-@pytest.mark.parametrize("degrees", DEGREES)
-@pytest.mark.parametrize("roughness", ROUGHNESS)
-def test_density_integrates_to_one_over_all_and_less_above_the_horizon(roughness: float, degrees: float) -> None:
-    """Heitz' weak white furnace: the visible normals are a distribution. Reflections below the horizon are lost."""
-    view = view_at(degrees)
-    half, solid_angle = half_vector_grid(roughness)
-    incident, jacobian = mirrored(half, view)
-    mass = visible_ggx_pdf(UP, view, incident, rough(roughness))[..., 0] * jacobian * solid_angle
-    assert float(mass.sum()) == pytest.approx(1, abs=5e-4)
-    above = float(mass[incident[..., 2] > 0].sum())
-    assert above <= 1 + 5e-4
-    assert above > 0.4
-
-
-def test_density_is_the_same_for_a_turned_frame() -> None:
-    """Sampling and density do not depend on how the tangent frame happens to lie."""
-    rng = torch.Generator().manual_seed(6)
-    normal = normalize(torch.randn(64, 3, generator=rng, dtype=torch.float64))
-    tangent, bitangent = tangent_frame(normal)
-    frame = torch.stack([tangent, bitangent, normal], -1)
-    eye = torch.eye(3, dtype=torch.float64)
-    torch.testing.assert_close(frame.mT @ frame, eye.expand(64, 3, 3))
-    torch.testing.assert_close(torch.linalg.det(frame), torch.ones(64, dtype=torch.float64))
-    view, incident = view_at(50), view_at(-20)
-    turned = [(frame @ v) for v in (view, incident)]
-    here = visible_ggx_pdf(UP, view, incident, rough(0.4)), specular_brdf_cosine(UP, view, incident, rough(0.4))
-    there = visible_ggx_pdf(normal, *turned, rough(0.4)), specular_brdf_cosine(normal, *turned, rough(0.4))
-    for a, b in zip(here, there, strict=True):
-        torch.testing.assert_close(a.expand_as(b), b)
-
-
-@pytest.mark.parametrize("z", [1.0, -1.0, 1e-8, -1e-8, -0.9999999])
-def test_tangent_frame_has_no_pole(z: float) -> None:
-    normal = normalize(torch.tensor([1e-4, 0.0, z]) if abs(z) > 0.5 else torch.tensor([1.0, 0.0, z]))
-    frame = torch.stack([*tangent_frame(normal), normal], -1)
-    torch.testing.assert_close(frame.T @ frame, torch.eye(3), atol=1e-5, rtol=0)
 
 
 # ---------------------------------------------------------------- energy
@@ -182,41 +129,3 @@ def test_white_furnace(roughness: float) -> None:
     low, high = LOSS[roughness]
     assert low - 5e-4 <= min(losses[:3])
     assert max(losses[:3]) <= high + 5e-4
-
-
-def test_a_mirror_has_samples_and_no_density() -> None:
-    """Roughness 0: the mirror direction itself, value and density 0 there and everywhere, gradients finite."""
-    u = torch.rand(100, 2, generator=torch.Generator().manual_seed(12), dtype=torch.float64)
-    for degrees in DEGREES:
-        view, roughness = view_at(degrees), torch.zeros(1, dtype=torch.float64, requires_grad=True)
-        mirror = view * torch.tensor([-1.0, -1.0, 1.0], dtype=torch.float64)
-        drawn = sample_visible_ggx(UP.expand(100, 3), view.expand(100, 3), torch.zeros(100, 1, dtype=torch.float64), u)
-        torch.testing.assert_close(drawn, mirror.expand(100, 3), atol=1e-12, rtol=0)
-        value = specular_brdf_cosine(UP, view, torch.stack([mirror, view, UP]), roughness)
-        assert (value == 0).all()
-        assert (visible_ggx_pdf(UP, view, drawn, roughness) == 0).all()
-        (gradient,) = torch.autograd.grad(value.sum(), roughness)
-        assert float(gradient) == 0
-
-
-def test_loss_at_normal_incidence_against_the_height_correlated_closed_form() -> None:
-    """Seen along the normal, E = integral of D G2 (o.h) / ... reduces to one dimension, integrated by scipy.
-
-    With o = n the Smith term is G1(i) (the viewer's side masks nothing), and the half vector is at half the angle.
-    """
-    for roughness in (0.3, 0.6, 1.0):
-        alpha2 = roughness**4
-
-        def integrand(theta: float, alpha2: float = alpha2) -> float:
-            cos_h = math.cos(theta / 2)
-            d = alpha2 / (math.pi * (cos_h**2 * (alpha2 - 1) + 1) ** 2)
-            tan2 = math.tan(theta) ** 2
-            g1 = 2 / (1 + math.sqrt(1 + alpha2 * tan2))
-            return d * g1 / (4 * math.cos(theta)) * math.cos(theta) * 2 * math.pi * math.sin(theta)
-
-        expected, _ = quad(integrand, 0, math.pi / 2, limit=200)
-        half, solid_angle = half_vector_grid(roughness)
-        incident, jacobian = mirrored(half, UP)
-        value = specular_brdf_cosine(UP, UP, incident, rough(roughness))[..., 0]
-        fresnel = fresnel_schlick(half[..., 2].clamp(0, 1))
-        assert float((value / fresnel * jacobian * solid_angle).sum()) == pytest.approx(expected, abs=2e-3)

@@ -6,9 +6,9 @@ import kernel_calls
 import pytest
 import torch
 
-from benchmarks.reference import shade_directions, specular_lobes
+from benchmarks.reference import shade_directions
 from ia_bench.light.latlong import texel_centres
-from ia_bench.material.brdf import F0, fresnel_schlick, specular_brdf_cosine
+from ia_bench.material.brdf import F0
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import shade_samples
 from ia_bench.render.gbuffer import SurfacePoints
@@ -22,23 +22,6 @@ def vectors(count: int) -> tuple[torch.Tensor, ...]:
     normal, view, incident = torch.nn.functional.normalize(drawn, dim=-1)
     view, incident = (torch.nn.functional.normalize(v + 1.2 * normal, dim=-1) for v in (view, incident))
     return normal, view, incident, 0.1 + 0.8 * torch.rand(count, 1, generator=generator, dtype=torch.float64)
-
-
-def test_the_lobes_of_a_dielectric_are_its_brdf() -> None:
-    arguments = vectors(1000)
-    base, grazing = specular_lobes(*arguments)
-    whole = specular_brdf_cosine(*arguments)
-    assert float(whole.max()) > 0.1
-    torch.testing.assert_close(F0 * base + grazing, whole)
-
-
-def test_a_perfect_reflector_reflects_all_at_every_angle() -> None:
-    """Reflectance 1 has no Fresnel term left: the BRDF of the dielectric divided by its Fresnel term."""
-    normal, view, incident, roughness = vectors(1000)
-    base, grazing = specular_lobes(normal, view, incident, roughness)
-    half = torch.nn.functional.normalize(view + incident, dim=-1)
-    fresnel = fresnel_schlick((view * half).sum(-1, keepdim=True))
-    torch.testing.assert_close(base + grazing, specular_brdf_cosine(normal, view, incident, roughness) / fresnel)
 
 
 def shaded(

@@ -13,7 +13,7 @@ import torch
 from scipy.ndimage import map_coordinates
 
 from benchmarks import reference
-from ia_bench.material.textures import bilinear_taps, fetch, fill_unobserved, splat
+from ia_bench.material.textures import fetch, fill_unobserved, splat
 
 Fetch = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 BY = [pytest.param(fetch, torch.float32, 2e-6, id="kernel"), pytest.param(reference.fetch, torch.float64, 1e-12, id="torch")]
@@ -54,25 +54,6 @@ def test_texel_centres_return_the_texel_and_row_0_is_the_top(by: Fetch, dtype: t
     )
 
 
-def test_weights_are_a_partition_and_follow_the_shape() -> None:
-    uv = numbers(4, 6, 2, seed=2)
-    index, weight = bilinear_taps(uv, 9, 11)
-    assert index.shape == weight.shape == (4, 6, 4)
-    torch.testing.assert_close(weight.sum(-1), torch.ones(4, 6, dtype=torch.float64))
-    assert (weight >= 0).all()
-    assert 0 <= int(index.min()) <= int(index.max()) < 99
-    for by in (fetch, reference.fetch):
-        assert by(numbers(9, 11, 3).float(), uv.float()).shape == (4, 6, 3)
-        assert by(numbers(9, 11, 3).float(), uv[:0].float()).shape == (0, 6, 3)
-
-
-def test_gradient_of_the_texture() -> None:
-    texture = numbers(4, 5, 2).requires_grad_()
-    uv = numbers(11, 2, seed=3)
-    assert torch.autograd.gradcheck(lambda t: reference.fetch(t, uv), (texture,))
-    assert torch.autograd.gradgradcheck(lambda t: reference.fetch(t, uv), (texture,))
-
-
 @pytest.mark.parametrize("channels", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_gradient_of_the_kernel(channels: int, threads: int) -> None:
@@ -91,28 +72,6 @@ def test_gradient_of_the_kernel(channels: int, threads: int) -> None:
     step = numbers(*texture.shape, seed=5).float()
     change = (fetch(texture.detach() + step, uv) - fetch(texture.detach(), uv)).double()
     assert float((change * values).sum()) == pytest.approx(float((gradient.double() * step).sum()), rel=1e-5)
-
-
-def test_textures_and_uv_of_any_layout() -> None:
-    """Slices, transposes and expanded values: the lookup and its gradient see the same numbers."""
-    whole = numbers(5, 7, 6).float()
-    uv = numbers(40, 4, seed=1).float()
-    for texture in (whole[..., 1:4], whole.transpose(0, 1), whole[::2, ::3], whole[:1, :1].expand(5, 7, 6)):
-        for places in (uv[:, 1:3], uv[:, :2].T.contiguous().T, uv[:1, :2].expand(40, 2)):
-            leaf = texture.detach().requires_grad_()
-            found = fetch(leaf, places)
-            torch.testing.assert_close(found, reference.fetch(texture.contiguous(), places.contiguous()))
-            values = numbers(4, found.shape[-1], seed=2).float()[:1].expand_as(found)  # a gradient without memory of its own
-            (gradient,) = torch.autograd.grad(found, leaf, values)
-            same = texture.contiguous().detach().requires_grad_()
-            (wanted,) = torch.autograd.grad(reference.fetch(same, places), same, values)
-            torch.testing.assert_close(gradient, wanted)
-
-
-def test_float64_is_refused() -> None:
-    """Not read as if it were float32."""
-    with pytest.raises((RuntimeError, TypeError, ValueError)):
-        fetch(numbers(4, 4, 3), numbers(5, 2).float())
 
 
 def test_splatting_is_the_transpose_of_the_lookup() -> None:

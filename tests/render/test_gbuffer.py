@@ -62,24 +62,6 @@ def test_depth_and_normal_are_those_of_cycles(tiny: Scene, fine: tuple[SurfaceIn
     assert np.quantile(error, 0.99) < 0.06
 
 
-def test_rays_go_through_stratified_points_of_their_pixel() -> None:
-    camera = camera_at((1.0, 2.0, 0.5), pixels=5)
-    origins, directions = primary_rays(camera, 3)
-    assert origins.shape == directions.shape == (5, 5, 9, 3)
-    np.testing.assert_allclose(origins, np.broadcast_to(camera.to_world[:3, 3], origins.shape), rtol=1e-6)
-    np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1, rtol=1e-6)
-    local = directions.astype(np.float64) @ camera.to_world[:3, :3]  # R^T d
-    across = camera.centre[0] + camera.focal[0] * local[..., 0] / -local[..., 2]
-    down = camera.centre[1] - camera.focal[1] * local[..., 1] / -local[..., 2]
-    for row in range(5):
-        for column in range(5):
-            strata = {
-                (int((y - row) * 3), int((x - column) * 3)) for x, y in zip(across[row, column], down[row, column], strict=True)
-            }
-            assert strata == {(i, j) for i in range(3) for j in range(3)}
-    np.testing.assert_allclose(directions[2, 2, 4], -camera.to_world[:3, 2], atol=1e-6)  # the middle looks along -z
-
-
 @pytest.mark.parametrize("side", [1, 2, 3])
 def test_coverage_of_a_plate_is_its_share_of_the_picture(side: int) -> None:
     """From above, at distance 5 with 40 degrees, a plate covers a square in the middle."""
@@ -117,31 +99,6 @@ def test_pixels_that_no_triangle_can_reach_see_nothing(place: tuple, shift: tupl
     assert torch.equal(gbuffer.pixel, torch.nonzero((face >= 0).any(1))[:, 0])
     assert torch.equal(gbuffer.face.long(), face[gbuffer.pixel])
     np.testing.assert_array_equal(part[1], primary_rays(camera, 3)[1].reshape(-1, 9, 3)[reached])
-
-
-def test_a_camera_that_sees_nothing() -> None:
-    away = camera_at((0, 0, 5), pixels=7)
-    camera = replace(away, centre=(99.0, 99.0))
-    gbuffer = trace_gbuffer([camera], make_rays(sphere(1), CPU), 2, CPU)
-    assert (gbuffer.face.shape, float(gbuffer.coverage().max())) == ((0, 4), 0.0)
-
-
-def test_position_uv_and_view_of_a_plate() -> None:
-    camera = camera_at((0, 0, 5), pixels=8)
-    mesh = plate(1.5)
-    surface = SurfaceInterpolator(mesh, CPU)
-    gbuffer = trace_gbuffer([camera], make_rays(mesh, CPU), 1, CPU)
-    points = surface(gbuffer.face[:, 0].long(), gbuffer.barycentric[:, 0], gbuffer.origin.expand(len(gbuffer.pixel), 3))
-    assert len(gbuffer.pixel) == 36  # 1.5 of 1.82 is 6.6 of 8 pixels: the outermost ring of centres is beyond the plate
-    row, column = gbuffer.pixel // 8, gbuffer.pixel % 8
-    pixel = 2 * 5 * np.tan(np.radians(20)) / 8
-    expected = torch.stack([(column + 0.5 - 4) * pixel, (4 - row - 0.5) * pixel, torch.zeros(len(row))], -1)
-    torch.testing.assert_close(points.position, expected.float(), atol=1e-4, rtol=0)
-    torch.testing.assert_close(points.uv, (expected[:, :2] / 3 + 0.5).float(), atol=1e-4, rtol=0)
-    toward = torch.tensor([0.0, 0.0, 5.0]) - points.position
-    torch.testing.assert_close(points.view, toward / toward.norm(dim=-1, keepdim=True))
-    torch.testing.assert_close(surface.uv(gbuffer.face[:, 0].long(), gbuffer.barycentric[:, 0]), points.uv)
-    assert surface.offset == pytest.approx(1e-4 * 3 * np.sqrt(2), rel=1e-5)
 
 
 def test_shading_normals_that_face_away_are_bent_to_grazing_and_counted() -> None:
@@ -215,9 +172,3 @@ def test_entries_are_found_in_views_and_images_as_by_a_loop(scattered: tuple[GBu
             expected[place] = value
         assert gbuffer.images(values).dtype == dtype
         np.testing.assert_array_equal(gbuffer.images(values).numpy(), expected)
-
-
-def test_views_of_two_sizes_are_refused() -> None:
-    cameras = [camera_at((0, 0, 5), pixels=8), camera_at((0, 0, 5), pixels=9)]
-    with pytest.raises(ValueError, match="view 1 is 9 x 9, the first is 8 x 8"):
-        trace_gbuffer(cameras, make_rays(sphere(1), CPU), 1, CPU)

@@ -1,7 +1,4 @@
-"""Gradients of the whole renderer without bias, and the bias of a squared loss whose two factors share their samples.
-
-Gradients against finite differences with the samples held, and against quadrature: test_detached_gradients.py.
-"""
+"""Gradients of the whole renderer without bias: against finite differences, against quadrature, and none of the directions."""
 
 from __future__ import annotations
 
@@ -18,7 +15,8 @@ from torch import Tensor
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.renderer import Renderer
+from ia_bench.render.estimator import draw_samples, shade_samples
+from ia_bench.render.gbuffer import SurfacePoints
 
 pytestmark = [
     pytest.mark.verify,
@@ -51,17 +49,10 @@ def estimate(tiny_stage: Stage) -> Estimate:
     points = tiny_stage.points(chosen)
     chosen = chosen[(points.normal * points.view).sum(-1) > 0.1]
 
-    def same(renderer: Renderer) -> Renderer:
-        return renderer
-
-    def run(
-        leaves: Leaves, seed: int, *, samples: int = SAMPLES, repeats: int = REPEATS, by: Callable[[Renderer], Renderer] = same
-    ) -> Tensor:
-        light = SampledLight.of(leaves["log_light"].exp(), uniform_fraction=0.1)
-        material = Material(leaves["albedo"], leaves["roughness"])
-        drawn = by(tiny_stage.renderer()).render_pixels(
-            tiny_stage.gbuffer, chosen.repeat(repeats), material, light, samples, torch.Generator().manual_seed(seed)
-        )
+    def run(leaves: Leaves, seed: int, repeats: int = REPEATS) -> Tensor:
+        light, material = SampledLight.of(leaves["log_light"].exp(), uniform_fraction=0.1), Material(*list(leaves.values())[:2])
+        pixels, rng = chosen.repeat(repeats), torch.Generator().manual_seed(seed)
+        drawn = tiny_stage.renderer().render_pixels(tiny_stage.gbuffer, pixels, material, light, SAMPLES, rng)
         return drawn.radiance.reshape(repeats, len(chosen), 3)
 
     return run
@@ -73,24 +64,6 @@ def moves(leaf: Tensor) -> tuple[Tensor, Tensor]:
     return torch.ones_like(leaf), signs.repeat_interleave(len(leaf) // 4, 0).repeat_interleave(leaf.shape[1] // 4, 1)
 
 
-def slopes(
-    estimate: Estimate, leaves: Leaves, name: str, move: Tensor, seed: int, towards: Callable[[int, Tensor], Tensor], **size: int
-) -> tuple[Tensor, Tensor]:
-    """Estimates (R, P, 3), and how <estimate, ``towards`` (repeat, estimate)> of each grows along ``move``, (R,) float64.
-
-    By backward differentiation, as the fit has it, of one repeat after another; the weights are held still.
-    """
-    repeats = size.pop("repeats", REPEATS)
-    found, grown = [], []
-    for repeat in range(repeats):
-        leaf = leaves[name].clone().requires_grad_()
-        (value,) = estimate({**leaves, name: leaf}, 100_000 * seed + repeat, repeats=1, **size)
-        (gradient,) = torch.autograd.grad((value * towards(repeat, value.detach())).sum(), leaf)
-        found.append(value.detach())
-        grown.append((gradient * move).double().sum())
-    return torch.stack(found), torch.stack(grown)
-
-
 @pytest.mark.parametrize("name", STEPS)
 def test_gradient_is_unbiased(leaves: Leaves, estimate: Estimate, name: str) -> None:
     """t-test of the gradient's mean against central differences of the estimate itself, along two directions.
@@ -100,36 +73,84 @@ def test_gradient_is_unbiased(leaves: Leaves, estimate: Estimate, name: str) -> 
     the sum over all repeats is the sum of theirs.
     """
     step, found, expected = STEPS[name], [], []
-    proxy = torch.rand(estimate(leaves, 0, repeats=1)[0].shape, generator=torch.Generator().manual_seed(5))
+    proxy = torch.rand(estimate(leaves, 0, 1)[0].shape, generator=torch.Generator().manual_seed(5))
     for move in moves(leaves[name]):
-        found.append(slopes(estimate, leaves, name, move, 1, lambda *_: proxy)[1])
+        slopes = []
+        for repeat in range(REPEATS):
+            leaf = leaves[name].clone().requires_grad_()
+            (gradient,) = torch.autograd.grad((estimate({**leaves, name: leaf}, 100_000 + repeat, 1)[0] * proxy).sum(), leaf)
+            slopes.append((gradient * move).double().sum())
+        found.append(torch.stack(slopes))
         with torch.no_grad():
             high, low = (estimate({**leaves, name: leaves[name] + sign * step * move}, 2) for sign in (1, -1))
         expected.append(((high - low) * proxy).double().sum((1, 2)) / (2 * step))
     assert_same_mean(torch.stack(found, 1).numpy(), torch.stack(expected, 1).numpy(), resolution=0.05)
 
 
-def test_squared_loss_is_biased_by_shared_samples_alone(leaves: Leaves, estimate: Estimate) -> None:
-    """Shared samples add 2 Cov(I, dI) to the gradient of (I - y)^2, seen at 10 sigma; with a second estimate nothing is added.
+def surface_of(normal: torch.Tensor, view: torch.Tensor, uv: torch.Tensor) -> SurfacePoints:
+    """Points at the origin, seen from the front."""
+    front = torch.ones(len(normal), 1, dtype=torch.bool)
+    return SurfacePoints(torch.zeros_like(normal), normal, view, uv, normal, front)
 
-    y is 3 % off the mean, near the end of a fit. The gradient without noise, and the covariance, come from other draws than
-    the two kinds of gradient. That the fit takes two estimates: tests/fit/test_crossed_loss.py.
-    """
-    name, size = "albedo", {"samples": 8, "repeats": 600}
-    move = moves(leaves[name])[0]
-    with torch.no_grad():
-        value, second, third = (estimate(leaves, seed, **size) for seed in (6, 7, 8))
-    target, fourth = 1.03 * value.double().mean(0).float(), value  # of other draws than those of the gradients
-    weight = 2 / value[0].numel()
 
-    def slope(towards: Callable[[int, Tensor], Tensor], seed: int) -> np.ndarray:
-        return slopes(estimate, leaves, name, move, seed, towards, **size)[1].numpy()
+def test_detached_sampling_has_an_unbiased_gradient_of_roughness() -> None:
+    """The mean of the gradient over 40 000 draws is the derivative of the integral, by quadrature and differences."""
+    height, width, roughness, step = 4, 8, 0.5, 1e-3
+    radiance = torch.rand(height, width, 3, generator=torch.Generator().manual_seed(16)) ** 3
+    normal, view = torch.tensor([0.0, 0.0, 1.0]), torch.tensor([math.sin(0.8), 0.0, math.cos(0.8)])
 
-    shared = slope(lambda _, own: weight * (own - target), 9)
-    independent = slope(lambda repeat, _: weight * (second[repeat] - target), 9)
-    without_noise = slope(lambda repeat, _: weight * (fourth[repeat] - target), 10)
-    covariance = slope(lambda repeat, own: weight * (own - third[repeat]), 10)
-    assert covariance.mean() > 10 * covariance.std() / math.sqrt(len(covariance))
-    assert covariance.mean() > 0.5 * abs(without_noise.mean())
-    assert_same_mean(independent[:, None], without_noise[:, None], resolution=0.2)
-    assert_same_mean(shared[:, None], (without_noise + covariance)[:, None], resolution=0.2)
+    # Midpoint rule over the sphere in (cos theta, phi), whole cells in every texel, in float64.
+    fine = 96
+    edges = np.cos(np.pi * np.arange(height + 1) / height)
+    z = np.concatenate([a + (b - a) * (np.arange(fine) + 0.5) / fine for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    area = np.repeat((edges[:-1] - edges[1:]) / fine, fine) * (2 * np.pi / (width * fine))
+    phi = np.pi - 2 * np.pi * (np.arange(width * fine) + 0.5) / (width * fine)
+    sin = np.sqrt(1 - z**2)[:, None]
+    grid = np.stack([sin * np.cos(phi), sin * np.sin(phi), np.broadcast_to(z[:, None], (len(z), len(phi)))], -1)
+    light = np.repeat(np.repeat(radiance.double().numpy(), fine, 0), fine, 1)
+
+    def integral(r: float) -> float:
+        alpha2, cos_i, cos_o = r**4, np.maximum(grid[..., 2], 1e-9), math.cos(0.8)
+        half = grid + view.double().numpy()
+        half /= np.linalg.norm(half, axis=-1, keepdims=True)
+        ggx = alpha2 / (np.pi * (half[..., 2] ** 2 * (alpha2 - 1) + 1) ** 2)
+        smith = 2 / (np.sqrt(1 + alpha2 * (1 / cos_i**2 - 1)) + math.sqrt(1 + alpha2 * (1 / cos_o**2 - 1)))
+        fresnel = 0.04 + 0.96 * (1 - half @ view.double().numpy()) ** 5
+        value = ggx * smith * fresnel / (4 * cos_o) * (grid[..., 2] > 0)
+        return float((light.mean(-1) * value * area[:, None]).sum())
+
+    expected = (integral(roughness + step) - integral(roughness - step)) / (2 * step)
+
+    side, draws_each = 14, 200
+    groups = side * side
+    texture = torch.full((side, side, 1), roughness, requires_grad=True)
+    count = groups * draws_each
+    group = torch.arange(count) % groups
+    uv = torch.stack([(group % side + 0.5) / side, (group // side + 0.5) / side], -1)
+    sampler = SampledLight.of(radiance).sampler
+    rotation = torch.rand(2, count, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(17))
+    points = surface_of(normal.repeat(count, 1), view.repeat(count, 1), uv)
+    drawn = draw_samples(points, torch.ones(count, dtype=torch.bool), texture.detach(), sampler, rotation, points=1, count=4)
+    _, specular, _, _ = shade_samples(points, drawn, Material(torch.zeros(1, 1, 3), texture), radiance, "added", None)
+    (gradient,) = torch.autograd.grad(specular.mean(-1).sum() / draws_each, texture)
+    means = gradient.flatten().double()
+    error = float(means.std()) / math.sqrt(groups)
+    assert abs(expected) > 20 * error  # so that a wrong gradient is seen
+    assert abs(float(means.mean()) - expected) < 4 * error
+    value = specular.detach().mean(-1).double()
+    assert abs(float(value.mean()) - integral(roughness)) < 4 * float(value.std()) / math.sqrt(count)
+
+
+def test_directions_carry_no_gradient(tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor) -> None:
+    """The diffuse part depends on roughness through the directions only, so its gradient of roughness is none."""
+    roughness = tiny_material.roughness.clone().requires_grad_()
+    material = Material(tiny_material.albedo, roughness)
+    pixels = torch.arange(50)
+    part = tiny_stage.renderer().render_pixels(
+        tiny_stage.gbuffer, pixels, material, SampledLight.of(soft_light), 8, torch.Generator().manual_seed(18)
+    )
+    (none,) = torch.autograd.grad(part.diffuse.sum(), roughness, retain_graph=True)
+    assert float(none.abs().max()) == 0
+    (gradient,) = torch.autograd.grad(part.specular.sum(), roughness)
+    assert float(gradient.abs().sum()) > 0
+    assert torch.isfinite(gradient).all()

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,9 +18,8 @@ from shapes import bowl, camera_at, mesh_of, plate, sphere, together
 from stage import Stage
 
 from benchmarks import reference
-from ia_bench.common.cache import Cache
 from ia_bench.common.errors import InputError
-from ia_bench.light.latlong import SampledLight, row_solid_angles
+from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import normalize
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render import indirect
@@ -49,18 +47,6 @@ def bowl_stage() -> Stage:
 
 def flat(albedo: float, roughness: float = 0.5) -> Material:
     return Material(torch.full((4, 4, 3), albedo), torch.full((4, 4, 1), roughness))
-
-
-@pytest.mark.parametrize("rows", [4, 16, 24, 32, 50, 100])
-def test_the_sky_has_the_power_of_the_light_whatever_its_rows(rows: int) -> None:
-    """Mean radiance times solid angle, of light from a single row of the map."""
-    for row in range(0, rows, max(1, rows // 6)):
-        light = torch.zeros(rows, 2 * rows, 3)
-        light[row] = 1
-        power = (row_solid_angles(rows, 2 * rows)[:, None] * light.double().sum(1)).sum(0)
-        cells = indirect._cells(light).reshape(indirect.SKY_ROWS, -1, 3)
-        found = (row_solid_angles(indirect.SKY_ROWS, 2 * indirect.SKY_ROWS)[:, None] * cells.double().sum(1)).sum(0)
-        torch.testing.assert_close(found, power.double(), rtol=1e-5, atol=0)
 
 
 def render(stage: Stage, material: Material, bounces: int, cache: Path, *, samples: int = 256, **bake: int) -> PixelRadiance:
@@ -231,19 +217,3 @@ def test_a_layered_coat_conserves_energy() -> None:
         generator = torch.Generator().manual_seed(0)
         rendered = renderer.render_pixels(stage.gbuffer, pixels, flat(1.0, roughness), SampledLight.of(WHITE), 1024, generator)
         assert float((rendered.radiance / rendered.albedo).mean()) == pytest.approx(1.0, abs=0.01)
-
-
-def test_a_bake_is_kept_for_the_device_that_made_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Embree and Warp differ in a few rays, and sums on a GPU in their last bits: the CPU must not take over what that made."""
-    keys = []
-
-    def kept(cache: Cache, key: str, make: object) -> None:
-        keys.append(key)
-        raise KeyError
-
-    monkeypatch.setattr(Cache, "kept", kept)
-    for device in ("cpu", "cuda"):
-        with pytest.raises(KeyError):
-            bake_interreflection(sphere(0), SimpleNamespace(device=torch.device(device)), None, 1, tmp_path)  # type: ignore[arg-type]
-    assert keys[0].startswith("interreflection-")
-    assert len(set(keys)) == 2

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import kernel_calls
 import pytest
 import torch
 from torch import Tensor
 
 from benchmarks import reference
-from benchmarks.reference import specular_lobes
-from ia_bench.light.latlong import SampledLight, direction_to_texel
-from ia_bench.material.brdf import MIN_ROUGHNESS, dot, tangent_frame, visible_ggx_pdf
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.brdf import MIN_ROUGHNESS, tangent_frame
 from ia_bench.material.textures import Material
 from ia_bench.render.estimator import DirectionSamples, FromObject, draw_samples, shade_samples
 from ia_bench.render.gbuffer import SurfacePoints
@@ -120,58 +118,6 @@ def test_directions_and_texels(name: str, part: int, parts: int) -> None:
     assert float((drawn.texel != texel)[valid].float().mean()) < 1e-3
 
 
-@pytest.mark.parametrize("name", LIGHTS)
-def test_terms_and_boosts(name: str) -> None:
-    """Cosine, lobe and slope times the weight, the grazing part, and the weight alone over that, at the directions drawn.
-
-    Relative to themselves, but the slope, which crosses zero.
-    """
-    light, material = light_of(name), made_up_material(metallic=False)
-    surface, _, _, drawn = draw(light, material.roughness)
-    points, direction = exact(surface), drawn.direction.double()
-    texel, valid = drawn.texel.clamp_min(0).long(), drawn.texel >= 0
-    roughness = reference.fetch(material.roughness.double(), points.uv)
-    n, o, rough = points.normal[:, None], points.view[:, None], roughness[:, None].expand(*texel.shape, 1).clone().requires_grad_()
-    direction = torch.where(valid[..., None], direction, n)  # what was not drawn is no number
-    cell = reference.normal_bin(surface.normal)[:, None]
-    pdf = visible_ggx_pdf(n, o, direction, rough.detach())
-    weight = 1 / (COUNT * (reference.density(light.sampler, cell, texel, torch.float64)[..., None] + pdf).clamp_min(1e-12))
-    base, grazing = specular_lobes(n, o, direction, rough)
-    value, alpha = base + grazing, (rough * rough).detach()
-    (slope,) = torch.autograd.grad(value.sum(), rough)
-    slope = torch.where(rough > 0, slope / (2 * rough), 0.0)  # by alpha
-    wanted = torch.cat([dot(n, direction) * weight, value * weight, slope * weight], -1).detach()
-    narrow = (alpha < 1e-3).expand_as(valid[..., None])[..., 0]
-    cosine = dot(n, direction)[..., 0]
-    for which, close in ((valid & ~narrow & (cosine > 1e-3), 2e-4), (valid & (cosine > 1e-3), 2e-2)):
-        found = drawn.terms[which].double()
-        torch.testing.assert_close(found[:, :2], wanted[which][:, :2], rtol=close, atol=1e-30)
-        scale = (wanted[..., 1:2] / alpha.clamp_min(1e-30))[which][:, 0].abs()
-        some = scale < 1e20  # alpha = 0 has no slope to speak of
-        assert float(((found[:, 2] - wanted[which][:, 2]).abs() / scale.clamp_min(1e-30))[some].max()) < 10 * close
-    shown = (base + grazing)[..., 0].detach() > 0
-    share = (grazing / (base + grazing).clamp_min(1e-30))[..., 0].detach()
-    torch.testing.assert_close(drawn.terms[..., 3][valid & shown].double(), share[valid & shown], rtol=0, atol=1e-5)
-    alone = (1 / (COUNT * weight * pdf.clamp_min(1e-12)))[:, COUNT:, 0]
-    counts = (valid & (cosine > 1e-3) & ~narrow)[:, COUNT:]
-    torch.testing.assert_close(drawn.boost[counts].double(), alone[counts], rtol=2e-4, atol=0)
-
-
-def test_a_mirror_has_neither_value_nor_slope() -> None:
-    """Roughness 0, which no fit has, and no NaN."""
-    light, roughness = light_of("random"), torch.zeros(4, 4, 1)
-    surface, hit, _, drawn = draw(light, roughness)
-    terms = drawn.terms[drawn.texel >= 0]
-    assert (terms[:, 1:3] == 0).all()
-    assert torch.isfinite(terms).all()
-    assert float(terms[:, 0].max()) > 0
-    leaves = [leaf.requires_grad_() for leaf in (uniform(7, 7, 3, seed=4), roughness, light.radiance.clone())]
-    found = shade_samples(surface, drawn, Material(*leaves[:2]), leaves[2], "layered", made_up_object(drawn))
-    assert (found.specular[hit] == 0).all()
-    for gradient in torch.autograd.grad(sum(values[hit].sum() for values in found), leaves):
-        assert torch.isfinite(gradient).all()
-
-
 # ---------------------------------------------------------------- shading
 @dataclass(frozen=True)
 class Case:
@@ -248,49 +194,4 @@ def test_values_and_gradients(case: Case) -> None:
         assert float(gradient.abs().max()) > 0, name
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_the_number_of_threads_changes_rounding_alone(case: Case) -> None:
-    before, results = torch.get_num_threads(), []
-    try:
-        for threads in (1, 2):
-            torch.set_num_threads(threads)
-            results.append(shaded(case, "kernels"))
-    finally:
-        torch.set_num_threads(before)
-    one, two = results
-    for first, second in zip(one[0], two[0], strict=True):
-        assert torch.equal(first, second)
-    for name, gradient in one[1].items():
-        assert_near(two[1][name], gradient, 1e-5)
-
-
-@pytest.mark.parametrize("part", range(4))
-def test_one_result_alone_has_its_gradient(part: int) -> None:
-    """The gradients of the others are nothing, not what the memory held."""
-    gradients = []
-    for by in ("kernels", "torch"):
-        results, leaves = shade(Case(), by)
-        gradients.append(torch.autograd.grad(results[part].sum(), list(leaves.values()), allow_unused=True))
-    for found, wanted in zip(*gradients, strict=True):
-        assert_near(found, torch.zeros_like(found) if wanted is None else wanted)
-
-
-def test_a_second_derivative_is_refused() -> None:
-    """It is none that the kernels have, and no silent zero."""
-    light = light_of("random")
-    surface, _, _, drawn = draw(light, made_up_material(metallic=False).roughness)
-    material = made_up_material(metallic=False)
-    albedo = material.albedo.requires_grad_()
-    found = shade_samples(surface, drawn, material, light.radiance, "added", None)
-    (gradient,) = torch.autograd.grad(found.diffuse.square().sum(), albedo, create_graph=True)
-    with pytest.raises(RuntimeError, match="once_differentiable"):
-        gradient.sum().backward()
-
-
 # ---------------------------------------------------------------- the light's texels
-def test_texels_of_directions() -> None:
-    direction = torch.nn.functional.normalize(torch.randn(20_000, 3, generator=torch.Generator().manual_seed(30)), dim=-1)
-    for height, width in ((1, 1), (9, 14), (256, 512)):
-        found = kernel_calls.direction_to_texel(direction, height, width)
-        wanted = direction_to_texel(direction.double(), height, width)
-        assert float((found != wanted).float().mean()) < 2e-3

@@ -27,11 +27,3 @@ def test_lattice_is_uniform_and_stratified(points: int, count: int) -> None:
     if count > 1:  # each point of the pixel alone spans the whole range
         spread = samples[..., 0].amax(2) - samples[..., 0].amin(2)
         assert float(spread.min()) > 1 - 2 / count
-
-
-def test_passes_deal_one_lattice_out() -> None:
-    """Three passes of 4 entries a point are the 12 entries of a single one, each once."""
-    rotation = torch.rand(5, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
-    whole = lattice(rotation, 2, 12)
-    parts = [lattice(rotation, 2, 4, part, 3) for part in range(3)]
-    torch.testing.assert_close(torch.stack(parts, 3).flatten(2, 3), whole)

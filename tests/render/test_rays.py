@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-import warp as wp
 from shapes import disk, mesh_of, plate, soup, sphere, together
 
 from ia_bench.render.embree import EmbreeRays
@@ -152,57 +151,3 @@ def test_several_directions_from_every_origin(kind: str, points: int, each: int)
     back = torch.cat([directions, directions], 1)[:, each:]
     assert torch.equal(rays.occluded(origins, back, torch.cat([asked, asked], 1)[:, :each]), flat & asked)
     assert points == 0 or each < 16 or (flat.any() and not flat.all())
-
-
-def test_both_tracers_agree() -> None:
-    """On all but one in a thousand rays through a closed mesh of small triangles, which graze an edge."""
-    mesh = sphere(4)
-    origins, directions = (torch.from_numpy(a).float() for a in rays_through(4, 20_000))
-    embree, warp = (tracer(kind, mesh) for kind in TRACERS)
-    assert float((embree.occluded(origins, directions) != warp.occluded(origins, directions)).float().mean()) < 1e-3
-    nearest = embree.intersect(origins, directions), warp.intersect(origins, directions)
-    same = nearest[0][0] == nearest[1][0]
-    assert float((~same).float().mean()) < 1e-3
-    torch.testing.assert_close(nearest[0][2][same], nearest[1][2][same], rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.parametrize("kind", TRACERS)
-def test_the_number_of_threads_changes_nothing(kind: str, many: tuple[torch.Tensor, ...]) -> None:
-    rays = tracer(kind, MESHES["random triangles"])
-    origins, directions, face, hit = (values.repeat(*(100, 1)[: values.dim()]) for values in many)
-    before = torch.get_num_threads()
-    try:
-        for threads in (1, 2, 3):
-            torch.set_num_threads(threads)
-            assert torch.equal(rays.occluded(origins, directions), hit)
-            assert torch.equal(rays.intersect(origins, directions)[0], face)
-    finally:
-        torch.set_num_threads(before)
-
-
-@pytest.mark.parametrize("kind", TRACERS)
-def test_rays_that_are_said_to_be_coherent(kind: str, many: tuple[torch.Tensor, ...]) -> None:
-    """Whether they are or not, they hit what they hit; one origin may do for all of them."""
-    rays = tracer(kind, MESHES["random triangles"])
-    origins, directions, face, _ = many
-    for got, usual in zip(rays.intersect(origins, directions, coherent=True), rays.intersect(origins, directions), strict=True):
-        torch.testing.assert_close(got, usual, rtol=1e-6, atol=1e-6)
-    assert torch.equal(rays.intersect(origins, directions, coherent=True)[0], face)
-    fan = directions[None]
-    alone = rays.intersect(origins[:1].expand_as(directions).contiguous(), directions)[0]
-    assert torch.equal(rays.intersect(origins[:1], fan, coherent=True)[0][0], alone)
-    assert (alone >= 0).any()
-
-
-def test_a_device_may_come_without_a_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As ``device=cuda`` does: Warp is asked for it by the name that it knows it by."""
-    asked: list[str] = []
-
-    def array(values: np.ndarray, dtype: type, device: str) -> np.ndarray:
-        asked.append(device)
-        return values
-
-    monkeypatch.setattr(wp, "array", array)
-    monkeypatch.setattr(wp, "Mesh", lambda points, indices: (points, indices))
-    WarpRays(MESHES["sphere"], torch.device("cuda"))
-    assert asked == ["cuda", "cuda"]

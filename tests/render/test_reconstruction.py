@@ -136,27 +136,6 @@ def test_lights_of_the_same_views_share_what_the_brdf_meets(material: Material, 
     np.testing.assert_array_equal(found.render(CAMERAS, light=None, **USUAL).images, fresh(light))
 
 
-def test_what_finds_no_room_is_traced_again(material: Material, light: torch.Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
-    pictures, rays = [], []
-    for room in (2**20, 0):
-        monkeypatch.setattr("ia_bench.render.renderer.MET_BYTES", room)
-        found = TexturedReconstruction(bowl_stage(), material, light)
-        found.render(CAMERAS, light=None, **USUAL)
-        before = found._stage.rays.rays
-        pictures.append(np.stack(found.render(CAMERAS, light=None, **USUAL).images))
-        rays.append(found._stage.rays.rays - before)
-    np.testing.assert_array_equal(*pictures)
-    assert rays[0] < 0.6 * rays[1]
-
-
-def test_another_coat_is_another_renderer(stage: Stage, material: Material, light: torch.Tensor) -> None:
-    added = TexturedReconstruction(stage, material, light, coat="added")
-    assert added.renderer != REFERENCE
-    layered = TexturedReconstruction(stage, material, light)
-    brighter = (one.render(CAMERAS, light=None, **USUAL).images[0].mean() for one in (added, layered))
-    assert next(brighter) > next(brighter)
-
-
 def test_without_a_light_of_its_own_it_renders_under_others_only(stage: Stage, material: Material) -> None:
     found = TexturedReconstruction(stage, material, None)
     assert found.environment is None

@@ -14,7 +14,6 @@ from stage import Stage
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.estimator import draw_samples
 from ia_bench.render.renderer import PixelRadiance, Renderer, texture_images
 from ia_bench.render.visibility import NoShadows
 from ia_bench.scenes.color import linear_to_srgb
@@ -43,16 +42,6 @@ def test_ground_truth_through_the_renderer_is_cycles_direct_light(tiny: Scene, t
     assert np.abs(ours["albedo"].numpy() - true_albedo)[mask].mean() < 0.02
 
 
-def test_averaged_is_the_mean_of_estimates_one_after_another() -> None:
-    parts = torch.rand(3, 4, 5, 3, generator=torch.Generator().manual_seed(0))  # diffuse, specular, mirrored; estimates; pixels
-    albedo = torch.rand(5, 3, generator=torch.Generator().manual_seed(1)).repeat(4, 1)
-    diffuse, specular, mirrored = parts.reshape(3, 20, 3)
-    mean = PixelRadiance(diffuse, specular, albedo, mirrored).averaged(4)
-    torch.testing.assert_close(mean.radiance, parts.sum(0).mean(0))
-    torch.testing.assert_close(mean.albedo, albedo[:5])
-    assert PixelRadiance(diffuse, specular, albedo).averaged(4).mirrored is None
-
-
 def test_texture_images_are_box_filtered_and_premultiplied() -> None:
     """A plate with columns of texels, two texels a pixel and four points a pixel, seen from straight above."""
     camera = camera_at((0, 0, 5), pixels=8)
@@ -72,51 +61,6 @@ def test_the_same_generator_gives_the_same_picture(tiny_stage: Stage, tiny_mater
 
     assert torch.equal(once(1), once(1))
     assert not torch.equal(once(1), once(2))
-
-
-def test_a_picture_does_not_depend_on_its_chunks(
-    tiny_stage: Stage, tiny_material: Material, soft_light: torch.Tensor, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Chunks that do not divide the pixels are padded; every pixel is there once. Means agree, draws differ."""
-    light = SampledLight.of(soft_light)
-    pictures = []
-    for chunk in (4096, 100):
-        monkeypatch.setattr("ia_bench.render.renderer.CHUNK", chunk)
-        rng = torch.Generator().manual_seed(2)
-        pictures.append(tiny_stage.renderer().render_images(tiny_stage.gbuffer, tiny_material, light, 64, rng))
-    torch.testing.assert_close(pictures[0]["albedo"], pictures[1]["albedo"])
-    whole, parts = (p["radiance"] for p in pictures)
-    assert float((whole - parts).mean().abs() / whole.mean()) < 0.01
-    assert float(((whole - parts) ** 2).mean().sqrt() / whole.mean()) < 0.3
-
-
-@pytest.mark.parametrize(
-    ("samples", "passes"), [(1, [2]), (20, [20]), (128, [128]), (160, [80, 80]), (192, [96, 96]), (420, [104] * 4)]
-)
-def test_samples_of_a_picture_are_those_asked_for(
-    monkeypatch: pytest.MonkeyPatch, tiny_material: Material, soft_light: torch.Tensor, samples: int, passes: list[int]
-) -> None:
-    """Whatever they are, up to the rounding to 2 (two techniques, one point a pixel): 420 are four passes of 104 or 106."""
-    stage = Stage.of(sphere(2), [camera_at((2.0, 1.0, 1.5), pixels=8)])
-    drawn: list[int] = []
-    monkeypatch.setattr(
-        "ia_bench.render.renderer.draw_samples",
-        lambda *a, **named: drawn.append(2 * named["count"]) or draw_samples(*a, **named),  # type: ignore[func-returns-value]
-    )
-    rng = torch.Generator().manual_seed(1)
-    stage.renderer().render_images(stage.gbuffer, tiny_material, SampledLight.of(soft_light), samples, rng)
-    assert drawn == passes
-
-
-def test_padding_costs_no_rays_and_is_not_counted(tiny_material: Material, soft_light: torch.Tensor) -> None:
-    """300 pixels are rendered in a chunk of 4096: with 2 samples a pixel at most 600 rays, and 300 points."""
-    stage = Stage.of(plate(0.5), [camera_at((0, 0, 5), pixels=64)])
-    seen = len(stage.gbuffer.pixel)
-    before = stage.rays.rays
-    rng = torch.Generator().manual_seed(1)
-    stage.renderer().render_images(stage.gbuffer, tiny_material, SampledLight.of(soft_light), 2, rng)
-    assert stage.surface.points == seen < 1000
-    assert 0.5 * seen < stage.rays.rays - before <= 2 * seen
 
 
 def test_without_shadows_a_convex_mesh_is_the_same_to_the_last_bit() -> None:
@@ -166,22 +110,6 @@ def small_setup() -> tuple[Stage, Callable[[Renderer], PixelRadiance], tuple[tor
     return stage, render, leaves
 
 
-@pytest.mark.parametrize("name", ["channels first", "a slice", "columns first"])
-def test_the_layout_of_the_leaves_does_not_matter(name: str) -> None:
-    layouts = {
-        "channels first": lambda leaf: leaf.permute(2, 0, 1).contiguous().permute(1, 2, 0),
-        "a slice": lambda leaf: torch.cat([leaf, leaf, leaf], -1)[..., : leaf.shape[-1]],
-        "columns first": lambda leaf: leaf.transpose(0, 1).contiguous().transpose(0, 1),
-    }
-    stage, render, leaves = small_setup()
-    results = []
-    for change in (torch.clone, layouts[name]):
-        part = render(Renderer(stage.surface, NoShadows()), change)
-        results.append((part.diffuse, part.specular, *torch.autograd.grad((part.radiance**2).sum(), leaves)))
-    for plain, other in zip(*results, strict=True):
-        torch.testing.assert_close(other, plain, rtol=1e-5, atol=1e-7)
-
-
 @pytest.mark.parametrize(
     ("shape", "where", "wanted"),
     [
@@ -199,8 +127,3 @@ def test_textures_of_another_shape_are_refused(shape: tuple[int, ...], where: in
     light, rng = SampledLight.of(torch.ones(2, 4, 3)), torch.Generator().manual_seed(0)
     with pytest.raises(ValueError, match=re.escape(wanted)):
         Renderer(stage.surface, NoShadows()).render_pixels(stage.gbuffer, torch.arange(3), Material(*textures), light, 4, rng)
-
-
-def test_a_light_of_another_size_than_its_sampler_is_refused() -> None:
-    with pytest.raises(ValueError, match=re.escape("expected radiance of the sampler's size (4, 8, 3), found (2, 4, 3)")):
-        SampledLight(torch.ones(2, 4, 3), SampledLight.of(torch.ones(4, 8, 3)).sampler)

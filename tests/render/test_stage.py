@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
-from shapes import camera_at, plate, sphere
+from shapes import camera_at, sphere
 
 from ia_bench.common.errors import InputError
 from ia_bench.render import stage as stage_module
@@ -14,13 +14,6 @@ from ia_bench.render.stage import Stage
 
 CPU = torch.device("cpu")
 CAMERAS = [camera_at((2.0, 1.0, 1.5), pixels=8), camera_at((-2.0, 1.0, 1.5), pixels=8), camera_at((2.0, 0, 1), pixels=12)]
-
-
-def test_nothing_is_built_before_it_is_asked_for() -> None:
-    stage = Stage(plate(1.0), CPU)
-    assert not {"surface", "rays"} & set(vars(stage))
-    assert stage.surface is stage.surface
-    assert "rays" not in vars(stage)
 
 
 def test_a_gbuffer_is_traced_once_and_is_what_tracing_gives() -> None:
@@ -40,12 +33,6 @@ def test_views_of_any_size_come_in_batches_of_one_size(monkeypatch: pytest.Monke
     assert [buffer.shape for buffer in stage.gbuffers(CAMERAS, 1)] == [(2, 8, 8), (1, 12, 12)]
     monkeypatch.setattr(stage_module, "BATCH_POINTS", 100)
     assert [buffer.shape for buffer in stage.gbuffers(CAMERAS, 1)] == [(1, 8, 8), (1, 8, 8), (1, 12, 12)]
-
-
-def test_beyond_its_room_a_gbuffer_is_traced_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stage_module, "KEPT_BYTES", 0)
-    stage = Stage(sphere(2), CPU)
-    assert stage.gbuffer(CAMERAS[:1], 1) is not stage.gbuffer(CAMERAS[:1], 1)
 
 
 def test_points_that_do_not_fit_into_memory_are_told_before_a_ray_is_traced() -> None:

@@ -40,11 +40,6 @@ def test_a_colour_cast_is_hidden_by_per_channel_alignment_alone() -> None:
         np.testing.assert_allclose(left / left[1], cast, rtol=1e-12)
 
 
-def test_float32_input_is_summed_in_float64() -> None:
-    many = np.full((300_000, 3), np.float32(0.1))
-    assert scale("mean_rgb", many, many * np.float32(2))[0] == pytest.approx(2.0, rel=1e-12)
-
-
 @pytest.mark.parametrize("name", SCALED)
 @pytest.mark.parametrize(
     ("predicted", "true", "reason"),

@@ -53,41 +53,6 @@ def test_a_broken_pixel_costs_its_component_and_no_other(guess: Predictions, tru
     json.dumps(stored, allow_nan=False)
 
 
-def test_a_black_albedo_has_a_score_and_no_alignment(guess: Predictions, truth: Predictions) -> None:
-    scores = score(replace(guess, albedo=mapped(guess.albedo, np.zeros_like)), truth, PAPER)
-    assert scores.metrics["albedo"]["psnr"] > 0
-    assert scores.metrics["aligned_albedo"] == {"psnr": None, "ssim": None, "lpips": None}
-    assert "no positive scale" in scores.reasons["aligned_albedo.lpips"]
-
-
-def test_uncovered_pixels_count_as_black_and_are_counted(guess: Predictions, truth: Predictions) -> None:
-    holes = [c.copy() for c in guess.view_synthesis.coverage]
-    holes[0][15:20, 18:22] = 0
-    filled = [i.copy() for i in guess.view_synthesis.images]
-    filled[0][15:20, 18:22] = 0
-    with_holes = Images(guess.view_synthesis.images, tuple(holes))
-    black = Images(tuple(filled), guess.view_synthesis.coverage)
-    scores = [score(replace(guess, view_synthesis=images), truth, PAPER) for images in (with_holes, black)]
-    assert scores[0].metrics["view_synthesis"] == scores[1].metrics["view_synthesis"]
-    assert [s.counts["view_synthesis"]["uncovered_pixels"] for s in scores] == [20, 0]
-
-
-def test_clipped_values_are_counted(guess: Predictions, truth: Predictions) -> None:
-    glaring = score(replace(guess, view_synthesis=mapped(guess.view_synthesis, lambda c: c + 1.0)), truth, PAPER)
-    counts = glaring.counts["view_synthesis"]
-    assert counts["clipped_prediction"] == 3 * counts["scored_pixels"]
-    assert counts["clipped_truth"] == 0
-    assert glaring.counts["view_synthesis_whole_image"] == counts, "the same pictures over white clip the same values"
-
-
-def test_what_is_not_predicted_is_null_and_the_rest_is_scored(guess: Predictions, truth: Predictions) -> None:
-    scores = score(replace(guess, roughness=None, relighting=None), truth, PAPER)
-    assert scores.metrics["roughness"] == {"mse": None}
-    assert scores.reasons["roughness.mse"] == "the method does not predict roughness"
-    assert scores.reasons["relighting.lpips"] == "the method does not predict relighting"
-    assert scores.metrics["albedo"] == score(guess, truth, PAPER).metrics["albedo"]
-
-
 def test_what_has_no_truth_is_null_for_another_reason_whatever_is_predicted(guess: Predictions, truth: Predictions) -> None:
     without = replace(truth, albedo=None, relighting=None)
     for predictions in (guess, replace(guess, albedo=None, relighting=None)):
@@ -129,13 +94,6 @@ def test_a_view_without_scored_pixels_is_left_out_and_counted(guess: Predictions
     assert scores.counts["albedo_whole_image"]["views_without_scored_pixel"] == 1
 
 
-def test_no_view_at_all(guess: Predictions, truth: Predictions) -> None:
-    scores = score(replace(guess, albedo=Images((), ())), replace(truth, albedo=Images((), ())), PAPER)
-    assert scores.metrics["albedo"]["psnr"] is None
-    assert scores.reasons["albedo.psnr"] == "no image"
-    assert "no scored pixel" in scores.reasons["aligned_albedo.psnr"]
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -151,20 +109,6 @@ def test_a_truth_that_does_not_fit_is_an_error(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         score(guess, change(truth), PAPER)
-
-
-@pytest.mark.parametrize(
-    ("images", "coverage", "message"),
-    [
-        ((np.ones((4, 5, 3)),), (), "expected a coverage per image, found 0 for 1"),
-        ((np.ones((4, 5, 4)),), (np.ones((4, 5)),), r"view 0: expected an image .* found \(4, 5, 4\) with \(4, 5\)"),
-        ((np.ones((4, 5)),), (np.full((4, 5), 1.5),), r"expected coverage in \[0, 1\], found 1\.5"),
-        ((np.ones((4, 5)),), (np.full((4, 5), np.nan),), r"expected coverage in \[0, 1\], found nan"),
-    ],
-)
-def test_images_that_are_none_are_refused(images: tuple, coverage: tuple, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        Images(images, coverage)
 
 
 def test_saturated_pixels_of_photographs_are_left_out(guess: Predictions, truth: Predictions) -> None:

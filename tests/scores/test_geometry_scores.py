@@ -10,7 +10,7 @@ import torch
 
 from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.stage import Stage
-from ia_bench.scenes.scene import Mesh, Scene, View
+from ia_bench.scenes.scene import Scene, View
 from ia_bench.scores.geometry import score_geometry
 from tests.shapes import sphere
 
@@ -52,17 +52,3 @@ def test_what_there_is_no_truth_for(views: list[View]) -> None:
     assert scores["mask_iou"] is not None
     nothing = score_geometry(Stage(sphere(3, radius=0.5), CPU), None, [], 0.5)
     assert len(nothing["reasons"]) == 5
-
-
-@pytest.mark.parametrize("true", [None, sphere(3, radius=0.5)], ids=["no true mesh", "true mesh"])
-def test_shares_of_masks_that_show_nothing_do_not_exist(views: list[View], true: Mesh | None) -> None:
-    stage = Stage(sphere(3, radius=0.5), CPU)
-    faint, empty = (
-        score_geometry(stage, true, [replace(view, mask=share * view.mask) for view in views], 0.5) for share in (0.4, 0.0)
-    )
-    assert faint["mask_iou"] == pytest.approx(0.4, abs=0.02)
-    assert (faint["missed_share"], faint["reasons"]["missed_share"]) == (None, "no scored pixel")
-    assert "mask_iou" not in faint["reasons"]
-    assert (empty["mask_iou"], empty["missed_share"]) == (None, None)
-    assert empty["reasons"]["mask_iou"] == "no held-out view has a mask that shows the object"
-    assert ("chamfer" in empty["reasons"]) == (true is None)

@@ -13,14 +13,6 @@ from ia_bench.common.settings import parsed
 from ia_bench.scores.protocol import LpipsSettings, Protocol, SsimSettings
 
 
-def test_an_empty_configuration_is_the_papers_protocol() -> None:
-    protocol = parsed(Protocol, {}, "protocol")
-    assert protocol == Protocol()
-    assert protocol.label == "paper-v2 (lpips.net=squeeze)"
-    assert (protocol.alignment, protocol.mask_threshold) == ("mean_rgb", 0.5)
-    assert (protocol.map_points, protocol.render_points, protocol.samples_per_pixel) == (8, 4, 128)
-
-
 def test_the_configuration_file_of_the_papers_protocol_is_the_defaults() -> None:
     shipped = yaml.safe_load((Path(__file__).parents[2] / "conf/protocol/paper-v2.yaml").read_text())
     assert parsed(Protocol, shipped) == Protocol()
@@ -30,12 +22,6 @@ def test_nested_settings_are_read_and_change_the_label() -> None:
     protocol = parsed(Protocol, {"name": "mine", "version": 2, "lpips": {"net": "vgg"}, "ssim": {"sigma": 2}})
     assert protocol == Protocol(name="mine", lpips=LpipsSettings(net="vgg"), ssim=SsimSettings(sigma=2.0))
     assert protocol.label == "mine (lpips.net=vgg, ssim.sigma=2.0)"
-
-
-def test_where_the_weights_lie_is_no_part_of_the_label(tmp_path: Path) -> None:
-    weights = tmp_path / "weights.safetensors"
-    weights.touch()
-    assert parsed(Protocol, {"lpips": {"weights": str(weights)}}).label == Protocol().label
 
 
 @pytest.mark.parametrize(

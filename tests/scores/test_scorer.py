@@ -22,7 +22,7 @@ from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene, Truth, View
 from ia_bench.scores import scorer as scorer_module
 from ia_bench.scores.protocol import Protocol
-from ia_bench.scores.result import Scores, drawn_scale
+from ia_bench.scores.result import Scores
 from ia_bench.scores.scorer import Scorer
 
 pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
@@ -170,23 +170,6 @@ def test_what_can_be_exported_is_also_drawn_by_the_reference_renderer(photograph
     assert scores.counts["textures"] == {"texels": 16, "roughness_raised": 0}
     textured = TexturedReconstruction.of(exported.assets(), stage)
     assert not any(name.endswith("_reference") for name in Scorer(photographed, SMALL, CPU).full(textured).variants)
-
-
-def test_pictures_take_the_scale_of_the_textures_that_they_show(photographed: Scene) -> None:
-    """The maps of this method are half as bright as what it exports, and pictures show what it exports."""
-    stage = stage_of_the_ball()
-    darker = replace(as_assets(BALL, stage), albedo=tuple(0.5 * value for value in BALL.albedo))
-    scorer = Scorer(photographed, SMALL, CPU)
-    scales = scorer.full(darker).albedo_scales
-    assert scorer.drawn is not None
-    shown = scorer.drawn[1].albedo
-    pairs = zip(photographed.test, shown.images, shown.coverage, strict=True)
-    inside = [(view.albedo, image, (view.mask == 1) & (part == 1)) for view, image, part in pairs]
-    true, drawn = np.sum([(albedo[seen].sum(), image[seen].sum()) for albedo, image, seen in inside], axis=0)
-    assert drawn_scale(scales, SMALL.alignment) == pytest.approx([true / drawn] * 3, rel=0.02)
-    assert scales[SMALL.alignment] == pytest.approx([2 * true / drawn] * 3, rel=0.02)
-    own = {"mean_rgb": [2.0] * 3}
-    assert drawn_scale(own, "mean_rgb") == drawn_scale({**own, "mean_rgb_reference": None}, "mean_rgb") == own["mean_rgb"]
 
 
 def test_a_method_that_renders_under_its_own_light_alone_is_relit_by_the_reference_renderer(photographed: Scene) -> None:

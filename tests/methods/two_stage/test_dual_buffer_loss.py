@@ -1,7 +1,4 @@
-"""With `fit.image_loss=dual_buffer` the two halves of a pixel's samples are independent: noise pulls the fit nowhere.
-
-What samples shared by the residual and the gradient would add is measured in tests/render/test_gradients.py.
-"""
+"""With `fit.image_loss=dual_buffer` the two halves of a pixel's samples are independent: noise pulls the fit nowhere."""
 
 from __future__ import annotations
 
