@@ -53,6 +53,9 @@ def _coupling(make: Callable[[], Any], coupling: Coupling, problem: Problem) -> 
     yield Finding("pass", "what it uses", "", f"{', '.join(sorted(uses)) or 'nothing'} of {', '.join(COMPONENTS)}")
     none = coupling.uses(frozenset())
     yield judge(not none, "a prior that provides nothing", "nothing used", ", ".join(none) or "nothing")
+    if not uses:
+        yield Finding("skip", "losses", "", "it uses nothing, so it is never asked for any")
+        return
     radiance = problem.photographs.radiance
     values = {"albedo": (0.4 * radiance).clamp(0, 1), "specular": 0.1 * radiance}
     samples = PixelSamples(values, torch.ones(len(radiance), 1))
@@ -64,8 +67,7 @@ def _coupling(make: Callable[[], Any], coupling: Coupling, problem: Problem) -> 
     sound = all(bool(torch.isfinite(part).all()) for part in (*first.values(), *gradients))
     yield judge(sound, "losses", "finite values, and gradients", said)
     moved = any(bool(part.any()) for part in gradients)
-    what = "losses that the render moves" if uses else "none that moves the render"
-    yield judge(moved == bool(uses), "gradient", what, "a gradient" if moved else "none")
+    yield judge(moved, "gradient", "losses that the render moves", "a gradient" if moved else "none")
     yield _same("the same generator again", first, _losses(coupling, samples, pixels)[0])
     other = CheckedCoupling("", make())
     other.prepare(samples, problem)
