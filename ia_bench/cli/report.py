@@ -16,7 +16,6 @@ from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
 from ia_bench.report.collect import read_published
 from ia_bench.report.gains import Gain, gains, maps
-from ia_bench.report.site.against import Former, changes, read_former
 from ia_bench.report.site.content import RowTexts, Sources
 from ia_bench.report.site.write import PARTS, draw_pictures, write_page
 from ia_bench.report.texts import markdown_block
@@ -39,7 +38,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--table", help="a table of conf/table: order of rows and scenes, reference, claims")
     parser.add_argument("--only", action="store_true", help="of every runs.csv, take the rows of --table alone")
     parser.add_argument("--reference", help="the row that the others are compared with (default: the table's)")
-    parser.add_argument("--against", type=Path, metavar="FOLDER", help="a former report: the page says what changed since")
     wanted = parser.parse_args(arguments)
     return status_of(lambda: _report(wanted))
 
@@ -52,7 +50,6 @@ def _report(wanted: argparse.Namespace) -> int:
     table = _compared_with(load_table(wanted.table), wanted.reference) if wanted.table else Table()
     rows = [row.name for row in table.crossed_rows]
     published = [run for path in tables for run in read_published(path)]
-    former = None if wanted.against is None else read_former(wanted.against)
     make_writable(wanted.out, "--out")
     found = folders_with_cells(folders, complain)
     report = write_report(
@@ -67,7 +64,7 @@ def _report(wanted: argparse.Namespace) -> int:
     )
     gained = gains(report.findings.runs, table)
     value = write_value(gained, report.findings.runs, table, wanted.out)
-    page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, gained, former)
+    page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, gained)
     tell(report, table, page)
     say("".join(f"{path}\n" for path in value), sys.stdout)
     return OK
@@ -87,14 +84,11 @@ def _compared_with(table: Table, wanted: str | None) -> Table:
     return replace(table, reference=known[wanted])
 
 
-def write_report_page(
-    report: Report, table: Table, out: Path, name: str, gained: Sequence[Gain], former: Former | None = None
-) -> Path:
-    """Write the page of a report below ``out`` and return its index.html. ``former``: an earlier report."""
+def write_report_page(report: Report, table: Table, out: Path, name: str, gained: Sequence[Gain]) -> Path:
+    """Write the page of a report below ``out`` and return its index.html."""
     found = report.findings
     texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed_rows}
-    since = None if former is None else changes(former, found.runs, found.rows, found.scenes)
-    sources = Sources(found, f"Table: {name}", texts, since, worth=maps(gained))
+    sources = Sources(found, f"Table: {name}", texts, worth=maps(gained))
     with Progress() as progress:
         return write_page(sources, out / PAGE, draw_pictures(found.runs, out / PAGE / PARTS, progress.note))
 

@@ -26,11 +26,10 @@ from ia_bench.common.exit_codes import FAULT, OK, command, complain
 from ia_bench.common.output import say
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
-from ia_bench.runs.cells import Cell, TableRequest, make_cells, write_cells
+from ia_bench.runs.cells import TableRequest, make_cells, write_cells
 from ia_bench.runs.composition import compose
-from ia_bench.runs.config import RunConfig, resolve_scene_folder, slug
+from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
-from ia_bench.runs.record import finished_record
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import refuse_own
 
@@ -111,42 +110,11 @@ def make_table(request: TableRequest) -> int:
     )
     gained = gains(report.findings.runs, table)
     tell(report, table, write_report_page(report, table, results, request.name, gained))
-    pictures = _write_pictures(table.pictured, cells, results)
-    say("\n".join(map(str, write_value(gained, report.findings.runs, table, results) + pictures)), sys.stdout)
+    say("\n".join(map(str, write_value(gained, report.findings.runs, table, results))), sys.stdout)
     wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])
     for line in wrong:
         complain(line)
     return FAULT if wrong else OK
-
-
-def _write_pictures(rows: Sequence[str], cells: Sequence[Cell], results: Path) -> list[Path]:
-    """One picture per scene of the first finished cell of each of ``rows``; what has none is left out, as are scenes of no folder.
-
-    A scene that cannot be pictured (no novel light, say) is named on stderr: the table is finished without it. Pictures that a
-    former call has left, of other scenes, are removed.
-    """
-    from ia_bench.report.comparison import write_comparison  # brings in torch
-    from ia_bench.report.files import remove_all_but
-
-    finished: dict[tuple[str, str], Cell] = {}
-    for cell in cells:
-        if finished_record(cell.folder, cell.config_hash) is not None:
-            finished.setdefault((cell.config.scene.name, cell.row.name), cell)
-    written = []
-    for scene in dict.fromkeys(cell.config.scene.name for cell in cells):
-        shown = {row: finished[scene, row] for row in rows if (scene, row) in finished}
-        config = next(iter(shown.values())).config if shown else None
-        folder = resolve_scene_folder(config.scene, config.reader) if config is not None else None
-        if folder is not None:
-            picture = results / "pictures" / f"{slug(scene)}.png"
-            try:
-                write_comparison({row: cell.folder for row, cell in shown.items()}, folder, picture)
-            except InputError as error:
-                complain(f"no picture of {scene}: {error}")
-            else:
-                written.append(picture)
-    remove_all_but(written, (results / "pictures").glob("*.png"))
-    return written
 
 
 def _launcher(arguments: Sequence[str]) -> Launcher:

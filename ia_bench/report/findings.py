@@ -12,7 +12,6 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.suggestions import listed
 from ia_bench.report.claims import Verdict, judge
 from ia_bench.report.collect import Collection, Runs, name_of, reason_of
-from ia_bench.report.curves import TimeToError, Worsening, time_to_beat, time_to_error, worsening
 from ia_bench.report.origins import Origin, mixed_rows, origins, warnings
 from ia_bench.report.statistics import Block, Estimate, Paired, block, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, carried_text, counterparts, paper_rows
@@ -39,9 +38,6 @@ class Findings:
         reference: The row that the others are compared with.
         differences: Row -> metric -> row minus ``reference``.
         verdicts: On what the table claims.
-        times: When rows first reach given errors.
-        beats: How soon rows are where the reference is at its best.
-        worsening: Where more time makes a metric worse.
         undefined: Reason -> the metrics and runs whose value it explains.
         failures: A sentence per failed run.
         warnings: A sentence for everything that makes runs hard to compare.
@@ -61,9 +57,6 @@ class Findings:
     reference: str | None
     differences: dict[str, dict[str, Paired]]
     verdicts: tuple[Verdict, ...]
-    times: tuple[TimeToError, ...]
-    beats: tuple[TimeToError, ...]
-    worsening: tuple[Worsening, ...]
     undefined: dict[str, str]
     failures: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -134,9 +127,6 @@ def analyse(
         reference=reference,
         differences={} if reference is None else _differences(runs, [row for row in rows if row != reference], reference),
         verdicts=tuple(judge(runs, claims, scenes)),
-        times=tuple(time_to_error(runs)),
-        beats=tuple(time_to_beat(runs, reference)) if reference is not None else (),
-        worsening=tuple(worsening(runs)),
         undefined=_undefined(runs),
         failures=tuple(f"{name_of(run)}: {run['problem']}" for run in _records(runs[runs["problem"].notna()])),
         warnings=tuple(warnings(runs)),

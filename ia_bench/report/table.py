@@ -10,7 +10,6 @@ from importlib import resources
 
 from ia_bench.common.errors import InputError
 from ia_bench.report.claims import Verdict
-from ia_bench.report.curves import TimeToError, Worsening, seconds_text
 from ia_bench.report.origins import Origin
 from ia_bench.report.statistics import Block, Estimate, Paired
 from ia_bench.scores.columns import METRICS, Metric
@@ -173,35 +172,3 @@ def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str]) -> Printed:
         names = [f"{one.better} above {one.worse}", one.metric.title]
         body.append([*names, mean, one.outcome.value, carried_text(one.pairs) or "–", *by_scene])
     return Printed(["Claim", "Metric", "Difference", "Outcome", "Carried by", *scenes], body)
-
-
-def beats_table(beats: Sequence[TimeToError], reference: str, rows: Sequence[str]) -> Printed:
-    """A line per scene and metric, a column per row that has a curve."""
-    rows = [row for row in rows if any(one.row == row for one in beats)]
-    body = []
-    for scene, metric, level in dict.fromkeys((one.scene, one.metric, one.level) for one in beats):
-        texts = {one.row: one.text for one in beats if (one.scene, one.metric) == (scene, metric)}
-        body.append([scene, f"{metric.group} {metric.label}", metric.text(level), *(texts.get(row, "–") for row in rows)])
-    return Printed(["Scene", "Metric", f"Best of {reference}", *rows], body)
-
-
-def times_table(times: Sequence[TimeToError], scene: str, rows: Sequence[str]) -> Printed:
-    """A line per metric and level, a column per row that has a curve."""
-    here = {(one.metric, one.level, one.row): one.text for one in times if one.scene == scene}
-    rows = [row for row in rows if any(key[-1] == row for key in here)]
-    body = []
-    for metric, level in dict.fromkeys(key[:2] for key in here):
-        sign = "≥" if metric.higher_is_better else "≤"
-        texts = [here.get((metric, level, row), "–") for row in rows]
-        body.append([f"{metric.group} {metric.label} {sign} {level:g}", *texts])
-    return Printed([scene, *rows], body)
-
-
-def worsening_table(found: Sequence[Worsening]) -> Printed:
-    """Where a metric ends below its best."""
-    body = []
-    for one in found:
-        best = f"{one.metric.text(one.best)} at {seconds_text(one.best_seconds)} (step {one.best_step:.0f})"
-        final = f"{one.metric.text(one.final)} at {seconds_text(one.final_seconds)}"
-        body.append([one.row, one.scene, f"{one.metric.group} {one.metric.label}", best, final, f"{one.loss_db:.2f} dB"])
-    return Printed(["Row", "Scene", "Metric", "Best", "Final", "Lost"], body)

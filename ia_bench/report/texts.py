@@ -13,7 +13,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ia_bench.report import table
 from ia_bench.report.claims import HOW_JUDGED, tally
-from ia_bench.report.curves import WORSE_DB
 from ia_bench.report.findings import Findings
 from ia_bench.report.statistics import Block
 from ia_bench.report.table import Entry, Printed
@@ -35,7 +34,7 @@ LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
 
 def report_text(findings: Findings, pictures: Sequence[str]) -> str:
     """The report to read. ``pictures`` are the figures' paths relative to it."""
-    return _filled("report.md", findings, pictures=pictures, worse_db=WORSE_DB, how_judged=HOW_JUDGED, tally=tally)
+    return _filled("report.md", findings, pictures=pictures, how_judged=HOW_JUDGED, tally=tally)
 
 
 def latex(findings: Findings) -> str:

@@ -11,7 +11,6 @@ from typing import Any
 from ia_bench.common.errors import InputError
 from ia_bench.report import figures
 from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
-from ia_bench.report.curves import TimeToError
 from ia_bench.report.files import begins_with, csv_text, remove_all_but, write_text
 from ia_bench.report.findings import MEAN, Findings, analyse
 from ia_bench.report.statistics import Paired
@@ -44,7 +43,7 @@ def write_report(
 ) -> Report:
     """Write the report of run folders into ``out``.
 
-    Files: report.md, table.{tex,csv}, runs.csv, differences.csv, claims.csv, time_to_{error,beat}.csv, curves/SCENE.{png,svg}.
+    Files: report.md, table.{tex,csv}, runs.csv, differences.csv, claims.csv, curves/SCENE.{png,svg}.
     Curves of other scenes that a former report has left there are removed.
 
     Args:
@@ -76,8 +75,6 @@ def write_report(
         "table.csv": _summaries(findings),
         "differences.csv": _differences(findings),
         "claims.csv": _claims(findings),
-        "time_to_error.csv": map(_time, findings.times),
-        "time_to_beat.csv": map(_time, findings.beats),
     }
     texts = {
         "report.md": report_text(findings, shown),
@@ -150,9 +147,3 @@ def _paired(label: Line, pairs: Paired) -> Iterable[Line]:
             "pairs": part.count,
             "carried_by": carried_text(part),
         }
-
-
-def _time(one: TimeToError) -> Line:
-    seconds = "never" if one.seconds is None else one.seconds.mean
-    label = {"scene": one.scene, "row": one.row, "metric": one.metric.key, "level": one.level}
-    return {**label, "seconds": seconds, "seeds_reached": one.reached, "seeds": one.seeds}

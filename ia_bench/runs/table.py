@@ -90,8 +90,8 @@ class Table:
     """``conf/table/<name>.yaml``; ``scenes`` are names, or a :class:`SceneEntry` each.
 
     ``reference`` names the row that the others are compared with, scene by scene.
-    ``claims``: orderings of rows that the report judges. ``pictured``: rows that one picture per scene shows beside the truth.
-    ``includes``: names of tables whose rows, claims and pictured rows come before its own; what else it does not say is as the
+    ``claims``: orderings of rows that the report judges.
+    ``includes``: names of tables whose rows and claims come before its own; what else it does not say is as the
     first of them says. ``captures``: ways to photograph every scene, each of settings of ``capture.*``; none means one that leaves
     nothing out. Every row is run with each (:attr:`crossed_rows`) and compared with the row ``reference`` of the same capture.
     ``photographs``: how many a scene has when none is left out, where no run has recorded it.
@@ -102,7 +102,6 @@ class Table:
     rows: list[Row] = field(default_factory=list)
     reference: str | None = None
     claims: list[Claim] = field(default_factory=list)
-    pictured: list[str] = field(default_factory=list)
     includes: list[str] = field(default_factory=list)
     captures: Annotated[list[dict[str, Any]], Some] = field(default_factory=list)
     photographs: Annotated[int, Field(ge=1)] = 100
@@ -190,8 +189,6 @@ def _check(table: Table) -> None:
             raise InputError(f"scenes: {entry.name}: capture: expected none in a table that has captures, found {entry.capture}")
     if table.reference is not None:
         _expect_known("reference", "row", table.reference, rows)
-    for row_name in table.pictured:
-        _expect_known("pictured", "row", row_name, names)
     for claim in table.claims:
         for row_name in (claim.better, claim.worse):
             _expect_known("claims", "row", row_name, names)
@@ -225,7 +222,7 @@ def _file_of(name: str) -> Path:
 def some_rows(table: Table, text: str) -> Table:
     """The ``table`` of those of its rows alone that ``text`` names, with commas between; a name may have commas itself.
 
-    So are its claims, its pictured rows and its reference. Raises InputError for what is no row.
+    So are its claims and its reference. Raises InputError for what is no row.
     """
     names, parts, chosen = [row.name for row in table.rows], [part.strip() for part in text.split(",")], list[str]()
     while parts:
@@ -241,7 +238,6 @@ def some_rows(table: Table, text: str) -> Table:
         rows=[row for row in table.rows if row.name in chosen],
         reference=table.reference if table.reference in chosen else None,
         claims=[claim for claim in table.claims if claim.better in chosen and claim.worse in chosen],
-        pictured=[row for row in table.pictured if row in chosen],
     )
 
 
@@ -260,7 +256,7 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
         return table
     first = ("scenes", "seeds", "reference", "captures", "photographs")
     every: dict[str, Any] = {key: getattr(parts[0], key) for key in first if key not in own}
-    for key in ("rows", "claims", "pictured"):
+    for key in ("rows", "claims"):
         every[key] = [one for part in (*parts, table) for one in getattr(part, key)]
     return replace(table, **every)
 

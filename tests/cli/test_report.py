@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import re
-import shutil
 from pathlib import Path
 
 import pytest
@@ -100,18 +98,6 @@ def test_a_mistake_is_one_line(
         write(tmp_path / "runs" / "a", "none", 20.0)
     assert main(arguments) == 2
     assert message in capsys.readouterr().err
-
-
-def test_a_report_over_a_former_one_is_compared_with_what_stood_there(tmp_path: Path) -> None:
-    write(tmp_path / "runs" / "a", "none", 20.0)
-    arguments = [str(tmp_path / "runs"), "--out", str(tmp_path / "out")]
-    assert main(arguments) == 0
-    shutil.rmtree(tmp_path / "runs")
-    write(tmp_path / "runs" / "a", "none", 23.0)
-    assert main([*arguments, "--against", str(tmp_path / "out")]) == 0
-    page = (tmp_path / "out" / "page" / "index.html").read_text()
-    assert "What changed since out" in page
-    assert re.search(r"\d+ means are as they were, (\d+) are not", page)[1] == "4", "a PSNR of each component"
 
 
 def list_cells(results: Path, *folders: str) -> None:

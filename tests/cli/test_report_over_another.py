@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ia_bench.cli import table as command
 from ia_bench.cli.report import main
 from ia_bench.report.collect import SCORES, Record
 from ia_bench.report.gains import gains
@@ -79,10 +78,3 @@ def test_a_page_without_pictures_keeps_none(tmp_path: Path) -> None:
         (parts / name).touch()
     assert main([str(tmp_path / "first" / "runs.csv"), "--out", str(tmp_path / "out")]) == 0
     assert list(parts.iterdir()) == []
-
-
-def test_a_table_keeps_the_pictures_that_it_has_made_this_time(tmp_path: Path) -> None:
-    (tmp_path / "pictures").mkdir()
-    (tmp_path / "pictures" / "hat.png").touch()
-    assert command._write_pictures(["none"], [], tmp_path) == []
-    assert not (tmp_path / "pictures" / "hat.png").exists()

@@ -183,7 +183,6 @@ def test_tables_of_a_runs_csv_are_those_of_its_runs(first: Path, tmp_path: Path)
         again, before = (pd.read_csv(folder / name) for folder in (tmp_path / "again", first.parent))
         assert len(before) > 0
         pd.testing.assert_frame_equal(again, before, check_like=True, check_dtype=False, rtol=1e-12)
-    assert "Where more time makes it worse" not in (tmp_path / "again" / "report.md").read_text(), "there are no curves"
 
 
 def test_new_rows_stand_beside_published_ones_unless_a_cell_is_there_twice(first: Path, write_run: Write, tmp_path: Path) -> None:

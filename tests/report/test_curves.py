@@ -1,4 +1,4 @@
-"""Times to reach an error, where a curve gets worse, and what the figures draw."""
+"""What the figures of error against run time draw."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from ia_bench.report.collect import Runs, collect
-from ia_bench.report.curves import LEVELS, time_to_beat, time_to_error, worsening
 from ia_bench.report.figures import draw_scene, save
 from ia_bench.scores.columns import CURVE_METRICS
 
@@ -32,58 +31,6 @@ def runs(write_run: Write) -> Runs:
         write_run("quiet", "hat", 0),
     ]
     return collect(folders).runs
-
-
-def test_times_are_of_the_first_measured_point_and_never_says_so(runs: Runs) -> None:
-    times = {(one.row, one.metric.column, one.level): one for one in time_to_error(runs)}
-    assert times["ours", "albedo_psnr", 15.0].seconds.mean == (5 + 30) / 2
-    assert times["ours", "albedo_psnr", 15.0].text == "17.5 s"
-    assert times["ours", "albedo_psnr", 20.0].text == "20.0 s (1 of 2 seeds)"
-    assert times["ours", "albedo_psnr", 25.0].text == "never"
-    assert times["none", "albedo_psnr", 15.0].text == "5.0 s"  # reached, though not kept
-    assert times["ours", "roughness_mse", 0.05].seconds.mean == (5 + 8) / 2  # at most, for an error
-    assert times["none", "roughness_mse", 0.01].text == "never"
-
-
-def test_rows_without_an_optimisation_have_no_times(runs: Runs) -> None:
-    assert {one.row for one in time_to_error(runs)} == {"ours", "none"}
-    assert set(LEVELS) == {metric.column for metric in CURVE_METRICS}
-
-
-def test_a_metric_that_was_never_measured_is_not_called_never(write_run: Write) -> None:
-    runs = collect([write_run("ours", "hat", curve="stage1,5,1,20,,,,\n")]).runs
-    assert {one.metric.column for one in time_to_error(runs)} == {"albedo_psnr"}
-
-
-def test_time_to_beat_is_against_the_best_that_the_reference_ever_has(runs: Runs) -> None:
-    """None is best in the middle of its curve, with 18 dB: at 5 s it is, ours are later."""
-    found = {(one.row, one.metric.key): one for one in time_to_beat(runs, "none")}
-    assert set(found) == {("ours", "aligned_albedo.psnr"), ("ours", "relighting.psnr")}
-    beaten = found["ours", "relighting.psnr"]
-    assert beaten.level == 18
-    assert beaten.seconds is not None
-    assert beaten.seconds.mean == (20 + 30) / 2
-    assert {one.row for one in time_to_beat(runs, "ours")} == {"none"}
-    assert time_to_beat(runs, "ours")[0].text == "never"
-    assert time_to_beat(runs, "ceiling") == []
-
-
-def test_where_more_time_makes_it_worse(runs: Runs) -> None:
-    found = {(one.row, one.metric.column): one for one in worsening(runs)}
-    assert set(found) == {
-        ("none", m) for m in ("albedo_psnr", "aligned_albedo_psnr", "relighting_psnr", "roughness_mse")
-    }
-    albedo = found["none", "albedo_psnr"]  # view synthesis loses 0.05 dB, which is below the threshold
-    assert (albedo.best, albedo.best_step, albedo.best_seconds, albedo.final, albedo.loss_db) == (18, 50, 5, 16, 2)
-    assert (albedo.final_seconds, albedo.seeds) == (20, 1)
-    assert found["none", "roughness_mse"].loss_db == pytest.approx(10 * np.log10(4))  # from .02 to .08
-    assert worsening(runs)[0].metric.column == "roughness_mse"  # the largest loss first
-
-
-def test_worsening_is_the_mean_of_seeds(write_run: Write) -> None:
-    folders = [write_run("none", "hat", 0, curve=FALLS), write_run("none", "hat", 1, curve=RISES)]
-    albedo = next(one for one in worsening(collect(folders).runs) if one.metric.column == "albedo_psnr")
-    assert (albedo.loss_db, albedo.final, albedo.seeds) == (1.0, 20.0, 2)
 
 
 def test_the_figure_shows_lines_bands_and_the_dashed_ceiling(runs: Runs) -> None:

@@ -29,7 +29,6 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("includes: [worse]", "unknown table 'worse'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
-        ("rows: [{name: a, overrides: []}]\npictured: [b]", "pictured: unknown row 'b'"),
         ("rows: [{name: a, overrides: [], seeds: []}]", r"rows.0.seeds: expected at least one, found \[\]"),
         ("rows: [{name: a, overrides: [], captures: []}]", "rows.0.captures: expected at least one"),
         ("captures: []", "captures: expected at least one"),
@@ -76,10 +75,10 @@ def test_a_file_of_ones_own_is_a_table(tmp_path: Path, monkeypatch: pytest.Monke
 def test_some_rows_of_a_table_are_named_with_the_commas_that_they_have() -> None:
     rows = [Row(name, ["prior=none"]) for name in ("none", "targets", "refiner", "refiner, hull")]
     claims = [Claim("targets", "none"), Claim("refiner", "none")]
-    table = Table(rows=rows, reference="none", claims=claims, pictured=["refiner", "targets"])
+    table = Table(rows=rows, reference="none", claims=claims)
     few = some_rows(table, "none,refiner, hull,targets")
     assert [row.name for row in few.rows] == ["none", "targets", "refiner, hull"]
-    assert (few.reference, few.claims, few.pictured) == ("none", claims[:1], ["targets"])
+    assert (few.reference, few.claims) == ("none", claims[:1])
     assert [row.name for row in some_rows(table, "refiner").rows] == ["refiner"]
     assert some_rows(table, "refiner").reference is None
     with pytest.raises(InputError, match="rows: expected every row once, found none, none"):
@@ -128,12 +127,12 @@ def test_a_row_that_the_paper_has_not_is_told_before_anything_runs(tmp_path: Pat
 def test_a_table_has_the_rows_of_those_that_it_includes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
     (tmp_path / "table").mkdir()
-    first = "photographs: 24\nscenes: [tiny]\nseeds: [3]\nreference: a\npictured: [a]\nrows: [{name: a, overrides: []}]\n"
+    first = "photographs: 24\nscenes: [tiny]\nseeds: [3]\nreference: a\nrows: [{name: a, overrides: []}]\n"
     (tmp_path / "table" / "first.yaml").write_text(first)
     second = "includes: [first]\nseeds: [4]\nrows: [{name: b, overrides: []}]\nclaims: [{better: b, worse: a}]\n"
     (tmp_path / "table" / "second.yaml").write_text(second)
     table = load_table("second")
     assert [row.name for row in table.rows] == ["a", "b"]
-    assert (table.scenes, table.seeds, table.reference, table.pictured) == (["tiny"], [4], "a", ["a"])
+    assert (table.scenes, table.seeds, table.reference) == (["tiny"], [4], "a")
     assert table.photographs == 24
     assert [(claim.better, claim.worse) for claim in table.claims] == [("b", "a")]

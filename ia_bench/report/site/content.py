@@ -18,7 +18,6 @@ from ia_bench.report.curve import Curve
 from ia_bench.report.findings import Findings
 from ia_bench.report.gains import Map
 from ia_bench.report.origins import seconds_compare
-from ia_bench.report.site.against import Changes
 from ia_bench.report.site.definitions import COSTS, WHY_THE_PAPER_DIFFERS, definition
 from ia_bench.report.site.evidence import evidence_of
 from ia_bench.report.statistics import Block, Estimate, Leader, Line
@@ -59,7 +58,6 @@ class Sources:
         findings: Everything that the report says.
         title: What the page is called.
         rows: Texts of the rows that have some.
-        changes: What is different from a former report, None where there is none.
         live: What a page that is watched has to know, None for a report.
         worth: Maps of what rows are worth, where scenes were photographed in several ways.
     """
@@ -67,7 +65,6 @@ class Sources:
     findings: Findings
     title: str
     rows: Mapping[str, RowTexts] = field(default_factory=dict)
-    changes: Changes | None = None
     live: Live | None = None
     worth: Sequence[Map] = ()
 

@@ -5,23 +5,19 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import pytest
 from scored_runs import put_setup
 
 from ia_bench.cli.report import main
-from ia_bench.common.errors import InputError
 from ia_bench.report.claims import HOW_JUDGED
 from ia_bench.report.collect import collect
 from ia_bench.report.findings import MEAN, analyse
-from ia_bench.report.site.against import changes, read_former
 from ia_bench.report.site.content import RowTexts, Sources, scopes
 from ia_bench.report.site.gallery import Gallery
 from ia_bench.report.site.write import write_page
 from ia_bench.report.write import write_report
-from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Claim
 
 Write = Callable[..., Path]
@@ -140,51 +136,10 @@ def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run
     assert found["rows"][0]["command"] == """python -m ia_bench prior=none 'row='"'"'a, b'"'"''"""
 
 
-def test_changes_tell_what_is_beyond_seeds_what_came_and_what_drifted(write_run_below: Write, tmp_path: Path) -> None:
-    for folder, gain in (("before", 0.0), ("after", 5.0)):
-        write_run = partial(write_run_below, tmp_path / folder)
-        for seed in (0, 1):
-            write_run("ours", "hat", seed, psnr=20 + 0.1 * seed + gain, config_hash=f"{folder}-{seed}")
-            write_run("none", "hat", seed, psnr=15 + seed + gain / 100, config_hash=f"{folder}-none-{seed}")
-        write_run("drifted", "hat", psnr=12 + gain, config_hash="one")
-        write_run(f"only {folder}", "hat", config_hash=folder)
-        write_report(find_run_folders(tmp_path / folder / "runs"), tmp_path / folder / "out")
-    now = collect(find_run_folders(tmp_path / "after" / "runs")).runs
-    found = changes(read_former(tmp_path / "before" / "out"), now, ("ours", "none", "drifted"), ("hat",))
-    albedo = {one.row: one for one in found.changed if one.metric.key == "albedo.psnr"}
-    assert {row: round(one.gain, 3) for row, one in albedo.items()} == {"ours": 5.0, "none": 0.05, "drifted": 5.0}
-    assert {row: one.beyond_seeds for row, one in albedo.items()} == {"ours": True, "none": False, "drifted": False}
-    assert found.came == ("only after on hat",)
-    assert found.went == ("only before on hat",)
-    assert found.drifted == ("drifted, hat, seed 0",)
-    with pytest.raises(InputError, match="--against: .* expected the folder of a report"):
-        read_former(tmp_path / "before" / "runs")
-
-
-def test_changes_compare_the_cells_that_finished_in_both(write_run_below: Write, tmp_path: Path) -> None:
-    """Before: hat 20 and 30, ship 10. Now: hat 22 with one seed, as the other failed, and drum 50. So hat, seed 0, is in both."""
-    cells = {"before": {("hat", 0): 20.0, ("hat", 1): 30.0, ("ship", 0): 10.0}, "after": {("hat", 0): 22.0, ("drum", 0): 50.0}}
-    for folder, values in cells.items():
-        write_run = partial(write_run_below, tmp_path / folder)
-        for (scene, seed), psnr in values.items():
-            write_run("ours", scene, seed, psnr=psnr)
-        for scene in ("hat", "ship", "drum"):
-            write_run("other", scene, psnr=15.0)
-    write_run("ours", "hat", 1, status="failed", metrics={}, error="out of memory")
-    write_report(find_run_folders(tmp_path / "before" / "runs"), tmp_path / "before" / "out")
-    now = collect(find_run_folders(tmp_path / "after" / "runs")).runs
-    found = changes(read_former(tmp_path / "before" / "out"), now, ("ours", "other"), ("hat", "ship", "drum"))
-    albedo = {one.scope: one for one in found.changed if one.metric.key == "albedo.psnr"}
-    assert {scope: (one.row, one.before.mean, one.after.mean) for scope, one in albedo.items()} == dict.fromkeys(
-        ("hat", "mean over scenes"), ("ours", 20.0, 22.0)
-    )
-
-
 @pytest.mark.usefixtures("folders")
-def test_the_command_line_writes_the_page_and_what_changed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     runs = str(tmp_path / "runs")
     assert main([runs, "--out", str(tmp_path / "one")]) == 0
-    assert main([str(tmp_path / "one" / "runs.csv"), "--out", str(tmp_path / "two"), "--against", str(tmp_path / "one")]) == 0
+    assert main([str(tmp_path / "one" / "runs.csv"), "--out", str(tmp_path / "two")]) == 0
     assert f"{tmp_path / 'two' / 'page' / 'index.html'} opens in a browser" in capsys.readouterr().out
-    assert "What changed since one" in (tmp_path / "two" / "page" / "index.html").read_text()
     assert {run["folder"] for run in page_data(tmp_path / "one" / "page" / "index.html")["runs"] if "folder" in run} == set()
