@@ -11,6 +11,8 @@ from ia_bench.common.errors import InputError, PluginError
 if TYPE_CHECKING:
     from ia_bench.scenes.scene import Scene
 
+AUTO = "auto"
+"""The name of a coupling that leaves the choice to the prior."""
 PREDICTED = frozenset({"albedo", "roughness", "view_synthesis", "relighting"})
 NEEDED = frozenset({"mesh", "uv"})
 

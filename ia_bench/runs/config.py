@@ -21,8 +21,7 @@ from ia_bench.common.paths import MORE_SCENES, SCENES_VARIABLE, conf_folder, lac
 from ia_bench.common.ranges import NO_NUMBER, NumberOrAuto
 from ia_bench.common.settings import check_arguments, defaults_of, merged, parsed
 from ia_bench.common.suggestions import unknown
-from ia_bench.methods.couplings.choice import AUTO
-from ia_bench.methods.info import check_declarations
+from ia_bench.methods.info import AUTO, check_declarations
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
 

@@ -8,10 +8,10 @@ from typing import Any
 from ia_bench.common import registry
 from ia_bench.common.errors import PluginError
 from ia_bench.methods.contract import Coupling, NoCoupling
+from ia_bench.methods.info import AUTO
 from ia_bench.methods.validation import checked_coupling
 from ia_bench.priors.contract import PriorInfo
 
-AUTO = "auto"
 DEFAULT = "kernel"
 """What a prior is coupled by that recommends nothing, built in or not."""
 
