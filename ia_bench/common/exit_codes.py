@@ -60,11 +60,21 @@ def command(usage: Callable[[], str], work: Callable[[list[str]], int], argument
 
     Returns the exit status.
     """
+    _open_standard_streams()
     given = sys.argv[1:] if arguments is None else list(arguments)
     if not {"-h", "--help"}.isdisjoint(given):
         say(usage().rstrip(), sys.stdout)
         return OK
     return status_of(lambda: work(given))
+
+
+def _open_standard_streams() -> None:
+    """Open those of the first three descriptors that whoever called us has closed, or a file of results would get their numbers."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # which takes the lowest that is free
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
