@@ -1,4 +1,4 @@
-"""Cameras of other conventions in ours: OpenCV's axes, world-to-camera and projection matrices, lenses, and where cameras look.
+"""Cameras of other conventions in ours, and the JSON that they are read from, each mistake in one sentence that names file and key.
 
 Ours (:class:`ia_bench.scenes.scene.Camera`) is OpenGL's camera-to-world: -z is seen, +y is up, and the centre of the first pixel
 is at (0.5, 0.5). OpenCV's camera sees +z and has +y down; calibrated principal points count from the centre of the first pixel.
@@ -6,8 +6,11 @@ is at (0.5, 0.5). OpenCV's camera sees +z and has +y down; calibrated principal 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,15 +18,124 @@ from scipy.linalg import rq
 from scipy.ndimage import map_coordinates
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import shown
-from ia_bench.readers.fields import number
-from ia_bench.scenes.scene import CONVENTIONS, OPENCV_AXES, Camera, View
+from ia_bench.common.files import read_json, shown
+from ia_bench.scenes.scene import OPENCV_AXES, Camera, View
 
-HALF_PIXEL = 0.5  # from an origin at the centre of the first pixel to one at its corner
+Frame = tuple[str, Mapping[str, Any]]
+"""How messages name a frame of transforms.json, and what is said of it."""
 SKEW = 1e-3  # of the focal length: what a calibration may leave and no image shows
 PARALLEL = 1e-3  # share of the largest eigenvalue below which the axes of cameras do not fix a point
-SOME_AWAY = 0.1  # share of cameras that look away, beyond which another convention is tried, even if most look right
-CLEARLY, NEAR = 4.0, 0.3  # another convention is right if its angle to what masks show is so many times smaller, and below that
+FOLDED = 1e-9  # a slope or an area below it: two points in one place
+
+
+# ---------------------------------------------------------------- values of JSON
+def number(where: str, fields: Mapping[str, Any], key: str) -> float:
+    """``fields[key]`` as a finite number. Raises InputError, naming ``where`` and the key, for anything else."""
+    value = fields.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{where}: {key}: expected a finite number, found {shown(repr(value))}")
+    return float(value)
+
+
+def text(where: str, fields: Mapping[str, Any], key: str, default: str) -> str:
+    """``fields[key]`` as text, ``default`` where it is absent. Raises InputError, naming ``where`` and the key."""
+    value = fields.get(key, default)
+    if not isinstance(value, str):
+        raise InputError(f"{where}: {key}: expected text, found {shown(repr(value))}")
+    return value
+
+
+def numbers(value: object) -> np.ndarray:
+    """Numbers of JSON, of any shape, as float64; an empty array for anything else."""
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return np.zeros(0)
+
+
+def rigid(where: str, key: str, value: object) -> np.ndarray:
+    """``value``, read from ``key``, as a rotation and a translation (4, 4) float64. Raises InputError for anything else."""
+    to_world = numbers(value)
+    if to_world.shape != (4, 4) or not np.isfinite(to_world).all():
+        raise InputError(f"{where}: {key}: expected 4 x 4 finite numbers, found shape {to_world.shape}")
+    rotation = to_world[:3, :3]
+    if np.abs(to_world[3] - (0, 0, 0, 1)).max() > 1e-6:  # a transposed matrix holds a rotation too
+        raise InputError(f"{where}: {key}: expected the last row 0 0 0 1, found {to_world[3].tolist()}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        error, determinant = np.abs(rotation @ rotation.T - np.eye(3)).max(), np.linalg.det(rotation)
+    if not (error <= 1e-3 and determinant > 0):
+        found = f"|R R^T - 1| = {error:.3g}, det = {determinant:.3g}"
+        raise InputError(f"{where}: {key}: expected a rotation (R R^T = 1, det = +1), found {found}")
+    return to_world
+
+
+def focal_of(where: str, key: str, angle: float, width: int) -> float:
+    """The focal length in pixels of a camera that sees ``angle`` radians across ``width`` pixels. Raises InputError."""
+    if not 0 < angle < math.pi:
+        raise InputError(f"{where}: {key}: expected radians between 0 and pi, found {angle:g}")
+    return 0.5 * width / math.tan(0.5 * angle)
+
+
+# ---------------------------------------------------------------- frames, as in NeRF's transforms.json
+def frames_of(path: Path) -> list[Frame]:
+    """Every frame of the file, completed by what the file says of all of them, and how messages name it.
+
+    ``frames`` is a list, or an object whose keys number or name its frames. Raises InputError, also for a photograph that two
+    frames name.
+    """
+    content = read_json(path)
+    listed = content.pop("frames", None)
+    if not isinstance(listed, list | dict):
+        raise InputError(f"{path}: frames: expected a list, found {type(listed).__name__}")
+    frames: list[Frame] = []
+    for key, frame in listed.items() if isinstance(listed, dict) else enumerate(listed):
+        where = f"{path}: frames[{key!r}]"
+        if not isinstance(frame, dict):
+            raise InputError(f"{where}: expected an object, found {type(frame).__name__}")
+        frames.append((where, {**content, **frame}))
+    expect_each_once(photographs(frames))
+    return frames
+
+
+def photographs(frames: Sequence[Frame]) -> list[tuple[str, str]]:
+    """Where each photograph of ``frames`` is named, and how, with the capture that it is of (Stanford-ORB's ``scene_name``)."""
+    return [(f"{where}: file_path", f"{frame.get('scene_name', '.')}/{frame.get('file_path')}") for where, frame in frames]
+
+
+def expect_each_once(named: Iterable[tuple[str, str]]) -> None:
+    """Raise InputError for a photograph that comes twice: it would count twice, or be scored although it was fitted."""
+    known: dict[str, str] = {}
+    for where, name in named:
+        if plain(name) in known:
+            raise InputError(f"{where}: expected every photograph once, found {name!r} again, as in {known[plain(name)]}")
+        known[plain(name)] = where
+
+
+def plain(name: object) -> str:
+    """A path without ``./`` and the like, to be compared."""
+    return os.path.normpath(str(name))
+
+
+def camera(where: str, frame: Mapping[str, Any], width: int, height: int) -> Camera:
+    """The camera of a frame of transforms.json: transform_matrix and camera_angle_x, or fl_x, fl_y, and cx, cy, in pixels."""
+    to_world = rigid(where, "transform_matrix", frame.get("transform_matrix"))
+    if "fl_x" in frame:
+        focal = number(where, frame, "fl_x"), number(where, frame, "fl_y" if "fl_y" in frame else "fl_x")
+        if min(focal) <= 0:
+            raise InputError(f"{where}: fl_x, fl_y: expected a positive focal length, found {focal}")
+    elif "camera_angle_x" in frame:
+        focal = (focal_of(where, "camera_angle_x", number(where, frame, "camera_angle_x"), width),) * 2
+    else:
+        raise InputError(f"{where}: expected camera_angle_x or fl_x, found neither")
+    middle = {"cx": 0.5 * width, "cy": 0.5 * height, **frame}
+    return Camera(to_world, focal, (number(where, middle, "cx"), number(where, middle, "cy")), width, height)
+
+
+def expect_size_of(where: str, frame: Mapping[str, Any], path: Path, width: int, height: int) -> None:
+    """Raise InputError where a frame of transforms.json says another ``w`` or ``h`` than its photograph ``path`` has."""
+    for key, size in (("w", width), ("h", height)):
+        if key in frame and number(where, frame, key) != size:
+            raise InputError(f"{path}: expected {key} = {frame[key]:g}, as {where} says, found {size}")
 
 
 # ---------------------------------------------------------------- matrices
@@ -46,8 +158,6 @@ def from_projection(where: str, projection: np.ndarray, width: int, height: int)
     K and R are the RQ factors of P's left 3 x 3 with K's diagonal positive and R a rotation (Hartley and Zisserman 2004, 6.2.4).
     Raises InputError for a matrix that is none, and for pixels that are no rectangles.
     """
-    if projection.shape != (3, 4) or not np.isfinite(projection).all():
-        raise InputError(f"{where}: expected a projection of 3 x 4 finite numbers, found shape {projection.shape}")
     left = projection[:, :3]
     determinant = np.linalg.det(left)
     if abs(determinant) <= 1e-12 * np.linalg.norm(left) ** 3:
@@ -60,65 +170,43 @@ def from_projection(where: str, projection: np.ndarray, width: int, height: int)
         raise InputError(f"{where}: expected rectangular pixels, found a skew of {intrinsic[0, 1]:.3g} pixels")
     to_world = np.eye(4)
     to_world[:3, :3], to_world[:3, 3] = rotation.T, -np.linalg.solve(left, projection[:, 3])
-    centre = (float(intrinsic[0, 2]) + HALF_PIXEL, float(intrinsic[1, 2]) + HALF_PIXEL)
+    centre = (float(intrinsic[0, 2]) + 0.5, float(intrinsic[1, 2]) + 0.5)
     return Camera(from_opencv(to_world), (float(intrinsic[0, 0]), float(intrinsic[1, 1])), centre, width, height)
 
 
 # ---------------------------------------------------------------- do cameras look at the object?
-def looking(views: Sequence[View], mended: Callable[[np.ndarray], np.ndarray] = np.asarray) -> np.ndarray | None:
-    """The cosines (V,) of the angles between where masks say that the object is and where it would be for all views.
+def share_away(views: Sequence[View]) -> float:
+    """The share of cameras that look away from what all of them surround, 0 for right matrices and 1 for exchanged axes.
 
-    The one is the ray through the middle of a mask, the other the way to the point that is nearest to all such rays, by least
-    squares. Cosines are near 1 for right matrices, and for those with exchanged axes near -1. ``mended`` is what is done to every
-    matrix first. None where rays are parallel, so that there is no such point.
+    Compared are the ray through the middle of a mask and the way to the point that is nearest to all such rays, by least squares.
+    Where rays are parallel there is no such point, and 0 is returned.
     """
-    cameras = [replace(view.camera, to_world=mended(view.camera.to_world)) for view in views]
     middles = [np.nonzero(view.mask > 0.5 * view.mask.max()) for view in views]
-    rays = np.stack([c.rays(x.mean() + HALF_PIXEL, y.mean() + HALF_PIXEL) for c, (y, x) in zip(cameras, middles, strict=True)])
+    rays = np.stack([v.camera.rays(x.mean() + 0.5, y.mean() + 0.5) for v, (y, x) in zip(views, middles, strict=True)])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    places = np.stack([camera.position for camera in cameras])
+    places = np.stack([view.camera.position for view in views])
     across = np.eye(3) - rays[:, :, None] * rays[:, None, :]
     normal = across.sum(0)
     spread = np.linalg.eigvalsh(normal)
     if spread[0] < PARALLEL * spread[-1]:
-        return None
+        return 0.0
     towards = np.linalg.solve(normal, (across @ places[:, :, None]).sum(0)[:, 0]) - places
-    cosines: np.ndarray = (towards * rays).sum(1) / np.maximum(np.linalg.norm(towards, axis=1), 1e-12)
-    return cosines
-
-
-def _angle(cosines: np.ndarray | None) -> float:
-    return float(np.pi if cosines is None else np.arccos(cosines.clip(-1, 1)).mean())
+    return float(((towards * rays).sum(1) < 0).mean())
 
 
 def expect_looking_at_object(source: str, views: Sequence[View]) -> None:
-    """Raise InputError where most cameras look away from what they surround, or some do that would not in another convention.
-
-    The convention is named under which the masks of the views show one object.
-    """
-    found = looking(views)
-    away = 0.0 if found is None else float((found < 0).mean())
-    if away <= SOME_AWAY:
-        return
-    otherwise = {what: _angle(looking(views, mended)) for what, mended in CONVENTIONS.items()}
-    best = min(otherwise, key=lambda what: otherwise[what])
-    clearly = otherwise[best] < min(NEAR, _angle(found) / CLEARLY)
-    if away <= 0.5 and not clearly:
-        return
-    cause = "OpenCV's axes (+z forward, +y down) and OpenGL's (-z forward, +y up) are exchanged"
-    if clearly and "world-to-camera" in best:
-        cause = f"the matrices seem to be {best}: their inverses, which are camera-to-world, look at it"
-    elif not clearly:
-        cause = "they do in no other known convention either, so the poses or the masks are wrong"
-    raise InputError(
-        f"{source}: expected cameras that look at the object which they surround, found that {away:.0%} look away from it; {cause}"
-    )
+    """Raise InputError where most cameras look away from what they surround."""
+    away = share_away(views)
+    if away > 0.5:
+        raise InputError(
+            f"{source}: expected cameras that look at the object which they surround, found that {away:.0%} look away from it; "
+            "usually OpenCV's axes (+z forward, +y down) and OpenGL's (-z forward, +y up) are exchanged, or matrices are inverted"
+        )
 
 
 # ---------------------------------------------------------------- lenses
 PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
-BROWNS = ("OPENCV", "RADIAL", "SIMPLE_RADIAL", "perspective")
-FOLDED = 1e-9  # a slope or an area below it: two points in one place
+MODELS = (*PINHOLES, "OPENCV", "RADIAL", "SIMPLE_RADIAL", "perspective")
 
 
 @dataclass(frozen=True)
@@ -136,11 +224,6 @@ class Lens:
     p1: float = 0.0
     p2: float = 0.0
 
-    @property
-    def straight(self) -> bool:
-        """Whether it is a pinhole."""
-        return not any(asdict(self).values())
-
     def distorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the points (x, y) of the plane z = 1 are photographed, on the same plane."""
         square = x * x + y * y
@@ -154,18 +237,15 @@ class Lens:
 def lens(where: str, frame: Mapping[str, Any]) -> Lens:
     """The lens of a frame of transforms.json: ``camera_model`` and k1, k2, k3, k4, p1, p2, each 0 where it is absent.
 
-    Raises InputError, with its name, for a model that is none of these, and for a model that has no such coefficients.
+    Raises InputError, with its name, for a model that is none of these.
     """
     model = frame.get("camera_model", "OPENCV")
-    if model not in (*PINHOLES, *BROWNS):
+    if model not in MODELS:
         raise InputError(
-            f"{where}: camera_model: expected one of {', '.join((*PINHOLES, *BROWNS))}, found {shown(repr(model))}; "
+            f"{where}: camera_model: expected one of {', '.join(MODELS)}, found {shown(repr(model))}; "
             "undistort the photographs first (colmap image_undistorter)"
         )
-    found = Lens(**{key: number(where, frame, key) for key in asdict(Lens()) if key in frame})
-    if model in PINHOLES and not found.straight:
-        raise InputError(f"{where}: camera_model: expected no distortion of a {model} camera, found {found}")
-    return found
+    return Lens(**{key: number(where, frame, key) for key in asdict(Lens()) if key in frame and model not in PINHOLES})
 
 
 def undistorted(where: str, view: View, glass: Lens) -> View:
@@ -175,7 +255,7 @@ def undistorted(where: str, view: View, glass: Lens) -> View:
 
     Raises InputError for coefficients under which the photograph folds over, which no lens has, and for an object that is lost.
     """
-    if glass.straight:
+    if glass == Lens():
         return view
     (height, width), focal, centre = view.mask.shape, view.camera.focal, view.camera.centre
     column, row = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)

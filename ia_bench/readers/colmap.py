@@ -6,10 +6,9 @@ where the object is, in ``masks/``. Poses are world-to-camera with OpenCV's axes
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,8 @@ import numpy as np
 from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import Lens, from_world_to_camera, undistorted
-from ia_bench.readers.contract import MESHES
-from ia_bench.readers.fields import expect_each_once, rigid
-from ia_bench.readers.pictures import Notes, expect_size, mask_beside, photograph
+from ia_bench.readers.cameras import Lens, expect_each_once, from_world_to_camera, rigid, undistorted
+from ia_bench.readers.pictures import expect_size, mask_beside, photograph
 from ia_bench.scenes.scene import Camera, Scene, View
 
 MODELS: Mapping[str, tuple[str, ...]] = {
@@ -31,8 +28,6 @@ MODELS: Mapping[str, tuple[str, ...]] = {
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
 }
 """The parameters of COLMAP's camera models that a pinhole camera and Brown's lens make up, in their order."""
-PARTS = ("cameras", "images", "points3D", "frames", "rigs")
-"""Files of a sparse model."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,14 +45,9 @@ class ColmapReader(FolderReader):
     masks: str = "masks"
     every: int = 8
 
-    def places(self) -> Sequence[Path]:
-        """The sparse model, photographs, masks and mesh."""
-        model = [f"{place / part}.{suffix}" for place in self._models() for part in PARTS for suffix in ("bin", "txt")]
-        return [*map(Path, model), *(self.folder / name for name in (self.images, self.masks, *MESHES))]
-
     def read(self, truth: bool) -> Scene:
         """The scene; such a project holds no truth. Raises InputError, also where pycolmap is not installed."""
-        notes = Notes()
+        notes = list[str]()
         model = self._model()
         posed = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
         if not posed:
@@ -70,7 +60,7 @@ class ColmapReader(FolderReader):
         train, test = self.divided(len(posed), self.every, view)
         return self.scene(train=train, test=test, novel=test, notes=notes)
 
-    def _view(self, image: Any, lens: Any, notes: Notes) -> View:  # noqa: ANN401 (pycolmap's, which need not be there)
+    def _view(self, image: Any, lens: Any, notes: list[str]) -> View:  # noqa: ANN401 (pycolmap's, which need not be there)
         folder, where = self.folder, f"{self.folder}: sparse model: image {image.image_id}"
         path = file_below(folder, f"{self.images}/{image.name}", where)
         photo = photograph(path, mask_beside(folder / self.masks / Path(image.name).parent, path), notes)
@@ -92,26 +82,17 @@ class ColmapReader(FolderReader):
         camera = Camera(from_world_to_camera(to_camera), focal, (values["cx"], values["cy"]), lens.width, lens.height)
         return undistorted(str(path), photo.view(Path(image.name).with_suffix("").as_posix(), camera), glass)
 
-    def _models(self) -> list[Path]:
-        """Where a sparse model may lie."""
-        return [self.folder / "sparse" / "0", self.folder / "sparse", self.folder]
-
     def _model(self) -> Any:  # noqa: ANN401 (a pycolmap.Reconstruction)
         """The sparse model. Raises InputError."""
-        package = _pycolmap()
-        found = next((place for place in self._models() for s in ("bin", "txt") if (place / f"cameras.{s}").is_file()), None)
+        try:
+            import pycolmap as package
+        except ImportError as error:
+            raise InputError(f"reader=colmap needs the extra colmap (pip install -e '.[colmap]'): {error}") from None
+        places = self.folder / "sparse" / "0", self.folder / "sparse", self.folder
+        found = next((place for place in places for s in ("bin", "txt") if (place / f"cameras.{s}").is_file()), None)
         if found is None:
             raise InputError(f"{self.folder}: expected a sparse model (sparse/0/cameras.bin or .txt), found none")
         try:
             return package.Reconstruction(str(found))
         except (ValueError, RuntimeError, OSError) as error:
             raise InputError(f"{found}: expected a sparse model of COLMAP, found: {first_line(error)}") from None
-
-
-def _pycolmap() -> ModuleType:
-    try:
-        import pycolmap
-    except ImportError as error:
-        raise InputError(f"reader=colmap needs the extra colmap (pip install -e '.[colmap]' in the checkout): {error}") from None
-    found: ModuleType = pycolmap
-    return found

@@ -6,7 +6,6 @@ first; ``scale_mat_i`` maps the unit sphere to where the object is. The scene is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +15,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import from_projection
-from ia_bench.readers.contract import MESHES
-from ia_bench.readers.pictures import Notes, mask_beside, photograph, pictures_in
+from ia_bench.readers.pictures import mask_beside, photograph, pictures_in
 from ia_bench.scenes.photograph import read_arrays
 from ia_bench.scenes.scene import Scene, View
 
@@ -35,13 +33,9 @@ class DtuReader(FolderReader):
     format = "dtu"
     every: int = 8
 
-    def places(self) -> Sequence[Path]:
-        """Photographs, masks, cameras and mesh."""
-        return [self.folder / name for name in ("image", "mask", CAMERAS, *MESHES)]
-
     def read(self, truth: bool) -> Scene:
         """The scene; the dataset has no truth of material or light. Raises InputError."""
-        notes, folder = Notes(), self.folder
+        notes, folder = list[str](), self.folder
         photos = pictures_in(folder / "image")
         matrices = _matrices(file_below(folder, CAMERAS, str(folder)), len(photos))
         scale = matrices[0][1]
@@ -72,16 +66,11 @@ def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
     for place in range(count):
         names = f"world_mat_{place}", f"scale_mat_{place}"
         for key in names:
-            if key not in stored:
-                raise InputError(f"{path}: expected {key} for the {count} photographs in image/, found none of that name")
-            if stored[key].shape != (4, 4):
-                raise InputError(f"{path}: {key}: expected 4 x 4 finite numbers, found shape {stored[key].shape}")
+            if (shape := stored.get(key, np.zeros(0)).shape) != (4, 4):
+                raise InputError(f"{path}: {key}: expected 4 x 4 numbers for each photograph in image/, found shape {shape}")
         pairs.append((stored[names[0]], stored[names[1]]))
     scale = pairs[0][1]
-    factor = scale[0, 0]
-    if not (factor > 0 and np.allclose(scale[:3, :3], factor * np.eye(3), rtol=1e-5, atol=1e-5 * factor)):
-        raise InputError(f"{path}: scale_mat_0: expected one positive scale and a translation, found {scale[:3, :3].tolist()}")
-    other = next((place for place, (_, one) in enumerate(pairs) if not np.allclose(one, scale)), None)
-    if other is not None:
-        raise InputError(f"{path}: scale_mat_{other}: expected the same as scale_mat_0, found another one")
+    same = all(np.allclose(one, scale) for _, one in pairs)
+    if not (same and scale[0, 0] > 0 and np.allclose(scale[:3, :3], scale[0, 0] * np.eye(3), rtol=1e-5, atol=1e-5 * scale[0, 0])):
+        raise InputError(f"{path}: scale_mat_i: expected one positive scale and a translation, all alike, found other ones")
     return pairs

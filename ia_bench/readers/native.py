@@ -15,18 +15,20 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json, shown
 from ia_bench.geometry.mesh import load_mesh
+from ia_bench.readers.cameras import camera, expect_size_of, frames_of, text
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS
-from ia_bench.readers.fields import camera, number, text
+from ia_bench.readers.pictures import expect_size
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import HIGH_BIT_MODES, greyscale, open_picture
 from ia_bench.scenes.scene import Mesh, Scene, Truth, View
 
-SCHEMA = 1
 DESCRIPTION = "scene.json"
 MESH = "mesh.ply"
 SHARED_LIGHTS = "lights"
 """Name of the folder, beside that of the scenes, with lights that several scenes see and that are stored once."""
+CHECKED = {"metallic": bool, "splits": dict, "lights": dict, "truth_textures": dict}
+"""The kinds of values of the description, a dict being an object of JSON."""
 RINGING = {"image": "images", "specular": "true specular shading"}
 RANG = "values below zero or beyond the object (ringing of lossy compression) set to 0"
 
@@ -48,7 +50,12 @@ class NativeReader:
         if not folder.is_dir():
             raise InputError(f"{folder}: no such scene folder")
         description = read_json(folder / DESCRIPTION)
-        _check(folder / DESCRIPTION, description)
+        for key, kind in CHECKED.items():
+            if key in description and not isinstance(description[key], kind):
+                raise InputError(f"{folder / DESCRIPTION}: {key}: expected {kind.__name__}, found {description[key]!r}")
+        for key, expected, default in (("schema", 1, 1), ("color_space", "linear_rec709", None), ("up", "z", "z")):
+            if (found := description.get(key, default)) != expected:
+                raise InputError(f"{folder / DESCRIPTION}: {key}: expected {expected!r}, found {found!r}")
         mesh: Mesh | None = None
         notes: tuple[str, ...] = (f"no {MESH} in the scene's folder",)
         if os.path.lexists(folder / MESH):  # a link that leads nowhere is a mistake, not a scene without a mesh
@@ -80,27 +87,13 @@ class NativeReader:
         path = self._folder / f"transforms_{split}.json"
         if split != "train" and not path.exists():
             return ()
-        transforms = read_json(path)
-        frames = transforms.get("frames")
-        if not isinstance(frames, list):
-            raise InputError(f"{path}: frames: expected a list, found {type(frames).__name__}")
-        views: dict[Path, View] = {}
-        for i, frame in enumerate(frames):
-            where = f"{path}: frames[{i}]"
-            if not isinstance(frame, dict):
-                raise InputError(f"{where}: expected an object, found {type(frame).__name__}")
-            image = file_below(self._folder, frame.get("file_path"), f"{where}: file_path")
-            if image in views:
-                raise InputError(f"{where}: file_path: expected every image once, found {frame['file_path']} again")
-            views[image] = self._view(where, image, {**transforms, **frame}, truth)
-        return tuple(views.values())
+        return tuple(self._view(where, frame, truth) for where, frame in frames_of(path))
 
-    def _view(self, where: str, path: Path, frame: Mapping[str, Any], truth: bool) -> View:
+    def _view(self, where: str, frame: Mapping[str, Any], truth: bool) -> View:
+        path = file_below(self._folder, frame.get("file_path"), f"{where}: file_path")
         image = read_exr(path, 4)
         height, width = image.shape[:2]
-        for key, size in (("w", width), ("h", height)):
-            if key in frame and number(where, frame, key) != size:
-                raise InputError(f"{path}: expected {key} = {frame[key]}, found {size}")
+        expect_size_of(where, frame, path, width, height)
         radiance, mask = image[..., :3], image[..., 3]
         if mask.min() < 0 or mask.max() > 1 + 1e-3:
             raise InputError(f"{path}: alpha: expected values in [0, 1], found {mask.min():g} ... {mask.max():g}")
@@ -110,9 +103,7 @@ class NativeReader:
             if truth and f"{name}_path" in frame:
                 file = file_below(self._folder, frame[f"{name}_path"], f"{where}: {name}_path")
                 values = read_exr(file, channels)
-                if values.shape[:2] != (height, width):
-                    found = f"{values.shape[0]} x {values.shape[1]}"
-                    raise InputError(f"{file}: expected {height} x {width} pixels like its image, found {found}")
+                expect_size(file, values.shape, image.shape, "its image")
                 known[name] = values[..., 0] if channels == 1 else values
         return View(
             name=path.stem,
@@ -151,28 +142,10 @@ def _light(folder: Path, value: object, where: str) -> Path:
         raise InputError(f"{where}: expected a path, or an object with shared and sha256, found {shown(repr(value))}")
     home = folder.resolve().parent.parent / SHARED_LIGHTS
     path = file_below(home, value["shared"], f"{where}.shared: in {home}")
-    try:
-        found = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(f"{path}: expected a file that can be read, found: {error.strerror}") from None
+    found = hashlib.sha256(path.read_bytes()).hexdigest()
     if found != value["sha256"]:
         raise InputError(f"{path}: expected the light whose SHA-256 {where}.sha256 tells, {value['sha256']!r}, found {found!r}")
     return path
-
-
-def _check(path: Path, description: Mapping[str, Any]) -> None:
-    """Raise InputError for a description in other conventions than ours, or with a value of another kind."""
-    for key, expected, default in (("schema", SCHEMA, SCHEMA), ("color_space", "linear_rec709", None), ("up", "z", "z")):
-        if description.get(key, default) != expected:
-            raise InputError(f"{path}: {key}: expected {expected!r}, found {description.get(key)!r}")
-    for key, kind, words in (
-        ("metallic", bool, "true or false"),
-        ("splits", dict, "an object"),
-        ("lights", dict, "an object"),
-        ("truth_textures", dict, "an object"),
-    ):
-        if key in description and not isinstance(description[key], kind):
-            raise InputError(f"{path}: {key}: expected {words}, found {description[key]!r}")
 
 
 def _without_ringing(view: View, rung: Counter[str]) -> View:

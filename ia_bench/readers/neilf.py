@@ -7,7 +7,7 @@ sfm_scene.json holds, by the number of a photograph, ``camera.extrinsic`` (16 nu
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,8 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import from_world_to_camera
-from ia_bench.readers.fields import numbers, rigid, text
-from ia_bench.readers.pictures import Encoding, Notes, Photo, expect_size, true_map
+from ia_bench.readers.cameras import from_world_to_camera, numbers, rigid
+from ia_bench.readers.pictures import Encoding, Photo, expect_size, true_map
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import read_values
@@ -43,110 +42,85 @@ class NeilfReader(FolderReader):
     validation: Sequence[int] = VALIDATION
     albedo: Encoding = "linear"
 
-    @property
-    def _inputs(self) -> Path:
-        return self.folder / "inputs"
-
     def read(self, truth: bool) -> Scene:
         """The scene; materials of held-out views only with ``truth``. Raises InputError."""
-        path = self._inputs / "sfm_scene.json"
-        content = read_json(path)
-        box = _matrix(f"{path}: bbox.transform", _within(path, content, "bbox", "transform"))
-        size = float(np.abs(np.diag(box)[:3]).max()) / 2
+        inputs, materials = self.folder / "inputs", self.folder / "ground_truths" / "materials"
+        content = _Described(str(inputs / "sfm_scene.json"), read_json(inputs / "sfm_scene.json"))
+        box = content.numbers(16, "bbox", "transform").reshape(4, 4)
+        middle, size = box[:3, 3], float(np.abs(np.diag(box)[:3]).max()) / 2
         if not size > 0:
-            raise InputError(f"{path}: bbox.transform: expected a box with a size, found {np.diag(box)[:3].tolist()}")
-        files = _within(path, content, "image_path", "file_paths")
-        images = _within(path, content, "camera_track_map", "images")
-        if not isinstance(files, dict) or not isinstance(images, dict):
-            raise InputError(f"{path}: expected objects image_path.file_paths and camera_track_map.images, found another kind")
-        keys = sorted((key for key in files if str(key).isdecimal()), key=int)
+            raise InputError(f"{content.path}: bbox.transform: expected a box with a size, found {np.diag(box)[:3].tolist()}")
+        keys = sorted((key for key in content.at("image_path", "file_paths") if str(key).isdecimal()), key=int)
         held_out = {place % len(keys) for place in self.validation} if keys else set()
 
         def views(places: Sequence[int]) -> list[View]:
-            posed = [key for key in (keys[place] for place in places) if _entry(path, images, key).get("flg") == POSED]
-            named = {key: text(f"{path}: image_path.file_paths", files, key, "") for key in posed}
-            return [self._view(path, key, named[key], images[key], box[:3, 3], size) for key in posed]
+            posed = [keys[place] for place in places if content.at("camera_track_map", "images", keys[place], "flg") == POSED]
+            return [self._view(content, key, middle, size) for key in posed]
 
         train = [self.view(view) for view in views([place for place in range(len(keys)) if place not in held_out])]
         seen = views(self.kept(sorted(held_out)))
-        novel = [self.view(view) for view in seen]
-        test = [self.view(self._with_truth(view)) for view in seen] if truth else novel
-        own, shift = self._inputs / "model" / "mesh.obj", np.eye(4)
-        shift[:3, 3] = -box[:3, 3]
+        test = novel = [self.view(view) for view in seen]
+        if truth:
+            test = [self.view(self._with_truth(materials, view)) for view in seen]
+        shift, own = np.eye(4), inputs / "model" / "mesh.obj"
+        shift[:3, 3] = -middle
         place = np.diag([1 / size, 1 / size, 1 / size, 1.0]) @ shift @ (np.eye(4) if self.mesh else UPRIGHT)
-        mesh = own if own.is_file() else None
-        scene = self.scene(train=train, test=test, novel=novel, notes=Notes(), mesh=mesh, place=place)
-        return replace(scene, metallic=(self._materials / "metallic").is_dir())
+        scene = self.scene(train=train, test=test, novel=novel, mesh=own if own.is_file() else None, place=place)
+        return replace(scene, metallic=(materials / "metallic").is_dir())
 
-    @property
-    def _materials(self) -> Path:
-        return self.folder / "ground_truths" / "materials"
-
-    def _view(self, path: Path, key: str, file: str, entry: Mapping[str, Any], middle: np.ndarray, size: float) -> View:
-        where = f"{path}: camera_track_map.images[{key!r}]"
-        intrinsic = _within(where, entry, "camera", "intrinsic")
-        given = intrinsic if isinstance(intrinsic, dict) else {}
-        pairs = [numbers(given.get(kind)).ravel() for kind in ("focal", "ppt")]
-        if [pair.size for pair in pairs] != [2, 2] or not np.isfinite(pairs).all() or min(pairs[0]) <= 0:
-            raise InputError(f"{where}: camera.intrinsic: expected two numbers each of focal and ppt, found {intrinsic!r:.100}")
-        extrinsic = _matrix(f"{where}: camera.extrinsic", _within(where, entry, "camera", "extrinsic"))
-        to_camera = rigid(where, "camera.extrinsic", extrinsic)
-        to_world = from_world_to_camera(to_camera)
+    def _view(self, content: _Described, key: str, middle: np.ndarray, size: float) -> View:
+        keys = "camera_track_map", "images", key, "camera"
+        (fx, fy), (cx, cy) = (content.numbers(2, *keys, "intrinsic", kind).tolist() for kind in ("focal", "ppt"))
+        extrinsic = content.numbers(16, *keys, "extrinsic").reshape(4, 4)
+        to_world = from_world_to_camera(rigid(content.path, ".".join((*keys, "extrinsic")), extrinsic))
         to_world[:3, 3] = (to_world[:3, 3] - middle) / size
-        name = Path(file).stem
-        photo = self._photo(where, name)
+        name = Path(str(content.at("image_path", "file_paths", key))).stem
+        photo = self._photo(content.path, name)
         height, width = photo.mask.shape
-        (fx, fy), (cx, cy) = (tuple(map(float, pair)) for pair in pairs)
         return photo.view(name, Camera(to_world, (fx, fy), (cx, cy), width, height))
 
     def _photo(self, where: str, name: str) -> Photo:
         """The photograph, whose mask is where its position map or its depth map has a surface."""
-        path = self._map(where, "images", name)
-        positions = "position_maps" if (self._inputs / "position_maps").is_dir() else "depth_maps"
-        surface = self._map(where, positions, name)
-        image = read_exr(path, 3) if path.suffix == ".exr" else srgb_to_linear(read_values(path)[..., :3])
+        inputs = self.folder / "inputs"
+        kind = "position_maps" if (inputs / "position_maps").is_dir() else "depth_maps"
+
+        def values(folder: str, channels: int) -> tuple[Path, np.ndarray]:
+            there = next((s for s in (".exr", ".png", ".jpg") if (inputs / folder / f"{name}{s}").is_file()), ".exr")
+            path = file_below(inputs, f"{folder}/{name}{there}", where)
+            return path, read_exr(path, channels) if there == ".exr" else read_values(path)[..., :3]
+
+        (path, image), (surface, positions) = values("images", 3), values(kind, 3 if kind == "position_maps" else 1)
+        encoded = path.suffix != ".exr"
+        image, mask = srgb_to_linear(image) if encoded else image, (positions != 0).any(-1)
         refuse_negative(path, image)
-        if surface.suffix == ".exr":
-            there = read_exr(surface, 3 if positions == "position_maps" else 1)
-        else:
-            there = read_values(surface)[..., :3]
-        mask = (there != 0).any(-1)
         expect_size(surface, mask.shape, image.shape, str(path))
-        if not mask.any():
-            raise InputError(f"{surface}: expected a surface in some pixels, found 0 in all of them")
-        clipped = (image >= 1).any(-1) & (path.suffix != ".exr")
-        return Photo.of(image.clip(min=0) * mask[..., None], mask, clipped)
+        return Photo.of(image.clip(min=0) * mask[..., None], mask, (image >= 1).any(-1) & encoded)
 
-    def _map(self, where: str, kind: str, name: str) -> Path:
-        suffixes = (".exr", ".png", ".jpg")
-        found = next((suffix for suffix in suffixes if (self._inputs / kind / f"{name}{suffix}").is_file()), suffixes[0])
-        return file_below(self._inputs, f"{kind}/{name}{found}", where)
-
-    def _with_truth(self, view: View) -> View:
-        kd, rough = (self._materials / kind / f"{view.name}.png" for kind in ("kd", "roughness"))
+    def _with_truth(self, materials: Path, view: View) -> View:
+        kd, rough = (materials / kind / f"{view.name}.png" for kind in ("kd", "roughness"))
         albedo = true_map(kd, view.mask, self.albedo)
         return replace(view, albedo=albedo, roughness=true_map(rough, view.mask, "linear", channels=1))
 
 
-def _within(where: Path | str, content: Any, *keys: str) -> Any:  # noqa: ANN401 (JSON)
-    """The value at the end of nested ``keys``. Raises InputError, naming the first that is not there."""
-    for place, key in enumerate(keys):
-        if not isinstance(content, dict) or key not in content:
-            raise InputError(f"{where}: expected {'.'.join(keys[: place + 1])}, found none")
-        content = content[key]
-    return content
+@dataclass(frozen=True)
+class _Described:
+    """The ``content`` of the JSON file ``path``, whose values lie under nested keys."""
 
+    path: str
+    content: dict[str, Any]
 
-def _entry(path: Path, images: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """What is said of the photograph ``key``. Raises InputError for none, and for anything but an object."""
-    entry = _within(path, images, key)
-    if not isinstance(entry, dict):
-        raise InputError(f"{path}: camera_track_map.images[{key!r}]: expected an object, found {type(entry).__name__}")
-    return entry
+    def at(self, *keys: str) -> Any:  # noqa: ANN401 (JSON)
+        """The value at the end of ``keys``. Raises InputError where there is none."""
+        value: Any = self.content
+        for place, key in enumerate(keys):
+            if not isinstance(value, dict) or key not in value:
+                raise InputError(f"{self.path}: expected {'.'.join(keys[: place + 1])}, found none")
+            value = value[key]
+        return value
 
-
-def _matrix(where: str, value: object) -> np.ndarray:
-    values = numbers(value)
-    if values.size != 16 or not np.isfinite(values).all():
-        raise InputError(f"{where}: expected 16 finite numbers, found shape {values.shape}")
-    return values.reshape(4, 4)
+    def numbers(self, count: int, *keys: str) -> np.ndarray:
+        """The ``count`` numbers at the end of ``keys``. Raises InputError."""
+        values = numbers(self.at(*keys)).ravel()
+        if values.size != count or not np.isfinite(values).all():
+            raise InputError(f"{self.path}: {'.'.join(keys)}: expected {count} finite numbers, found {self.at(*keys)!r:.100}")
+        return values

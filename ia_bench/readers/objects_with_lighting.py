@@ -15,10 +15,8 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, shown
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import from_world_to_camera
-from ia_bench.readers.fields import rigid
-from ia_bench.readers.lights import read_light
-from ia_bench.readers.pictures import Notes, expect_size, tone_mapped
+from ia_bench.readers.cameras import from_world_to_camera, rigid
+from ia_bench.readers.pictures import expect_size, read_light, tone_mapped
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
 GAMMA = 2.2
@@ -54,7 +52,7 @@ class ObjectsWithLightingReader(FolderReader):
         own = folder / "env_512_rotated.hdr"
         if truth and own.is_file():
             lights["train"] = read_light(own)
-        return self.scene(train=train, novel=novel, truth=Truth(lights) if truth else None, notes=Notes())
+        return self.scene(train=train, novel=novel, truth=Truth(lights) if truth else None, notes=list[str]())
 
     def _view(self, before: str, number: str, stops: float, light: str = "train") -> View:
         path, mask, text = (
@@ -69,9 +67,7 @@ class ObjectsWithLightingReader(FolderReader):
 
 def _camera(path: Path) -> Camera:
     """The camera of a file of 8 rows of 3 numbers. Raises InputError."""
-    values = _numbers(path)
-    if values.shape != (8, 3):
-        raise InputError(f"{path}: expected 8 rows of 3 numbers (K, R, t, size), found shape {values.shape}")
+    values = _numbers(path, (8, 3))
     intrinsic, to_camera = values[:3], np.eye(4)
     to_camera[:3, :3], to_camera[:3, 3] = values[3:6], values[6]
     to_world = from_world_to_camera(rigid(str(path), "rows 4 to 7", to_camera))
@@ -83,19 +79,17 @@ def _camera(path: Path) -> Camera:
 
 
 def _exposure(path: Path) -> float:
-    values = _numbers(path)
-    if values.size != 1:
-        raise InputError(f"{path}: expected one number, found {values.size}")
-    if abs(values.item()) > STOPS:
-        raise InputError(f"{path}: expected an exposure from -{STOPS:g} to {STOPS:g} stops, found {values.item():g}")
-    return float(values.item())
+    stops = _numbers(path, (1, 1)).item()
+    if abs(stops) > STOPS:
+        raise InputError(f"{path}: expected an exposure from -{STOPS:g} to {STOPS:g} stops, found {stops:g}")
+    return float(stops)
 
 
-def _numbers(path: Path) -> np.ndarray:
+def _numbers(path: Path, shape: tuple[int, int]) -> np.ndarray:
     try:
         values = np.loadtxt(path, ndmin=2)
     except (ValueError, OSError) as error:
         raise InputError(f"{path}: expected rows of numbers, found {shown(' '.join(str(error).split()))}") from None
-    if not np.isfinite(values).all():
-        raise InputError(f"{path}: expected finite numbers, found {values.tolist()}")
+    if values.shape != shape or not np.isfinite(values).all():
+        raise InputError(f"{path}: expected {shape[0]} x {shape[1]} finite numbers, found shape {values.shape}")
     return values

@@ -19,15 +19,12 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.common.suggestions import unknown
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import from_opencv, looking
+from ia_bench.readers.cameras import camera, expect_each_once, frames_of, from_opencv, number, photographs, share_away, text
 from ia_bench.readers.contract import MESHES
-from ia_bench.readers.fields import camera, expect_each_once, frames_of, number, photographs, text
-from ia_bench.readers.lights import maps_below
-from ia_bench.readers.pictures import Notes, expect_size, photograph
+from ia_bench.readers.pictures import maps_below, photograph
 from ia_bench.scenes.scene import Scene, View
 
 PHOTOS = "raw_undistorted"
-LARGEST = 64  # times that a photograph may have been made smaller since it was calibrated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,11 +63,14 @@ class OpenIlluminationReader(FolderReader):
 
     def read(self, truth: bool) -> Scene:
         """The scene; there is no truth of material, and maps of lights are read only with ``truth``. Raises InputError."""
-        notes, place = Notes(), self.folder / "output"
+        notes, place = list[str](), self.folder / "output"
         frames = {split: frames_of(place / f"transforms_{split}.json") for split in ("train", "test")}
         expect_each_once(photographs([*frames["train"], *frames["test"]]))
         read = [self._view(*frame, "train", self.pattern, notes) for frame in frames["train"]]
-        flip = self._flipped(read, notes)
+        flip = self.axes == "opencv" or (self.axes == "auto" and share_away(read) > 0.5)
+        if self.axes == "auto":
+            axes = "OpenCV" if flip else "OpenGL"
+            notes.append(f"transform_matrix read with the axes of {axes}: the cameras look at the object so")
         train = [self.view(_turned(view, flip)) for view in read]
         test, novel = list[View](), list[View]()
         for frame in self.kept(frames["test"]):
@@ -82,27 +82,15 @@ class OpenIlluminationReader(FolderReader):
         known = maps_below(self.lights, novel, notes, self.pattern) if truth else None
         return self.scene(train=train, test=test, novel=novel, truth=known, notes=notes)
 
-    def _flipped(self, views: list[View], notes: Notes) -> bool:
-        """Whether transform_matrix has OpenCV's axes."""
-        if self.axes != "auto":
-            return self.axes == "opencv"
-        found = looking(views)
-        flipped = found is not None and bool((found < 0).mean() > 0.5)
-        axes = "OpenCV" if flipped else "OpenGL"
-        notes.append(f"transform_matrix read with the axes of {axes}: the cameras look at the object so")
-        return flipped
-
-    def _view(self, where: str, frame: Mapping[str, Any], split: str, pattern: str, notes: Notes) -> View:
+    def _view(self, where: str, frame: Mapping[str, Any], split: str, pattern: str, notes: list[str]) -> View:
         name = Path(text(where, frame, "file_path", "")).stem
-        if not name:
-            raise InputError(f"{where}: file_path: expected the name of a camera's photograph, found none")
         path = file_below(self.folder, f"Lights/{pattern}/{PHOTOS}/{name}.JPG", f"{where}: file_path")
         masks = "com_masks" if split == "train" else "obj_masks"
         photo = photograph(path, file_below(self.folder, f"output/{masks}/{name}.png", f"{where}: mask"), notes)
         height, width = photo.mask.shape
-        calibrated = number(where, frame, "calib_imgw") if "calib_imgw" in frame else width
-        if calibrated % width or not 0 < calibrated <= LARGEST * width:
-            expect_size(path, (height, width), (height, int(min(calibrated, 1e9))), f"calib_imgw of {where}")
+        calibrated = number(where, {"calib_imgw": width, **frame}, "calib_imgw")
+        if calibrated <= 0 or calibrated % width:  # photographs may have been made smaller since they were calibrated
+            raise InputError(f"{path}: expected calib_imgw = {calibrated:g}, as {where} says, or a part of it, found {width}")
         return photo.view(name, camera(where, frame, width, height))
 
 

@@ -1,36 +1,37 @@
-"""Photographs, masks and truth of other people's data as the arrays of a View: linear, premultiplied, of one size."""
+"""Photographs, masks, truth and lights of other people's data as the arrays of a Scene: linear, premultiplied, in our layout.
+
+Blender's world texture, and with it every renderer of NeRFactor, TensoIR-Synthetic and Synthetic4Relight, lays a map out as
+we do (:mod:`ia_bench.light.latlong`): row 0 is +z (up), the middle column is +x, and the azimuth falls from left to right.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from glob import escape
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.files import file_below
+from ia_bench.common.files import file_below, user_path
 from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import read_exr, read_rgbe, refuse_negative
 from ia_bench.scenes.photograph import IGNORED, read_mask, read_photograph, read_values
-from ia_bench.scenes.scene import Camera, View
+from ia_bench.scenes.scene import Camera, Truth, View
 
 Encoding = Literal["srgb", "linear"]
 SUFFIXES = (".png", ".jpg", ".jpeg", ".exr", ".webp", ".tiff", ".tif")
 """Of photographs, in lower case; cameras write them in upper case, too."""
 CLIPPED = 0.9999  # of a linear channel; 254 of 255 is .991
-FLAWLESS = 0.9  # intersection over union of the masks of a photograph and its truth; edges of binary masks differ by less
 
 
 # ---------------------------------------------------------------- files
 def pictures_in(folder: Path) -> list[Path]:
     """The pictures in a folder, by name; suffixes may be in upper case. Raises InputError for no folder and for an empty one."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder of photographs, found none")
-    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES) if folder.is_dir() else []
     if not found:
-        raise InputError(f"{folder}: expected photographs ({', '.join(SUFFIXES)}), found none")
+        raise InputError(f"{folder}: expected a folder of photographs ({', '.join(SUFFIXES)}), found none")
     return found
 
 
@@ -53,21 +54,9 @@ def mask_beside(folder: Path, photo: Path) -> Path:
 
 
 # ---------------------------------------------------------------- photographs
-class Notes(list[str]):
-    """What is told of a scene, one line each. ``own_alpha``: whether a photograph was read whose mask is its own alpha."""
-
-    own_alpha = False
-
-
 @dataclass(frozen=True)
 class Photo:
-    """The pixels of one photograph, as a View holds them.
-
-    Attributes:
-        image: Linear radiance (H, W, 3) float32, premultiplied; 0 beyond the object.
-        mask: Coverage (H, W) float32.
-        valid: (H, W) bool, False where a channel of 8 bits is at its end; None where none is.
-    """
+    """The pixels of one photograph, as a View holds them: linear and premultiplied, 0 beyond the object; see there."""
 
     image: np.ndarray
     mask: np.ndarray
@@ -85,33 +74,21 @@ class Photo:
         return View(name, camera, self.image, self.mask, light, valid=self.valid)
 
 
-def photograph(path: Path, mask: Path | None, notes: Notes, sought: Path | None = None) -> Photo:
+def photograph(path: Path, mask: Path | None, notes: list[str]) -> Photo:
     """A photograph, linear as OpenEXR or 8-bit sRGB as anything else, with the pixels as they are stored, whatever its EXIF says.
 
-    ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither; it names
-    the file that a reader has ``sought`` in vain.
+    ``mask`` is a file of its own, None where the picture's alpha is the mask. Raises InputError where there is neither.
     """
-    image, coverage = read_photograph(path, mask, upright=False, notice=lambda note: _note(notes, path, note))
+
+    def notice(note: str) -> None:  # a colour profile that all photographs share is one note
+        notes.append(note.removeprefix(f"{path}: its ") if note.endswith(IGNORED) else note)
+
+    image, coverage = read_photograph(path, mask, upright=False, notice=notice)
     if mask is None and coverage.min() >= 1:
-        lacking = "no mask" if sought is None else f"no {sought}{_lookalike(sought)}"
-        raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and {lacking}")
-    notes.own_alpha |= mask is None
+        raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and no mask")
     image[coverage <= 0] = 0  # what lossy files leave there
     clipped = (image >= CLIPPED * coverage[..., None]).any(-1) & (path.suffix.lower() != ".exr")
     return Photo.of(image, coverage, clipped)
-
-
-def _note(notes: list[str], path: Path, note: str) -> None:
-    """Add a note on the file ``path``, but a colour profile that all photographs share is told of once."""
-    said = note.removeprefix(str(path))
-    if not (said.endswith(IGNORED) and any(known.endswith(said) for known in notes)):
-        notes.append(note)
-
-
-def _lookalike(sought: Path) -> str:
-    """What to say of a file with another suffix in the place of a mask."""
-    others = sorted(sought.parent.glob(f"{escape(sought.stem)}.*"))
-    return f"; {others[0].name}, which lies there, is no {sought.suffix} file" if others else ""
 
 
 def tone_mapped(path: Path, mask: Path, decode: Callable[[np.ndarray], np.ndarray]) -> Photo:
@@ -123,42 +100,24 @@ def tone_mapped(path: Path, mask: Path, decode: Callable[[np.ndarray], np.ndarra
     return Photo.of(decode(stored[..., :3]) * coverage[..., None], coverage, (stored[..., :3] >= 1).any(-1))
 
 
-# ---------------------------------------------------------------- truth
-def fitted(path: Path, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """``values`` (H, W[, C]) at the size ``shape`` by the mean of whole blocks. Raises InputError where that is none."""
-    block = values.shape[0] // shape[0] if values.ndim >= 2 else 0
-    if values.shape[:2] != (block * shape[0], block * shape[1]):
-        found = " x ".join(map(str, values.shape))
-        raise InputError(f"{path}: expected {shape[0]} x {shape[1]} values, or a multiple of these, found {found}")
-    return values.reshape(shape[0], block, shape[1], block, -1).mean((1, 3)).reshape(*shape[:2], *values.shape[2:])
-
-
 def expect_size(path: Path, found: tuple[int, ...], expected: tuple[int, ...], like: str) -> None:
     """Raise InputError unless an image of shape ``found`` has the height and width of ``expected``, those of ``like``."""
     if found[:2] != expected[:2]:
         raise InputError(f"{path}: expected {expected[1]} x {expected[0]} pixels like {like}, found {found[1]} x {found[0]}")
 
 
+# ---------------------------------------------------------------- truth
 def true_map(path: Path, mask: np.ndarray, encoding: Encoding, *, channels: int = 3) -> np.ndarray | None:
     """Albedo or roughness (H, W[, 3]) of a picture, premultiplied by the photograph's ``mask``; None where there is no file.
 
-    Straight values are taken as they are or decoded from sRGB; a picture's own alpha must cover what the photograph's does.
-    Raises InputError for another size and another silhouette.
+    Straight values are taken as they are or decoded from sRGB. Raises InputError for another size.
     """
     if not path.is_file():
         return None
     stored = read_values(path)
-    values, alpha = stored[..., :channels], stored[..., 3]
-    if encoding == "srgb":
-        values = srgb_to_linear(values)
+    values = srgb_to_linear(stored[..., :channels]) if encoding == "srgb" else stored[..., :channels]
     expect_size(path, values.shape, mask.shape, "its photograph")
-    if alpha.min() < 1:
-        both, either = np.minimum(alpha, mask).sum(), np.maximum(alpha, mask).sum()
-        if both < FLAWLESS * either:
-            found = f"an intersection over union of {both / either:.2f}"
-            raise InputError(f"{path}: expected truth with the silhouette of its photograph, found {found}: is it of another view?")
-        values = np.where(alpha[..., None] > 0, values, 0)
-    truth = (values * mask[..., None]).astype(np.float32)
+    truth = (np.where(stored[..., 3:] > 0, values, 0) * mask[..., None]).astype(np.float32)
     return truth if channels == 3 else truth[..., 0]
 
 
@@ -169,10 +128,40 @@ def true_normal(path: Path, mask: np.ndarray) -> np.ndarray | None:
     stored = read_values(path)
     expect_size(path, stored.shape, mask.shape, "its photograph")
     normal = 2 * stored[..., :3] - 1
-    length = np.linalg.norm(normal, axis=-1)
-    solid = (mask > 0.99) & (stored[..., 3] > 0.99)
-    if solid.any() and np.median(np.abs(length[solid] - 1)) > 0.1:
-        found = f"a median length of {np.median(length[solid]):.2f}"
-        raise InputError(f"{path}: expected unit normals stored as (n + 1) / 2, found {found}")
-    normal = normal / np.maximum(length, 1)[..., None]
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1)
     return (normal * mask[..., None]).astype(np.float32)
+
+
+# ---------------------------------------------------------------- lights
+def read_light(path: Path) -> np.ndarray:
+    """The map (H, 2H, 3) float32 of an OpenEXR or Radiance file; what rounding left below 0 is set to 0. Raises InputError."""
+    radiance = read_rgbe(path) if path.suffix.lower() == ".hdr" else read_exr(path, 3)
+    height, width = radiance.shape[:2]
+    if width != 2 * height:
+        raise InputError(f"{path}: expected a lat-long map, twice as wide as high, found {width} x {height}")
+    refuse_negative(path, radiance)
+    return radiance.clip(min=0)
+
+
+def maps_below(folder: str | None, novel: Sequence[View], notes: list[str], own: str, strength: float = 1.0) -> Truth:
+    """The maps of all lights that ``reader.options.lights`` holds as NAME.exr or NAME.hdr; ``notes`` are told of the rest.
+
+    Those are the training light, called ``own`` ("" for none) and multiplied by ``strength``, and the lights of ``novel`` views.
+
+    Raises InputError for a folder that is not there, or that holds none of them.
+    """
+    wanted = [*([own] if own else []), *sorted({view.light for view in novel} - {"train", own})]
+    if folder is None:
+        notes += ["no environment maps: reader.options.lights names no folder, so nothing can be relit"] if wanted else []
+        return Truth({})
+    place = user_path("reader.options.lights", folder, folder=True)
+    files = {name: path for name in wanted for suffix in (".exr", ".hdr") if (path := place / f"{name}{suffix}").is_file()}
+    missing = ", ".join(name for name in wanted if name not in files)
+    if missing and not files:
+        raise InputError(f"{place}: expected environment maps {missing} (.exr or .hdr), found none of them")
+    notes += [f"no environment map of {missing} in {place}"] if missing else []
+    lights = {"train" if name == own else name: read_light(path) for name, path in files.items()}
+    if "train" in lights and strength != 1:
+        with np.errstate(over="ignore"):  # which the check of a scene's lights refuses
+            lights["train"] = (strength * lights["train"]).astype(np.float32)
+    return Truth(lights)

@@ -14,15 +14,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.common.suggestions import unknown
+from ia_bench.light.latlong import texel_centres
 from ia_bench.readers.base import FolderReader
+from ia_bench.readers.cameras import Frame, camera, frames_of, text
 from ia_bench.readers.contract import MESHES
-from ia_bench.readers.fields import Frame, camera, frames_of, text
-from ia_bench.readers.lights import read_light, resampled
-from ia_bench.readers.pictures import Notes, fitted, photograph, true_map
+from ia_bench.readers.pictures import photograph, read_light, true_map
 from ia_bench.scenes.photograph import read_array
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
@@ -79,7 +80,7 @@ class StanfordOrbReader(FolderReader):
 
     def read(self, truth: bool) -> Scene:
         """The capture; pseudo truth, scanned geometry and lights of other captures only with ``truth``. Raises InputError."""
-        notes, own = Notes(), self._place / self.label
+        notes, own = list[str](), self._place / self.label
         train = [self.view(self._view(self.label, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
         held_out = [self._view(self.label, *frame, notes) for frame in self.kept(frames_of(own / "transforms_test.json"))]
         seen = [self.view(view) for view in held_out]
@@ -105,7 +106,7 @@ class StanfordOrbReader(FolderReader):
         path = self._place / self.label / "transforms_novel.json"
         return frames_of(path) if path.is_file() else []
 
-    def _view(self, capture: str, where: str, frame: Mapping[str, Any], notes: Notes) -> View:
+    def _view(self, capture: str, where: str, frame: Mapping[str, Any], notes: list[str]) -> View:
         name = Path(text(where, frame, "file_path", ""))
         place = f"{self._place.name}/{capture}/{name.parent}"
         path = file_below(self.folder, f"{place}/{name.name}{SUFFIX[self.radiance]}", f"{where}: file_path")
@@ -116,7 +117,7 @@ class StanfordOrbReader(FolderReader):
     def _with_truth(self, view: View) -> View:
         """The view, of the photograph's size, with what ground_truth has of it; normals are there in the frame of the camera."""
         normal, depth = self._array("surface_normal", view, 3, 1.1), self._array("z_depth", view, 1, 1e6)
-        albedo = true_map(self._file("pseudo_gt_albedo", f"{view.name}.png"), view.mask, "srgb")
+        albedo = true_map(self._truths / self.label / "pseudo_gt_albedo" / f"{view.name}.png", view.mask, "srgb")
         stored = self._array("pseudo_gt_albedo", view, 3, 1e3) if albedo is None else None
         if stored is not None:
             albedo = (stored.clip(0, 1) * view.mask[..., None]).astype(np.float32)
@@ -130,33 +131,34 @@ class StanfordOrbReader(FolderReader):
             depth=None if depth is None else (depth[..., 0].clip(min=0) * view.mask).astype(np.float32),
         )
 
-    def _file(self, kind: str, name: str) -> Path:
-        return self._truths / self.label / kind / name
-
     def _array(self, kind: str, view: View, channels: int, most: float) -> np.ndarray | None:
         """A .npy file at the photograph's size, (H, W, C); None where there is none. Raises InputError for anything else in it.
 
-        An array up to ``shrink`` times smaller is repeated, to be multiplied by the coverage; a larger one is averaged.
+        An array up to ``shrink`` times smaller is repeated, to be multiplied by the coverage.
         """
-        path, shape = self._file(kind, f"{view.name}.npy"), view.mask.shape
+        path, shape = self._truths / self.label / kind / f"{view.name}.npy", view.mask.shape
         if not path.is_file():
             return None
         values = read_array(path)
         values = values[..., None] if values.ndim == 2 else values
-        if values.ndim != 3 or values.shape[-1] != channels or np.abs(values).max(initial=0) > most:
+        block = max(shape[0] // max(len(values), 1), 1)
+        fits = values.ndim == 3 and (block * values.shape[0], block * values.shape[1], values.shape[2]) == (*shape, channels)
+        if not fits or block > self.shrink or np.abs(values).max() > most:
             found = f"{values.shape}, up to {np.abs(values).max(initial=0):.3g}"
-            raise InputError(f"{path}: expected finite values (H, W, {channels}) from -{most:g} to {most:g}, found {found}")
-        block = shape[0] // max(len(values), 1)
-        if 1 < block <= self.shrink and shape == (block * values.shape[0], block * values.shape[1]):
-            values = values.repeat(block, 0).repeat(block, 1)
-        return fitted(path, values, shape)
+            raise InputError(f"{path}: expected {(*shape, channels)} values from -{most:g} to {most:g}, found {found}")
+        return values.repeat(block, 0).repeat(block, 1)
 
 
 def from_camera_frame(radiance: np.ndarray, camera: Camera) -> np.ndarray:
-    """A map whose middle column is where the camera looks, +y up and +x three quarters to the right, in the world's layout."""
+    """A map whose middle column is where the camera looks, +y up and +x three quarters to the right, in the world's layout.
 
-    def look_up(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x, y, z = np.moveaxis(directions @ camera.to_world[:3, :3], -1, 0)  # rows of R are the world's axes in the camera
-        return (np.arctan2(x, -z) + np.pi) / (2 * np.pi), np.arccos(y.clip(-1, 1)) / np.pi
-
-    return resampled(radiance, look_up)
+    It keeps its size; values are bilinear between the centres of its texels.
+    """
+    height, width = radiance.shape[:2]
+    directions = texel_centres(height, width).double().numpy()
+    x, y, z = np.moveaxis(directions @ camera.to_world[:3, :3], -1, 0)  # rows of R are the world's axes in the camera
+    u, v = (np.arctan2(x, -z) + np.pi) / (2 * np.pi), np.arccos(y.clip(-1, 1)) / np.pi
+    places = [(v * height - 0.5).clip(0, height - 1), (u * width - 0.5) % width + 1]
+    padded = np.concatenate([radiance[:, -1:], radiance, radiance[:, :1]], 1)  # around the sphere
+    channels = [map_coordinates(padded[..., c], places, order=1, mode="nearest") for c in range(3)]
+    return np.stack(channels, -1).astype(np.float32)

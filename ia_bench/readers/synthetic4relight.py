@@ -13,12 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.fields import camera, frames_of, text
-from ia_bench.readers.lights import maps_below
-from ia_bench.readers.pictures import Encoding, Notes, expect_size, photograph, true_map
+from ia_bench.readers.cameras import camera, frames_of, text
+from ia_bench.readers.pictures import Encoding, expect_size, maps_below, photograph, true_map
 from ia_bench.scenes.scene import Scene, View
 
 RELIT = "test_rli"
@@ -41,7 +39,7 @@ class Synthetic4RelightReader(FolderReader):
 
     def read(self, truth: bool) -> Scene:
         """The scene; material of held-out views, and maps of lights, only with ``truth``. Raises InputError."""
-        notes, folder = Notes(), self.folder
+        notes, folder = list[str](), self.folder
         train = [self.view(self._view(*frame, "_rgb.exr", notes)) for frame in frames_of(folder / "transforms_train.json")]
         test, novel = list[View](), list[View]()
         held_out = frames_of(folder / "transforms_test.json") if (folder / "transforms_test.json").is_file() else []
@@ -57,12 +55,9 @@ class Synthetic4RelightReader(FolderReader):
         return self.scene(train=train, test=test, novel=novel, truth=known, notes=notes)
 
     def _file(self, where: str, frame: Mapping[str, Any], suffix: str) -> Path:
-        name = text(where, frame, "file_path", "")
-        if not name:
-            raise InputError(f"{where}: file_path: expected the path of a photograph without its suffix, found none")
-        return file_below(self.folder, f"{name}{suffix}", f"{where}: file_path")
+        return file_below(self.folder, text(where, frame, "file_path", "") + suffix, f"{where}: file_path")
 
-    def _view(self, where: str, frame: Mapping[str, Any], suffix: str, notes: Notes) -> View:
+    def _view(self, where: str, frame: Mapping[str, Any], suffix: str, notes: list[str]) -> View:
         path = self._file(where, frame, suffix)
         photo = photograph(path, self._file(where, frame, "_mask.png") if suffix == "_rgb.exr" else None, notes)
         height, width = photo.mask.shape

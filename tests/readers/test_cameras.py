@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,18 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.silhouettes import carving_mask
-from ia_bench.readers.base import evenly
 from ia_bench.readers.cameras import (
     Lens,
     expect_looking_at_object,
     from_projection,
     from_world_to_camera,
     lens,
-    looking,
+    share_away,
     undistorted,
 )
 from ia_bench.readers.nerfstudio import NerfstudioReader
-from ia_bench.readers.pictures import Notes
 from ia_bench.scenes.scene import Camera, Scene, View
 
 # ---------------------------------------------------------------- cameras of other conventions against what they must see
@@ -56,8 +53,6 @@ def test_a_world_to_camera_matrix_of_opencv() -> None:
 
 
 def test_what_is_no_projection() -> None:
-    with pytest.raises(InputError, match=r"P: expected a projection of 3 x 4 finite numbers, found shape \(4, 4\)"):
-        from_projection("P", np.eye(4), 1, 1)
     with pytest.raises(InputError, match="P: expected a projection of full rank"):
         from_projection("P", np.zeros((3, 4)), 1, 1)
     skewed = K + [[0, 5.0, 0], [0, 0, 0], [0, 0, 0]]
@@ -66,54 +61,12 @@ def test_what_is_no_projection() -> None:
 
 
 def test_where_cameras_look(tiny: Scene) -> None:
-    assert looking(tiny.train).min() > 0.95
-    assert looking(tiny.train, lambda pose: pose @ FLIPPED).max() < -0.95
-    assert looking(tiny.train[:1] * 5) is None  # parallel rays meet nowhere
-
-
-FLIPPED = np.diag([1.0, -1, -1, 1])
-
-
-@pytest.mark.parametrize(
-    ("written", "named"),
-    [
-        (lambda matrix: matrix @ FLIPPED, "100% look away from it; OpenCV's axes .* are exchanged$"),
-        (np.linalg.inv, "look away from it; the matrices seem to be world-to-camera: their inverses"),
-        (lambda matrix: np.linalg.inv(matrix @ FLIPPED), "look away from it; the matrices seem to be OpenCV's world-to-camera:"),
-    ],
-)
-def test_the_convention_is_named_in_which_cameras_look_at_what_masks_show(
-    tiny: Scene, written: Callable[[np.ndarray], np.ndarray], named: str
-) -> None:
-    expect_looking_at_object("it", tiny.train)
-    wrong = [replace(view, camera=replace(view.camera, to_world=written(view.camera.to_world))) for view in tiny.train]
-    with pytest.raises(InputError, match=named):
+    assert share_away(tiny.train) == 0
+    assert share_away(tiny.train[:1] * 5) == 0  # parallel rays meet nowhere
+    flip = np.diag([1.0, -1, -1, 1])
+    wrong = [replace(view, camera=replace(view.camera, to_world=view.camera.to_world @ flip)) for view in tiny.train]
+    with pytest.raises(InputError, match="it: expected cameras that look at the object .* 100% look away from it"):
         expect_looking_at_object("it", wrong)
-
-
-def test_cameras_that_look_away_in_every_convention_are_told_so(tiny: Scene) -> None:
-    """They are turned round about themselves by another angle each, around an axis that leans as much."""
-    poses = []
-    for place, view in enumerate(tiny.train):
-        turn = np.eye(4)
-        angles = [180 + 10 * place % 70, 37 * place % 50 - 25, 70 * place]
-        turn[:3, :3] = Rotation.from_euler("yxz", angles, degrees=True).as_matrix()
-        poses.append(view.camera.to_world @ turn)
-    wrong = [replace(v, camera=replace(v.camera, to_world=pose)) for v, pose in zip(tiny.train, poses, strict=True)]
-    with pytest.raises(InputError, match="no other known convention either, so the poses or the masks are wrong"):
-        expect_looking_at_object("it", wrong)
-
-
-@pytest.mark.parametrize("total", [1, 2, 7, 16, 100])
-def test_fewer_views_are_among_more(total: int) -> None:
-    items = list(range(total))
-    for count in range(1, total):
-        few, more = evenly(items, count), evenly(items, count + 1)
-        assert len(few) == count
-        assert set(few) < set(more)
-        assert few == sorted(few)
-    assert evenly(items, None) == items
-    assert evenly(list(range(16)), 4) == [0, 4, 8, 12]
 
 
 # ---------------------------------------------------------------- undistortion against the forward model
@@ -168,42 +121,23 @@ def test_what_no_photograph_shows_is_masked_and_unknown() -> None:
     assert 1 <= (within & ~mended).sum() <= 4
 
 
-def test_a_photograph_that_fills_the_pinhole_s_frame_stays_whole() -> None:
-    view = undistorted("it", spot(30, 20), Lens(k1=-0.1))
-    assert view.valid is None
-    assert (view.mask == 1).all()
-    straight = undistorted("it", spot(1, 1), Lens(k1=1e-9))  # which throws the outer pixels' centres out by next to nothing
-    np.testing.assert_allclose(straight.image, spot(1, 1).image, atol=1e-5)
-    assert straight.valid is None
-
-
 def test_a_held_out_pixel_that_nobody_has_seen_is_not_scored(tmp_path: Path) -> None:
     """Others are, the saturated ones among them: scores clip both images."""
     saturated = np.ones((48, 64), bool)
     saturated[20, 30] = False
     view = undistorted("it", replace(spot(30, 20), valid=saturated), Lens(k1=0.5))
     whole = replace(spot(30, 20), valid=saturated)
-    scene = NerfstudioReader(tmp_path).scene(train=[view], test=[view], novel=[whole], notes=Notes())
+    scene = NerfstudioReader(tmp_path).scene(train=[view], test=[view], novel=[whole])
     assert np.array_equal(scene.train[0].valid, view.valid)
     assert np.array_equal(scene.test[0].valid, view.mask > 0)
     assert scene.novel[0].valid is None
 
 
-def test_a_saturated_pixel_stays_one() -> None:
-    saturated = np.ones((48, 64), bool)
-    saturated[20, 30] = False
-    moved = undistorted("it", replace(spot(30, 20), valid=saturated), GLASS).valid
-    assert moved is not None
-    assert 1 <= (~moved).sum() <= 6  # all pixels that interpolate the saturated one
-
-
 def test_models_by_name() -> None:
     assert lens("it", {"camera_model": "OPENCV", "k1": 0.1, "p2": 0.2}) == Lens(k1=0.1, p2=0.2)
-    assert lens("it", {}).straight
+    assert lens("it", {}) == Lens()
     with pytest.raises(InputError, match=r"it: camera_model: expected one of PINHOLE, .*, found 'EQUIRECTANGULAR'"):
         lens("it", {"camera_model": "EQUIRECTANGULAR"})
-    with pytest.raises(InputError, match="expected no distortion of a PINHOLE camera"):
-        lens("it", {"camera_model": "PINHOLE", "k1": 0.1})
 
 
 @pytest.mark.parametrize(

@@ -6,21 +6,276 @@ cannot tell (docs/datasets.md lists it for each reader) is no case. To add one, 
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
-from calibrated_mistakes import MISTAKES as CALIBRATED
-from nerf_mistakes import MISTAKES as WITH_FRAMES
+from PIL import Image
 from test_round_trips import LAYOUTS, read
-from written import Layout, scene_to_write
+from written import Layout, save_exr, scene_to_write
 
 from ia_bench.common.errors import InputError
 from ia_bench.render.agreement import check_agreement
+from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
 
-MISTAKES = WITH_FRAMES | CALIBRATED
+Spoil = Callable[[Path], object]
+Array = np.ndarray
+Mistakes = dict[str, tuple[Spoil, str]]
+"""By name: what is done to a folder, and what has to be said of it (a regular expression)."""
+
+
+# ---------------------------------------------------------------- how folders are spoiled
+def gone(name: str) -> Spoil:
+    def spoil(folder: Path) -> None:
+        path = folder / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+    return spoil
+
+
+def text(name: str, content: str | bytes) -> Spoil:
+    return lambda folder: (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def word(name: str, old: str, new: str) -> Spoil:
+    return lambda folder: (folder / name).write_text((folder / name).read_text().replace(old, new))
+
+
+def edit(name: str, change: Callable[[dict[str, Any]], object]) -> Spoil:
+    def spoil(folder: Path) -> None:
+        content = json.loads((folder / name).read_text())
+        change(content)
+        (folder / name).write_text(json.dumps(content))
+
+    return spoil
+
+
+def matrix(name: str, change: Callable[[Array], Array], *, every: bool = False) -> Spoil:
+    """The matrix of the frame 3 of a list of frames, or of every one, changed."""
+
+    def spoil(content: dict[str, Any]) -> None:
+        for one in content["frames"][slice(None) if every else slice(3, 4)]:
+            one["transform_matrix"] = change(np.array(one["transform_matrix"])).tolist()
+
+    return edit(name, spoil)
+
+
+def metadata(change: Callable[[Array], Array]) -> Callable[[dict[str, Any]], object]:
+    def changed(one: dict[str, Any]) -> None:
+        values = change(np.array([float(part) for part in one["cam_transform_mat"].split(",")]).reshape(4, 4))
+        one["cam_transform_mat"] = ",".join(repr(float(value)) for value in values.ravel())
+
+    return changed
+
+
+def in_all(pattern: str, spoil: Callable[[str], Spoil]) -> Spoil:
+    return lambda folder: [spoil(path.relative_to(folder).as_posix())(folder) for path in sorted(folder.glob(pattern))]
+
+
+def picture(*names: str, to: Callable[[Array], Array]) -> Spoil:
+    def spoil(folder: Path) -> None:
+        for name in names:
+            Image.fromarray(np.ascontiguousarray(to(np.asarray(Image.open(folder / name))))).save(folder / name)
+
+    return spoil
+
+
+def array(name: str, values: Array) -> Spoil:
+    return lambda folder: np.save(folder / name, values)
+
+
+def arrays(change: Callable[[dict[str, Array]], object]) -> Spoil:
+    """The matrices of cameras.npz, changed."""
+
+    def spoil(folder: Path) -> None:
+        stored = dict(np.load(folder / CAMERAS))
+        change(stored)
+        np.savez(folder / CAMERAS, **stored)
+
+    return spoil
+
+
+def one_matrix(name: str, change: Callable[[Array], Array]) -> Spoil:
+    return arrays(lambda stored: stored.update({name: change(stored[name])}))
+
+
+def posed(change: Callable[[Array], Array], *numbers: int) -> Spoil:
+    """The extrinsics of sfm_scene.json, changed."""
+
+    def spoil(content: dict) -> None:
+        for key, image in content["camera_track_map"]["images"].items():
+            if not numbers or int(key) in numbers:
+                image["camera"]["extrinsic"] = change(np.reshape(image["camera"]["extrinsic"], (4, 4))).ravel().tolist()
+
+    return edit(SFM, spoil)
+
+
+def smaller(values: Array) -> Array:
+    return values[:24, :28]
+
+
+def other_axes(to_world: Array) -> Array:
+    """OpenGL's axes for OpenCV's, or the other way round."""
+    return to_world @ np.diag([1.0, -1, -1, 1])
+
+
+def turned_rows(values: Array) -> Array:
+    """OpenGL's axes in the rows K, R, t, size."""
+    values[3:7] *= np.array([[1.0], [-1], [-1], [1]])
+    values[6] *= [1, -1, -1]
+    return values
+
+
+RESCALED, FARTHER = (np.array([[*row, shift]] * 3 + [[1, 1, 1, 1]]) for row, shift in (((2, 2, 2), 2), ((1, 1, 1), 3)))
+HUGE_HEADER = b"\x93NUMPY\x01\x00\x76\x00" + b"{'descr':'<f8','fortran_order':False,'shape':(1000000,1000000,3)}".ljust(117) + b"\n"
+"""Of a file of three thousand billion numbers, none of which is there."""
+
+# ---------------------------------------------------------------- the tables
+AXES = r"look away from it; usually OpenCV's axes .* are exchanged"
+RADIANS = "expected radians between 0 and pi, found 38"
+MESH = "expected the mesh to cover the masks of the images"
+WHOLE, TRAIN, CAMERAS, SFM = "transforms.json", "transforms_train.json", "cameras.npz", "inputs/sfm_scene.json"
+SPARSE, OWN, OUTPUT = "sparse/0", "blender_HDR/tiny_scene001", "output/transforms_train.json"
+NORMALS, META = "ground_truth/tiny_scene001/surface_normal/0001.npy", "train_003/metadata.json"
+
+
+def view_folders(photo: str) -> Mistakes:
+    return {
+        "no views": (in_all("train_*", gone), "expected folders train_000, train_001, ... with metadata.json, found none"),
+        "no metadata": (gone(META), r"train_003/metadata\.json: no such file"),
+        "no field of view": (edit(META, lambda m: m.pop("cam_angle_x")), "cam_angle_x: expected a finite number, found None"),
+        "degrees": (edit(META, lambda m: m.update(cam_angle_x=38.0)), RADIANS),
+        "2 numbers": (edit(META, lambda m: m.update(cam_transform_mat="1,2")), "cam_transform_mat: expected 16 numbers"),
+        "scaled": (edit(META, metadata(lambda m: m * RESCALED)), r"cam_transform_mat: expected a rotation.*det = 8"),
+        "OpenCV axes": (in_all("*/metadata.json", lambda name: edit(name, metadata(other_axes))), AXES),
+        "no photograph": (gone(f"train_003/{photo}"), rf"train_003/{photo}: no such file"),
+        "no mask": (picture(f"train_003/{photo}", to=lambda v: v[..., :3]), rf"{photo}: expected a mask in its alpha"),
+        "empty mask": (picture(f"train_003/{photo}", to=np.zeros_like), rf"{photo}: the mask has no pixel of an object"),
+        "another size": (picture(f"train_003/{photo}", to=smaller), rf"{photo}: expected 32 x 32 pixels.*found 28 x 24"),
+    }
+
+
+MISTAKES: dict[str, Mistakes] = {
+    "nerfstudio": {
+        "no file": (gone(WHOLE), "expected transforms.json or transforms_train.json, found neither"),
+        "mask not there": (gone("masks/train_0003.png"), r"frames\[3\]: mask_path: masks/train_0003.png: no such file"),
+        "mask of another size": (picture("masks/train_0003.png", to=smaller), r"masks/train_0003.png: expected 32 x 32 pixels"),
+        "wrong width": (edit(WHOLE, lambda c: c.update(w=64)), "expected w = 64, as .* says, found 32"),
+        "focal length in a list": (edit(WHOLE, lambda c: c.update(fl_x=[50.0])), r"fl_x: expected a finite number, found \[50.0\]"),
+        "fisheye": (edit(WHOLE, lambda c: c.update(camera_model="FISHEYE")), "camera_model: expected one of.*found 'FISHEYE'"),
+        "absurd lens": (edit(WHOLE, lambda c: c.update(k1=-40.0)), "expected the distortion of a lens, found one under which"),
+        "mirrored": (matrix(WHOLE, lambda m: m * [-1, 1, 1, 1]), "transform_matrix: expected a rotation.*det = -1"),
+        "OpenCV axes": (matrix(WHOLE, other_axes, every=True), AXES),
+        "world-to-camera": (matrix(WHOLE, np.linalg.inv, every=True), f"{AXES}|{MESH}.*world-to-camera"),
+        "another scale": (matrix(WHOLE, lambda m: m * FARTHER, every=True), MESH),
+        "unknown split": (edit(WHOLE, lambda c: c["train_filenames"].append("no.png")), "train_filenames: expected a list of file"),
+    },
+    "blender": {
+        "no frame": (edit(TRAIN, lambda c: c.update(frames=[])), "expected at least one training view, found none"),
+        "no photograph": (gone("train/r_0003.png"), r"frames\[3\]: file_path: \./train/r_0003: no such file"),
+        "no field of view": (edit(TRAIN, lambda c: c.pop("camera_angle_x")), "expected camera_angle_x or fl_x, found neither"),
+        "another size": (picture("train/r_0003.png", to=smaller), "expected 32 x 32 pixels like train/r_0000 with"),
+    },
+    "tensoir": view_folders("rgba_sunset_000.png"),
+    "nerfactor": {
+        "a light beyond": (edit("train_000/metadata.json", lambda m: m.update(envmap_inten=1e38)), "light train: expected finite"),
+    },
+    "synthetic4relight": {
+        "no photograph": (gone("train/003_rgb.exr"), r"frames\[3\]: file_path: ./train/003_rgb.exr: no such file"),
+        "OpenCV axes": (matrix(TRAIN, other_axes, every=True), AXES),
+        "relit in another size": (picture("test_rli/city_001.png", to=smaller), "city_001.png: expected 32 x 32 pixels"),
+        "no maps": (lambda folder: gone("maps")(folder.parent), "no such folder"),
+        "no such map": (lambda folder: gone("maps/night.exr")(folder.parent), "no environment map of night"),
+    },
+    "dtu": {
+        "no cameras": (gone(CAMERAS), "cameras.npz: no such file"),
+        "no archive": (text(CAMERAS, "no archive"), "cameras.npz: expected arrays of numbers"),
+        "a photograph is missing": (gone("image/003.png"), r"expected as many photographs in image/ as cameras \(19\), found 18"),
+        "3 x 4": (one_matrix("world_mat_3", lambda m: m[:3]), r"world_mat_3: expected 4 x 4 numbers .*, found shape \(3, 4\)"),
+        "not finite": (one_matrix("world_mat_3", lambda m: m * np.nan), "world_mat_3: expected finite numbers, found NaN"),
+        "other scale": (one_matrix("scale_mat_3", lambda m: 2 * m), "scale_mat_i: expected one positive scale"),
+        "no mask": (gone("mask/003.png"), "image/003.png: expected a mask .*mask/003.png, found none"),
+    },
+    "colmap": {
+        "no model": (gone("sparse"), "expected a sparse model"),
+        "broken model": (text(f"{SPARSE}/cameras.txt", "1 NOTHING 32 32 5\n"), "expected a sparse model of COLMAP, found"),
+        "no photograph": (gone("images/0004.png"), "images/0004.png: no such file"),
+        "another size": (
+            picture("images/0004.png", "masks/0004.png.png", to=smaller),
+            "0004.png: expected 32 x 32 pixels like camera 1 of the sparse model, found 28 x 24",
+        ),
+        "fisheye": (word(f"{SPARSE}/cameras.txt", "OPENCV", "OPENCV_FISHEYE"), "camera 1: expected one of .*OPENCV_FISHEYE"),
+        "rotation of zeros": (
+            text(f"{SPARSE}/images.txt", "".join(f"{n} 0 0 0 0 0 0 3 1 {n:04}.png\n\n" for n in range(1, 20))),
+            "image 2: expected a rotation as a unit quaternion, found",
+        ),
+        "one name for two": (word(f"{SPARSE}/images.txt", "0004.png", "0003.png"), "expected every photograph once"),
+        "no poses": (text(f"{SPARSE}/images.txt", "# nothing\n"), "expected photographs with a pose in the sparse model"),
+    },
+    "neilf": {
+        "README's key": (edit(SFM, lambda c: c.update(image_list=c.pop("image_path"))), "expected image_path, found none"),
+        "12 numbers": (edit(SFM, lambda c: c["bbox"].update(transform=[1.0] * 12)), "bbox.transform: expected 16 finite numbers"),
+        "scaled": (posed(lambda m: m * RESCALED, 3), r"camera.extrinsic: expected a rotation.*det = 8"),
+        "camera-to-world": (posed(np.linalg.inv), f"look away|{MESH}"),
+        "OpenGL axes": (posed(lambda m: np.diag([1.0, -1, -1, 1]) @ m), AXES),
+        "no positions": (gone("inputs/position_maps"), r"depth_maps/000.exr: no such file"),
+        "focal length in words": (
+            edit(SFM, lambda c: c["camera_track_map"]["images"]["3"]["camera"]["intrinsic"].update(focal="48 px")),
+            r"images\.3\.camera\.intrinsic\.focal: expected 2 finite numbers, found '48 px'",
+        ),
+        "negative radiance": (
+            lambda folder: save_exr(path := folder / "inputs/images/003.exr", read_exr(path, 3) - 0.5),
+            r"images/003\.exr: expected radiance, found the negative value -0\.5",
+        ),
+        "truth of another size": (picture("ground_truths/materials/kd/009.png", to=smaller), "kd/009.png: expected 32 x 32 pixels"),
+    },
+    "openillumination": {
+        "no photographs": (gone("Lights"), "expected the folder of one object, with Lights in it"),
+        "no such light": (gone("Lights/013"), "unknown reader.options.pattern '013'"),
+        "no mask": (gone("output/com_masks/CA3.png"), "com_masks/CA3.png: no such file"),
+        "degrees": (edit(OUTPUT, lambda c: c["frames"]["CA3"].update(camera_angle_x=38.0)), RADIANS),
+        "another width": (edit(OUTPUT, lambda c: c["frames"]["CA3"].update(calib_imgw=50)), "CA3.JPG: expected calib_imgw = 50"),
+        "one file for two": (
+            edit(OUTPUT, lambda c: c["frames"]["CA3"].update(file_path="./images/CA2")),
+            r"frames\['CA3'\]: file_path: expected every photograph once",
+        ),
+    },
+    "openillumination_opengl": {},
+    "objects_with_lighting": {
+        "no photographs": (gone("test/inputs"), r"expected photographs image_0000\.png, image_0001\.png, ..., found none"),
+        "two exposures": (text("test/inputs/exposure.txt", "0.1 0.2\n"), r"exposure\.txt: expected 1 x 1 finite numbers"),
+        "exposure beyond": (text("test/inputs/exposure.txt", "1e5\n"), r"exposure\.txt: expected an exposure from -32 to 32 stops"),
+        "no numbers": (text("test/inputs/camera_0003.txt", "one two three\n"), r"camera_0003\.txt: expected rows of numbers"),
+        "another size": (
+            picture("test/inputs/mask_0003.png", "test/inputs/image_0003.png", to=smaller),
+            r"image_0003\.png: expected 32 x 32 pixels like .*camera_0003\.txt, found 28 x 24",
+        ),
+        "OpenGL axes": (
+            in_all("test/inputs/camera_*.txt", lambda name: lambda f: np.savetxt(f / name, turned_rows(np.loadtxt(f / name)))),
+            f"{AXES}|{MESH}|rows 4 to 7",
+        ),
+        "no map": (gone("test/gt_env_512_rotated_0002.hdr"), r"gt_env_512_rotated_0002\.hdr: no such file"),
+    },
+    "stanford_orb": {
+        "no dataset": (gone("blender_HDR"), "expected the dataset's folder, with blender_HDR in it, found none"),
+        "no capture": (gone(OWN), "unknown reader.options.capture 'tiny_scene001'; did you mean"),
+        "transposed": (matrix(f"{OWN}/{TRAIN}", np.transpose), "transform_matrix: expected the last row 0 0 0 1"),
+        "OpenCV axes": (matrix(f"{OWN}/{TRAIN}", other_axes, every=True), AXES),
+        "capture not there": (gone("blender_HDR/tiny_scene002"), r"blender_HDR/tiny_scene002/test/0000\.exr: no such file"),
+        "no map": (gone("ground_truth/tiny_scene002/env_map/0001.exr"), "no environment map .*tiny_scene002/env_map/0001.exr"),
+        "normals in a picture": (array(NORMALS, np.ones((32, 32))), r"0001\.npy: expected \(32, 32, 3\) values"),
+        "complex normals": (array(NORMALS, np.ones((32, 32, 3), complex)), r"0001\.npy: expected at most .* real numbers"),
+        "large normals": (array(NORMALS, np.full((32, 32, 3), 1e300)), r"from -1.1 to 1.1, found .* up to 1e\+300"),
+        "a header alone": (text(NORMALS, HUGE_HEADER), r"0001\.npy: expected arrays of numbers "),
+        "normals of another size": (array(NORMALS, np.ones((48, 32, 3))), r"expected \(32, 32, 3\) values"),
+    },
+}
 
 
 def said_of(layout: Layout, folder: Path, mesh: Path) -> str:

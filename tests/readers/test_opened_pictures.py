@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +11,14 @@ import pytest
 from calibrated_writers import write_dtu
 from nerf_writers import write_nerfstudio
 from PIL import Image
-from spoiled import edit
-from written import STEP, save_png, scene_to_write, unlit
+from written import STEP, scene_to_write, unlit
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.base import FADED, GLARING, edge_colour, in_eight_bits, warnings_of
 from ia_bench.readers.dtu import DtuReader
-from ia_bench.readers.native import NativeReader
 from ia_bench.readers.nerfstudio import NerfstudioReader
-from ia_bench.readers.pictures import picture_below, pictures_in, tone_mapped
+from ia_bench.readers.pictures import picture_below, pictures_in
 from ia_bench.scenes.photograph import read_mask
-from ia_bench.scenes.scene import Scene, View
+from ia_bench.scenes.scene import Scene
 
 
 # ----------------------------------------------------------------
@@ -108,38 +103,6 @@ def test_masks_lie_in_folders_like_those_of_the_photographs(folder: Path, tiny: 
             assert np.abs(view.mask - one.mask).max() <= STEP + 1e-6
 
 
-def test_one_mask_is_of_one_photograph(folder: Path) -> None:
-    for path in (folder / "masks" / "left").iterdir():
-        path.rename(folder / "masks" / path.name)
-    NerfstudioReader(folder).read(truth=False)  # those of the other camera have masks of their own
-    for path in (folder / "masks" / "right").iterdir():
-        path.unlink()
-    with pytest.raises(InputError, match=r"masks/0000\.png: .* images/left/0000\.png and images/right/0000\.png would share it"):
-        NerfstudioReader(folder).read(truth=False)
-
-
-@pytest.mark.parametrize("name", [None, "0001.jpg", "0001.tif"])
-def test_a_mask_that_is_missing_is_named(folder: Path, name: str | None) -> None:
-    """Also where it is there under another suffix."""
-    mask = folder / "masks" / "right" / "0001.png"
-    if name is None:
-        mask.unlink()
-        said = ""
-    else:
-        mask.rename(mask.with_name(name))
-        said = f"; {name}, which lies there, is no .png file"
-    with pytest.raises(InputError) as error:
-        NerfstudioReader(folder).read(truth=False)
-    assert str(error.value).startswith(f"{folder / 'images' / 'right' / '0001.png'}: expected a mask")
-    assert str(error.value).endswith(f"found an opaque picture and no {mask}{said}")
-
-
-def test_a_folder_may_be_read_twice(folder: Path) -> None:
-    """The second reading does not take the masks of the first for those of other photographs."""
-    reader = NerfstudioReader(folder)
-    assert len(reader.read(truth=False).test) == len(reader.read(truth=True).test) > 0
-
-
 def test_a_photograph_is_not_its_own_mask(folder: Path) -> None:
     """A path with .. in it leads to photographs, but not from the folder of masks to them."""
     content = json.loads((folder / "transforms.json").read_text())
@@ -157,35 +120,6 @@ INSIDE = np.zeros((6, 9), np.uint8)
 INSIDE[2:5, 3:7] = 1
 
 
-@pytest.mark.parametrize("lens", [False, True])
-def test_labels_are_no_mask(tmp_path: Path, tiny: Scene, lens: bool) -> None:
-    write_nerfstudio(tmp_path, scene_to_write(tiny))
-    for path in (tmp_path / "masks").iterdir():
-        with Image.open(path) as file:
-            white = np.asarray(file) > 127
-        Image.fromarray(white.astype(np.uint8)).save(path)
-    if lens:
-        edit("transforms.json", lambda content: content.update(k1=-0.05))(tmp_path)
-    said = r"masks/train_\w+\.png: expected white \(255\) where the object is, found values up to 1 of 255$"
-    with pytest.raises(InputError, match=said):
-        NerfstudioReader(tmp_path).read(truth=False)
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        (INSIDE * 3, "expected white (255) where the object is, found values up to 3 of 255"),
-        (INSIDE.astype(np.uint16) * 255, "expected white (65535) where the object is, found values up to 255 of 65535"),
-    ],
-    ids=["8 bits", "16 bits"],
-)
-def test_a_mask_for_another_tone_curve_is_white_too(tmp_path: Path, values: np.ndarray, said: str) -> None:
-    save_png(tmp_path / "photo.png", np.full((6, 9, 3), 0.4))
-    Image.fromarray(values).save(tmp_path / "mask.png")
-    with pytest.raises(InputError, match=re.escape(f"{tmp_path / 'mask.png'}: {said}")):
-        tone_mapped(tmp_path / "photo.png", tmp_path / "mask.png", lambda stored: stored)
-
-
 def test_masks_with_edges_of_grey_and_of_one_bit_are_masks(tmp_path: Path) -> None:
     soft = INSIDE * np.linspace(20, 255, 9).astype(np.uint8)
     Image.fromarray(soft).save(tmp_path / "soft.png")
@@ -196,38 +130,10 @@ def test_masks_with_edges_of_grey_and_of_one_bit_are_masks(tmp_path: Path) -> No
     assert read_mask(tmp_path / "empty.png").max() == 0
 
 
-# ---------------------------------------------------------------- what pixels betray
-# How far sound scenes are from a warning, and that spoiled ones get it.
-def times_alpha(view: View, power: int) -> View:
-    alpha = np.where(view.mask > 0, view.mask, 1)[..., None]
-    return replace(view, image=(view.image * alpha**power).astype(np.float32))
-
-
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("hat", "ship", "console", "figurine")]
-
-
-@pytest.mark.parametrize("name", ["tiny", *SLOW])
-def test_no_shipped_scene_is_suspected(name: str, tiny_folder: Path) -> None:
-    """Edges of the shipped scenes are .80 to 1.25 times as bright as what is beside them: a third of the way to a warning."""
-    views = NativeReader(tiny_folder.parent / name).read(truth=False).train[::4]
-    ratio = edge_colour(views)
-    assert ratio is not None
-    assert FADED * 1.3 < ratio < GLARING / 1.3
-    assert list(warnings_of(views)) == []
-
-
-def test_alpha_once_too_often_or_too_seldom(tiny: Scene) -> None:
-    (twice,) = warnings_of([times_alpha(view, 1) for view in tiny.train])
-    assert "multiplied by alpha twice" in twice
-    (never,) = warnings_of([times_alpha(view, -1) for view in tiny.train])
-    assert "not to be multiplied by alpha" in never
-    assert list(warnings_of([times_alpha(view, -1) for view in tiny.train], own_alpha=False)) == []  # edges show a background
-    assert edge_colour(tiny.train[:1]) is None  # too few pixels to tell
-
-
-def test_eight_bits_stored_as_linear(tiny: Scene) -> None:
-    stepped = [
-        replace(v, image=(np.round(255 * v.image.clip(0, 1)) / 255).astype(np.float16).astype(np.float32)) for v in tiny.train
-    ]
-    assert in_eight_bits(stepped)
-    assert not in_eight_bits(tiny.train)
+@pytest.mark.parametrize("bits", [8, 16])
+def test_labels_are_no_mask(tmp_path: Path, bits: int) -> None:
+    Image.fromarray(INSIDE if bits == 8 else INSIDE.astype(np.uint16) * 255).save(tmp_path / "mask.png")
+    white, found = 2**bits - 1, 1 if bits == 8 else 255
+    said = rf"mask\.png: expected white \({white}\) where the object is, found values up to {found} of {white}$"
+    with pytest.raises(InputError, match=said):
+        read_mask(tmp_path / "mask.png")

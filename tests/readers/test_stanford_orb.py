@@ -9,7 +9,6 @@ import pytest
 from calibrated_writers import write_stanford_orb
 from written import STEEPEST, STEP, save_png, scene_to_write, to_srgb
 
-from ia_bench.common.errors import InputError
 from ia_bench.readers.stanford_orb import StanfordOrbReader
 from ia_bench.scenes.scene import Scene
 
@@ -53,9 +52,3 @@ def test_truth_is_multiplied_by_coverage_once(folder: Path, side: int, suffix: s
     np.testing.assert_allclose(view.albedo, coverage * ALBEDO, atol=STEEPEST * STEP if suffix == ".png" else 1e-6)
     np.testing.assert_allclose(view.normal, coverage * view.camera.to_world[:3, 2], atol=1e-6)
     np.testing.assert_allclose(view.depth, view.mask * DEPTH, atol=1e-5)
-
-
-def test_truth_that_is_coarser_than_the_shrunken_photograph_is_refused(folder: Path) -> None:
-    save(folder, "z_depth", np.ones((8, 8)))
-    with pytest.raises(InputError, match=rf"{NAME}\.npy: expected 32 x 32 values, or a multiple of these, found 8 x 8 x 1"):
-        StanfordOrbReader(folder, capture=CAPTURE, shrink=2).read(truth=True)

@@ -13,8 +13,7 @@ from skimage.color import rgb2xyz, xyz2rgb
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench.scenes.color import linear_to_srgb as linear_to_srgb_torch
-from ia_bench.scenes.exr import read_exr, write_exr
-from ia_bench.scenes.rgbe import read_rgbe
+from ia_bench.scenes.exr import read_exr, read_rgbe, write_exr
 
 # ---------------------------------------------------------------- openEXR files that store a part of what they show
 # Or more: pixels are where the picture that is shown has them.
