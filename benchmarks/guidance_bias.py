@@ -15,9 +15,8 @@ import math
 import torch
 from torch import Tensor
 
-from ia_bench.priors.diffusion.guidance import Guidance
-from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.guidance import Guidance, Pull
+from ia_bench.priors.diffusion.sampler import NoiseSchedule, SamplerSettings, sample
 
 VARIANCE, TARGET, STEPS, SHAPE = 0.1, 0.5, 1000, (1, 3, 64, 64)
 CASES = (("variance", "squared"), ("paper", "squared"), ("paper", "l2"))
@@ -49,9 +48,9 @@ def main() -> None:
             mean, spread = posterior(strength, norm)
             cells = [rule, norm, f"{strength:g}", f"{mean:.3f}", f"{spread:.3f}"]
             for eta in (0.0, 1.0):
-                guidance = Guidance(torch.full(SHAPE, TARGET), strength, rule=rule, norm=norm, prior_variance=VARIANCE)  # type: ignore[arg-type]
-                found = sample(denoise, schedule, SHAPE, [0], SamplerSettings(STEPS, eta, clip=None), guidance)
-                share = guidance.report.bounded / guidance.report.updates
+                guidance = Guidance((Pull(torch.full(SHAPE, TARGET), strength),), rule, norm, VARIANCE)  # type: ignore[arg-type]
+                found = sample(guidance.guiding(denoise, schedule), schedule, SHAPE, [0], SamplerSettings(STEPS, eta, clip=None))
+                share = guidance.cost["guided_cut"] / guidance.cost["guided_estimates"]
                 cells += [f"{(float(found.mean()) - mean) / spread:+.2f}", f"{float(found.std()) / spread:.2f}", f"{share:.0%}"]
             print("| " + " | ".join(cells) + " |", flush=True)
 

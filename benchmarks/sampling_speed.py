@@ -19,8 +19,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.sampler import Denoise, SamplerSettings, sample, seeded_noise
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule, SamplerSettings, sample, seeded_noise
 
 
 def main() -> None:

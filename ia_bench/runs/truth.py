@@ -14,7 +14,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Problem
 from ia_bench.priors.contract import Observations, Prior
-from ia_bench.priors.wrapped import WrappedPrior
+from ia_bench.priors.corrected import WrappedPrior
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene, View

@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import torch
-from priors.tiny_network import tiny_weights
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
-from ia_bench.common import registry
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import COMPONENTS, Observations, Prior, PriorInfo, Samples
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
 
 DIALS = {"scale": 0.02, "shift": 0.02, "noise": 0.02, "blur": 0.7, "baked": 0.2, "inconsistency": 0.05}
-
-
-def test_every_built_in_prior_is_one(tmp_path: Path) -> None:
-    plugins = registry.built_in("prior")
-    assert {"none", "oracle", "diffusion", "regressor", "intrinsicanything"} <= set(plugins)
-    options = {"regressor": {"weights": str(tiny_weights(tmp_path / "weights", "regressor"))}}
-    for plugin in plugins.values():
-        if plugin.name == "intrinsicanything":  # needs converted weights; tests/priors/original makes some
-            continue
-        made = registry.create("prior", plugin.name, plugin.target, options.get(plugin.name, {}))
-        assert isinstance(made, Prior)
-        assert made.info.provides <= set(COMPONENTS)
-        assert ("truth" in made.info.wants) == made.info.sees_truth
-    assert not isinstance(object(), Prior)
 
 
 ALBEDO_ALONE = {"components": ["albedo"], "noise": 0.02}

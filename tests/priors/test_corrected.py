@@ -15,7 +15,6 @@ from ia_bench.common.registry import built_in, create
 from ia_bench.priors.contract import COMPONENTS, Distiller, Observations, Samples
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.diffusion.prior import DiffusionPrior
-from ia_bench.runs.composition import compose
 
 
 @pytest.fixture(scope="module")
@@ -74,13 +73,6 @@ def test_conforms(weights: str, stack: Stack) -> None:
     assert len(findings) > 20
 
 
-def test_geometry_reaches_the_prior_behind(weights: str, stack: Stack) -> None:
-    seeing, blind = (corrected(weights, 1.0, geometry=geometry) for geometry in (True, False))
-    assert (seeing.info.wants, blind.info.wants) == (WANTED, {"truth"})
-    first, second = (prior.sample(stack.shown(WANTED), seed=0).values["albedo"] for prior in (seeing, blind))
-    assert not torch.equal(first, second)
-
-
 def test_the_prior_behind_sees_no_truth(weights: str, stack: Stack, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[Observations] = []
 
@@ -107,9 +99,3 @@ def test_the_prior_behind_sees_no_truth(weights: str, stack: Stack, monkeypatch:
 def test_wrong_options(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         create("prior", "corrected", built_in("prior")["corrected"].target, options)
-
-
-def test_options_of_the_command_line_arrive(weights: str) -> None:
-    config = compose(["device=cpu", "prior=corrected", f"prior.options.of_options={{weights: {weights}, steps: 2}}"])
-    prior = CorrectedPrior(**config.prior.options)
-    assert prior.info.provides == {"albedo", "specular"}

@@ -12,9 +12,8 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.methods.couplings.targets import align_views
 from ia_bench.priors.diffusion.encoding import decode, encode, exposure
-from ia_bench.priors.diffusion.guidance import Guidance, Norm, Rule
-from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
-from ia_bench.priors.diffusion.schedule import NoiseSchedule, image_behind
+from ia_bench.priors.diffusion.guidance import Guidance, Norm, Pull, Rule
+from ia_bench.priors.diffusion.sampler import NoiseSchedule, SamplerSettings, image_behind, sample
 from ia_bench.scenes.color import tone_map
 
 SHAPE = (2, 3, 24, 24)
@@ -139,10 +138,6 @@ def _guidance() -> Iterator[Case]:
         yield Case(group, extreme, "sample", "the unguided one", 1e-6, lambda n=norm: _arrived(n))
     yield Case(group, "half of the pixels without weight", "these pixels", "the unguided ones", 0.0, _half_weighted)
     yield Case(group, "a target of noise of standard deviation 100", "samples beyond [-1, 1]", "0", 0.0, _noisy_target)
-    yield Case(
-        group, "strength NaN", "guidance", "refused", 0.0,
-        lambda: refused(lambda: Guidance(torch.zeros(SHAPE), math.nan), InputError, "strength"),
-    )  # fmt: skip
 
 
 def _wide(steps: int) -> NoiseSchedule:
@@ -158,12 +153,12 @@ def _draw(guidance: Guidance | None, steps: int, *, clip: bool, variance: float 
         return (variance * math.sqrt(level) * noisy + (1 - level) * MEAN) / (variance * level + 1 - level)
 
     settings = SamplerSettings(steps, clip=(-1.0, 1.0) if clip else None)
-    return sample(denoise, schedule, SHAPE, list(range(SHAPE[0])), settings, guidance)
+    return sample((guidance or Guidance()).guiding(denoise, schedule), schedule, SHAPE, list(range(SHAPE[0])), settings)
 
 
 def _pull(strength: float, rule: Rule = "variance", norm: Norm = "squared", target: Tensor | None = None) -> Guidance:
     wanted = torch.full(SHAPE, TARGET) if target is None else target
-    return Guidance(wanted, strength, rule=rule, norm=norm, prior_variance=VARIANCE)
+    return Guidance((Pull(wanted, strength),), rule, norm, VARIANCE)
 
 
 def _posterior(strength: float) -> Measured:
@@ -181,20 +176,20 @@ def _strength_zero() -> Measured:
 def _in_range(rule: Rule, norm: Norm, steps: int) -> Measured:
     guidance = _pull(1e3, rule, norm)
     found = _draw(guidance, steps, clip=True)
-    return Measured(max(0.0, float(found.abs().max()) - 1), guards=guidance.report.bounded, finite=all_finite(found))
+    return Measured(max(0.0, float(found.abs().max()) - 1), guards=guidance.cost["guided_cut"], finite=all_finite(found))
 
 
 def _arrived(norm: Norm) -> Measured:
     """All data are MEAN, and so is the target: the residual is zero throughout, and its norm has no gradient."""
     guidance = _pull(10.0, "paper", norm, torch.full(SHAPE, MEAN))
     found, plain = _draw(guidance, 50, clip=True, variance=0.0), _draw(None, 50, clip=True, variance=0.0)
-    return Measured(deviation(found, plain, 1e-2), guards=guidance.report.bounded, finite=all_finite(found))
+    return Measured(deviation(found, plain, 1e-2), guards=guidance.cost["guided_cut"], finite=all_finite(found))
 
 
 def _half_weighted() -> Measured:
     weight = torch.ones(SHAPE)
     weight[..., ::2] = 0
-    guidance = Guidance(torch.full(SHAPE, TARGET), 1e3, weight, prior_variance=VARIANCE)
+    guidance = Guidance((Pull(torch.full(SHAPE, TARGET), 1e3, weight),), prior_variance=VARIANCE)
     found, plain = _draw(guidance, 50, clip=True), _draw(None, 50, clip=True)
     error = float((found - plain)[..., ::2].abs().max())
     return Measured(error, finite=all_finite(found))

@@ -13,7 +13,7 @@ from torch import Tensor
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
-from ia_bench.priors.refiner.checkpoint import load_refiner
+from ia_bench.priors.refiner import load_refiner
 from ia_bench_training.fit_data import main as make
 from ia_bench_training.fit_files import CHANNELS, FitInfo, fit_path, fit_paths, load_fit, write_fit
 from ia_bench_training.refiner import RefinerSettings, Views, _recoloured, train_refiner

@@ -23,7 +23,7 @@ from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.original.networks import RECORD
+from ia_bench.priors.original import RECORD
 
 USAGE = """\
 python -m ia_bench_training.convert_weights checkpoint=CKPT out=FOLDER/albedo [sha256=HEX]

@@ -19,8 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.ranges import Count, NotNegative, Number, UnitInterval
 from ia_bench.priors.inputs import use_bf16
-from ia_bench.priors.refiner.checkpoint import save_refiner
-from ia_bench.priors.refiner.network import RENDERS, RefinerConfig, RefinerNetwork, Seen, see
+from ia_bench.priors.refiner import RENDERS, RefinerConfig, RefinerNetwork, Seen, save_refiner, see
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_training.fit_files import CHANNELS, fit_paths, load_fit
 from ia_bench_training.optimiser import MuonAdamW, split_weights

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.encoding import decode
-from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.network import Conditioned, MaterialNetwork
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
 from ia_bench_training.dataset import NO_AUGMENTATION, Batch, TrainingImages, encode
 

@@ -11,12 +11,14 @@ sums over one image. docs/sampling.md derives the scalings and measures each rul
 
 The explicit rule, "paper", is stiff: its step grows without bound in gamma and in b / a. It is cut where it would carry A x_0 past
 the minimum of |A x_0 - y| along the step (a line search that costs no evaluation), so the distance to the target never
-grows. Every cut is counted in :class:`GuidanceReport`.
+grows. Every cut is counted.
 """
 
 from __future__ import annotations
 
+import functools
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -25,8 +27,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform, inverse_cosine_transform
-from ia_bench.priors.diffusion.schedule import Denoise
+from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule
 
 Rule = Literal["paper", "variance"]
 Norm = Literal["l2", "squared"]
@@ -39,27 +40,27 @@ SOLVER_TOLERANCE = 1e-4  # of the conjugate gradients, relative; 10^-4 of a pull
 SOLVER_STEPS = 200  # enough for that tolerance at condition number 1 + gamma r^2 = 1000, without any help of the preconditioner
 
 
-@dataclass
-class GuidanceReport:
-    """``updates``: guided estimates so far, one per image and step. ``bounded``: how many of them had their step cut."""
+@dataclass(frozen=True)
+class GaussianBlur:
+    """The operator A: a Gaussian blur of ``sigma`` >= 0 pixels over the last two axes; 0 is the identity.
 
-    updates: int = 0
-    _bounded: Tensor | int = 0
+    The image is continued by reflection (half-sample even), so A is symmetric, keeps the mean, and is diagonal in the
+    type-II cosine transform: frequency k of n has eigenvalue exp(-(sigma pi k / n)^2 / 2). There is no kernel to truncate.
+    """
 
-    @property
-    def bounded(self) -> int:
-        """Waits for the device: the count is kept there, so that counting stalls no step."""
-        return int(self._bounded)
+    sigma: float = 0.0
 
-    @property
-    def counters(self) -> dict[str, int]:
-        """Both by name, as :class:`ia_bench.priors.contract.Samples` tells them."""
-        return {"guided_estimates": self.updates, "guided_cut": self.bounded}
+    def apply(self, image: Tensor) -> Tensor:
+        """A x for ``image`` (..., H, W), same shape; differentiable."""
+        if self.sigma == 0:
+            return image
+        rows, columns = (_blur_matrix(size, self.sigma, image.device, image.dtype) for size in image.shape[-2:])
+        return rows @ image @ columns
 
-    def add(self, bounded: Tensor) -> None:
-        """Count one step of a batch; ``bounded`` (N,) bool."""
-        self.updates += len(bounded)
-        self._bounded = self._bounded + bounded.sum()
+    def eigenvalues(self, like: Tensor) -> Tensor:
+        """The eigenvalues of A, (H, W) in (0, 1], by vertical and horizontal frequency, for images ``like`` (..., H, W)."""
+        rows, columns = (_eigenvalues(size, self.sigma) for size in like.shape[-2:])
+        return (rows[:, None] * columns).to(like)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +76,6 @@ class Pull:
     weight: Tensor | None = None
     operator: GaussianBlur = field(default_factory=GaussianBlur)
 
-    def __post_init__(self) -> None:
-        if not (self.strength >= 0 and math.isfinite(self.strength)):
-            raise InputError(f"guidance strength: expected a finite number >= 0, found {self.strength}")
-        if self.target.ndim != 4:
-            raise InputError(f"guidance target: expected shape (N, C, H, W), found {tuple(self.target.shape)}")
-        expected = (self.target.shape[0], 1, *self.target.shape[2:])
-        if self.weight is not None and tuple(self.weight.shape) not in (expected, tuple(self.target.shape)):
-            raise InputError(f"guidance weight: expected shape {expected} or the target's, found {tuple(self.weight.shape)}")
-
     def through(self, remake: Callable[[Tensor], Tensor], scale: float = 1.0) -> Pull:
         """The same pull on images that were cut or resized by ``remake``; ``scale``: new pixels per old one."""
         weight = None if self.weight is None else remake(self.weight)
@@ -95,74 +87,58 @@ class Pull:
 
 
 @dataclass(frozen=True, eq=False)
-class Guidance(Pull):
-    """A :class:`Pull` and the rule by which it acts; the module's docstring has the formulas.
+class Guidance:
+    """What pulls samples, and the rule by which it acts; the module's docstring has the formulas.
 
     ``norm`` "l2" is the paper's; its gradient has length 1 whatever the image's size, so its strength counts in units of one
-    image's distance. ``prior_variance``: see :func:`posterior_variance`; for the rule "variance". ``also``: further pulls that act
-    together with this one. ``report``: counts what the guidance did; pass one to several guidances to add them up. Raises
-    InputError for "l2" with "variance", whose two terms are both Gaussian.
+    image's distance. ``prior_variance``: see :func:`posterior_variance`; for the rule "variance". ``cost`` counts
+    "guided_estimates", one per image and step, and "guided_cut", those of them whose step was cut. Raises InputError for "l2"
+    with "variance", whose two terms are both Gaussian.
     """
 
+    pulls: tuple[Pull, ...] = ()
     rule: Rule = "variance"
     norm: Norm = "squared"
     prior_variance: float = DEFAULT_PRIOR_VARIANCE
-    also: tuple[Pull, ...] = ()
-    report: GuidanceReport = field(default_factory=GuidanceReport)
+    cost: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        check_norm(self.rule, self.norm, "guidance norm")
+        if self.rule == "variance" and self.norm != "squared":
+            expected = 'expected "squared" with the rule "variance"'
+            raise InputError(f"prior.options.guidance_norm: {expected}, found {self.norm!r}")
 
-    @classmethod
-    def of(cls, pulls: Sequence[Pull], rule: Rule, norm: Norm, prior_variance: float, report: GuidanceReport) -> Guidance:
-        """The guidance of several ``pulls`` (at least one) at once."""
-        first, *rest = pulls
-        own = first.target, first.strength, first.weight, first.operator
-        return cls(*own, rule, norm, prior_variance, tuple(rest), report)
+    def guiding(self, denoise: Denoise, schedule: NoiseSchedule) -> Denoise:
+        """``denoise`` whose estimates are guided, with one evaluation each (not clipped); itself where nothing pulls."""
+        pulls = [pull for pull in self.pulls if pull.strength > 0]
+        if not pulls:
+            return denoise
 
-    @property
-    def active(self) -> bool:
-        """Whether anything pulls at all."""
-        return bool(self.pulls)
+        def guided(noisy: Tensor, t: int) -> Tensor:
+            self.cost["guided_estimates"] += len(noisy)
+            alpha_bar = float(schedule.alpha_bar[t])
+            if self.rule == "variance":
+                return combine(denoise(noisy, t), pulls, posterior_variance(self.prior_variance, alpha_bar))
+            return self._explicit_step(denoise, pulls, noisy, t, alpha_bar)
 
-    @property
-    def pulls(self) -> tuple[Pull, ...]:
-        """This one and ``also``, those of strength 0 left out."""
-        return tuple(pull for pull in (self, *self.also) if pull.strength > 0)
+        return guided
 
-    def estimate_x0(self, denoise: Denoise, noisy: Tensor, t: int, alpha_bar: float) -> Tensor:
-        """The guided estimate of x_0 (N, C, H, W) at ``noisy`` x_t, with one evaluation of ``denoise`` (not clipped)."""
-        if self.rule == "variance":
-            x0 = denoise(noisy, t)
-            self.report.add(torch.zeros(len(x0), dtype=torch.bool, device=x0.device))
-            return combine(x0, self.pulls, posterior_variance(self.prior_variance, alpha_bar))
-        x0, direction = self._explicit_step(denoise, noisy, t, alpha_bar)
-        return x0 - direction
-
-    def _explicit_step(self, denoise: Denoise, noisy: Tensor, t: int, alpha_bar: float) -> tuple[Tensor, Tensor]:
-        """The estimate of x_0 and what the explicit rule subtracts from it, cut to the line's minimum and counted."""
+    def _explicit_step(self, denoise: Denoise, pulls: Sequence[Pull], noisy: Tensor, t: int, alpha_bar: float) -> Tensor:
+        """The estimate of x_0 less what the explicit rule subtracts from it, which is cut to the line's minimum."""
         with torch.enable_grad():
             variable = noisy.detach().requires_grad_()
             estimate = denoise(variable, t)
-        if not estimate.requires_grad:
-            raise InputError(
-                'guidance rule "paper": expected a denoiser that can be differentiated, found an output without gradient '
-                "(you may have called the network under torch.no_grad)"
-            )
         x0 = estimate.detach()
-        differences = [pull.operator.apply(x0) - pull.target for pull in self.pulls]
-        gains = [self._gain(pull, difference) for pull, difference in zip(self.pulls, differences, strict=True)]
-        slope = _normal(self.pulls, gains, differences)  # the gradient of all phi in x_0
+        differences = [pull.operator.apply(x0) - pull.target for pull in pulls]
+        gains = [self._gain(pull, difference) for pull, difference in zip(pulls, differences, strict=True)]
+        slope = _normal(pulls, gains, differences)  # the gradient of all phi in x_0
         (direction,) = torch.autograd.grad(estimate, variable, slope)
 
         # Along x_0 - length * direction the sum of gain |A x - y|^2 / 2 is a parabola, lowest at slope / curvature.
-        seen = [pull.operator.apply(direction) for pull in self.pulls]
-        curvature = _inner(direction, _normal(self.pulls, gains, seen))
+        curvature = _inner(direction, _normal(pulls, gains, [pull.operator.apply(direction) for pull in pulls]))
         lowest = torch.where(curvature > 0, _inner(direction, slope) / curvature, 0.0).clamp(min=0)
         length = math.sqrt((1 - alpha_bar) / alpha_bar) if alpha_bar > 0 else math.inf  # no signal left: to the line's minimum
-        self.report.add((lowest < length) & direction.flatten(1).any(1))
-        return x0, lowest.clamp(max=length)[:, None, None, None] * direction
+        self.cost["guided_cut"] += int(((lowest < length) & direction.flatten(1).any(1)).sum())
+        return x0 - lowest.clamp(max=length)[:, None, None, None] * direction
 
     def _gain(self, pull: Pull, difference: Tensor) -> Tensor | float:
         """What multiplies W e: gamma / n, a number or (N, 1, 1, 1); 0 where an image has arrived and "l2" has no gradient."""
@@ -170,12 +146,6 @@ class Guidance(Pull):
             return pull.strength
         distance = _inner(difference, pull.weighted(difference)).sqrt()
         return torch.where(distance > 0, pull.strength / distance, 0.0)[:, None, None, None]
-
-
-def check_norm(rule: Rule, norm: Norm, key: str) -> None:
-    """Raise InputError, naming ``key``, for "l2" with "variance", whose two terms are both Gaussian."""
-    if rule == "variance" and norm != "squared":
-        raise InputError(f'{key}: expected "squared" with the rule "variance", found {norm!r}')
 
 
 def posterior_variance(prior_variance: float, alpha_bar: float) -> float:
@@ -234,3 +204,34 @@ def _normal(pulls: Sequence[Pull], gains: Sequence[Tensor | float], differences:
 def _inner(left: Tensor, right: Tensor) -> Tensor:
     """The inner product of each image, (N,)."""
     return (left * right).flatten(1).sum(1)
+
+
+def cosine_transform(image: Tensor) -> Tensor:
+    """Orthonormal type-II discrete cosine transform over the last two axes, as products with two small matrices."""
+    rows, columns = (_cosine_matrix(size, image.device, image.dtype) for size in image.shape[-2:])
+    return rows @ image @ columns.T
+
+
+def inverse_cosine_transform(spectrum: Tensor) -> Tensor:
+    """The inverse (and transpose) of :func:`cosine_transform`."""
+    rows, columns = (_cosine_matrix(size, spectrum.device, spectrum.dtype) for size in spectrum.shape[-2:])
+    return rows.T @ spectrum @ columns
+
+
+def _eigenvalues(size: int, sigma: float) -> Tensor:
+    return torch.exp(-0.5 * (sigma * math.pi / size * torch.arange(size, dtype=torch.float64)).square())
+
+
+@functools.lru_cache(maxsize=32)
+def _cosine_matrix(size: int, device: torch.device, dtype: torch.dtype) -> Tensor:
+    """(size, size): row k is the basis function cos(pi k (i + 1/2) / size), normalised."""
+    index = torch.arange(size, dtype=torch.float64)
+    basis = torch.cos(math.pi / size * index[:, None] * (index + 0.5)) * math.sqrt(2 / size)
+    basis[0] *= math.sqrt(0.5)
+    return basis.to(device, dtype)
+
+
+@functools.lru_cache(maxsize=32)
+def _blur_matrix(size: int, sigma: float, device: torch.device, dtype: torch.dtype) -> Tensor:
+    basis = _cosine_matrix(size, torch.device("cpu"), torch.float64)
+    return (basis.T @ (_eigenvalues(size, sigma)[:, None] * basis)).to(device, dtype)

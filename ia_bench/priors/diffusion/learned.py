@@ -21,7 +21,7 @@ from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Sample
 from ia_bench.priors.diffusion import encoding
 from ia_bench.priors.diffusion.checkpoints import DESCRIPTION, fingerprint, load_network
 from ia_bench.priors.diffusion.framing import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
-from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
+from ia_bench.priors.diffusion.network import Conditioned, MaterialNetwork, NetworkConfig
 from ia_bench.priors.inputs import Device, Precision, check_views, choose_device, content_number, use_bf16
 from ia_bench.priors.weight_files import read_description
 
@@ -132,6 +132,9 @@ class LearnedPrior(ABC):
         check_views(self.kind, observations, guidance or {}, self.info.provides)
         return self._through(observations, seed, guidance or {}, self._predict)
 
+    def _conditioned(self, network: MaterialNetwork, cost: Counter[str]) -> Conditioned:
+        return Conditioned(network, chunk=self.batch, bf16=self.bf16, cost=cost)
+
     def _options(self) -> dict[str, Any]:
         """The options that change samples, besides those of this class."""
         return {}
@@ -223,6 +226,22 @@ class LearnedPrior(ABC):
 
     def _cut(self, values: Tensor, framed: Framed) -> Tensor:
         return torch.stack([frame.cut(values[view]) for view, frame in zip(framed.views, framed.frames, strict=True)])
+
+
+class RegressorPrior(LearnedPrior):
+    """The paper's "data-driven" alternative: a network of the diffusion prior's size, data and training, without noise.
+
+    It returns the mean of what the image could mean, always the same; so there is nothing to guide.
+    """
+
+    kind = "regressor"
+    stochastic = False
+
+    @torch.no_grad()
+    def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
+        if render:
+            raise InputError("prior=regressor: it cannot be guided (guidable is false), found guidance")
+        return self._conditioned(network, cost).regress(framed.condition)
 
 
 def _display(encoded: Tensor) -> Tensor:

@@ -10,6 +10,7 @@ image times a gain that it predicts, plus an offset. Where shading is smooth so 
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -22,7 +23,7 @@ from ia_bench.common.ranges import Number
 from ia_bench.common.suggestions import unknown
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
-from ia_bench.priors.diffusion.schedule import SCHEDULE_KEYS, NoiseSchedule
+from ia_bench.priors.diffusion.sampler import SCHEDULE_KEYS, Denoise, NoiseSchedule
 
 Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
@@ -45,7 +46,7 @@ class NetworkConfig:
         geometry: Whether normals and visibility are inputs, which may be absent.
         encoder: "small" (trained along) or "none". The paper's, CLIP, is a part of ``prior=intrinsicanything``.
         tokens: Width of a token.
-        schedule: See :meth:`ia_bench.priors.diffusion.schedule.NoiseSchedule.from_diffusers`.
+        schedule: See :meth:`ia_bench.priors.diffusion.sampler.NoiseSchedule.from_diffusers`.
 
     Raises:
         InputError: The values make no network.
@@ -221,3 +222,46 @@ class SmallEncoder(nn.Module):
         features = F.adaptive_avg_pool2d(self.convolutions(image), self.SIDE)
         return self.norm(features.flatten(2).transpose(1, 2) + self.position)
 
+
+class Conditioned:
+    """``network`` asked about a batch of conditions, ``chunk`` images per pass, which bounds memory.
+
+    ``cost`` counts its evaluations, one per image and pass, as "network_calls".
+    """
+
+    def __init__(self, network: MaterialNetwork, *, chunk: int = 64, bf16: bool = False, cost: Counter[str] | None = None) -> None:
+        self.network, self.chunk, self.bf16 = network, chunk, bf16
+        self.cost: Counter[str] = Counter() if cost is None else cost
+
+    def bind(self, condition: Tensor) -> Denoise:
+        """The denoiser of (N, condition_channels, H, W) images; their tokens are computed here, once.
+
+        It may be called with any whole multiple k of N noisy images: image i is explained by condition i mod N, so that
+        several samples of one image share the encoder's work.
+        """
+        tokens = self._tokens(condition)
+        return lambda noisy, t: self._output(noisy, len(noisy), t, condition, tokens)
+
+    def regress(self, condition: Tensor) -> Tensor:
+        """The regressor's estimate (N, 3 C, H, W)."""
+        return self._output(None, len(condition), self.network.config.timesteps - 1, condition, self._tokens(condition))
+
+    def _tokens(self, condition: Tensor) -> Tensor | None:
+        with torch.no_grad(), self._precision():
+            parts = [self.network.tokens(part) for part in condition.split(self.chunk)]
+        tokens = [part.float() for part in parts if part is not None]
+        return torch.cat(tokens) if tokens else None
+
+    def _output(self, noisy: Tensor | None, count: int, t: int, condition: Tensor, tokens: Tensor | None) -> Tensor:
+        parts = []
+        for part in torch.arange(count, device=condition.device).split(self.chunk):
+            timestep, image = torch.full((len(part),), t, device=condition.device), part % len(condition)
+            seen = None if noisy is None else noisy[part]
+            with self._precision():
+                known = None if tokens is None else tokens[image]
+                parts.append(self.network.denoise(seen, timestep, condition[image], known).float())
+        self.cost["network_calls"] += count
+        return torch.cat(parts)
+
+    def _precision(self) -> torch.autocast:
+        return torch.autocast(next(self.network.parameters()).device.type, torch.bfloat16, enabled=self.bf16)

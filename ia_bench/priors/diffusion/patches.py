@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import partial
 
 import torch
@@ -19,10 +19,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ia_bench.common.seeds import derive_seed
-from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Norm, Pull, Rule
-from ia_bench.priors.diffusion.operators import GaussianBlur
-from ia_bench.priors.diffusion.sampler import Noise, SamplerSettings, sample, seeded_noise
-from ia_bench.priors.diffusion.schedule import Denoise, NoiseSchedule
+from ia_bench.priors.diffusion.guidance import GaussianBlur, Guidance, Pull
+from ia_bench.priors.diffusion.sampler import Denoise, Noise, NoiseSchedule, SamplerSettings, sample, seeded_noise
 
 MakeDenoise = Callable[[Tensor], Denoise]
 """Conditions (n, C, native, native) -> the denoiser bound to them, for n samples at once."""
@@ -30,97 +28,74 @@ MakeDenoise = Callable[[Tensor], Denoise]
 Place = tuple[int, slice, slice, slice]
 """Where a patch lies: (image, all channels, rows, columns), an index into (N, C, H, W)."""
 
-
 PATCH_REDUCTION = 3.0
 """Image pixels a native pixel may stand for before patches are worth their cost: up to 2.9 single views gain nothing."""
-
-
 OVERLAP = 0.5
 """Least share of a patch's side that its neighbour covers too."""
-
 STRENGTH = 100.0
 """How strongly the coarse sample guides the patches; see guidance.py."""
 
 
-@dataclass(frozen=True, eq=False)
-class LargeSampler:
-    """Draws square images larger than the side of those that the network works on.
+def sample_large(
+    make_denoise: MakeDenoise,
+    schedule: NoiseSchedule,
+    like: tuple[int, int, int],
+    condition: Tensor,
+    foreground: Tensor,
+    seeds: Sequence[int],
+    settings: SamplerSettings,
+    guidance: Guidance,
+    *,
+    batch: int,
+) -> Tensor:
+    """One sample (N, channels, S, S) per ``condition`` (N, C, S, S), on its device, ``batch`` images or patches at a time.
 
-    An image is reduced to that side for the coarse sample, then sampled in patches at full resolution.
-
-    Attributes:
-        make_denoise: The network.
-        schedule: Its noise levels.
-        channels: Channels of a sample.
-        native: The side of the squares that the network works on.
-        settings: How it is sampled.
-        batch: How many images or patches are sampled at once.
-        manner: Rule, norm and prior variance of the guidance, those of the coarse sample's pull on the patches among it.
-        report: Counts what the guidance did.
+    ``like`` is the shape of what the network draws, smaller than S: an image is reduced to that for the coarse sample, then sampled
+    in patches at full resolution. Patches without ``foreground`` ((N, 1, S, S) on the CPU, > 0 where it matters) are skipped; what
+    no patch covers keeps the enlarged coarse sample. The pulls of ``guidance`` (at full resolution) act on the coarse sample, reduced,
+    and on the patches beside the coarse one. ``seeds`` (N,): the coarse sample's seed is the image's, that of the noise its patches
+    share derives from it, so that an image's sample depends neither on the images beside it nor on the batch.
     """
+    channels, native, _ = like
+    side = condition.shape[-1]
 
-    make_denoise: MakeDenoise
-    schedule: NoiseSchedule
-    channels: int
-    native: int
-    settings: SamplerSettings
-    batch: int
-    manner: tuple[Rule, Norm, float]
-    report: GuidanceReport
+    def draw(condition: Tensor, seeds: Sequence[int] | Noise, pulls: Sequence[Pull]) -> Tensor:
+        denoise = replace(guidance, pulls=tuple(pulls)).guiding(make_denoise(condition), schedule)
+        shape, device, dtype = (len(condition), *like), condition.device, condition.dtype
+        return sample(denoise, schedule, shape, seeds, settings, device=device, dtype=dtype)
 
-    def sample(self, condition: Tensor, foreground: Tensor, seeds: Sequence[int], pulls: Sequence[Pull]) -> Tensor:
-        """One sample (N, channels, S, S) per ``condition`` (N, C, S, S), on the condition's device.
+    samples = []
+    for start in range(0, len(condition), batch):
+        part = slice(start, start + batch)
+        reduced = partial(_reduced, part=part, side=native)
+        toward = [pull.through(reduced, native / side) for pull in guidance.pulls]
+        samples.append(draw(reduced(condition), seeds[part], toward))
+    coarse = _resized(torch.cat(samples), side)
+    # To average over a coarse pixel (variance factor^2 / 12) and interpolate linearly between them (factor^2 / 6) is nearly:
+    blur = GaussianBlur(side / native / 2)
+    pulls = [Pull(coarse, STRENGTH, operator=blur), *guidance.pulls]
+    places = [
+        (number, slice(None), slice(top, top + native), slice(left, left + native))
+        for number in range(len(condition))
+        for top, left in patch_origins(side, native)
+        if foreground[number, 0, top : top + native, left : left + native].any()
+    ]
+    window = hann_window(native).to(condition.device)
+    total = torch.zeros_like(coarse, dtype=torch.float64)
+    weight = torch.zeros_like(coarse[:, :1], dtype=torch.float64)
+    for start in range(0, len(places), batch):
+        some = places[start : start + batch]
+        cut = partial(_cut, places=some)
+        noise = _shared_noise(some, seeds, (channels, side, side))
+        fine = draw(cut(condition), noise, [pull.through(cut) for pull in pulls])
+        for place, patch in zip(some, fine, strict=True):
+            total[place] += window * patch
+            weight[place] += window
+    return torch.where(weight > 0, total / weight, coarse).to(coarse.dtype)
 
-        Patches without ``foreground`` ((N, 1, S, S) on the CPU, > 0 where it matters) are skipped; what no patch covers keeps the
-        enlarged coarse sample. ``pulls`` (at full resolution) act on the coarse sample, reduced, and on the patches beside the
-        coarse one. ``seeds`` (N,): the coarse sample's seed is the image's, that of the noise its patches share derives from it,
-        so that an image's sample depends neither on the images beside it nor on the batch.
-        """
-        native, side = self.native, condition.shape[-1]
-        coarse = self._coarse(condition, seeds, pulls)
-        # To average over a coarse pixel (variance factor^2 / 12) and interpolate linearly between them (factor^2 / 6) is nearly:
-        blur = GaussianBlur(side / native / 2)
-        pulls = [Pull(coarse, STRENGTH, operator=blur), *pulls]
-        places = [
-            (number, slice(None), slice(top, top + native), slice(left, left + native))
-            for number in range(len(condition))
-            for top, left in patch_origins(side, native)
-            if foreground[number, 0, top : top + native, left : left + native].any()
-        ]
 
-        window = hann_window(native).to(condition.device)
-        total = torch.zeros_like(coarse, dtype=torch.float64)
-        weight = torch.zeros_like(coarse[:, :1], dtype=torch.float64)
-        for start in range(0, len(places), self.batch):
-            part = places[start : start + self.batch]
-            cut = partial(_cut, places=part)
-            noise = _shared_noise(part, seeds, (self.channels, side, side))
-            fine = self._draw(cut(condition), noise, [pull.through(cut) for pull in pulls])
-            for place, patch in zip(part, fine, strict=True):
-                total[place] += window * patch
-                weight[place] += window
-        return torch.where(weight > 0, total / weight, coarse).to(coarse.dtype)
-
-    def _coarse(self, condition: Tensor, seeds: Sequence[int], pulls: Sequence[Pull]) -> Tensor:
-        """The coarse samples, enlarged to the size of ``condition``."""
-        side = condition.shape[-1]
-
-        def reduced(image: Tensor, part: slice) -> Tensor:
-            return _resized(image[part], self.native)
-
-        samples = []
-        for start in range(0, len(condition), self.batch):
-            part = slice(start, start + self.batch)
-            toward = [pull.through(partial(reduced, part=part), self.native / side) for pull in pulls]
-            samples.append(self._draw(reduced(condition, part), seeds[part], toward))
-        return _resized(torch.cat(samples), side)
-
-    def _draw(self, condition: Tensor, seeds: Sequence[int] | Noise, pulls: Sequence[Pull]) -> Tensor:
-        """Samples (n, channels, native, native) for ``condition`` (n, C, native, native), toward ``pulls``."""
-        guidance = Guidance.of(pulls, *self.manner, self.report) if pulls else None
-        shape = len(condition), self.channels, self.native, self.native
-        denoise, device, dtype = self.make_denoise(condition), condition.device, condition.dtype
-        return sample(denoise, self.schedule, shape, seeds, self.settings, guidance, device=device, dtype=dtype)
+def _reduced(images: Tensor, part: slice, side: int) -> Tensor:
+    return _resized(images[part], side)
 
 
 def _cut(images: Tensor, places: Sequence[Place]) -> Tensor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Literal
 
 import torch
@@ -13,11 +14,10 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import NotNegative, Number, Positive, UnitInterval
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, Samples
-from ia_bench.priors.diffusion.conditioned import Conditioned
-from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, GuidanceReport, Norm, Pull, Rule, check_norm
+from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, Norm, Pull, Rule
 from ia_bench.priors.diffusion.learned import Framed, LearnedPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, LargeSampler
+from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
 from ia_bench.priors.inputs import Device, Precision, check_views
 
@@ -62,14 +62,14 @@ class DiffusionPrior(LearnedPrior):
         if steps > longest:
             raise InputError(f"prior.options.steps: expected at most {longest} (the schedule's length), found {steps}")
         self.settings = SamplerSettings(steps=steps, eta=eta)
-        check_norm(guidance_rule, guidance_norm, "prior.options.guidance_norm")
         self.guidance_strength = guidance_strength
-        self._manner: tuple[Rule, Norm, float] = (guidance_rule, guidance_norm, prior_variance)
+        self._guidance = Guidance((), guidance_rule, guidance_norm, prior_variance)
 
     def _options(self) -> dict[str, Any]:
+        manner = self._guidance
         return {
             "sampler": [self.settings.steps, self.settings.eta],
-            "guidance": [*self._manner, self.guidance_strength],
+            "guidance": [manner.rule, manner.norm, manner.prior_variance, self.guidance_strength],
             "patches": self.patches,
         }
 
@@ -93,44 +93,44 @@ class DiffusionPrior(LearnedPrior):
             raise InputError(f"prior: renders: expected {', '.join(sorted(provides))}, found {', '.join(sorted(renders))}")
         return self._through(observations, seed, renders, self._distill, reduced=True)
 
+    @torch.no_grad()
     def _distill(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
-        model = self._conditioned(network)
-        predicted = _denoise_once(model, framed, torch.cat([render[name] for name in network.config.components], 1))
-        cost["network_calls"] += model.calls
-        return predicted
-
-    def _conditioned(self, network: MaterialNetwork) -> Conditioned:
-        return Conditioned(network, chunk=self.batch, bf16=self.bf16)
+        """Each image noised to its own random level and denoised in one evaluation."""
+        model, schedule = self._conditioned(network, cost), network.config.noise_schedule
+        clean = torch.cat([render[name] for name in network.config.components], 1)
+        low, high = (round(share * len(schedule)) for share in DISTILLED_LEVELS)
+        noise = seeded_noise(_noise_seeds(network, framed), (clean.shape[1], clean.shape[2], clean.shape[3]))().to(clean)
+        estimates = []
+        for row, seed in enumerate(framed.seeds):
+            one = slice(row, row + 1)
+            t = low + derive_seed(seed, 1) % (high - low)
+            level = float(schedule.alpha_bar[t])
+            noisy = level**0.5 * clean[one] + (1 - level) ** 0.5 * noise[one]
+            estimates.append(model.bind(framed.condition[one])(noisy, t))
+        return torch.cat(estimates).clamp(-1, 1)
 
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
-        config, model, report = network.config, self._conditioned(network), GuidanceReport()
+        config, condition, bind = network.config, framed.condition, self._conditioned(network, cost).bind
         schedule, channels, seeds = config.noise_schedule, config.output_channels, _noise_seeds(network, framed)
-        guidance = self._guidance(network, framed, render, report)
-        if framed.condition.shape[-1] > config.size:
+        cost.update(guided_estimates=0, guided_cut=0)
+        guidance = replace(self._toward(render, network, framed) if render else Guidance(), cost=cost)
+        if condition.shape[-1] > config.size:
             cost["patched_images"] += len(framed.views)
-            manner = self._manner if guidance is not None else ("variance", "squared", DEFAULT_PRIOR_VARIANCE)
-            large = LargeSampler(model.bind, schedule, channels, config.size, self.settings, self.batch, manner, report)
-            predicted = large.sample(framed.condition, framed.masks[:, None], seeds, guidance.pulls if guidance is not None else ())
-        else:
-            shape = (len(framed.condition), channels, *framed.condition.shape[-2:])
-            predicted = sample(
-                model.bind(framed.condition), schedule, shape, seeds, self.settings, guidance, device=self._device
+            like = (channels, config.size, config.size)
+            return sample_large(
+                bind, schedule, like, condition, framed.masks[:, None], seeds, self.settings, guidance, batch=self.batch
             )
-        cost.update({"network_calls": model.calls, **report.counters})
-        return predicted
+        shape = (len(condition), channels, *condition.shape[-2:])
+        denoise = guidance.guiding(bind(condition), schedule)
+        return sample(denoise, schedule, shape, seeds, self.settings, device=self._device)
 
-    def _guidance(
-        self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], report: GuidanceReport
-    ) -> Guidance | None:
+    def _toward(self, render: Mapping[str, Tensor], network: MaterialNetwork, framed: Framed) -> Guidance:
         """Toward the components in ``render``, inside the mask; the others are left to follow."""
-        if not render:
-            return None
         inside = (framed.masks > 0).float()[:, None].to(self._device)
         absent = torch.zeros_like(framed.condition[:, :3])
         parts = [render.get(name, absent) for name in network.config.components]
         weights = [(inside * (name in render)).expand_as(absent) for name in network.config.components]
-        pull = Pull(torch.cat(parts, 1), self.guidance_strength, torch.cat(weights, 1))
-        return Guidance.of([pull], *self._manner, report)
+        return replace(self._guidance, pulls=(Pull(torch.cat(parts, 1), self.guidance_strength, torch.cat(weights, 1)),))
 
 
 def _noise_seeds(network: MaterialNetwork, framed: Framed) -> list[int]:
@@ -139,19 +139,3 @@ def _noise_seeds(network: MaterialNetwork, framed: Framed) -> list[int]:
     if len(components) == len(COMPONENTS):
         return framed.seeds
     return [derive_seed(seed, COMPONENTS.index(components[0]), 0) for seed in framed.seeds]
-
-
-@torch.no_grad()
-def _denoise_once(model: Conditioned, framed: Framed, clean: Tensor) -> Tensor:
-    """Each image noised to its own random level and denoised in one evaluation."""
-    schedule = model.network.config.noise_schedule
-    low, high = (round(share * len(schedule)) for share in DISTILLED_LEVELS)
-    noise = seeded_noise(_noise_seeds(model.network, framed), (clean.shape[1], clean.shape[2], clean.shape[3]))().to(clean)
-    estimates = []
-    for row, seed in enumerate(framed.seeds):
-        one = slice(row, row + 1)
-        t = low + derive_seed(seed, 1) % (high - low)
-        level = float(schedule.alpha_bar[t])
-        noisy = level**0.5 * clean[one] + (1 - level) ** 0.5 * noise[one]
-        estimates.append(model.bind(framed.condition[one])(noisy, t))
-    return torch.cat(estimates).clamp(-1, 1)

@@ -1,4 +1,4 @@
-"""Images, denoisers and pulls of the tests of guidance."""
+"""Images, denoisers and pulls of the tests of sampling and guidance."""
 
 from __future__ import annotations
 
@@ -6,14 +6,27 @@ import math
 from dataclasses import replace
 
 import torch
-from gaussian_prior import gaussian_denoiser, wide_schedule
 from torch import Tensor
 
-from ia_bench.priors.diffusion.guidance import Guidance, Pull
-from ia_bench.priors.diffusion.operators import GaussianBlur
-from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
+from ia_bench.priors.diffusion.guidance import GaussianBlur, Guidance, Pull
+from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule, SamplerSettings, sample
 
 SIZE = (5, 7)
+
+
+def wide_schedule(steps: int) -> NoiseSchedule:
+    """Noise levels from 1e-4 to 1e4."""
+    return NoiseSchedule(1 / (1 + torch.logspace(-4, 4, steps, dtype=torch.float64).square()))
+
+
+def gaussian_denoiser(schedule: NoiseSchedule, mean: float, variance: float) -> Denoise:
+    """E[x_0 | x_t] in closed form."""
+
+    def denoise(noisy: Tensor, t: int) -> Tensor:
+        level = float(schedule.alpha_bar[t])
+        return (variance * math.sqrt(level) * noisy + (1 - level) * mean) / (variance * level + 1 - level)
+
+    return denoise
 
 
 def random(*shape: int, seed: int = 0) -> Tensor:
@@ -25,7 +38,10 @@ def coupled(noisy: Tensor, t: int) -> Tensor:
     return torch.tanh(noisy + 0.5 * noisy.roll(1, -1) - 0.3 * noisy.roll(2, -2) * noisy)
 
 
-# ----- the implicit rule ------------------------------------------------------------------------------------------------------
+def toward(target: Tensor, strength: float, weight: Tensor | None = None, sigma: float = 0.0, **rule: object) -> Guidance:
+    return Guidance((Pull(target, strength, weight, GaussianBlur(sigma)),), **rule)
+
+
 def pulls_of(*kinds: str, strength: float = 30.0) -> list[Pull]:
     """``kinds``: "identity", "blur", perhaps "weighted", perhaps by "channel"; half of the weights and channel 1 are zero."""
     pulls = []
@@ -43,10 +59,9 @@ def affine_map(guidance: Guidance, steps: int, mean: float, variance: float, cli
     count = math.prod(SIZE)
     init = torch.cat([torch.zeros(1, count), torch.eye(count)]).reshape(count + 1, 1, *SIZE).double()
     everywhere = guidance.pulls[0].through(lambda image: image.expand(count + 1, *image.shape[1:]))
-    guidance = replace(guidance, target=everywhere.target, weight=everywhere.weight)
     schedule = wide_schedule(steps)
-    denoise, settings = gaussian_denoiser(schedule, mean, variance), SamplerSettings(steps, clip=clip)
-    shape = tuple(init.shape)
-    found = sample(denoise, schedule, shape, lambda: init, settings, guidance, dtype=torch.float64).reshape(-1, count)
+    denoise = replace(guidance, pulls=(everywhere,)).guiding(gaussian_denoiser(schedule, mean, variance), schedule)
+    settings, shape = SamplerSettings(steps, clip=clip), tuple(init.shape)
+    found = sample(denoise, schedule, shape, lambda: init, settings, dtype=torch.float64).reshape(-1, count)
     slope = found[1:] - found[0]
     return found[0], slope.T @ slope

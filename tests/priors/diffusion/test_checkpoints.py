@@ -7,7 +7,7 @@ from safetensors.torch import load_file, save_file
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.checkpoints import ENCODER, HEAD, UNET, fingerprint, load_network, save_network
+from ia_bench.priors.diffusion.checkpoints import ENCODER, UNET, fingerprint, load_network, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 
 
@@ -33,19 +33,6 @@ def test_a_network_comes_back_as_it_was_up_to_half_precision(tmp_path):
         torch.testing.assert_close(ask(again), ask(network), atol=0.02, rtol=0.02)
 
 
-def test_a_head_is_kept_and_counts(tmp_path):
-    folder = tiny_weights(tmp_path / "weights")
-    network, _ = load_network(folder)
-    assert float(network.head.leave.weight.abs().mean()) > 0.01
-    before = fingerprint(folder)
-    change_weights(folder, lambda w: w["leave.weight"].mul_(2), HEAD)
-    assert fingerprint(folder) != before
-    assert torch.equal(load_network(folder)[0].head.leave.weight, 2 * network.head.leave.weight)
-    (folder / HEAD).unlink()
-    with pytest.raises(InputError, match=f"{HEAD}: no such file"):
-        load_network(folder)
-
-
 def test_diffusers_reads_the_unet_and_the_schedule(folder):
     import_torchvision()
     from diffusers import DDIMScheduler, UNet2DConditionModel
@@ -60,13 +47,6 @@ def test_diffusers_reads_the_unet_and_the_schedule(folder):
 def test_the_fingerprint_follows_the_weights(folder, tmp_path):
     assert fingerprint(folder) == fingerprint(tiny_weights(tmp_path / "same"))
     assert fingerprint(folder) != fingerprint(tiny_weights(tmp_path / "other", seed=1))
-
-
-def test_saving_again_replaces_the_whole_folder(folder):
-    (folder / "left_over").touch()
-    tiny_weights(folder, seed=1)
-    assert not (folder / "left_over").exists()
-    assert not list(folder.parent.glob(".*"))
 
 
 def change_json(folder, change):

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from gaussian_prior import gaussian_denoiser, wide_schedule
-from guided import SIZE, affine_map, coupled, pulls_of, random
+from guided import SIZE, affine_map, coupled, gaussian_denoiser, pulls_of, random, toward, wide_schedule
 from scipy.integrate import solve_ivp
 from torch import Tensor
 
-from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport
-from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform
-from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.guidance import GaussianBlur, Guidance, cosine_transform
+from ia_bench.priors.diffusion.sampler import NoiseSchedule, SamplerSettings, sample
 
 COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, math.pi / 2, 1000, dtype=torch.float64)).square().clamp(min=1e-30))
 ZERO_TERMINAL = NoiseSchedule(torch.cat([COSINE.alpha_bar[:-1], torch.zeros(1, dtype=torch.float64)]))
@@ -28,7 +24,7 @@ ZERO_TERMINAL = NoiseSchedule(torch.cat([COSINE.alpha_bar[:-1], torch.zeros(1, d
 def test_paper_rule_is_the_gradient_through_the_network(norm: str, kind: str):
     (pull,) = pulls_of(kind, strength=1e-3)
     pull = pull.through(lambda image: image[:1])
-    guidance = Guidance(pull.target, pull.strength, pull.weight, pull.operator, "paper", norm)
+    guidance = Guidance((pull,), "paper", norm)
     noisy, level = random(1, 3, *SIZE, seed=5), 0.3
 
     def phi(point: Tensor) -> float:
@@ -42,16 +38,13 @@ def test_paper_rule_is_the_gradient_through_the_network(norm: str, kind: str):
         nudge.view(-1)[i] = 1e-5
         gradient.view(-1)[i] = (phi(noisy + nudge) - phi(noisy - nudge)) / 2e-5
     expected = coupled(noisy, 0) - pull.strength * math.sqrt((1 - level) / level) * gradient
-    found = guidance.estimate_x0(coupled, noisy, 0, level)
-    assert guidance.report == GuidanceReport(1, guidance.report.bounded)
-    assert guidance.report.bounded == 0
+    found = guidance.guiding(coupled, NoiseSchedule(torch.tensor([level])))(noisy, 0)
+    assert guidance.cost == {"guided_estimates": 1, "guided_cut": 0}
     scale = float((expected - coupled(noisy, 0)).abs().max())
     assert float((found - expected).abs().max()) < 1e-5 * scale
 
 
-def explicit_limit(
-    strength: float, mean: float, variance: float, target: Tensor, eigenvalue: Tensor
-) -> tuple[Tensor, Tensor]:
+def explicit_limit(strength: float, mean: float, variance: float, target: Tensor, eigenvalue: Tensor) -> tuple[Tensor, Tensor]:
     """Where infinitely many DDIM steps of the paper's rule with the squared norm end: offset and slope in the start noise.
 
     In the eigenbasis of the blur, (K,) ``target`` and ``eigenvalue``, with v = x_t / a: dv / d ln sigma = v - x_0(v), where the
@@ -85,7 +78,7 @@ def test_the_paper_rule_has_the_bias_of_its_differential_equation(strength: floa
     offset, slope = explicit_limit(strength, mean, variance, target.flatten(), torch.ones(count))
     errors = []
     for steps in (150, 300):
-        found_mean, found = affine_map(Guidance(target, strength, rule="paper"), steps, mean, variance)
+        found_mean, found = affine_map(toward(target, strength, rule="paper"), steps, mean, variance)
         errors.append(float((found_mean - offset).abs().max() / (target - mean).abs().max()))
         errors.append(float((found - torch.diag(slope.square())).norm() / (variance * math.sqrt(count))))
     assert max(errors) < 0.03
@@ -116,11 +109,11 @@ def test_the_paper_rule_of_the_plain_norm_follows_its_differential_equation(stre
         ran = solve_ivp(lambda t, v: v - guided(math.exp(t), v), limits, start, "LSODA", rtol=1e-8, atol=1e-10)
         ends.append(torch.from_numpy(guided(1e-4, ran.y[:, -1])))
     expected, errors = torch.stack(ends), []
-    guidance = Guidance(target.expand(3, 1, *SIZE), strength, rule="paper", norm="l2")
+    guidance = toward(target.expand(3, 1, *SIZE), strength, rule="paper", norm="l2")
     for steps in (150, 300):
         schedule, settings, shape = wide_schedule(steps), SamplerSettings(steps, clip=None), (3, 1, *SIZE)
-        denoise = gaussian_denoiser(schedule, mean, variance)
-        found = sample(denoise, schedule, shape, lambda: init, settings, guidance, dtype=torch.float64).reshape(3, count)
+        denoise = guidance.guiding(gaussian_denoiser(schedule, mean, variance), schedule)
+        found = sample(denoise, schedule, shape, lambda: init, settings, dtype=torch.float64).reshape(3, count)
         errors.append(float((found - expected).norm() / (expected - mean).norm()))
     assert errors[1] < 0.02
     assert errors[1] < 0.65 * errors[0] + 1e-3
@@ -130,7 +123,7 @@ def test_the_paper_rule_through_a_blur_has_the_bias_of_its_differential_equation
     """Mean and full covariance, in the cosine basis, where the blur is diagonal."""
     mean, variance, strength, count = 0.0, 0.09, 1.0, math.prod(SIZE)
     blur, target = GaussianBlur(1.5), random(1, 1, *SIZE, seed=20)
-    guidance = Guidance(target, strength, operator=blur, rule="paper")
+    guidance = toward(target, strength, sigma=blur.sigma, rule="paper")
     basis = cosine_transform(torch.eye(count, dtype=torch.float64).reshape(count, 1, *SIZE)).reshape(count, count)
     eigenvalue = blur.eigenvalues(target).expand(1, 1, *SIZE).flatten()
     offset, slope = explicit_limit(strength, mean, variance, cosine_transform(target).flatten(), eigenvalue)
@@ -139,7 +132,7 @@ def test_the_paper_rule_through_a_blur_has_the_bias_of_its_differential_equation
         found_mean, found = affine_map(guidance, steps, mean, variance)
         assert float((found_mean - basis @ offset).norm() / offset.norm()) < 0.03
         errors.append(float((found - expected).norm() / expected.norm()))
-    assert guidance.report.bounded == 0
+    assert guidance.cost["guided_cut"] == 0
     assert errors[1] < 0.05
     assert errors[1] / errors[0] == pytest.approx(0.5, abs=0.12)
 
@@ -148,15 +141,14 @@ def test_the_paper_rule_through_a_blur_has_the_bias_of_its_differential_equation
 def test_steps_are_cut_where_the_distance_is_least_and_counted(norm: str):
     noisy, target = random(2, 3, *SIZE, seed=5), random(2, 3, *SIZE, seed=6)
     target[1] = coupled(noisy, 0)[1]  # has arrived: nothing to do, nothing to cut
-    guidance = Guidance(target, 1e6, operator=GaussianBlur(1.0), rule="paper", norm=norm)
-    blur = guidance.operator.apply
-    guidance = replace(guidance, target=blur(target))
-    x0 = coupled(noisy, 0)
-    found = guidance.estimate_x0(coupled, noisy, 0, 0.5)
-    assert (guidance.report.updates, guidance.report.bounded) == (2, 1)
+    blur = GaussianBlur(1.0).apply
+    goal, x0 = blur(target), coupled(noisy, 0)
+    guidance = toward(goal, 1e6, sigma=1.0, rule="paper", norm=norm)
+    found = guidance.guiding(coupled, NoiseSchedule(torch.tensor([0.5])))(noisy, 0)
+    assert guidance.cost == {"guided_estimates": 2, "guided_cut": 1}
     torch.testing.assert_close(found[1], x0[1])
     step = found[0] - x0[0]
-    distances = [float((blur(x0[0] + length * step) - guidance.target[0]).norm()) for length in (0, 0.99, 1, 1.01)]
+    distances = [float((blur(x0[0] + length * step) - goal[0]).norm()) for length in (0, 0.99, 1, 1.01)]
     assert distances[2] < min(distances[0], distances[1], distances[3])
 
 
@@ -170,8 +162,8 @@ def test_every_strength_and_step_count_is_finite_and_in_range(schedule: NoiseSch
     for steps, strengths in ((1, (1.0, 1000.0)), (10, (1.0, 1000.0)), (50, (1000.0,))):
         for strength in strengths:
             for blur, used in ((0.0, None), (2.0, weight)):
-                guidance = Guidance(target, strength, used, GaussianBlur(blur), rule, norm)
+                guided = toward(target, strength, used, blur, rule=rule, norm=norm).guiding(rough, schedule)
                 for eta in (0.0, 1.0):
-                    found = sample(rough, schedule, (2, 3, *SIZE), [0, 1], SamplerSettings(steps, eta), guidance)
+                    found = sample(guided, schedule, (2, 3, *SIZE), [0, 1], SamplerSettings(steps, eta))
                     assert bool(found.isfinite().all())
                     assert float(found.abs().max()) <= 1

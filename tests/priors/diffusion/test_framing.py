@@ -50,12 +50,6 @@ def test_texture_of_the_image_outlives_the_reduction(frame: Frame) -> None:
     assert by_gain < 0.02
 
 
-def test_a_black_image_takes_the_prediction(frame: Frame) -> None:
-    colour, black = torch.full((32, 32, 3), 0.4), torch.zeros(32, 32, 3)
-    found = enlarge_by_gain(frame, colour, black, torch.zeros(SIZE, SIZE, 3), torch.ones(32, 32))
-    torch.testing.assert_close(found[8:-8, 8:-8], torch.full_like(found, 0.4)[8:-8, 8:-8])
-
-
 def test_a_render_that_was_not_changed_is_returned(frame: Frame) -> None:
     render = texture()
     found = enlarge_by_difference(frame, frame.cut(render), frame.cut(render), render, everywhere(frame))
@@ -94,14 +88,6 @@ def test_without_resizing_cut_and_paste_are_inverse():
     torch.testing.assert_close(again, values * mask[..., None])
 
 
-def test_an_object_at_the_border_is_cut_with_zeros_beyond_it():
-    mask = disc(32, 32, 0, 31, 12)
-    frame = Frame.around(mask, None)
-    assert frame.top < 0 or frame.left + frame.length > 32
-    again = frame.paste(frame.cut(mask[..., None]), torch.ones(frame.side, frame.side), mask)
-    torch.testing.assert_close(again[..., 0], mask)
-
-
 def test_a_constant_colour_survives_resizing_up_to_the_edge():
     mask = disc(100, 100, 50, 50, 37)
     frame = Frame.around(mask, 32)
@@ -109,16 +95,3 @@ def test_a_constant_colour_survives_resizing_up_to_the_edge():
     colour = torch.tensor([0.2, 0.5, 0.9])
     again = frame.paste(colour.expand(32, 32, 3) * weight[..., None] + 7 * (1 - weight[..., None]), weight, mask)
     torch.testing.assert_close(again, colour * mask[..., None], atol=1e-5, rtol=0)
-
-
-def test_an_empty_mask_has_no_frame():
-    assert Frame.around(torch.zeros(5, 5), 8) is None
-
-
-def test_one_pixel_has_one():
-    mask = torch.zeros(9, 9)
-    mask[3, 7] = 1
-    frame = Frame.around(mask, 16)
-    again = frame.paste(torch.full((16, 16, 3), 0.4), torch.ones(16, 16), mask)
-    torch.testing.assert_close(again[3, 7], torch.full((3,), 0.4))
-    assert again.sum() == again[3, 7].sum()

@@ -11,14 +11,17 @@ import math
 
 import pytest
 import torch
-from gaussian_prior import gaussian_denoiser, wide_schedule
-from guided import SIZE, affine_map, coupled, pulls_of, random
+from guided import SIZE, affine_map, gaussian_denoiser, pulls_of, random, toward, wide_schedule
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.guidance import Guidance, Pull, combine, posterior_variance
-from ia_bench.priors.diffusion.operators import GaussianBlur, cosine_transform, inverse_cosine_transform
+from ia_bench.priors.diffusion.guidance import (
+    GaussianBlur,
+    Guidance,
+    combine,
+    cosine_transform,
+    inverse_cosine_transform,
+)
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample
 
 
@@ -87,17 +90,6 @@ def test_implicit_update_does_not_depend_on_the_batch():
         torch.testing.assert_close(combine(x0[i : i + 1], alone, 1.0)[0], together[i], rtol=0, atol=1e-12)
 
 
-def test_an_image_that_has_arrived_stays_beside_one_that_has_not():
-    x0, blur = random(2, 3, *SIZE, seed=1), GaussianBlur(2.0)
-    target = random(2, 3, *SIZE, seed=2)
-    target[0] = blur.apply(x0)[0]
-    weight = random(2, 1, *SIZE, seed=3).abs()
-    together = combine(x0, [Pull(target, 30.0, weight, blur)], 1.0)
-    assert torch.equal(together[0], x0[0])
-    alone = combine(x0[1:], [Pull(target[1:], 30.0, weight[1:], blur)], 1.0)
-    torch.testing.assert_close(together[1:], alone, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("kind", ["identity", "weighted identity", "blur", "weighted blur"])
 @pytest.mark.parametrize("strength", [1.0, 1000.0])
 def test_variance_rule_samples_the_exact_posterior(kind: str, strength: float):
@@ -105,7 +97,7 @@ def test_variance_rule_samples_the_exact_posterior(kind: str, strength: float):
     mean, variance, count = 0.2, 0.09, math.prod(SIZE)
     (pull,) = pulls_of(kind, strength=strength)
     pull = pull.through(lambda image: image[:1, :1])
-    guidance = Guidance(pull.target, strength, pull.weight, pull.operator, prior_variance=variance)
+    guidance = Guidance((pull,), prior_variance=variance)
     blur = matrix_of(pull.operator)
     weight = torch.ones(count, dtype=torch.float64) if pull.weight is None else pull.weight.flatten()
     precision = torch.eye(count, dtype=torch.float64) / variance + strength * blur.T @ (weight[:, None] * blur)
@@ -126,9 +118,9 @@ def test_variance_rule_with_ancestral_noise():
     strengths = torch.tensor([0.0, 1.0, 10.0, 100.0, 300.0, 1000.0])
     target = torch.full(shape, -0.3)
     weight = strengths[:, None, None, None].expand(6, 1, 64, 64)
-    guidance = Guidance(target, 1.0, weight, prior_variance=variance)
+    guidance = toward(target, 1.0, weight, prior_variance=variance)
     settings, count = SamplerSettings(1000, eta=1.0, clip=None), 3 * 64 * 64
-    found = sample(gaussian_denoiser(schedule, mean, variance), schedule, shape, range(6), settings, guidance)
+    found = sample(guidance.guiding(gaussian_denoiser(schedule, mean, variance), schedule), schedule, shape, range(6), settings)
     exact = 1 / (1 / variance + strengths)
     center = exact * (mean / variance - 0.3 * strengths)
     moments = found.flatten(1).mean(1), found.flatten(1).var(1)
@@ -137,24 +129,3 @@ def test_variance_rule_with_ancestral_noise():
 
 
 # ----- variances and errors ---------------------------------------------------------------------------------------------------
-def test_posterior_variance_limits():
-    assert posterior_variance(0.1, 0.0) == pytest.approx(0.1)
-    assert posterior_variance(0.1, 1 / (1 + 1e-8)) == pytest.approx(1e-8, rel=1e-6)
-
-
-def test_clear_errors():
-    target = torch.zeros(2, 3, *SIZE)
-    with pytest.raises(InputError, match="strength"):
-        Guidance(target, -1.0)
-    with pytest.raises(InputError, match="strength"):
-        Guidance(target, math.inf)
-    with pytest.raises(InputError, match="target"):
-        Guidance(target[0], 1.0)
-    with pytest.raises(InputError, match="weight: expected shape"):
-        Guidance(target, 1.0, torch.ones(2, 2, *SIZE))
-    with pytest.raises(InputError, match='expected "squared"'):
-        Guidance(target, 1.0, rule="variance", norm="l2")
-    with pytest.raises(InputError, match="blur"):
-        GaussianBlur(-1.0)
-    with pytest.raises(InputError, match="no_grad"), torch.no_grad():
-        Guidance(target, 1.0, rule="paper").estimate_x0(torch.no_grad()(coupled), target, 0, 0.5)

@@ -17,14 +17,13 @@ from ia_bench.priors.contract import Observations
 from ia_bench.priors.diffusion import prior as diffusion_prior
 from ia_bench.priors.diffusion import sampler
 from ia_bench.priors.diffusion.checkpoints import save_network
-from ia_bench.priors.diffusion.conditioned import Conditioned
 from ia_bench.priors.diffusion.framing import MARGIN, Frame
+from ia_bench.priors.diffusion.learned import RegressorPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.patches import patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.priors.diffusion.sampler import seeded_noise
 from ia_bench.priors.inputs import content_number
-from ia_bench.priors.regressor import RegressorPrior
 
 WEIGHTS = Path(ia_bench.priors.__file__).parent / "weights"
 
@@ -115,14 +114,6 @@ def test_strong_guidance_arrives_at_the_render(weights, ball):
     assert drawn.cost == {"network_calls": count, "guided_estimates": count, "guided_cut": 0}
 
 
-def test_guiding_one_component_leaves_the_other_to_the_network(weights, ball):
-    prior = DiffusionPrior(weights=weights, steps=1, guidance_strength=1000)
-    free = prior.sample(ball, seed=0).values
-    drawn = prior.sample(ball, seed=0, guidance={"albedo": 0.35 * ball.masks[..., None].expand_as(ball.images)}).values
-    torch.testing.assert_close(drawn["specular"], free["specular"])  # one step: nothing of the albedo has reached it yet
-    assert not torch.allclose(drawn["albedo"], free["albedo"], atol=0.01)
-
-
 def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights, ball, monkeypatch):
     """Mean and variance of the noise within 5 standard errors (false alarm 1e-6), levels over the whole of their range."""
     asked = []
@@ -148,12 +139,6 @@ def test_distillation_noises_renders_as_the_schedule_says_at_native_size(weights
     values = torch.cat(noise).flatten()
     assert abs(float(values.mean())) < 5 / len(values) ** 0.5
     assert abs(float(values.var()) - 1) < 5 * (2 / len(values)) ** 0.5
-
-
-def test_what_is_smaller_than_the_native_size_is_enlarged_and_not_cut_into_patches(tmp_path, ball):
-    folder = str(tiny_weights(tmp_path / "large", size=64))
-    plain, patches = (DiffusionPrior(weights=folder, steps=1, patches=choice).sample(ball, seed=0) for choice in (False, True))
-    assert torch.equal(plain.values["albedo"], patches.values["albedo"])
 
 
 @pytest.mark.parametrize(("side", "patched"), [(46, False), (48, False), (50, True)])  # 16 pixels natively, so a reduction by 3
@@ -216,18 +201,6 @@ def test_networks_of_one_component_each_draw_noise_of_their_own(tmp_path, weight
         assert used == [[derive_seed(3, content) for content in contents]]
 
 
-def test_several_samples_of_an_image_share_its_condition():
-    torch.manual_seed(0)
-    network = MaterialNetwork(tiny_config()).eval()
-    model = Conditioned(network, chunk=3)
-    condition, noisy = torch.randn(2, 8, 16, 16), torch.randn(6, 6, 16, 16)
-    with torch.no_grad():
-        together = model.bind(condition)(noisy, 0)
-        apart = torch.cat([model.bind(condition)(part, 0) for part in noisy.split(2)])
-    torch.testing.assert_close(together, apart, atol=1e-5, rtol=1e-5)
-    assert model.calls == 12
-
-
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -249,13 +222,6 @@ def test_weights_of_the_other_kind_are_refused(weights, regressor_weights):
         DiffusionPrior(weights=regressor_weights)
     with pytest.raises(InputError, match="kind: expected regressor, found diffusion"):
         RegressorPrior(weights=weights)
-
-
-def test_the_packaged_weights_are_small_and_have_a_card():
-    folders = sorted(WEIGHTS.iterdir())
-    assert [folder.name for folder in folders] == ["diffusion", "refiner", "regressor"]
-    assert all((folder / "CARD.md").is_file() for folder in folders)
-    assert sum(file.stat().st_size for file in WEIGHTS.rglob("*") if file.is_file()) < 22_000_000
 
 
 @pytest.mark.parametrize("prior", [DiffusionPrior, RegressorPrior])

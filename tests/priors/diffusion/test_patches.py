@@ -15,11 +15,9 @@ import torch
 from torch import Tensor
 
 from ia_bench.priors.diffusion import patches
-from ia_bench.priors.diffusion.guidance import Guidance, GuidanceReport, Rule
-from ia_bench.priors.diffusion.operators import GaussianBlur
-from ia_bench.priors.diffusion.patches import LargeSampler, MakeDenoise, hann_window, patch_origins
-from ia_bench.priors.diffusion.sampler import Denoise, SamplerSettings, sample
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.priors.diffusion.guidance import GaussianBlur, Guidance, Pull, Rule
+from ia_bench.priors.diffusion.patches import MakeDenoise, patch_origins, sample_large
+from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule, SamplerSettings, sample
 
 SCHEDULE = NoiseSchedule(torch.cos(torch.linspace(0.02, 1.56, 200, dtype=torch.float64)).square())
 NATIVE, ELL, VARIANCE = 32, 1.5, 0.05
@@ -65,13 +63,11 @@ def large(
     batch: int = 64,
     foreground: Tensor | None = None,
     guidance: Guidance | None = None,
-    report: GuidanceReport | None = None,
 ) -> Tensor:
     """One sample of one channel of each image, object everywhere, unguided, seeds 0, 1, ..., but for what is given."""
-    manner = (guidance.rule, guidance.norm, 0.1) if guidance is not None else ("variance", "squared", 0.1)
-    sampler = LargeSampler(make, SCHEDULE, channels, NATIVE, settings, batch, manner, report or GuidanceReport())
     whole = torch.ones(len(condition), 1, *condition.shape[-2:]) if foreground is None else foreground
-    return sampler.sample(condition, whole, seeds or range(len(condition)), () if guidance is None else guidance.pulls)
+    seeds, like = seeds or range(len(condition)), (channels, NATIVE, NATIVE)
+    return sample_large(make, SCHEDULE, like, condition, whole, seeds, settings, guidance or Guidance(), batch=batch)
 
 
 @pytest.fixture
@@ -92,13 +88,6 @@ def test_patches_cover_everything_and_overlap(side: int):
     for axis in (0, 1):
         starts = sorted({origin[axis] for origin in origins})
         assert all(0 < b - a <= 16 for a, b in itertools.pairwise(starts))
-
-
-def test_window_is_positive_and_adds_up_at_half_overlap():
-    window = hann_window(NATIVE)
-    assert float(window.min()) > 0
-    constant = torch.full((16,), math.sin(3.5 * math.pi / 32) ** 2, dtype=torch.float64)
-    torch.testing.assert_close(window[:16, 3] + window[16:, 3], constant)
 
 
 @pytest.mark.parametrize("side", [33, 64, 101])
@@ -164,15 +153,6 @@ def test_no_seams(strength: float, eta: float, monkeypatch: pytest.MonkeyPatch):
     assert abs(border / other - 1) < 0.05, f"gradient energy across patch borders / elsewhere = {border / other:.3f}"
 
 
-@pytest.mark.usefixtures("unguided")
-def test_overlapping_patches_keep_their_detail():
-    """Independent patches would keep about half of their variance where two overlap, a quarter where four do."""
-    condition, settings = torch.zeros(12, 1, 80, 80), SamplerSettings(10, clip=None)
-    single = sample(field_prior(NATIVE)(condition), SCHEDULE, (48, 3, NATIVE, NATIVE), range(48), settings).var()
-    found = large(field_prior(NATIVE), condition, settings, channels=3)
-    assert float(found.var() / single) > 0.9
-
-
 def test_patches_follow_the_coarse_sample(monkeypatch: pytest.MonkeyPatch):
     """With correlations as long as a patch, unguided patches drift from the coarse sample; guided ones follow it."""
     condition, settings = torch.zeros(4, 1, 96, 96), SamplerSettings(10, clip=None)
@@ -190,15 +170,14 @@ def test_patches_follow_the_coarse_sample(monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.parametrize("rule", ["variance", "paper"])
 def test_guidance_reaches_coarse_and_patches(rule: Rule):
     condition, target, settings = random(2, 1, 71, 71), random(2, 1, 71, 71, seed=1), SamplerSettings(4)
-    plain, report = GuidanceReport(), GuidanceReport()
-    before = large(mix, condition, settings, report=plain)
-    strong = Guidance(target, 1e5, torch.ones(2, 1, 71, 71), rule=rule)
-    found = large(mix, condition, settings, guidance=strong, report=report)
+    plain, strong = Guidance(), Guidance((Pull(target, 1e5, torch.ones(2, 1, 71, 71)),), rule)
+    before = large(mix, condition, settings, guidance=plain)
+    found = large(mix, condition, settings, guidance=strong)
     assert float((before - target).abs().max()) > 0.5
     if rule == "variance":
         assert float((found - target).abs().max()) < 0.05
     else:  # its steps are cut at the minimum along a line, which is counted
-        assert report.bounded > 0
+        assert strong.cost["guided_cut"] > 0
     fine = 4 * 2 * len(list(patch_origins(71, NATIVE)))
-    assert plain.updates == fine, "without guidance the coarse sample is drawn to nothing, and patches to it"
-    assert report.updates == fine + 4 * 2
+    assert plain.cost["guided_estimates"] == fine, "without guidance the coarse sample is drawn to nothing, and patches to it"
+    assert strong.cost["guided_estimates"] == fine + 4 * 2

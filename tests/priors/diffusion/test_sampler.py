@@ -1,4 +1,4 @@
-"""Steps against Bayes' rule and diffusers; independence of the batch to the bit; a Gaussian's moments."""
+"""Schedules against their formulas and diffusers' timesteps, steps against Bayes' rule and diffusers; moments of a Gaussian."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ import math
 
 import pytest
 import torch
-from gaussian_prior import gaussian_denoiser, wide_schedule
+from guided import gaussian_denoiser, toward, wide_schedule
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.guidance import Guidance
-from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, step_weights
-from ia_bench.priors.diffusion.schedule import NoiseSchedule
+from ia_bench.common.torchvision_shim import import_torchvision
+from ia_bench.priors.diffusion.sampler import NoiseSchedule, SamplerSettings, image_behind, sample, step_weights
 
 COSINE = NoiseSchedule(torch.cos(torch.linspace(0.01, 1.56, 100, dtype=torch.float64)).square())
 
@@ -42,8 +41,6 @@ def test_ancestral_steps_are_bayes_rule():
 
 @pytest.mark.parametrize("eta", [0.0, 0.7, 1.0])
 def test_against_diffusers(eta: float):
-    from ia_bench.common.torchvision_shim import import_torchvision
-
     import_torchvision()
     from diffusers import DDIMScheduler
 
@@ -75,27 +72,8 @@ def test_a_sample_depends_on_its_seed_alone(eta: float):
 def test_strength_zero_is_the_unguided_sample_to_the_bit(rule: str):
     for steps, eta in ((1, 0.0), (9, 0.0), (9, 1.0)):
         plain = sample(network, COSINE, (2, 2, 5, 7), [1, 2], SamplerSettings(steps, eta))
-        guidance = Guidance(torch.ones(2, 2, 5, 7), 0.0, rule=rule)
-        assert torch.equal(sample(network, COSINE, (2, 2, 5, 7), [1, 2], SamplerSettings(steps, eta), guidance), plain)
-
-
-@pytest.mark.parametrize("steps", [1, 2, 10, 100])
-@pytest.mark.parametrize("eta", [0.0, 1.0])
-def test_any_number_of_steps_stays_in_range_and_calls_once_a_step(steps: int, eta: float):
-    calls = []
-
-    def counted(noisy: Tensor, t: int) -> Tensor:
-        calls.append(t)
-        return 100 * network(noisy, t)
-
-    found = sample(counted, COSINE, (1, 1, 5, 7), [0], SamplerSettings(steps, eta, clip=(-0.5, 1.0)))
-    assert calls == COSINE.timesteps(steps)
-    assert -0.5 <= float(found.min()) <= float(found.max()) <= 1.0
-
-
-def test_the_last_step_returns_the_estimate_itself():
-    image = torch.rand(2, 3, 5, 7)
-    assert torch.equal(sample(lambda noisy, t: image, COSINE, (2, 3, 5, 7), [0, 1], SamplerSettings(5, 1.0)), image)
+        guided = toward(torch.ones(2, 2, 5, 7), 0.0, rule=rule).guiding(network, COSINE)
+        assert torch.equal(sample(guided, COSINE, (2, 2, 5, 7), [1, 2], SamplerSettings(steps, eta)), plain)
 
 
 @pytest.mark.parametrize("eta", [0.0, 1.0])
@@ -108,9 +86,47 @@ def test_moments_of_a_gaussian(eta: float):
     assert abs(float(found.var()) / 0.09 - 1) < 4.5 * math.sqrt(2 / count) + 0.005
 
 
-def test_clear_errors():
-    good = (network, COSINE, (2, 1, 3, 3), [0, 1], SamplerSettings(2))
-    with pytest.raises(InputError, match="seeds: expected one per image"):
-        sample(*good[:3], [0], good[4])
-    with pytest.raises(InputError, match="guidance target: expected shape"):
-        sample(*good, guidance=Guidance(torch.zeros(2, 1, 4, 3), 1.0))
+# ----- the schedule ----------------------------------------------------------------------------------------------------
+SIGMAS = [1e-4, 1e-2, 1.0, 1e2, 1e4]
+
+
+@pytest.mark.parametrize("sigma", SIGMAS)
+def test_the_noise_tells_the_image(sigma: float):
+    x0, noise = torch.randn(2, 4, 3, 5, 7, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    level = 1 / (1 + sigma**2)
+    noisy = (level**0.5 * x0 + (1 - level) ** 0.5 * noise).float()
+    found = image_behind(noise.float(), noisy, level).double()
+    assert float((found - x0).abs().max()) < 1e-6 * (1 + sigma)  # a few units in the last place, magnified by the division
+
+
+def test_diffusers_config():
+    config = {"num_train_timesteps": 1000, "beta_start": 0.00085, "beta_end": 0.012, "beta_schedule": "scaled_linear"}
+    betas = torch.linspace(0.00085**0.5, 0.012**0.5, 1000, dtype=torch.float64).square()
+    expected = (1 - betas).cumprod(0)
+    torch.testing.assert_close(NoiseSchedule.from_diffusers(config).alpha_bar, expected, rtol=1e-4, atol=0)
+
+    schedule = NoiseSchedule.from_diffusers({**config, "rescale_betas_zero_snr": True})
+    root = expected.sqrt()  # Lin et al. 2024, algorithm 1
+    root = (root - root[-1]) * root[0] / (root[0] - root[-1])
+    assert schedule.alpha_bar[-1] == 0
+    torch.testing.assert_close(schedule.alpha_bar, root.square(), rtol=1e-3, atol=1e-6)
+    with pytest.raises(InputError, match="scheduler config"):
+        NoiseSchedule.from_diffusers({**config, "beta_schedule": "straight"})
+
+
+@pytest.mark.parametrize("spacing", ["trailing", "leading"])
+def test_timesteps_are_those_of_diffusers(spacing: str):
+    import_torchvision()
+    from diffusers import DDIMScheduler
+
+    schedule = NoiseSchedule(torch.linspace(0.99, 0.01, 1000))
+    for steps in (1, 7, 10, 50, 333):
+        scheduler = DDIMScheduler(timestep_spacing=spacing, steps_offset=1)
+        scheduler.set_timesteps(steps)
+        assert schedule.timesteps(steps, spacing) == scheduler.timesteps.tolist()
+
+
+@pytest.mark.parametrize("levels", [[], [[0.5]], [0.5, 0.5], [0.4, 0.5], [1.0, 0.5], [0.5, -0.1], [0.5, float("nan")]])
+def test_no_schedule(levels: list):
+    with pytest.raises(InputError, match="noise schedule"):
+        NoiseSchedule(torch.tensor(levels))

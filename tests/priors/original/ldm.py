@@ -68,9 +68,7 @@ class LatentDiffusion(nn.Module):
         """Two levels, attention on the finer one alone; 32 x 32 images, 8 x 8 latents; 1.5 M parameters."""
         with torch.random.fork_rng():
             torch.manual_seed(seed)
-            model = cls(
-                UNet(32, (1, 2), 1, (True, False), 16), Autoencoder(32, (1, 1, 2), 1), Visual(128, 16, 32, 2, 16)
-            )
+            model = cls(UNet(32, (1, 2), 1, (True, False), 16), Autoencoder(32, (1, 1, 2), 1), Visual(128, 16, 32, 2, 16))
             for parameter in model.parameters():
                 parameter.data += 0.05 * torch.randn_like(parameter)
         return model.eval().requires_grad_(False)

@@ -159,5 +159,3 @@ class Visual(nn.Module):
         for block in self.transformer.resblocks:
             tokens = block(tokens)
         return self.ln_post(tokens[:, 0]) @ self.proj
-
-

@@ -164,5 +164,3 @@ class UNet(nn.Module):
         for block in self.output_blocks:
             x = run(block, torch.cat([x, kept.pop()], 1))
         return self.out(x)
-
-

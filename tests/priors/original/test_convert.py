@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -75,19 +74,6 @@ def test_full_size_is_that_of_the_release() -> None:
     assert sizes["unet"] == 859_532_484  # Stable Diffusion 1.5: 859 520 964
     left_out = ("model_ema", "betas")
     assert sum(sizes.values()) == sum(value.numel() for key, value in state.items() if not key.startswith(left_out))
-
-
-def test_files_are_safetensors_in_half_precision_with_their_origin(release: Path, weights: Path) -> None:
-    from safetensors.torch import load_file
-
-    files = {path.relative_to(weights).as_posix() for path in weights.rglob("*") if path.is_file()}
-    parts = {"unet/config.json", "unet/diffusion_pytorch_model.safetensors", "vae/config.json",
-             "vae/diffusion_pytorch_model.safetensors", "image_encoder/config.json", "image_encoder/model.safetensors",
-             "scheduler/scheduler_config.json", "source.json"}  # fmt: skip
-    assert files == {f"{component}/{part}" for component in ("albedo", "specular") for part in parts}
-    tensors = load_file(weights / "albedo" / "unet" / "diffusion_pytorch_model.safetensors")
-    assert {tensor.dtype for tensor in tensors.values()} == {torch.float16}
-    assert json.loads((weights / "albedo" / "source.json").read_text())["verified"] is False
 
 
 # ---- safety ----------------------------------------------------------------------------------------------------------

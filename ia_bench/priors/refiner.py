@@ -1,21 +1,31 @@
-"""What the refiner sees of a fit, and the network that corrects its material: a small U-Net at full resolution.
+"""``prior=refiner``: the regressor while a fit runs, and a network that corrects what the fit has recovered at its end.
 
-Levels are divided out before the network sees anything: of the photograph by its mean, of the albedo by its own. So it can say
-nothing about how bright the whole object is painted, which photographs of an unknown light do not tell.
+The network is a small U-Net at full resolution that was trained on fits. Levels are divided out before it sees anything: of the
+photograph by its mean, of the albedo by its own. So it can say nothing about how bright the whole object is painted, which
+photographs of an unknown light do not tell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.ranges import Number
+from ia_bench.priors.contract import Observations, Samples
+from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
+from ia_bench.priors.inputs import Device, Precision, check_views
+from ia_bench.priors.weight_files import fill, read_description, save_weights
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 
+DESCRIPTION, WEIGHTS = "refiner.json", "refiner.safetensors"
+WANTS = frozenset({"normals", "visibility", "view_count"})
 FEATURES = 24
 """Channels of :func:`see`: photograph, albedo, specular shading, log shading, misfit, normal (3 each), evidence (2), roughness,
 visibility, view_count, mask."""
@@ -35,6 +45,92 @@ SHADING_STOPS, SHADING_SCALE = 6, 0.3
 """The log2 of the shading is clipped to so many stops up and down, and multiplied so that it is about as large as the rest."""
 VIEW_COUNT_SCALE = 6
 """The log2 of 1 + view_count is divided by this: 63 photographs that show a place are a 1."""
+
+
+class RefinerPrior(RegressorPrior):
+    """The regressor, and beside it a network that was trained on fits of procedural scenes.
+
+    It sees a photograph, what the fit shows there (material, radiance, specular shading, and how well it explains several
+    photographs of the place), normals, ambient visibility, and how many photographs show the place; it returns albedo and
+    roughness as such fits have them when they are right. Those several are all photographs of the fit in training, and in a run
+    those that the prior is asked about (with prior.views=auto about a third of a hundred, say).
+
+    ``refiner``: its weights, a folder that ia_bench_training.train_refiner wrote, or None for the packaged ones. Other options as
+    in :class:`ia_bench.priors.diffusion.learned.LearnedPrior`; ``weights`` are the regressor's. The fingerprint
+    is that of the samples, on which the refiner's weights have no influence.
+
+    Raises InputError for weights that cannot be used.
+    """
+
+    @classmethod
+    def files(cls, options: Mapping[str, Any]) -> list[Path]:
+        """The weights of both networks."""
+        return [*super().files(options), weights_folder(options.get("refiner"), "refiner")]
+
+    def __init__(
+        self,
+        *,
+        weights: str | None = None,
+        refiner: str | None = None,
+        geometry: bool = False,
+        batch: Number = 64,
+        precision: Precision = "auto",
+        device: Device = "auto",
+    ) -> None:
+        super().__init__(weights=weights, geometry=geometry, batch=batch, precision=precision, device=device)
+        self.info = replace(self.info, wants=WANTS)
+        self._network = load_refiner(weights_folder(refiner, "refiner")).to(self._device)
+
+    @torch.no_grad()
+    def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
+        """See :class:`ia_bench.priors.contract.Refiner`. A view without foreground, or an albedo that is black, stays as it is."""
+        check_views("refiner", observations, renders, RENDERS, RENDERS, what="fitted")
+        lacking = [name for name in RENDERS if name not in renders]
+        lacking += [name for name in sorted(WANTS) if getattr(observations, name) is None]
+        if lacking:
+            raise InputError(f"prior=refiner: expected a fit's {' and '.join(lacking)} beside the images, found none")
+        corrected = {name: renders[name].clone() for name in ("albedo", "roughness")}
+        calls = 0
+        for view in range(len(observations.masks)):
+            box = self._box(observations.masks[view], renders["albedo"][view])
+            if box is None:
+                continue
+            for images, values in zip(corrected.values(), self._corrected(observations, renders, view, box), strict=True):
+                images[view][box] = values
+            calls += 1
+        return Samples(corrected, {}, {"network_calls": calls})
+
+    def _corrected(
+        self, observed: Observations, renders: Mapping[str, Tensor], view: int, box: tuple[slice, slice]
+    ) -> tuple[Tensor, Tensor]:
+        """Albedo (h, w, 3) and roughness (h, w, 1) of one view inside ``box``."""
+        height, width = (side.stop - side.start for side in box)
+        stride = self._network.config.stride
+
+        def cut(images: Tensor) -> Tensor:
+            return _padded(images[view][box].to(self._device), -height % stride, -width % stride)[None]
+
+        fitted = {name: cut(renders[name]) for name in RENDERS}
+        geometry = {name: cut(getattr(observed, name)) for name in WANTS}  # refine() has made sure that there is all of it
+        seen = see(cut(observed.images), cut(observed.masks), fitted, **geometry)
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.bf16):
+            change = self._network(seen.features)
+        albedo, roughness = (maps[0, :height, :width].cpu() for maps in seen.corrected(change.float()))
+        return albedo, roughness
+
+    @staticmethod
+    def _box(mask: Tensor, albedo: Tensor) -> tuple[slice, slice] | None:
+        """Rows and columns of the foreground; None where there is none, or nothing of it has an albedo."""
+        inside = mask > EMPTY
+        if not bool((albedo[inside] > 0).any()):
+            return None
+        rows, columns = (torch.nonzero(inside.any(axis))[:, 0] for axis in (1, 0))
+        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def _padded(values: Tensor, below: int, right: int) -> Tensor:
+    """(H, W) or (H, W, C) with zeros below and to the right."""
+    return F.pad(values, (*(0, 0) * (values.ndim - 2), 0, right, 0, below))
 
 
 @dataclass(frozen=True)
@@ -171,3 +267,15 @@ class _Block(nn.Module):
         """(N, C, H, W) of the same."""
         changed: Tensor = values + self.second(F.silu(self.first(F.silu(self.norm(values)))))
         return changed
+
+
+def save_refiner(folder: Path, network: RefinerNetwork, provenance: dict[str, Any]) -> None:
+    """Write ``network`` to ``folder``; see :func:`ia_bench.priors.weight_files.save_weights`."""
+    save_weights(folder, DESCRIPTION, network.config, {WEIGHTS: network}, provenance)
+
+
+def load_refiner(folder: Path) -> RefinerNetwork:
+    """The network in ``folder``, in float32 and evaluation mode. Raises InputError as :func:`ia_bench.priors.weight_files.fill`."""
+    network = RefinerNetwork(read_description(folder / DESCRIPTION, RefinerConfig)[0])
+    fill(network, folder / WEIGHTS)
+    return network.eval().requires_grad_(False)
