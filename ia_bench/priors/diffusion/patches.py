@@ -50,11 +50,12 @@ def sample_large(
 ) -> Tensor:
     """One sample (N, channels, S, S) per ``condition`` (N, C, S, S), on its device, ``batch`` images or patches at a time.
 
-    ``like`` is the shape of what the network draws, smaller than S: an image is reduced to that for the coarse sample, then sampled
-    in patches at full resolution. Patches without ``foreground`` ((N, 1, S, S) on the CPU, > 0 where it matters) are skipped; what
-    no patch covers keeps the enlarged coarse sample. The pulls of ``guidance`` (at full resolution) act on the coarse sample, reduced,
-    and on the patches beside the coarse one. ``seeds`` (N,): the coarse sample's seed is the image's, that of the noise its patches
-    share derives from it, so that an image's sample depends neither on the images beside it nor on the batch.
+    ``like`` is the shape of what the network draws, smaller than S: an image is reduced to that for the coarse sample, then
+    sampled in patches at full resolution. Patches without ``foreground`` ((N, 1, S, S) on the CPU, > 0 where it matters) are
+    skipped; what no patch covers keeps the enlarged coarse sample. The pulls of ``guidance`` (at full resolution) act on the
+    coarse sample, reduced, and on the patches beside the coarse one. ``seeds`` (N,): the coarse sample's seed is the image's,
+    that of the noise its patches share derives from it, so that an image's sample depends neither on the images beside it nor
+    on the batch.
     """
     channels, native, _ = like
     side = condition.shape[-1]
