@@ -16,7 +16,7 @@ from ia_bench.common.errors import InputError, raised
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, FitState, PixelSamples, Problem, Regulariser, StepRender
-from ia_bench.methods.validation import CheckedCoupling, CheckedRegulariser
+from ia_bench.methods.validation import checked_coupling, checked_regulariser
 from ia_bench.priors.contract import COMPONENTS, Samples
 
 PIXELS = 512  # of a step
@@ -26,12 +26,12 @@ THE_SAME = "the same to the bit"
 
 def check_coupling(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
     """Check the coupling that ``make()`` returns; an instance for every question. Never raises for what the coupling does."""
-    yield from _asked(make, Coupling, lambda coupling: _coupling(make, CheckedCoupling("", coupling), problem))
+    yield from _asked(make, Coupling, lambda coupling: _coupling(make, checked_coupling("", coupling), problem))
 
 
 def check_regulariser(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
     """Check the regulariser that ``make()`` returns. Never raises for what the regulariser does."""
-    yield from _asked(make, Regulariser, lambda regulariser: _regulariser(make, CheckedRegulariser("", regulariser), problem))
+    yield from _asked(make, Regulariser, lambda regulariser: _regulariser(make, checked_regulariser("", regulariser), problem))
 
 
 def _asked(make: Callable[[], Any], kind: type, rules: Callable[[Any], Iterator[Finding]]) -> Iterator[Finding]:
@@ -69,7 +69,7 @@ def _coupling(make: Callable[[], Any], coupling: Coupling, problem: Problem) -> 
     moved = any(bool(part.any()) for part in gradients)
     yield judge(moved, "gradient", "losses that the render moves", "a gradient" if moved else "none")
     yield _same("the same generator again", first, _losses(coupling, samples, pixels)[0])
-    other = CheckedCoupling("", make())
+    other = checked_coupling("", make())
     other.prepare(samples, problem)
     other.restore(coupling.state())
     yield _same("killed and resumed", _losses(coupling, samples, pixels)[0], _losses(other, samples, pixels)[0])
@@ -108,7 +108,7 @@ def _regulariser(make: Callable[[], Any], regulariser: Regulariser, problem: Pro
     with torch.no_grad():
         moved = regulariser.apply(material, _state(problem))
         again = regulariser.apply(material, _state(problem))
-        other = CheckedRegulariser("", make())
+        other = checked_regulariser("", make())
         other.prepare(problem)
         another = other.apply(material, _state(problem))
     change = float((moved.albedo - material.albedo).abs().mean())

@@ -16,7 +16,7 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
@@ -188,12 +188,6 @@ def create(kind: Kind, name: str, target: str, options: Mapping[str, Any], *give
     check_arguments(factory, options, f"{kind}.options", len(given))
     with at_work(kind, name):
         return factory(*given, **options)
-
-
-def plugin_at_work(kind: Kind, what: object) -> AbstractContextManager[None]:
-    """As :func:`at_work` around a call of ``what`` if that is not built in; our own mistakes keep their traceback."""
-    module, name = type(what).__module__, type(what).__qualname__
-    return nullcontext() if module.partition(".")[0] == BUILT_IN else at_work(kind, f"{module}:{name}")
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import MethodInfo, check_declarations
-from ia_bench.methods.validation import CheckedReconstruction, checked_reconstruction, checked_result, reconstruct
+from ia_bench.methods.validation import Checked, checked_reconstruction, checked_result, reconstruct
 from ia_bench.render.reconstruction import Assets, Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images
@@ -59,8 +59,8 @@ class Own:
     ("changes", "message"),
     [
         ({"albedo": ALBEDO * torch.nan}, "albedo: expected finite values, found NaN or Inf in 48 of 48"),
-        ({"albedo": ALBEDO.double()}, "albedo: expected type torch.float32, found torch.float64"),
-        ({"roughness": ROUGHNESS.half()}, "roughness: expected type torch.float32, found torch.float16"),
+        ({"albedo": ALBEDO.double()}, "albedo: expected type float32, found float64"),
+        ({"roughness": ROUGHNESS.half()}, "roughness: expected type float32, found float16"),
         ({"albedo": ALBEDO[:2]}, r"albedo: expected shape \(T, T, 3\), found \(2, 4, 3\)"),
         ({"albedo": ROUGHNESS}, r"albedo: expected shape \(T, T, 3\), found \(4, 4, 1\)"),
         ({"roughness": ROUGHNESS[..., 0]}, r"roughness: expected shape \(T, T, 1\), found \(4, 4\)"),
@@ -118,22 +118,25 @@ def test_answers_are_checked_as_they_are_given(tiny: Scene) -> None:
     images = Images((picture,), (picture[..., 0],))
     sound = Assets(tiny.expect_mesh(), picture, picture[..., 0])
 
-    def asked(of: Callable[[CheckedReconstruction], Any], **parts: Any) -> Any:
+    def asked(of: Callable[[Checked], Any], **parts: Any) -> Any:
         found = checked_reconstruction("mine", Own(**parts))
-        assert isinstance(found, CheckedReconstruction)
+        assert isinstance(found, Checked)
         return of(found)
 
-    def render(found: CheckedReconstruction) -> Any:
+    def render(found: Checked) -> Any:
         return found.render(cameras, light=None, albedo_scale=None, quality=Quality(1, 1))
 
-    def maps(found: CheckedReconstruction) -> Any:
+    def maps(found: Checked) -> Any:
         return found.maps(cameras, ("albedo",), points=1)
 
     assert asked(render, picture=images) is images
     assert asked(maps, picture={"albedo": images}) == {"albedo": images}
-    assets = CheckedReconstruction.assets
+
+    def assets(found: Checked) -> Any:
+        return found.assets()
+
     assert asked(assets, exported=sound) is sound
-    assert asked(render) is asked(lambda found: found.assets()) is asked(lambda found: found.environment) is None
+    assert asked(render) is asked(assets) is asked(lambda found: found.environment) is None
     flat, doubled = Images((picture[..., 0],), images.coverage), Images((picture.astype(int),), images.coverage)
     for of, parts, message in (
         (maps, {}, r"maps\(\): expected a mapping, found NoneType"),
@@ -142,7 +145,7 @@ def test_answers_are_checked_as_they_are_given(tiny: Scene) -> None:
         (render, {"picture": doubled}, r"render\(\): .* found \[\(32, 32, 3\)\] of int64"),
         (assets, {"exported": "textures"}, "expected .*Assets with a mesh, or None, found str"),
         (assets, {"exported": replace(sound, mesh="cube")}, "expected .*Assets with a mesh"),
-        (assets, {"exported": replace(sound, albedo=picture.astype(float))}, "albedo: expected an array of float32"),
+        (assets, {"exported": replace(sound, albedo=picture.astype(float))}, "albedo: expected type float32"),
         (assets, {"exported": replace(sound, roughness=picture)}, r"roughness: expected shape \(T, T\), found"),
         (assets, {"exported": replace(sound, albedo=picture + np.float32(np.inf))}, "albedo: expected finite values"),
     ):

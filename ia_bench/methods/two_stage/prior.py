@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.registry import plugin_at_work
 from ia_bench.methods.contract import Monitor, PixelSamples, Problem, StepRender
 from ia_bench.methods.couplings.pixel_samples import pixel_samples
 from ia_bench.methods.couplings.sampler import Images, PriorSampler
@@ -79,9 +78,8 @@ class PriorLoss:
         """Those of the coupling, lambda_2 and lambda_3 of equation 5, at G-buffer entries (B,)."""
         if self.samples is None:
             return {}
-        with plugin_at_work("coupling", self._coupling):
-            self._coupling.update(render.texture.detach(), step)
-            return dict(self._coupling.loss(render, pixels))
+        self._coupling.update(render.texture.detach(), step)
+        return dict(self._coupling.loss(render, pixels))
 
     def state_dict(self) -> dict[str, Any]:
         """What a checkpoint must hold: the samples, what the coupling made of them, and what the prior has cost."""
@@ -99,8 +97,7 @@ class PriorLoss:
 
     def _take(self, samples: PixelSamples) -> None:
         self.samples = samples
-        with plugin_at_work("coupling", self._coupling):
-            self._coupling.prepare(samples, self._problem)
+        self._coupling.prepare(samples, self._problem)
 
     def _renders(
         self, parameters: Parameters, views: tuple[int, ...], components: frozenset[str], generator: torch.Generator

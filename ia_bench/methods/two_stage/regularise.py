@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 import torch
 from torch import Tensor
 
-from ia_bench.common.registry import plugin_at_work
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import FitState, Problem, Regulariser
 from ia_bench.methods.regularisers.choice import regularisers_of
@@ -33,8 +32,7 @@ class Regularisation:
         self._problem, self._parameters, self._refine = problem, parameters, refine
         self._regularisers = regularisers_of(settings.regularise, settings.regulariser_options)
         for regulariser in self._regularisers:
-            with plugin_at_work("regulariser", regulariser):
-                regulariser.prepare(problem)
+            regulariser.prepare(problem)
         self.clamped = 0
 
     @torch.no_grad()
@@ -64,8 +62,7 @@ class Regularisation:
         exposures = None if parameters.exposures is None else parameters.exposures.recovered
         state = FitState(self._problem, parameters.light(), exposures, parameters.observed, generator, self._refine)
         for regulariser in regularisers:
-            with plugin_at_work("regulariser", regulariser):
-                moved = regulariser.apply(material, state)
+            moved = regulariser.apply(material, state)
             material = Material(self._in_range("albedo", moved), self._in_range("roughness", moved), moved.metallic)
         return material
 
