@@ -253,7 +253,7 @@ class Descent:
             value = phase.loss(self._step, self.generator)
             check_finite("{} is NaN or Inf", {"the loss": value.detach()})
             value.backward()
-            check_gradients(self._parameters)
+            check_gradients({name: parameter.grad for name, parameter in self._parameters.items()})
             self._optimizer.step()
             loss = float(value.detach())
         with torch.no_grad():
@@ -320,9 +320,9 @@ class Tensors:
             tensor.copy_(state[name])
 
 
-def check_gradients(parameters: Mapping[str, Tensor]) -> None:
-    """Raise FloatingPointError where the square of a parameter's gradient is not finite: Adam would keep it as a moment."""
-    squares = {name: parameter.grad.square() for name, parameter in parameters.items() if parameter.grad is not None}
+def check_gradients(gradients: Mapping[str, Tensor | None]) -> None:
+    """Raise FloatingPointError where the square of a gradient is not finite: Adam would keep it as a moment."""
+    squares = {name: gradient.square() for name, gradient in gradients.items() if gradient is not None}
     check_finite("the gradient of {} is NaN, Inf or too large", squares)
 
 

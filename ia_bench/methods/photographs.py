@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.scenes.scene import Scene, View
 
+if TYPE_CHECKING:
+    from ia_bench.methods.contract import Problem
+
 INSIDE = 0.4
 """A mask of no more than that leaves a pixel out. Of one that the mesh just fills, a camera's filter may show less than a half."""
+PIXELS = 8192
+"""At most, of the render that tells the light of the mean image."""
 USUAL, LEVEL = (0.04, 4.0), 0.2
 """Photographs whose mean radiance lies in the range USUAL, as in all scenes by which prices and weights were chosen, are compared
 as they are, others as if it were LEVEL: what a fit finds must not depend on the unit of the radiance."""
@@ -94,3 +102,27 @@ def one_sided(target: Tensor, rendered: Tensor, known: Tensor | None) -> Tensor:
     loss of their difference is at its least there and has no gradient.
     """
     return target if known is None else torch.where(known, target, torch.maximum(target, rendered.detach()))
+
+
+# ---- the even light under which a material looks as bright, and of the colour, as the photographs do in the mean ----
+
+
+@torch.no_grad()
+def light_of_the_mean_image(
+    problem: Problem, entries: Tensor, material: Material, rows: int, generator: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """Radiance (3,) of that light, with the render that tells it, as images are linear in the light: (P, 3) under light 1.
+
+    Args:
+        problem: Whose renderer and G-buffer are used.
+        entries: (N,), N >= 1, pixels of the G-buffer that the mean is taken over.
+        material: What is lit.
+        rows: Of the lat-long map that holds the light.
+        generator: Draws the pixels and the samples.
+    """
+    gbuffer = problem.gbuffer
+    pixels = entries[torch.randint(len(entries), (min(PIXELS, len(entries)),), generator=generator, device=entries.device)]
+    ones = SampledLight.of(torch.ones(rows, 2 * rows, 3, device=gbuffer.pixel.device))
+    rendered = problem.renderer.render_pixels(gbuffer, pixels, material, ones, problem.plan.samples, generator).radiance
+    mean = problem.photographs.radiance[entries].mean(0)
+    return mean.clamp_min(1e-30) / rendered.mean(0).clamp_min(1e-8), rendered

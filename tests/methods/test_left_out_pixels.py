@@ -14,13 +14,12 @@ from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.methods.ceiling import NoOptions
-from ia_bench.methods.constant import Constant
 from ia_bench.methods.contract import Monitor, Problem
-from ia_bench.methods.couplings.pixel_samples import pixel_samples
+from ia_bench.methods.couplings.sampler import pixel_samples
 from ia_bench.methods.regularisers.context import effective_view_count
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import fitted_views
+from ia_bench.methods.truth_seers import Constant, NoOptions
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.priors.contract import Samples
 from ia_bench.render.renderer import texture_images

@@ -9,9 +9,8 @@ import pytest
 from small_fit import altered
 
 from ia_bench.common.errors import InputError
-from ia_bench.methods.ceiling import Ceiling, NoOptions
-from ia_bench.methods.constant import ROUGHNESS, Constant
 from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.methods.truth_seers import ROUGHNESS, Ceiling, Constant, NoOptions
 from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.scene import Scene
 

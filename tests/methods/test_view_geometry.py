@@ -9,7 +9,7 @@ import torch
 from shapes import camera_at, disk, plate, sphere, together
 
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.view_geometry import cosine_directions, view_geometry
+from ia_bench.methods.views import cosine_directions, view_geometry
 from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scenes.scene import Camera, Mesh, Scene, View

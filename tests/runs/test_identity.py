@@ -228,7 +228,7 @@ def test_hash_follows_the_code_of_what_is_not_built_in(
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "mine", raising=False)
     body = """
-        from ia_bench.methods.ceiling import NoOptions
+        from ia_bench.methods.truth_seers import NoOptions
         from ia_bench.methods.info import MethodInfo
         class Mine:
             Options, presets, info, value = NoOptions, {}, MethodInfo(uses_prior=True), 1
@@ -246,7 +246,7 @@ def test_hash_follows_the_code_of_what_is_not_built_in(
 def test_no_checkpoint_is_resumed_by_other_code_that_a_plugin_shares(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     body = """
-        from ia_bench.methods.ceiling import NoOptions
+        from ia_bench.methods.truth_seers import NoOptions
         from ia_bench.methods.info import MethodInfo
         class Ours:
             Options, presets, info = NoOptions, {}, MethodInfo(uses_prior=False)

@@ -105,7 +105,7 @@ def descend(loss: Tensor, *optimisers: Optimizer) -> None:
         weight.grad = None
     check_finite("{} is NaN or Inf", {"the loss": loss.detach()})
     loss.backward()
-    check_gradients({f"weight {number}": weight for number, weight in enumerate(parameters)})
+    check_gradients({f"weight {number}": weight.grad for number, weight in enumerate(parameters)})
     for optimiser in optimisers:
         optimiser.step()
 

@@ -1,4 +1,4 @@
-"""Asks the prior about the training views, keeps its samples between runs, and counts what that costs."""
+"""Asks the prior about the training views, keeps its samples between runs, counts what that costs, and spreads them over pixels."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.cache import Cache, content_key
-from ia_bench.methods.contract import Problem
-from ia_bench.methods.view_geometry import count_views, view_geometry
+from ia_bench.methods.contract import PixelSamples, Problem
+from ia_bench.methods.views import count_views, restrict, view_geometry
 from ia_bench.priors.contract import Distiller, Fingerprinted, Observations, Prior, Refiner, Samples
 from ia_bench.priors.validation import (
     LARGEST,
@@ -26,6 +26,8 @@ from ia_bench.priors.validation import (
 )
 
 GEOMETRY = ("normals", "visibility")
+NEAR_CEILING = 0.8
+"""Share of the largest value that a prior can say from which a sample means "at least": a mean of draws stays below it."""
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
 
 
@@ -127,3 +129,25 @@ def _unpacked(tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> tuple[
         part, _, name = key.partition("/")
         parts[part][name] = value
     return Samples(parts["values"], parts["ceilings"], about["cost"]), about["seconds"]
+
+
+def pixel_samples(problem: Problem, samples: Samples, views: tuple[int, ...]) -> PixelSamples:
+    """Samples, or distilled estimates, of the ``views`` of the problem."""
+    part, rows = restrict(problem.gbuffer, views)
+    view = part.view()
+    values, at_least = {}, {}
+    for name, sample in sorted(samples.values.items()):
+        value = sample.to(rows.device).reshape(-1, 3)[part.pixel]
+        values[name] = _among_zeros(problem, rows, value)
+        if name in samples.ceilings:
+            near = value.amax(-1) >= NEAR_CEILING * samples.ceilings[name].to(rows.device)[view]
+            at_least[name] = _among_zeros(problem, rows, near[:, None].float()) > 0
+    asked = _among_zeros(problem, rows, (~problem.photographs.left_out[rows, None]).float())
+    return PixelSamples(values, asked / asked.mean().clamp_min(1e-12), at_least)
+
+
+def _among_zeros(problem: Problem, rows: Tensor, values: Tensor) -> Tensor:
+    """(P', C) values of the G-buffer's entries (P',) among zeros for all others: (P, C)."""
+    everywhere = torch.zeros(len(problem.gbuffer.pixel), values.shape[-1], device=values.device)
+    everywhere[rows] = values
+    return everywhere

@@ -6,8 +6,7 @@ import numpy as np
 import torch
 
 from ia_bench.methods.contract import Monitor, Problem, Result
-from ia_bench.methods.descent import Descent, Phase, Stateful, check_finite
-from ia_bench.methods.two_stage.guard import check_gradients, check_rendered
+from ia_bench.methods.descent import Descent, Phase, Stateful, check_finite, check_gradients
 from ia_bench.methods.two_stage.least_squares import solved_albedo
 from ia_bench.methods.two_stage.losses import Losses
 from ia_bench.methods.two_stage.parameters import Parameters
@@ -92,14 +91,15 @@ class Fit:
         """One step of Adam along the sum of all losses; raises FloatingPointError where something is not finite."""
         with self.descent.book("prior"):
             self.prior.update(step, self.parameters, generator)
-        problem, parameters, entries = self.problem, self.parameters, self.problem.gbuffer.pixel
+        parameters, entries = self.parameters, self.problem.gbuffer.pixel
         pixels = torch.randint(len(entries), (self.settings.pixels,), generator=generator, device=entries.device)
         parameters.clear()
         losses, rendered = self.losses(pixels, parameters, step, self.steps, generator)
         loss = torch.stack(list(losses.values())).sum()
-        check_rendered(problem, loss, pixels, {"radiance": rendered.radiance, "albedo": rendered.albedo})
+        check_finite("the rendered {} is NaN or Inf", {"radiance": rendered.radiance, "albedo": rendered.albedo})
+        check_finite("{} is NaN or Inf", {"the loss": loss})
         loss.backward()
-        check_gradients(problem, parameters.gradients, pixels)
+        check_gradients(parameters.gradients)
         parameters.descend(step, self.steps)
         check_finite("{} became NaN or Inf", {"the light's radiance": torch.exp(parameters.tensors["log_light"].detach())})
         return float(loss.detach())

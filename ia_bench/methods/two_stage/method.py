@@ -44,7 +44,7 @@ class TwoStage:
         A step in which the loss, a gradient or a parameter is NaN or Inf is skipped, said and counted (``skipped_steps``).
 
         Raises:
-            FloatingPointError: That happened PATIENCE times in a row; step, tensor and views are named, and the last good state
+            FloatingPointError: That happened PATIENCE times in a row; step and tensor are named, and the last good state
                 is in the monitor's checkpoint.
             InputError: The prior cannot be used in the way that the problem's coupling or the settings say.
         """

@@ -11,8 +11,7 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Monitor, PixelSamples, Problem, StepRender
-from ia_bench.methods.couplings.pixel_samples import pixel_samples
-from ia_bench.methods.couplings.sampler import Images, PriorSampler
+from ia_bench.methods.couplings.sampler import Images, PriorSampler, pixel_samples
 from ia_bench.methods.photographs import as_photographed
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.views import restrict

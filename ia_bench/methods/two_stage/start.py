@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor
 
 from ia_bench.material.textures import fill_unobserved, splat
 from ia_bench.methods.contract import PixelSamples, Problem
-from ia_bench.methods.mean_image import light_of_the_mean_image
-from ia_bench.methods.two_stage.guard import check_rendered
+from ia_bench.methods.descent import check_finite
+from ia_bench.methods.photographs import light_of_the_mean_image
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.render.renderer import PixelRadiance
 
 
 @torch.no_grad()
@@ -44,11 +42,9 @@ def start_light(parameters: Parameters, problem: Problem, generator: torch.Gener
     Of all pixels that no mask leaves out, clipped ones among them: a start that is off is left behind, and those that are known
     alone would be too dark.
     """
-
-    def check(rendered: PixelRadiance, pixels: Tensor) -> None:
-        check_rendered(problem, rendered.radiance.sum(), pixels, {"radiance of the start": rendered.radiance})
-
     log_light, material = parameters.tensors["log_light"], parameters.material()
     believed = torch.nonzero(~problem.photographs.left_out)[:, 0]
     entries = believed if len(believed) else torch.arange(len(problem.gbuffer.pixel), device=problem.device)
-    log_light += torch.log(light_of_the_mean_image(problem, entries, material, len(log_light), generator, check))
+    radiance, rendered = light_of_the_mean_image(problem, entries, material, len(log_light), generator)
+    check_finite("the rendered {} is NaN or Inf", {"radiance of the start": rendered})
+    log_light += torch.log(radiance)

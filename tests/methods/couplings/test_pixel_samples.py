@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.methods.contract import PixelSamples, Problem
-from ia_bench.methods.couplings.pixel_samples import pixel_samples
+from ia_bench.methods.couplings.sampler import pixel_samples
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.runs.truth import ToldPrior

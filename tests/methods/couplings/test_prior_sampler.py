@@ -14,8 +14,7 @@ from torch import Tensor
 
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.couplings.sampler import PriorSampler
-from ia_bench.methods.view_geometry import view_geometry
-from ia_bench.methods.views import evenly_spread, restrict
+from ia_bench.methods.views import evenly_spread, restrict, view_geometry
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.validation import beyond_a_material
 from ia_bench.render.renderer import Renderer, texture_images

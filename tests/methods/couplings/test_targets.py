@@ -11,9 +11,8 @@ from small_fit import altered
 from torch import Tensor
 
 from ia_bench.methods.contract import Coupling, PixelSamples, Problem, StepRender
-from ia_bench.methods.couplings.distilled import Distilled
 from ia_bench.methods.couplings.kernel import Kernel
-from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Targets, align_views
+from ia_bench.methods.couplings.targets import ALIGNMENT_PERIOD, Distilled, Targets, align_views
 from ia_bench.priors.contract import PriorInfo
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb

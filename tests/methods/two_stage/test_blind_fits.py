@@ -14,10 +14,10 @@ from small_fit import SETTINGS, Record, altered, fit, make_problem, oracle, same
 
 from ia_bench.common.errors import Fault
 from ia_bench.common.progress import Progress
-from ia_bench.methods.ceiling import Ceiling
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.plan import make_plan
+from ia_bench.methods.truth_seers import Ceiling
 from ia_bench.priors.none import NoPrior
 from ia_bench.render import renderer as renderer_module
 from ia_bench.render.settings import RenderSettings

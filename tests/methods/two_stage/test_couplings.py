@@ -15,9 +15,8 @@ from torch import Tensor
 from ia_bench.common.errors import InputError, PluginError
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, FitState, NoCoupling, Problem, Regulariser, StepRender
-from ia_bench.methods.couplings.distilled import Distilled
 from ia_bench.methods.couplings.kernel import Kernel
-from ia_bench.methods.couplings.targets import Targets
+from ia_bench.methods.couplings.targets import Distilled, Targets
 from ia_bench.methods.two_stage.settings import FitSettings, LossWeights
 from ia_bench.methods.validation import checked_coupling
 from ia_bench.priors.contract import Observations, PriorInfo, Samples

@@ -14,7 +14,7 @@ from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import fitted_views
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.view_geometry import count_views, view_geometry
+from ia_bench.methods.views import count_views, view_geometry
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench_training.fit_files import FitInfo
 from ia_bench_training.fits.scene import draw_scene
