@@ -93,7 +93,7 @@ class Descent:
     """A fit by one phase after the other.
 
     A step in which a loss, a gradient or a parameter is NaN or Inf is taken back, counted and told; PATIENCE of them in a row end
-    the fit with a FloatingPointError, after the last good state was saved.
+    the fit with a FloatingPointError, after the last good state was saved, and so does a fit whose steps were all of this kind.
 
     Attributes:
         seconds: By phase, and by whatever else was booked.
@@ -178,8 +178,14 @@ class Descent:
             if place > self._place:
                 self._place, self._step, self._optimizer = place, 0, None
             self._run_phase(self._phases[place], recovered)
+        self.check_progress()
         if self.counters["skipped_steps"]:
             self._monitor.note(f"fit: {self.counters['skipped_steps']} of {self.steps} steps were skipped because of NaN or Inf")
+
+    def check_progress(self) -> None:
+        """Raise FloatingPointError where every step so far was taken back: there is no result."""
+        if self.counters["skipped_steps"] == self.done > 0:
+            raise FloatingPointError(f"all {self.done} steps were skipped because of NaN or Inf; nothing has been fitted")
 
     @contextmanager
     def book(self, name: str) -> Iterator[None]:

@@ -181,6 +181,12 @@ def test_bad_steps_with_a_good_one_between_do_not_end_it():
     assert descent.counters["skipped_steps"] == 45
 
 
+def test_a_short_fit_of_bad_steps_alone_has_no_result():
+    phase = Phase("fit", PATIENCE - 2, step=lambda number, generator: math.nan)
+    with pytest.raises(FloatingPointError, match=f"^all {PATIENCE - 2} steps were skipped because of NaN or Inf"):
+        Descent({"albedo": torch.ones(2)}, [phase], seed=0, monitor=Memory().monitor()).descend()
+
+
 def test_a_resumed_fit_counts_what_was_skipped_before():
     def spoil(step: int, line: Line) -> Tensor | None:
         return nan_loss(step, line) if step in (3, 4, 33) else None

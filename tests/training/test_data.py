@@ -30,12 +30,6 @@ def test_mistakes_are_named(arguments, message, capsys):
     assert message in capsys.readouterr().err
 
 
-def test_a_file_instead_of_the_folder_is_named(tmp_path, capsys):
-    (tmp_path / "file").touch()
-    assert main([f"out={tmp_path / 'file'}"]) == 2
-    assert f"out: {tmp_path / 'file'}: expected a folder that can be written, found: File exists\n" in capsys.readouterr().err
-
-
 def fake_shard(path, **changes):
     info = ShardInfo(**{"seed": 0, "first": 0, "count": 3, "size": 16, **changes})
     write_shard(path, {name: torch.rand(info.count, 16, 16, n) for name, n in CHANNELS.items()}, info)
@@ -106,12 +100,3 @@ def test_choice_of_shading(monkeypatch, wanted, compilers, chosen):
     notices = []
     assert choose_shading(wanted, notices.append) == chosen
     assert notices == []
-
-
-@pytest.mark.parametrize("gpu", [False, True])
-def test_without_a_compiler_shading_is_eager_and_says_so(monkeypatch, gpu):
-    monkeypatch.setattr(shutil, "which", lambda _: None)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: gpu)
-    notices = []
-    assert choose_shading("auto", notices.append) == "eager"
-    assert notices == ["shading runs eagerly: no C++ compiler found for torch.compile"]

@@ -73,12 +73,6 @@ def test_geometry_is_withheld_as_often_as_asked(folder):
     assert bool((without[:, 4:] == 0).all())
 
 
-def test_the_seeds_are_those_of_the_shards_in_use(folder):
-    write_shard(shard_path(folder, 2), shard(seed=2), ShardInfo(7, 0, 6, 16))
-    assert TrainingImages(folder).seeds == {0, 7}
-    assert TrainingImages(folder, limit=12).seeds == {0}
-
-
 def test_shards_of_two_sizes_are_refused(folder):
     write_shard(shard_path(folder, 2), shard(size=32), ShardInfo(0, 12, 6, 32))
     with pytest.raises(InputError, match="expected images of 16 pixels, found 32"):

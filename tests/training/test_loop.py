@@ -1,12 +1,10 @@
 import io
 import json
 import os
-import shutil
 import subprocess
 import sys
 import time
 from contextlib import redirect_stderr, redirect_stdout
-from pathlib import Path
 
 import pytest
 import torch
@@ -19,7 +17,7 @@ from ia_bench.priors.diffusion.checkpoints import load_network
 from ia_bench_training.loop import weighted_error
 from ia_bench_training.settings import TrainSettings
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
-from ia_bench_training.train import main, usage
+from ia_bench_training.train import main
 
 SMALL = ["network.size=16", "network.channels=[16,32]", "network.tokens=16", "batch=4", "warmup=2", "compile=false"]
 QUICK = ["validate_steps=1000", "validation_images=4", "validation_sampler_steps=2", "precision=float32", "threads=1"]
@@ -125,14 +123,6 @@ def step_of(state):
     return torch.load(state, weights_only=True)["step"] if state.is_file() else 0
 
 
-def test_data_that_has_grown_since_the_last_checkpoint_is_said(folders, tmp_path):
-    shutil.copytree(folders, tmp_path / "grown")
-    train(command(tmp_path / "grown", tmp_path / "run", "steps=2", "minutes=0"))
-    write_shard(shard_path(tmp_path / "grown/data", 1), shard(count=12, seed=2), ShardInfo(0, 12, 12, 16))
-    ended = train(command(tmp_path / "grown", tmp_path / "run", "steps=2"))
-    assert "24 images, and 12 when the run was stopped" in ended.stderr
-
-
 def test_training_improves_the_samples_and_is_followed(folders, tmp_path):
     ended = train(command(folders, tmp_path / "run", "steps=30", "rate=3e-3", "validate_steps=15"))
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
@@ -147,13 +137,6 @@ def test_training_improves_the_samples_and_is_followed(folders, tmp_path):
     network, provenance = load_network(tmp_path / "run/weights")
     assert provenance["steps"] == 30
     assert network.config.channels == (16, 32)
-
-
-def test_the_regressor_trains_by_the_same_command(folders, tmp_path):
-    train(command(folders, tmp_path / "run", "steps=2", "network.kind=regressor"))
-    network, _ = load_network(tmp_path / "run/weights")
-    assert network.config.kind == "regressor"
-    assert network.unet.config.in_channels == 16 * 8  # no noise goes in
 
 
 def test_training_starts_from_given_weights(folders, tmp_path):
@@ -196,18 +179,6 @@ def test_a_gradient_that_is_not_finite_is_one_line(folders, tmp_path):
     assert ended.returncode == 1
     assert "NaN or Inf" in ended.stderr
     assert "Traceback" not in ended.stderr
-
-
-def test_arguments_are_typed():
-    given = ["data=a", "validation=b", "out=c", "rate=1e-4", "network.channels=[16,32]", "network.fold=4", "minutes=3"]
-    settings = read_arguments(TrainSettings, given)
-    assert isinstance(settings, TrainSettings)
-    assert (settings.rate, settings.network.channels, settings.network.fold, settings.minutes) == (1e-4, (16, 32), 4, 3)
-    assert "network.channels" in usage()
-    given = ["data=1", "validation=b", "out=c", "minutes=5e1", "threads=null", "init=null", "network.components=[albedo]"]
-    settings = read_arguments(TrainSettings, given)
-    assert (settings.data, settings.minutes, settings.threads, settings.init) == (Path("1"), 50.0, None, None)
-    assert settings.network.components == ("albedo",)
 
 
 @pytest.mark.parametrize(

@@ -41,14 +41,6 @@ def test_a_disc_keeps_its_irradiance_as_texels(radius: float) -> None:
     torch.testing.assert_close(found, math.pi * emission[0] * (1 - edge**2), rtol=5e-3, atol=0)
 
 
-def test_a_light_without_discs_is_its_map() -> None:
-    texels = torch.rand(64, 128, 3, generator=torch.Generator().manual_seed(0))
-    nothing = Light(texels, torch.tensor([[0.0, 0, 1]]), torch.tensor([2.0]), torch.zeros(1, 3))
-    found = light_map(nothing, LIGHT_ROWS)
-    assert torch.equal(found[::2, ::2], texels)
-    assert torch.equal(found[1::2, 1::2], texels)
-
-
 def test_textures_hold_the_materials() -> None:
     """At the middles of large triangles a texture has what the material says there, but for edges of patterns."""
     rng = np.random.default_rng(3)

@@ -10,14 +10,12 @@ import torch
 
 from ia_bench.common.errors import InputError
 from ia_bench_training.resuming import (
-    FINAL_RATE,
     STATE,
     VALIDATIONS,
     batch_index,
     forget_validations_after,
     identity,
     load_state,
-    rate_factor,
     save_state,
     write_validation,
 )
@@ -36,17 +34,6 @@ def test_every_image_is_seen_once_in_every_pass() -> None:
         assert sorted(seen[epoch * images : (epoch + 1) * images].tolist()) == list(range(images))
     assert not torch.equal(seen[:images], seen[images:])
     assert torch.equal(batch_index(images, batch, 3, 4), seen[16:])
-
-
-def test_a_batch_larger_than_the_data_takes_several_passes() -> None:
-    assert torch.bincount(batch_index(3, 8, 0, 0), minlength=3).tolist() in ([3, 3, 2], [3, 2, 3], [2, 3, 3])
-
-
-def test_the_rate_rises_and_falls() -> None:
-    factors = [rate_factor(step, 100, 10) for step in range(101)]
-    assert factors[0] == pytest.approx(0.1)
-    assert factors.index(max(factors)) in (9, 10)
-    assert factors[-1] == pytest.approx(FINAL_RATE)
 
 
 def test_validations_beyond_the_last_checkpoint_are_forgotten(tmp_path: Path) -> None:
@@ -75,9 +62,3 @@ def test_a_state_comes_back_to_the_run_that_left_it(tmp_path: Path) -> None:
     torch.save([1, 2, 3], folder / STATE)
     with pytest.raises(InputError, match=r"state\.pt: expected format 4, found None; choose another out=FOLDER"):
         load_state(folder, "mine")
-
-
-def test_a_run_whose_folder_is_a_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="out: .*file: expected a folder that can be written, found: File exists"):
-        load_state(tmp_path / "file", "mine")

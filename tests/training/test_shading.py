@@ -15,7 +15,7 @@ from ia_bench.material.brdf import normalize, specular_brdf_cosine
 from ia_bench_training.lights import HEIGHT, LIGHTS, MAX_DISCS, WIDTH, Light, draw_light
 from ia_bench_training.objects import Assembly, _finish
 from ia_bench_training.primitives import vessel
-from ia_bench_training.render import ObjectRenderer, draw_view, lattice
+from ia_bench_training.render import ObjectRenderer, draw_view
 from ia_bench_training.shading import OFFSET, DirectLight, LightTables, cosine_directions, sample_lights
 from tests.chi_square import assert_frequencies
 
@@ -112,13 +112,6 @@ def test_every_family_of_lights_is_finite_and_bright(family, monkeypatch):
         assert torch.isfinite(light.emission).all()
         power = (light.radiance * row_solid_angles(HEIGHT, WIDTH).float()[:, None, None]).sum() / (12 * math.pi)
         assert 0.001 < power < 10
-
-
-def test_lattice_of_a_pixel_is_stratified_over_its_points():
-    u = lattice(uniform(5, 1, 2).expand(4, 2), torch.arange(4), 9)
-    assert (u >= 0).all()
-    assert (u < 1).all()
-    assert len(np.unique(np.floor(((u[..., 0] - u[0, 0, 0]) % 1).numpy() * 36 + 0.5))) == 36
 
 
 @pytest.fixture(scope="module")

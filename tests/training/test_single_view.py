@@ -1,5 +1,3 @@
-import json
-import shutil
 
 import numpy as np
 import pytest
@@ -61,16 +59,6 @@ def test_the_command_scores_scenes_and_shards(tmp_path, tiny_folder, capsys):
     assert not torch.isnan(torch.tensor([float(cell.split()[0]) for cell in shards.split("|")[3:-1]])).any()
 
 
-def test_priors_stand_below_each_other_and_what_one_lacks_is_a_dash(capsys):
-    assert main(["tiny", "--prior", "regressor", "ia_bench_baselines.retinex.prior:RetinexPrior", "--limit", "1"]) == 0
-    _, _, regressor, retinex = capsys.readouterr().out.strip().splitlines()
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in (regressor, retinex)]
-    assert [line[0].rpartition(":")[2] for line in cells] == ["regressor", "RetinexPrior"]
-    assert cells[0][2:6] == cells[1][2:6], "floors do not depend on the prior"
-    assert cells[1][-3:] == ["–"] * 3
-    assert "–" not in cells[0]
-
-
 @pytest.mark.parametrize("scene", [True, False])
 def test_geometry_reaches_a_prior_that_reads_it(tmp_path, tiny_folder, scene):
     if not scene:
@@ -87,12 +75,3 @@ def test_geometry_reaches_a_prior_that_reads_it(tmp_path, tiny_folder, scene):
     with_geometry = score(reading, examples, samples=1, seed=0)
     without = score(blind, examples, samples=1, seed=0)
     assert with_geometry["one sample"] != without["one sample"]
-
-
-def test_a_scene_without_test_views_is_a_mistake(tmp_path, tiny_folder, capsys):
-    folder = shutil.copytree(tiny_folder, tmp_path / "scene")
-    (folder / "transforms_test.json").write_text('{"frames": []}')
-    description = json.loads((folder / "scene.json").read_text())
-    (folder / "scene.json").write_text(json.dumps({key: value for key, value in description.items() if key != "splits"}))
-    assert main([str(folder)]) == 2
-    assert "expected test views with true albedo and specular shading, found no test view" in capsys.readouterr().err

@@ -137,7 +137,7 @@ def run(
         writes: Whether this process is the one of several that writes.
         agree: Makes one answer of those of several processes, whose clocks differ.
 
-    Raises InputError as :func:`load_state`, and FloatingPointError where ten steps in a row are NaN or Inf.
+    Raises InputError as :func:`load_state`, and FloatingPointError where ten steps in a row, or all of them, are NaN or Inf.
     """
     started, over, validated = time.monotonic(), False, False
 
@@ -175,6 +175,7 @@ def run(
     descent = Descent({}, [phase], seed=0, monitor=monitor, beside={"trainee": trainee})
     with suppress(_Ended):
         descent.descend()
+    descent.check_progress()
 
 
 def save_state(folder: Path, identity: str, state: Mapping[str, Any]) -> None:
