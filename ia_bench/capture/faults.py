@@ -16,7 +16,7 @@ from ia_bench.capture.settings import FaultSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.geometry.consistency import moved, pixel_motions, seen_at
-from ia_bench.geometry.silhouettes import HALF, centre_of, outline_distance
+from ia_bench.geometry.hull import HALF, centre_of, outline_distance
 from ia_bench.scenes.scene import Camera, View
 
 POSE, GROWTH, WRONG, SIDE, BLURRED = range(5)  # purposes of draws

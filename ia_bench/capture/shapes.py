@@ -13,11 +13,10 @@ from ia_bench.capture.settings import MADE, CaptureSettings
 from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
-from ia_bench.geometry.grid import DistanceGrid
+from ia_bench.geometry.consistency import MovingPhotographs
+from ia_bench.geometry.grid import DistanceGrid, mesh_of, smoothed
 from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.moving_photographs import MovingPhotographs
 from ia_bench.geometry.refinement import surface_from_images
-from ia_bench.geometry.surface import mesh_of, smoothed
 from ia_bench.scenes.scene import Mesh, Scene
 
 VERSION = 1  # of how a mesh is made: those that another one made are not taken from the cache

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.silhouettes import carving_mask, centre_of, outline_distance
+from ia_bench.geometry.hull import carving_mask, centre_of, outline_distance
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import View, farthest_first
 

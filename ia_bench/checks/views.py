@@ -10,8 +10,7 @@ from scipy.ndimage import gaussian_filter
 from ia_bench.checks.finding import Finding, judge
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.consistency import outline
-from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.silhouettes import outline_distance
+from ia_bench.geometry.hull import outline_distance, visual_hull
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import View
 

@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
+from torch import Tensor
 
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.hull import visual_hull
-from ia_bench.geometry.silhouettes import HALF, carving_mask, outline_distance
+from ia_bench.geometry.hull import HALF, carving_mask, centre_of, outline_distance, visual_hull
 from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Camera, View
 
@@ -33,6 +33,7 @@ PENALTIES = np.array([0.1] * 6 + [0.02])  # on the squares of motions and growth
 DOUBT = 1.0  # pixels; distances beyond count less: the weight of Cauchy's distribution
 LEAST = 0.05  # pixels by which a mask has to be wrong before it is changed
 STEP = 1e-3  # pixels by which a motion moves the image, when its effect is measured
+USED = [0, 1, 2, 5]  # of the motions of pixel_motions: pan, tilt, roll, along the axis; shifts to the sides look like pan and tilt
 
 
 def consistent(views: Sequence[View], rounds: int, tolerated: int) -> tuple[View, ...]:
@@ -68,7 +69,8 @@ class Outline:
 def outline(view: View, grid: DistanceGrid) -> Outline:
     """The outline of a view's mask beside that of the shape in ``grid``."""
     distance = outline_distance(carving_mask(view))
-    rows, columns = np.nonzero((np.abs(distance) < NEAR) & _away_from_frame(distance.shape))
+    near = np.pad((np.abs(distance) < NEAR)[2:-2, 2:-2], 2)  # the edges of the picture, which cut an object off, are no outlines
+    rows, columns = np.nonzero(near)
     normal = np.stack(np.gradient(distance)[::-1], -1)[rows, columns]  # along columns, along rows
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-9)
     points, beyond = nearest_to_rays(view.camera, rows, columns, grid)
@@ -103,13 +105,6 @@ def _mended(view: View, found: Outline, unknowns: np.ndarray) -> View:
     added = (mask > 0) & (view.mask == 0)
     image = straight(view.image, view.mask) * mask[..., None]
     return replace(view, camera=camera, image=image, mask=mask, valid=view.known & ~added)
-
-
-def _away_from_frame(shape: tuple[int, ...]) -> np.ndarray:
-    """Where an outline is the object's own (H, W): not along the edges of the picture, which cut the object off."""
-    inner = np.zeros(shape, bool)
-    inner[2:-2, 2:-2] = True
-    return inner
 
 
 def nearest_to_rays(camera: Camera, rows: np.ndarray, columns: np.ndarray, grid: DistanceGrid) -> tuple[np.ndarray, np.ndarray]:
@@ -147,3 +142,62 @@ def pixel_motions(camera: Camera, distance: float, area: float) -> np.ndarray:
     """
     focal, radius = 0.5 * sum(camera.focal), max(float(np.sqrt(area / np.pi)), 1.0)
     return np.array([1 / focal, 1 / focal, 1 / radius, distance / focal, distance / focal, distance / radius])
+
+
+# ---------------------------------------------------------------- photographs that move while a surface is fitted
+class MovingPhotographs:
+    """The pictures of all views, H x W each, looked up where their pixels belong, which is found together with a surface.
+
+    To first order, a camera that is a little off shows a far object shifted, turned or scaled: four unknowns of a view, in pixels,
+    take the place of its pose while a surface is fitted (:mod:`~ia_bench.geometry.refinement`), and are then made a motion of it.
+
+    ``offsets`` (V, 4) in pixels, what is fitted: to the right, down, turned and scaled about the middle of the mask, the last two
+    measured at the radius of a disk as large as it.
+    """
+
+    def __init__(self, views: Sequence[View]) -> None:
+        channels = []
+        for view in views:
+            known = view.known
+            parts = view.image, view.mask[..., None], known[..., None], (known | (view.mask > 0))[..., None]
+            channels.append(np.concatenate(parts, -1, dtype=np.float32))
+        self._pictures = torch.from_numpy(np.stack(channels))  # (V, H, W, 6)
+        covered = [np.nonzero(view.mask > HALF) for view in views]
+        self._middle = torch.tensor([[columns.mean() + 0.5, rows.mean() + 0.5] for rows, columns in covered]).float()
+        self._radius = torch.tensor([max(float(np.sqrt(len(rows) / np.pi)), 1.0) for rows, _ in covered])
+        self.offsets = torch.zeros(len(views), 4, requires_grad=True)
+
+    def at(self, view: Tensor, place: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Colour (N, 3), coverage (N,) and whether each is known (N,), of what belongs to column and row ``place`` (N, 2)."""
+        apart = (place - self._middle[view]) / self._radius[view, None]
+        right, down, turned, scaled = self.offsets[view].unbind(-1)
+        x, y = apart.unbind(-1)
+        column = place[:, 0] + right - turned * y + scaled * x - 0.5
+        row = place[:, 1] + down + turned * x + scaled * y - 0.5
+        height, width = self._pictures.shape[1:3]
+        left, top = column.detach().floor().clamp(0, width - 2).long(), row.detach().floor().clamp(0, height - 2).long()
+        u, v = (column - left).clamp(0, 1)[:, None], (row - top).clamp(0, 1)[:, None]
+        corners = [self._pictures[view, top + below, left + beside] for below in (0, 1) for beside in (0, 1)]
+        found = (1 - v) * ((1 - u) * corners[0] + u * corners[1]) + v * ((1 - u) * corners[2] + u * corners[3])
+        known = (found.detach()[:, 4:] > 0.999).float()
+        return found[:, :3], found[:, 3], known[:, 0], known[:, 1]
+
+    def cameras(self, views: Sequence[View]) -> list[Camera]:
+        """The cameras of the views after the motions that offset their pictures as they are offset."""
+        with torch.no_grad():
+            return [self._camera(number, view.camera, centre_of(views)) for number, view in enumerate(views)]
+
+    def _camera(self, number: int, camera: Camera, centre: np.ndarray) -> Camera:
+        radius, middle = float(self._radius[number]), self._middle[number].numpy().astype(np.float64)
+        around = radius * np.array([[np.cos(a), np.sin(a)] for a in np.linspace(0, 2 * np.pi, 16, endpoint=False)])
+        right, down, turned, scaled = self.offsets[number].double().tolist()
+        x, y = around.T / radius
+        wanted = np.stack([right - turned * y + scaled * x, down + turned * x + scaled * y], -1)
+        far = float(np.linalg.norm(centre - camera.position))
+        points = camera.position + far * camera.rays(*(middle + around).T)
+        units = pixel_motions(camera, far, float(np.pi * radius**2))
+        here = seen_at(camera, points)
+        effects = [(seen_at(moved(camera, STEP * units * one), points) - here).ravel() / STEP for one in np.eye(6)[USED]]
+        motion = np.zeros(6)
+        motion[USED] = np.linalg.lstsq(np.stack(effects, -1), wanted.ravel(), rcond=None)[0]
+        return moved(camera, units * motion)

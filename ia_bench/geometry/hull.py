@@ -1,4 +1,4 @@
-"""The visual hull: the largest object that casts no more than the given silhouettes.
+"""Masks as distances to their outlines, and the visual hull: the largest object that casts no more than these silhouettes.
 
 A point is in it if every view sees it inside of its mask (Laurentini 1994). How far a point is outside of the hull is no less
 than how far it is outside of each silhouette's cone, so the largest of these distances is a field that is exact at the
@@ -10,16 +10,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.special import ndtri
 from torch import Tensor
+from torch.nn.functional import grid_sample
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.silhouettes import HALF, Silhouette, centre_of, silhouettes
-from ia_bench.scenes.scene import View
+from ia_bench.scenes.scene import Camera, View
 
+HALF = 0.5  # coverage on an outline
+SOFT_SHARE = 0.02  # of the pixels of a mask that an antialiased outline leaves between 0 and 1, at least
+REACH = 0.5  # pixels along an outline between the nearest of its points and that of the nearest pixel, about
+BLUR = 0.7  # pixels, by which a mask of zeros and ones is blurred: the staircase of its outline becomes a slope
 COARSEST = 16  # cells along the longest side of the box on the first grid, at least
 LATTICE = 24  # cells from the middle to a side of the cube in which the box is looked for
 BAND = 2.0  # cells of the coarser grid within which distances are computed again
@@ -28,6 +35,84 @@ POINTS_AT_ONCE = 2**18
 GROWTHS = 4  # how often the first box may grow by half, before the masks are said to leave the object unbounded
 
 
+# ---------------------------------------------------------------- masks as distances to their outlines
+@dataclass(frozen=True)
+class Silhouette:
+    """The outline of one view: ``distance`` (H, W) float32 in pixels, positive outside, and the camera that sees it."""
+
+    camera: Camera
+    distance: Tensor
+
+    def outside(self, points: Tensor) -> Tensor:
+        """How far (N, 3) points lie outside of the cone of rays that the mask lets through, (N,) scene units; below 0 inside.
+
+        Across the ray, at the depth of the point. A point behind the camera is not seen, so nothing is known: minus infinity.
+        """
+        camera = self.camera
+        column, row, depth = camera.project(points)
+        place = torch.stack([2 * column / camera.width - 1, 2 * row / camera.height - 1], -1)[None, None]
+        pixels = grid_sample(self.distance[None, None], place, mode="bilinear", padding_mode="border", align_corners=False)
+        focal = 0.5 * (camera.focal[0] + camera.focal[1])
+        return torch.where(depth > 0, pixels[0, 0, 0] * depth / focal, -torch.inf)
+
+
+def carving_mask(view: View) -> np.ndarray:
+    """The view's mask (H, W), 1 where nothing is known."""
+    return view.mask if view.valid is None else np.where(view.valid | (view.mask > 0), view.mask, np.float32(1))
+
+
+def outline_distance(mask: np.ndarray) -> np.ndarray:
+    """Distance in pixels (H, W) float32 from each pixel's centre to the line where coverage is one half; positive outside.
+
+    Pixels that the line runs through tell where: of a straight line, coverage falls by the length of its chord per pixel. All
+    others take the line through the nearest of these, and at corners, where that would be too near, the distance of its point.
+    """
+    soft = (mask > 0.02) & (mask < 0.98)
+    blurred = soft.sum() < SOFT_SHARE * (mask > HALF).sum()
+    values = gaussian_filter(mask.astype(np.float64), BLUR) if blurred else mask.astype(np.float64)
+    inside = values > HALF
+    side = np.where(inside, -1.0, 1.0)
+    edge = _edge_pixels(values)
+    if not edge.any():  # all of the picture on one side
+        return (side * np.hypot(*mask.shape)).astype(np.float32)
+    slope = np.stack(np.gradient(gaussian_filter(values, 0.5)))
+    normal = -slope / np.maximum(np.linalg.norm(slope, axis=0), 1e-9)  # outward
+    chord = 1 / np.maximum(np.abs(normal).max(0), 0.5)
+    offset = -BLUR * ndtri(values.clip(0.01, 0.99)) if blurred else (HALF - values) / chord
+    whole, nearest = distance_transform_edt(~edge, return_indices=True)
+    row, column = nearest
+    apart = np.indices(mask.shape) - nearest + (offset * normal)[:, row, column]
+    straight = (apart * normal[:, row, column]).sum(0)
+    corner = side * np.maximum(np.linalg.norm(apart, axis=0) - REACH, 0)
+    distance = np.where(np.abs(corner) > side * straight, corner, straight)
+    return np.where(whole == 0, offset, distance).astype(np.float32)
+
+
+def _edge_pixels(values: np.ndarray) -> np.ndarray:
+    """Of every two neighbours (H, W) on different sides of one half, that which is nearer to it; both if neither is."""
+    inside, away = values > HALF, np.abs(values - HALF)
+    edge = np.zeros(values.shape, bool)
+    for one, two in (((slice(None, -1),), (slice(1, None),)), ((slice(None), slice(None, -1)), (slice(None), slice(1, None)))):
+        crossed = inside[one] != inside[two]
+        edge[one] |= crossed & (away[one] <= away[two])
+        edge[two] |= crossed & (away[two] <= away[one])
+    return edge
+
+
+def centre_of(views: Sequence[View]) -> np.ndarray:
+    """The point (3,) that is nearest, by least squares, to the rays from the cameras through the middles of the masks."""
+    origins, directions = [], []
+    for view in views:
+        row, column = (places.mean() + 0.5 for places in np.nonzero(view.mask > HALF))
+        direction = view.camera.rays(column, row)
+        origins.append(view.camera.position)
+        directions.append(direction / np.linalg.norm(direction))
+    across = np.eye(3) - np.einsum("ni,nj->nij", directions, directions)  # takes the part along a ray away
+    point: np.ndarray = np.linalg.lstsq(across.sum(0), np.einsum("nij,nj->i", across, origins), rcond=None)[0]
+    return point
+
+
+# ---------------------------------------------------------------- the hull
 class OpenHullError(InputError):
     """The masks leave the object unbounded: there are too few views, or they look from one side."""
 
@@ -39,7 +124,7 @@ def visual_hull(views: Sequence[View], cells: int, tolerated: int = 0) -> Distan
 
     Raises InputError where no point is inside of all masks, and OpenHullError where the masks leave the object unbounded.
     """
-    outlines = silhouettes(views)
+    outlines = [Silhouette(view.camera, torch.from_numpy(outline_distance(carving_mask(view)))) for view in views]
     low, high = _bounds(views, outlines, tolerated)
     step = float((high - low).max()) / (cells - 2 * MARGIN)
     halvings = max(0, int(math.log2(cells / COARSEST)))
@@ -77,7 +162,12 @@ def outside_of_all(outlines: Sequence[Silhouette], points: Tensor, tolerated: in
 def _bounds(views: Sequence[View], outlines: Sequence[Silhouette], tolerated: int) -> tuple[Tensor, Tensor]:
     """The corners (3,) of a box around the hull, on a coarse grid around the point that all cameras look at."""
     centre = centre_of(views)
-    half = max(_reach(view, centre) for view in views)
+    half = 0.0  # how far from the centre the object reaches across any view, at its depth, scene units
+    for view in views:
+        column, row, depth = (float(part) for part in view.camera.project(torch.from_numpy(centre).float()[None]))
+        rows, columns = np.nonzero(view.mask > HALF)
+        (across, along) = view.camera.focal
+        half = max(half, float(np.hypot((columns + 0.5 - column) / across, (rows + 0.5 - row) / along).max()) * max(depth, 0.0))
     for _ in range(GROWTHS):
         lattice = torch.linspace(-1, 1, 2 * LATTICE + 1)
         offsets = half * torch.stack(torch.meshgrid(lattice, lattice, lattice, indexing="ij"), -1).reshape(-1, 3)
@@ -88,7 +178,6 @@ def _bounds(views: Sequence[View], outlines: Sequence[Silhouette], tolerated: in
             raise InputError(
                 "masks: expected them to show one object from all sides, found no point that is inside of all of them; "
                 "cameras in another convention are the usual cause, or one wrong mask, which capture.tolerated=1 survives"
-                + _perhaps_inverted(views)
             )
         low, high = touched.amin(0) - cell, touched.amax(0) + cell
         if (low > points[0] - 0.5 * cell).all() and (high < points[-1] + 0.5 * cell).all():
@@ -97,21 +186,5 @@ def _bounds(views: Sequence[View], outlines: Sequence[Silhouette], tolerated: in
     doubted = f", {tolerated} of which may be wrong (capture.tolerated)" if tolerated else ""
     raise OpenHullError(
         f"masks: expected views from enough sides to bound the object, found {len(views)} views that leave it open{doubted}; "
-        "hulls (capture.geometry=hull and sdf, capture.consistency) need views from all around" + _perhaps_inverted(views)
+        "hulls (capture.geometry=hull and sdf, capture.consistency) need views from all around"
     )
-
-
-def _perhaps_inverted(views: Sequence[View]) -> str:
-    """A question, where most pixels along the borders of the pictures belong to the object: beyond objects there is background."""
-    sides = [side for view in views for side in (view.mask[0], view.mask[-1], view.mask[:, 0], view.mask[:, -1])]
-    share = float((np.concatenate(sides) > HALF).mean())
-    return f"; masks are white along {share:.0%} of the pictures' borders: is white the object in them?" if share > 0.5 else ""
-
-
-def _reach(view: View, centre: np.ndarray) -> float:
-    """How far from ``centre`` the object reaches across the view, at its depth, scene units."""
-    camera = view.camera
-    column, row, depth = (float(part) for part in camera.project(torch.from_numpy(centre).float()[None]))
-    rows, columns = np.nonzero(view.mask > HALF)
-    farthest = np.hypot((columns + 0.5 - column) / camera.focal[0], (rows + 0.5 - row) / camera.focal[1]).max()
-    return float(farthest) * max(depth, 0.0)

@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
-from ia_bench.common.cache import Cache, content_key
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import is_file, shown
 from ia_bench.scenes.scene import Mesh
@@ -17,38 +15,18 @@ from ia_bench.scenes.scene import Mesh
 if TYPE_CHECKING:
     import trimesh
 
-PARTS = ("vertices", "faces", "normals", "uv")
-SIDE = 512  # points along a side of a texture at which layers of it are counted ...
-AT_ONCE = 2**16  # ... of so many triangles together
-SHARED = 0.05  # of the texture that a mesh uses: more of it that belongs to several places is told of
-CROWDED = 300  # boxes of triangles that a ray meets; those of surfaces are about 3
 SMALL = 0.5  # scene units: objects whose longest side is shorter are enlarged for xatlas, which takes small triangles for none
 
 
 def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
     """Read ``path`` (PLY, OBJ, glTF: whatever trimesh reads) and return the mesh and one note per repair.
 
-    ``uv``: "mesh" uses the file's texture coordinates, and tells where they overlap; "xatlas" makes new ones.
+    ``uv``: "mesh" uses the file's texture coordinates, "xatlas" makes new ones.
 
     Raises InputError for a file without triangles, with NaN or Inf vertices, or (with "mesh") without UV, or UV outside [0, 1].
-
-    What a PLY file has become is kept in the cache, for this code: xatlas takes seconds, and trimesh half a second to be imported.
     """
     if not is_file(path):
         raise InputError(f"{shown(path)}: no such mesh")
-    if path.suffix.lower() != ".ply":  # others may refer to more files
-        return _read(path, uv)
-    code = Path(__file__).read_text(encoding="utf-8")
-    cache, key = Cache(), content_key("mesh", code, uv, path.name, np.fromfile(path, np.uint8))
-    kept = cache.get(key)
-    if kept is None:
-        mesh, notes = _read(path, uv)
-        cache.put(key, {part: torch.from_numpy(getattr(mesh, part)) for part in PARTS}, {"notes": notes})
-        return mesh, notes
-    return Mesh(*(kept[0][part].numpy() for part in PARTS)), tuple(kept[1]["notes"])
-
-
-def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     import trimesh
 
     class Beside(trimesh.resolvers.FilePathResolver):
@@ -79,7 +57,6 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
     if faces.min() < 0 or faces.max() >= len(vertices):
         found = f"{faces.min()} to {faces.max()}"
         raise InputError(f"{path}: expected faces of vertices 0 to {len(vertices) - 1}, found {found}")
-    _refuse_crowded(vertices, faces, path)
     texture_uv = getattr(loaded.visual, "uv", None)
     if texture_uv is not None and len(texture_uv) != len(vertices):
         raise InputError(f"{path}: expected one UV per vertex ({len(vertices)}), found {len(texture_uv)}")
@@ -97,30 +74,12 @@ def _read(path: Path, uv: str) -> tuple[Mesh, tuple[str, ...]]:
             raise InputError(f"{path}: {error}") from None
     if texture_uv is None:
         raise InputError(f"{path}: the mesh has no UV; add them, or run with reader.options.uv=xatlas")
-    mesh = Mesh(
-        vertices=vertices.astype(np.float32),
-        faces=faces.astype(np.int32),
-        normals=normals.astype(np.float32),
-        uv=_given_uv(np.asarray(texture_uv, np.float64)[used], faces, path, notes).astype(np.float32),
-    )
-    return mesh, tuple(notes)
-
-
-def _refuse_crowded(vertices: np.ndarray, faces: np.ndarray, path: Path) -> None:
-    """Raise InputError where so many triangles lie in each other's way that unwrapping and rays would take hours.
-
-    The sum of the areas of their bounding boxes over that of the whole box is about how many of these boxes a ray meets: a few of
-    an ordinary surface, whatever the number of its triangles; thousands of slivers through all of the object.
-    """
-    corners = vertices[faces]
-    sides = np.concatenate([np.ptp(corners, axis=1), np.ptp(vertices, axis=0)[None]])
-    areas = sides[:, 0] * sides[:, 1] + sides[:, 1] * sides[:, 2] + sides[:, 2] * sides[:, 0]
-    met = areas[:-1].sum() / areas[-1] if areas[-1] > 0 else 0.0
-    if met > CROWDED:
-        raise InputError(
-            f"{path}: expected the triangles of a surface, found {len(faces)} that lie in each other's way: "
-            f"a ray would meet the boxes of {met:.0f} of them"
-        )
+    given = np.asarray(texture_uv, np.float64)[used]
+    if not (given.min() >= -1e-6 and given.max() <= 1 + 1e-6):
+        found = f"{given.min():.4g} ... {given.max():.4g}"
+        raise InputError(f"{path}: expected UV within [0, 1], found {found}; run with reader.options.uv=xatlas")
+    parts = vertices.astype(np.float32), faces.astype(np.int32), normals.astype(np.float32), given.clip(0, 1).astype(np.float32)
+    return Mesh(*parts), tuple(notes)
 
 
 def _stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:
@@ -155,21 +114,6 @@ def _uv_per_face(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return b" texcoord" in file.read(65536).split(b"end_header")[0]
-
-
-def _given_uv(uv: np.ndarray, faces: np.ndarray, path: Path, notes: list[str]) -> np.ndarray:
-    """The file's texture coordinates (V, 2), float64 in [0, 1]; InputError where they are outside, a note where they overlap."""
-    low, high = uv.min(), uv.max()
-    if not np.isfinite([low, high]).all() or low < -1e-6 or high > 1 + 1e-6:
-        raise InputError(f"{path}: expected UV within [0, 1], found {low:.4g} ... {high:.4g}; run with reader.options.uv=xatlas")
-    uv = uv.clip(0, 1)
-    shared = shared_texture(uv, faces)
-    if shared > SHARED:
-        notes.append(
-            f"warning: {path.name}: {shared:.0%} of the texture that it uses belongs to several places of its surface (mirrored or "
-            "stacked UV), which will all have one material; reader.options.uv=xatlas makes other coordinates"
-        )
-    return uv
 
 
 def _without_degenerate(vertices: np.ndarray, faces: np.ndarray, path: Path, notes: list[str]) -> np.ndarray:
@@ -242,39 +186,3 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> Mesh
         normals=normals[source].astype(np.float32),
         uv=np.asarray(uv, np.float32).clip(0, 1),
     )
-
-
-# ---------------------------------------------------------------- how much of a texture belongs to several places of a mesh
-def shared_texture(uv: np.ndarray, faces: np.ndarray) -> float:
-    """The share of the texture covered by triangles that more than one of them covers, between 0 and 1; 0 if none covers any.
-
-    ``uv`` (V, 2) in [0, 1], ``faces`` (F, 3). Counted at SIDE x SIDE points, so edges that triangles share do not count.
-    """
-    change = np.zeros(SIDE * (SIDE + 1), np.int64)  # of the number of triangles, along each row of points
-    points = uv.astype(np.float64) * SIDE - 0.5  # the first point lies half a step from the border
-    for part in np.split(faces, range(AT_ONCE, len(faces), AT_ONCE)):
-        row, first, end = _spans(points[part])
-        np.add.at(change, row * (SIDE + 1) + first, 1)
-        np.add.at(change, row * (SIDE + 1) + end, -1)
-    layers = change.reshape(SIDE, SIDE + 1).cumsum(1)
-    return float((layers > 1).sum() / max((layers > 0).sum(), 1))
-
-
-def _spans(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The points inside of triangles with these corners (F, 3, 2): for each row of each its number, first column and end.
-
-    Ranges are half open, so a point on an edge that two triangles share is inside of one of them alone.
-    """
-    low, high = (np.ceil(edge).astype(np.int64).clip(0, SIDE) for edge in (corners[..., 1].min(1), corners[..., 1].max(1)))
-    rows = high - low
-    triangle = np.repeat(np.arange(len(corners)), rows)
-    row = np.arange(len(triangle)) - np.repeat(rows.cumsum() - rows, rows) + low[triangle]
-    left, right = np.full(len(row), np.inf), np.full(len(row), -np.inf)
-    for one, two in ((0, 1), (1, 2), (2, 0)):
-        (x, y), (to_x, to_y) = corners[triangle, one].T, corners[triangle, two].T
-        crosses = (np.minimum(y, to_y) <= row) & (row < np.maximum(y, to_y))
-        column = x + (row - y) / np.where(crosses, to_y - y, 1) * (to_x - x)
-        left, right = np.where(crosses, np.minimum(left, column), left), np.where(crosses, np.maximum(right, column), right)
-    first, end = (np.ceil(column).clip(0, SIDE).astype(np.int64) for column in (left, right))
-    some = end > first
-    return row[some], first[some], end[some]

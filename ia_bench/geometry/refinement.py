@@ -27,10 +27,10 @@ from torch.nn.functional import grid_sample, interpolate, normalize, pad, softpl
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, ProgressBar, unseen
+from ia_bench.geometry.consistency import MovingPhotographs
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import visual_hull
 from ia_bench.geometry.marching import Pixels, Rays, gathered, pixels_of
-from ia_bench.geometry.moving_photographs import MovingPhotographs
 from ia_bench.geometry.sweep import depth_maps, fused
 from ia_bench.geometry.warp_march import CHANNELS
 from ia_bench.scenes.scene import View

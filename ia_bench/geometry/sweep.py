@@ -21,7 +21,7 @@ from torch.nn.functional import avg_pool2d, grid_sample
 
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.geometry.silhouettes import centre_of
+from ia_bench.geometry.hull import centre_of
 from ia_bench.scenes.scene import Camera, View
 
 NEIGHBOURS = 6  # photographs that each is compared with ...

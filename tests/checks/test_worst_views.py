@@ -11,7 +11,7 @@ from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import CaptureSettings, FaultSettings
 from ia_bench.checks.views import check_views, disagreement, sharpness
 from ia_bench.common.paths import scenes_folder
-from ia_bench.geometry.silhouettes import outline_distance
+from ia_bench.geometry.hull import outline_distance
 from ia_bench.readers.native import NativeReader
 from ia_bench.scenes.scene import Scene, View
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from spheres import ball_views, camera_at, directions
+from bowls import ball_views, camera_at, directions
 from torch import Tensor
 from torch.nn.functional import grid_sample, normalize
 

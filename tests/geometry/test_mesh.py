@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+from trimesh.visual import TextureVisuals
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry import mesh as mesh_module
 from ia_bench.geometry.mesh import load_mesh
+from ia_bench.runs.assets import glb
 from ia_bench.scenes.scene import Mesh, Scene
 
 
@@ -37,11 +40,6 @@ class Ply:
         rows += [" ".join(map(str, (len(face), *face))) for face in self.faces]
         path.write_text("\n".join([*header, *rows]) + "\n")
         return path
-
-
-@pytest.fixture(autouse=True)
-def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IA_BENCH_CACHE", str(tmp_path / "cache"))
 
 
 @pytest.fixture
@@ -74,11 +72,6 @@ def test_refuses_what_is_no_mesh(tmp_path: Path) -> None:
     refused(tmp_path / "mesh.ply", "not a readable mesh")
 
 
-def test_refuses_a_mesh_without_triangles(tmp_path: Path, ply: Ply) -> None:
-    ply.faces = ply.faces[:0]
-    refused(ply.write(tmp_path / "mesh.ply"), "expected triangles, found none")
-
-
 QUAD = "".join(f"v {x} {y} 0\nvt {x} {y}\n" for x, y in ((0, 0), (1, 0), (1, 1), (0, 1)))
 
 
@@ -92,34 +85,18 @@ def test_an_obj_counts_from_one(tmp_path: Path) -> None:
         load_mesh(path)
 
 
-def test_a_pipe_in_place_of_materials_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.mtl")
-    (tmp_path / "mesh.obj").write_text(f"mtllib pipe.mtl\n{QUAD}usemtl it\nf 1/1 2/2 3/3\n")
-    try:
-        assert len(load_mesh(tmp_path / "mesh.obj")[0].faces) == 1
-    except InputError as error:
-        assert "pipe.mtl: expected a file" in str(error)  # noqa: PT017 (either is right)
-
-
-@pytest.mark.parametrize("uv", ["mesh", "xatlas"])
-def test_refuses_triangles_in_each_other_s_way(tmp_path: Path, uv: str) -> None:
-    vertices = np.random.default_rng(0).uniform(-1, 1, (6000, 3))
-    path = Ply(vertices, np.arange(6000).reshape(-1, 3), None, np.zeros((6000, 2))).write(tmp_path / "mesh.ply")
-    refused(path, "expected the triangles of a surface, found 2000 that lie in each other's way: a ray would meet", uv=uv)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-@pytest.mark.parametrize("uv", ["mesh", "xatlas"])
-def test_refuses_vertices_that_are_not_finite(tmp_path: Path, ply: Ply, bad: float, uv: str) -> None:
-    ply.vertices[[3, 5], 1] = bad
-    refused(ply.write(tmp_path / "mesh.ply"), f"2 of {len(ply.vertices)} vertices are NaN or Inf", uv=uv)
-
-
-def test_refuses_a_face_of_a_vertex_that_is_not_there(tmp_path: Path, ply: Ply) -> None:
-    ply.faces[7, 1] = len(ply.vertices)
-    refused(ply.write(tmp_path / "mesh.ply"), f"not a readable mesh.* {len(ply.vertices)} ")
-    ply.faces[7, 1] = -1
-    refused(ply.write(tmp_path / "mesh.ply"), f"expected faces of vertices 0 to {len(ply.vertices) - 1}, found -1 to")
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda ply: ply.vertices.__setitem__(([3, 5], 1), np.nan), r"2 of \d+ vertices are NaN or Inf"),
+        (lambda ply: ply.faces.__setitem__((7, 1), len(ply.vertices)), r"not a readable mesh"),
+        (lambda ply: ply.faces.__setitem__((7, 1), -1), r"expected faces of vertices 0 to \d+, found -1 to"),
+        (lambda ply: ply.vertices.__setitem__(slice(None), ply.vertices[:1]), r"every one of the \d+ triangles has zero area"),
+    ],
+)
+def test_refuses_broken_meshes(tmp_path: Path, ply: Ply, spoil: Callable[[Ply], None], says: str) -> None:
+    spoil(ply)
+    refused(ply.write(tmp_path / "mesh.ply"), says)
 
 
 def test_drops_triangles_of_zero_area_and_says_so(tmp_path: Path, ply: Ply) -> None:
@@ -133,18 +110,6 @@ def test_drops_triangles_of_zero_area_and_says_so(tmp_path: Path, ply: Ply) -> N
     mesh, notes = load_mesh(ply.write(tmp_path / "mesh.ply"))
     assert any(f"dropped 2 zero-area triangles of {sound + 2}" in note for note in notes)
     assert len(mesh.faces) == sound
-
-
-def test_a_small_scene_has_no_zero_areas(tmp_path: Path, ply: Ply) -> None:
-    ply.vertices = ply.vertices * 1e-4
-    mesh, notes = load_mesh(ply.write(tmp_path / "mesh.ply"))
-    assert notes == ()
-    assert len(mesh.faces) == len(ply.faces)
-
-
-def test_refuses_a_mesh_of_nothing_but_zero_areas(tmp_path: Path, ply: Ply) -> None:
-    ply.vertices[:] = ply.vertices[:1]
-    refused(ply.write(tmp_path / "mesh.ply"), f"every one of the {len(ply.faces)} triangles has zero area")
 
 
 @pytest.mark.parametrize("uv", ["mesh", "xatlas"])
@@ -264,47 +229,64 @@ f 1/1/1 2/2/1 3/3/1\nf 1/4/1 3/5/1 4/6/1
         np.testing.assert_allclose(sorted(map(tuple, mesh.uv[here])), uvs, atol=1e-6)
 
 
-def test_ply_with_uv_per_corner(tmp_path: Path) -> None:
-    """The other way to write UV into a PLY: a list of six numbers in each face."""
-    ply = """ply
-format ascii 1.0
-element vertex 4
-property float x
-property float y
-property float z
-element face 2
-property list uchar int vertex_indices
-property list uchar float texcoord
-end_header
-0 0 0
-1 0 0
-1 1 0
-0 1 0
-3 0 1 2 6 0 0 .4 0 .4 .4
-3 0 2 3 6 .5 .5 .9 .9 .5 .9
-"""
-    (tmp_path / "mesh.ply").write_text(ply)
-    mesh, _ = load_mesh(tmp_path / "mesh.ply")
-    corner = mesh.uv[mesh.faces].reshape(2, 6)
-    np.testing.assert_allclose(corner[corner[:, 0].argsort()], [[0, 0, 0.4, 0, 0.4, 0.4], [0.5, 0.5, 0.9, 0.9, 0.5, 0.9]])
+# ---------------------------------------------------------------- normals of several parts
+HARD = np.array([[0.6, 0.0, 0.8]] * 3)
+"""Normals of a triangle in the plane z = 0 that no program would compute from it."""
 
 
-def test_a_mesh_is_kept_for_the_next_time(tmp_path: Path, ply: Ply, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With its notes, without a reader; another file of that name, or other texture coordinates, is read again."""
-    ply.normals = None
-    path = ply.write(tmp_path / "mesh.ply")
+def part(normals: np.ndarray | None, place: float = 0.0) -> trimesh.Trimesh:
+    """A triangle with texture coordinates, from ``place`` on, with these normals (3, 3), or none."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    uv = TextureVisuals(uv=place + 0.4 * corners[:, :2])
+    return trimesh.Trimesh(corners, [[0, 1, 2]], vertex_normals=normals, visual=uv, process=False)
+
+
+def written(path: Path, *parts: tuple[trimesh.Trimesh, np.ndarray]) -> Path:
+    """A glTF file of these parts, each placed by its matrix (4, 4)."""
+    scene = trimesh.Scene()
+    for number, (mesh, matrix) in enumerate(parts):
+        scene.add_geometry(mesh, geom_name=f"part {number}", node_name=f"node {number}", transform=matrix)
+    path.write_bytes(scene.export(file_type="glb"))
+    return path
+
+
+def placing(linear: np.ndarray) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = linear, (3, 1, 2)
+    return matrix
+
+
+def test_a_turned_asset_is_the_mesh_that_it_was_made_of(tmp_path: Path, tiny: Scene) -> None:
+    """As the documents turn it."""
+    mesh = tiny.expect_mesh()
+    (tmp_path / "asset.glb").write_bytes(glb(mesh, np.full((4, 4, 3), 0.5), np.full((4, 4), 0.5)))
+    loaded = trimesh.load(tmp_path / "asset.glb")
+    loaded.apply_transform([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    loaded.export(tmp_path / "mesh.glb")
+    found, notes = load_mesh(tmp_path / "mesh.glb")
+    assert notes == ()
+    np.testing.assert_allclose(found.vertices, mesh.vertices, atol=1e-5)
+    np.testing.assert_allclose(found.normals, mesh.normals, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "linear", [Rotation.from_rotvec([0.3, -1.0, 0.5]).as_matrix(), np.diag([2.0, 0.5, 3.0]), np.diag([1.0, 1.0, -1.0])]
+)
+def test_normals_turn_with_their_part(tmp_path: Path, linear: np.ndarray) -> None:
+    """They stay at right angles to what was in their plane, and on their side of it, however a part is turned, scaled, mirrored."""
+    path = written(tmp_path / "mesh.glb", (part(HARD), np.eye(4)), (part(HARD, 0.5), placing(linear)))
     mesh, notes = load_mesh(path)
-    assert notes
-    with monkeypatch.context() as patch:
-        patch.setattr(mesh_module, "_read", None)
-        again, the_same = load_mesh(path)
-        assert the_same == notes
-        for name in ("vertices", "faces", "normals", "uv"):
-            kept, made = getattr(again, name), getattr(mesh, name)
-            assert kept.dtype == made.dtype
-            np.testing.assert_array_equal(kept, made)
-    unwrapped, _ = load_mesh(path, uv="xatlas")
-    assert not np.array_equal(unwrapped.uv, mesh.uv)
-    ply.vertices *= 2
-    larger, _ = load_mesh(ply.write(path))
-    np.testing.assert_allclose(np.ptp(larger.vertices, axis=0), 2 * np.ptp(mesh.vertices, axis=0), rtol=1e-6)
+    assert notes == ()
+    far = mesh.vertices[:, 2] > 1  # the part that is placed
+    moved = mesh.normals[far]
+    np.testing.assert_allclose(mesh.normals[~far], HARD, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(moved, axis=1), 1, atol=1e-5)
+    for across in ([0.0, 1, 0], [-0.8, 0, 0.6]):  # at right angles to HARD
+        np.testing.assert_allclose(moved @ (linear @ across), 0, atol=1e-5)
+    assert (moved @ (linear @ HARD[0]) > 0).all()
+
+
+def test_a_part_without_normals_is_told_of(tmp_path: Path) -> None:
+    mesh, notes = load_mesh(written(tmp_path / "mesh.glb", (part(HARD), np.eye(4)), (part(None, 0.5), placing(np.eye(3)))))
+    assert notes == ("mesh.glb: stored normals are zero or not finite in places; smooth normals computed instead",)
+    np.testing.assert_allclose(mesh.normals, [[0, 0, 1]] * 6, atol=1e-6)

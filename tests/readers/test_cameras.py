@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ia_bench.common.errors import InputError
-from ia_bench.geometry.silhouettes import carving_mask
+from ia_bench.geometry.hull import carving_mask
 from ia_bench.readers.cameras import (
     Lens,
     expect_looking_at_object,
