@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from ia_bench.capture.radiometry import photographed
-from ia_bench.capture.settings import MADE, CaptureSettings, FaultSettings, without_effect
+from ia_bench.capture.settings import MADE, CaptureSettings, FaultSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
 from ia_bench.scenes.scene import Scene, View, of_one_size
@@ -20,14 +20,12 @@ number that leaves it closed. Of fewer, hulls that doubt one are open, or move c
 def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None], begin: Begin = unseen) -> Scene:
     """The scene with fewer views, other images, cameras and masks, or another mesh; held-out views and truth stay what they were.
 
-    ``note`` is told what takes time, and which settings change nothing; ``begin`` shows how far work of minutes is. Raises
+    ``note`` is told what takes time; ``begin`` shows how far work of minutes is. Raises
     InputError for what the scene cannot give.
     """
-    for line in without_effect(settings):
-        note(line)
     train = scene.train
     if settings.views != "all":
-        from ia_bench.capture.views import spread  # imported only here, as what follows: they bring in scipy and trimesh
+        from ia_bench.capture.faults import spread  # imported only here, as what follows: they bring in scipy and trimesh
 
         train = spread(train, settings.views)
     if settings.tolerated >= len(train) and (settings.consistency or settings.geometry in MADE):
@@ -52,7 +50,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         shaped = with_geometry(shaped, settings, note, normals, begin)
     if not settings.margin:
         return shaped
-    from ia_bench.capture.views import inside
+    from ia_bench.capture.faults import inside
 
     return replace(shaped, train=inside(shaped.train, settings.margin))
 

@@ -1,4 +1,4 @@
-"""What goes wrong in a capture of one's own: cameras a little off, masks too large or too small, a blurred photograph.
+"""What a capture of one's own has less of, views and pixels, and what goes wrong: cameras a little off, wrong masks, blur.
 
 Every draw belongs to one photograph, by its name, and to one kind of fault: so the faults of a photograph are the same
 whichever others are taken, and one kind can be set without a change of the others.
@@ -16,8 +16,9 @@ from ia_bench.capture.settings import FaultSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.seeds import derive_seed
 from ia_bench.geometry.consistency import moved, pixel_motions, seen_at
-from ia_bench.geometry.hull import HALF, centre_of, outline_distance
-from ia_bench.scenes.scene import Camera, View
+from ia_bench.geometry.hull import HALF, carving_mask, centre_of, outline_distance
+from ia_bench.scenes.images import straight
+from ia_bench.scenes.scene import Camera, View, farthest_first
 
 POSE, GROWTH, WRONG, SIDE, BLURRED = range(5)  # purposes of draws
 SMALL = 1e-3  # pixels by which a motion moves a camera's image, when its effect is measured
@@ -85,12 +86,13 @@ def _one_side(view: View, faults: FaultSettings) -> np.ndarray:
 def blurred(views: Sequence[View], faults: FaultSettings) -> list[View]:
     """The views, some of them through a Gaussian of ``faults.blur`` pixels: picture and coverage."""
     chosen = _chosen(views, faults.blurred_views, faults, BLURRED, "blurred_views")
-    return [_blurred(view, faults.blur) if place in chosen else view for place, view in enumerate(views)]
 
 
-def _blurred(view: View, pixels: float) -> View:
-    image, mask = (gaussian_filter(part, pixels, axes=(0, 1)) for part in (view.image, view.mask))
-    return replace(view, image=image, mask=mask)
+    def through(view: View) -> View:
+        image, mask = (gaussian_filter(part, faults.blur, axes=(0, 1)) for part in (view.image, view.mask))
+        return replace(view, image=image, mask=mask)
+
+    return [through(view) if place in chosen else view for place, view in enumerate(views)]
 
 
 # ---------------------------------------------------------------- draws
@@ -104,3 +106,31 @@ def _chosen(views: Sequence[View], count: int, faults: FaultSettings, purpose: i
         raise InputError(f"capture.faults.{setting}={count}: expected at most {len(views)}, the views that are taken")
     draws = [_random(faults, purpose, view).random() for view in views]
     return set(np.argsort(draws)[:count].tolist())
+
+
+# ---------------------------------------------------------------- fewer views, and fewer pixels of them
+def spread(views: Sequence[View], count: int) -> tuple[View, ...]:
+    """``count`` of the views, in their order. Raises InputError where there are fewer.
+
+    Directions are those from the point that the cameras look at, which asks for no mesh.
+    """
+    if count > len(views):
+        raise InputError(f"capture.views={count}: expected at most {len(views)}, the training views of the scene, or all")
+    return tuple(views[index] for index in sorted(farthest_first(views, centre_of(views))[:count]))
+
+
+def inside(views: Sequence[View], margin: float) -> tuple[View, ...]:
+    """The views without all that is less than ``margin`` pixels inside of their masks, or outside: nobody knows what is there.
+
+    A pixel on a wrong side of an outline shows the background, or is black where the object is; so wide an edge is left out that
+    none such is left in. A point of the surface that one view sees there, others see away from their outlines.
+    """
+    return tuple(_inside(view, margin) for view in views)
+
+
+def _inside(view: View, margin: float) -> View:
+    sure = (outline_distance(carving_mask(view)) < -margin) & (view.mask > 0)
+    if not sure.any():  # a view of next to nothing: better unsure than unseen
+        return view
+    image = np.where(sure[..., None], straight(view.image, view.mask), np.float32(0))
+    return replace(view, image=image, mask=sure.astype(np.float32), valid=sure & view.known)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from operator import attrgetter
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -128,34 +127,6 @@ def shipped(name: str) -> CaptureSettings:
     """The capture that ``conf/capture/NAME.yaml`` describes, one that leaves everything in where there is no such file."""
     path = conf_folder() / "capture" / f"{name}.yaml"
     return parsed(CaptureSettings, read_yaml(path), "capture") if is_file(path) else CaptureSettings()
-
-
-WITHOUT_EFFECT: dict[str, dict[str, tuple[object, ...]]] = {
-    "percentile": {"radiometry": ("hdr",), "background": ("none",)},
-    "jpeg": {"radiometry": ("hdr",)},
-    "faults.blur": {"faults.blurred_views": (0,)},
-    "faults.seed": {f"faults.{name}": (0,) for name in ("poses", "mask_jitter", "wrong_masks", "blurred_views")},
-    "smoothing": {"geometry": ("given", "hull", "sdf")},
-    "cells": {"geometry": ("given", "smoothed", "sdf")},
-    "tolerated": {"geometry": ("given", "smoothed"), "consistency": (0,)},
-    "triangles": {"geometry": ("given", "smoothed")},
-    "sdf": {"geometry": ("given", "smoothed", "hull")},
-    "sdf.align": {"sdf.steps": (0,)},
-    "sdf.normals": {"sdf.steps": (0,)},
-}
-"""Settings that nothing reads where each of the others that are named has one of the values listed for it."""
-
-
-def without_effect(settings: CaptureSettings) -> list[str]:
-    """One line for each of the ``settings`` that differs from its default and yet changes nothing, with the cause."""
-    plain, lines = CaptureSettings(), []
-    for name, causes in WITHOUT_EFFECT.items():
-        found = {cause: attrgetter(cause)(settings) for cause in causes}
-        changed = attrgetter(name)(settings) != attrgetter(name)(plain)
-        if changed and all(found[cause] in values for cause, values in causes.items()):
-            blamed = " and ".join(f"capture.{cause}={value}" for cause, value in found.items())
-            lines.append(f"capture.{name} changes nothing with {blamed}")
-    return lines
 
 
 Settings = CaptureSettings | FaultSettings | SdfSettings

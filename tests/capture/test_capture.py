@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
-from ia_bench.capture import shapes
 from ia_bench.capture.capture import captured, record
+from ia_bench.capture.faults import spread
 from ia_bench.capture.radiometry import eight_bits, photographed
-from ia_bench.capture.settings import CaptureSettings, FaultSettings, SdfSettings, shipped, without_effect
-from ia_bench.capture.views import spread
+from ia_bench.capture.settings import CaptureSettings, SdfSettings, shipped
 from ia_bench.common.errors import InputError
-from ia_bench.common.progress import ProgressBar, unseen
-from ia_bench.geometry.grid import DistanceGrid
-from ia_bench.scenes.scene import Mesh, Scene, View, farthest_first
+from ia_bench.scenes.scene import Scene, View, farthest_first
 
 
 @pytest.fixture(autouse=True)
@@ -185,21 +180,6 @@ def test_an_sdf_is_made_of_images_and_knows_no_truth(tiny: Scene) -> None:
     assert sum("from 16 training views" in note for note in notes) == 3
 
 
-def test_an_sdf_shows_how_far_it_is(tiny: Scene) -> None:
-    """All views and all steps are counted, and nothing comes from the cache silently: then there is nothing to wait for."""
-    settings = CaptureSettings(geometry="sdf", sdf=SdfSettings(cells=32, steps=3), triangles=1500)
-    tasks: list[ProgressBar] = []
-
-    def begin(name: str, total: int) -> ProgressBar:
-        tasks.append(unseen(name, total))
-        return tasks[-1]
-
-    for _ in range(2):
-        captured(tiny, settings, lambda line: None, begin)
-    assert [(task.name, task.done, task.total) for task in tasks] == [("depth maps", 16, 16), ("surface from images", 3, 3)]
-    assert tasks[1].status.startswith("loss ")
-
-
 def test_cameras_move_with_their_photographs_where_they_may(tiny: Scene) -> None:
     """Training cameras alone, a little, and as much when the mesh comes from the cache; without ``align`` they stay."""
     sdf = SdfSettings(cells=32, steps=30, align=True)
@@ -212,79 +192,6 @@ def test_cameras_move_with_their_photographs_where_they_may(tiny: Scene) -> None
     assert all(a is b for a, b in zip(one.test, tiny.test, strict=True))
     stay = captured(tiny, replace(settings, sdf=replace(sdf, align=False)), lambda line: None)
     assert all(a.camera is b.camera for a, b in zip(stay.train, tiny.train, strict=True))
-
-
-def test_a_hull_of_another_version_of_the_code_is_made_again(tiny: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    settings = CaptureSettings(geometry="hull", cells=24)
-    notes: list[str] = []
-    for _ in range(2):
-        captured(tiny, settings, notes.append)
-    assert len(notes) == 1
-    monkeypatch.setattr(shapes, "VERSION", shapes.VERSION + 1)
-    captured(tiny, settings, notes.append)
-    assert len(notes) == 2
-
-
-def test_a_mesh_is_made_to_the_bit_whatever_torch_is_asked_for(tiny: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs on CUDA do without deterministic algorithms, but a mesh is made on the CPU, and its textures belong to it alone."""
-    asked, plain = [], shapes.mesh_of
-
-    def seen(grid: DistanceGrid, triangles: int) -> Mesh:
-        asked.append(torch.get_deterministic_debug_mode())
-        return plain(grid, triangles)
-
-    monkeypatch.setattr(shapes, "mesh_of", seen)
-    take(tiny, geometry="hull", cells=24)
-    assert asked == [2]
-    assert torch.get_deterministic_debug_mode() == 0
-
-
-# ---------------------------------------------------------------- settings that change nothing
-@pytest.mark.parametrize(
-    ("settings", "lines"),
-    [
-        ({"sdf": SdfSettings(cells=64)}, ["sdf changes nothing with capture.geometry=given"]),
-        ({"geometry": "sdf", "cells": 96}, ["cells changes nothing with capture.geometry=sdf"]),
-        ({"geometry": "hull", "smoothing": 0.02}, ["smoothing changes nothing with capture.geometry=hull"]),
-        ({"geometry": "smoothed", "triangles": 500}, ["triangles changes nothing with capture.geometry=smoothed"]),
-        ({"tolerated": 1}, ["tolerated changes nothing with capture.geometry=given and capture.consistency=0"]),
-        ({"tolerated": 4, "consistency": 1}, []),
-        ({"jpeg": 90}, ["jpeg changes nothing with capture.radiometry=hdr"]),
-        ({"percentile": 90.0}, ["percentile changes nothing with capture.radiometry=hdr and capture.background=none"]),
-        ({"percentile": 90.0, "background": 0.5}, []),
-        ({"faults": FaultSettings(blur=1.0)}, ["faults.blur changes nothing with capture.faults.blurred_views=0"]),
-        ({"faults": FaultSettings(blur=1.0, blurred_views=1)}, []),
-        (
-            {"faults": FaultSettings(seed=1, mask_growth=1.0)},  # which draws nothing
-            [
-                "faults.seed changes nothing with capture.faults.poses=0.0 and capture.faults.mask_jitter=0.0 "
-                "and capture.faults.wrong_masks=0 and capture.faults.blurred_views=0"
-            ],
-        ),
-        *(({"faults": FaultSettings(seed=1, **one)}, []) for one in ({"poses": 1.0}, {"mask_jitter": 1.0}, {"wrong_masks": 1})),
-        (
-            {"geometry": "sdf", "sdf": SdfSettings(steps=0, align=True, normals="folder")},
-            [f"sdf.{name} changes nothing with capture.sdf.steps=0" for name in ("align", "normals")],
-        ),
-        ({"geometry": "hull", "cells": 96, "tolerated": 1, "triangles": 500}, []),
-        ({"geometry": "smoothed", "smoothing": 0.02}, []),
-    ],
-)
-def test_a_setting_that_changes_nothing_is_told_with_the_cause(settings: dict[str, Any], lines: list[str]) -> None:
-    assert without_effect(CaptureSettings(**settings)) == [f"capture.{line}" for line in lines]
-
-
-def test_a_capture_tells_what_changes_nothing_and_then_takes_it(tiny: Scene) -> None:
-    notes: list[str] = []
-    after = captured(tiny, CaptureSettings(cells=64, faults=FaultSettings(blur=1.0)), notes.append)
-    causes = {"faults.blur": "faults.blurred_views=0", "cells": "geometry=given"}
-    assert notes == [f"capture.{name} changes nothing with capture.{cause}" for name, cause in causes.items()]
-    assert after.mesh is tiny.mesh
-
-
-@pytest.mark.parametrize("name", ["as_read", "phone"])
-def test_nothing_of_a_shipped_capture_changes_nothing(name: str) -> None:
-    assert without_effect(shipped(name)) == []
 
 
 def test_labels_name_what_an_sdf_has_of_its_own() -> None:

@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 from ia_bench.capture.capture import captured
+from ia_bench.capture.faults import spread
 from ia_bench.capture.normals import given_normals
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
-from ia_bench.capture.views import spread
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.scene import Scene, View
