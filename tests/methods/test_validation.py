@@ -72,7 +72,6 @@ class Own:
         ({"albedo": ALBEDO.clone().requires_grad_()}, "albedo: expected gradient False, found True"),
         ({"albedo": torch.ones(1, 1, 3).expand(36000, 36000, 3)}, "albedo: expected at most 16384 texels a side"),
     ],
-    ids=str,
 )
 def test_textures_that_nothing_can_draw(changes: dict[str, Any], message: str, stage: Stage) -> None:
     with pytest.raises(PluginError, match=f"^method mine: reconstruction: {message}"):
@@ -90,13 +89,12 @@ def test_textures_that_nothing_can_draw(changes: dict[str, Any], message: str, s
         ({"seconds": {"fit": "long"}}, "seconds: expected names with finite numbers >= 0, found 'fit': 'long'"),
         ({"seconds": [1.0]}, "seconds: expected a mapping of names to numbers, found list"),
         ({"counters": {"calls": float("nan")}}, "counters: expected names with whole numbers >= 0, found 'calls': nan"),
-        ({"counters": {"calls": object()}}, "counters: expected names with whole numbers >= 0, found 'calls': <object"),
+        ({"counters": {"calls": b"3"}}, "counters: expected names with whole numbers >= 0, found 'calls': b'3'"),
         ({"counters": {"calls": 10**400}}, "counters: expected names with whole numbers >= 0, found 'calls': 1000"),
         ({"counters": {"\udc80": 1}}, "counters: expected names with whole numbers"),
         ({"counters": {3: 4}}, "counters: expected names with whole numbers >= 0, found 3: 4"),
         ({"steps": -1}, "expected names with whole numbers >= 0, found 'steps': -1"),
     ],
-    ids=str,
 )
 def test_results_that_say_something_else(changes: dict[str, Any], message: str, stage: Stage) -> None:
     with pytest.raises(PluginError, match=f"^method mine: .*{message}"):
