@@ -1,30 +1,36 @@
 """Does a prior keep the contract of :mod:`ia_bench.priors.contract`? One finding per question, with what was found.
 
-A prior is judged by what it does: every rule samples it on small posed images, under the settings of a run. A prior that
-wants truth is shown it.
+A prior is judged by what it does: every rule samples it on small images, under the settings of a run. A prior that wants truth
+is shown it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property, partial
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.modules.module import register_module_forward_pre_hook
 
-from ia_bench.checks.finding import Finding, judge
+from ia_bench.checks.finding import Finding, guarded, judge
 from ia_bench.checks.stack import Stack, painted_ball
-from ia_bench.checks.subject import GEOMETRY, Images, Subject, check_members
 from ia_bench.common.errors import InputError, raised
 from ia_bench.common.process_state import process_state_kept
-from ia_bench.priors.contract import COMPONENTS, Samples
-from ia_bench.priors.validation import checked, checked_refinement
+from ia_bench.priors.contract import COMPONENTS, Observations, Prior, Samples
+from ia_bench.priors.validation import check_prior_info, checked, checked_refinement
 
 ALBEDO_TOLERANCE = 1e-3  # beyond [0, 1]: half floats and antialiasing
 CEILING_TOLERANCE = 1e-3  # above a ceiling, relative to it
 NEIGHBOUR_TOLERANCE = 1e-3  # mean difference between batch sizes: kernels sum in another order
 ODD = (37, 31)  # neither square nor even
+GEOMETRY = frozenset({"normals", "visibility", "view_count"})
+"""What a prior may want of a scene, and must do without."""
+
+Images = Mapping[str, Tensor]
 
 
 def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
@@ -37,34 +43,82 @@ def check_prior(make: Callable[[], Any], stack: Stack) -> Iterator[Finding]:
         torch.use_deterministic_algorithms(not torch.cuda.is_available())  # as a run asks for where nothing is on CUDA
         try:
             prior = make()
-            members = list(check_members(prior))
+            check_prior_info(prior)
+            subject = Subject(make, prior, stack)
         except (Exception, SystemExit) as error:
-            yield Finding("fail", "construction", "an object", raised(error))
+            yield Finding("fail", "construction", "a prior with info and sample()", raised(error))
             return
-        yield from members
-        if any(finding.status == "fail" for finding in members):
-            yield Finding("skip", "everything else", "", "it needs the members above")
-            return
-        subject = Subject(make, prior, stack)
+        sets = {name: sorted(value) if isinstance(value, frozenset) else value for name, value in vars(prior.info).items()}
+        yield Finding("pass", "info", "", ", ".join(f"{name} {value}" for name, value in sets.items()))
         for title, rule in RULES:
-            try:
-                findings = list(rule(subject))
-            except (Exception, SystemExit) as error:
-                findings = [Finding("fail", title, "no exception", raised(error))]
+            findings = list(guarded(title, "no exception", partial(rule, subject)))
             yield from findings
-            if rule is _plain_sample and any(finding.status == "fail" for finding in findings):
-                yield Finding("skip", "everything else", "", "it needs a sound sample")
+            failed = any(finding.status == "fail" for finding in findings)
+            if rule is _plain_sample and (failed or not subject.components):
+                yield Finding("skip", "everything else", "", "it needs a sound sample" if failed else "the prior provides nothing")
                 return
-            if rule is _plain_sample and not prior.info.provides:
-                yield Finding("skip", "everything else", "", "the prior provides nothing, so there is nothing to check")
-                return
+
+
+class Subject:
+    """The prior under test, and how to ask it: copies of the inputs, other global random states, what it cost."""
+
+    def __init__(self, make: Callable[[], Any], prior: Any, stack: Stack) -> None:  # noqa: ANN401 (it may offer more than a Prior)
+        self.make, self.prior, self.stack = make, prior, stack
+        self.info, self.components = prior.info, sorted(prior.info.provides)
+        self.modified: set[str] = set()
+        self.costs: list[Mapping[str, int]] = []
+        self.forwards = self._asked = 0  # calls of networks, and how often the prior was asked
+
+    def ask(
+        self, asked: Stack | Observations, *, seed: int = 0, guidance: Images | None = None, prior: Prior | None = None
+    ) -> Samples:
+        """One sample of the prior under test, or of another instance of it, which sees no geometry of a stack."""
+        shown = asked.shown(self.info.wants - GEOMETRY) if isinstance(asked, Stack) else asked
+        return self._watched((prior or self.prior).sample, shown, guidance=guidance, seed=seed)
+
+    def distill(self, stack: Stack, renders: Images) -> Samples:
+        """Estimates of ``renders`` by the prior under test."""
+        return self._watched(self.prior.distill, stack.shown(self.info.wants - GEOMETRY), renders=renders, seed=0)
+
+    def refine(self, stack: Stack, renders: Images) -> Samples:
+        """The material of ``renders`` as the prior under test corrects it, which sees the geometry that it wants."""
+        return self._watched(self.prior.refine, stack.shown(self.info.wants), renders=renders)
+
+    def _watched(self, call: Callable[..., Samples], shown: Observations, **given: Any) -> Samples:  # noqa: ANN401 (as the call)
+        """What ``call`` returns; remembers which of its inputs it wrote to, and what it cost."""
+        tables = {"true": shown.truth, **{what: value for what, value in given.items() if isinstance(value, Mapping)}}
+        given |= {what: dict(value) for what, value in given.items() if isinstance(value, Mapping)}
+        inputs = {name: value for name, value in vars(shown).items() if isinstance(value, Tensor)}
+        inputs |= {f"{what} {name}": value for what, table in tables.items() for name, value in (table or {}).items()}
+        kept = {name: value.clone() for name, value in inputs.items()}
+        self._asked += 1  # another state of the global generators each time: a sample must not depend on them
+        torch.manual_seed(self._asked)
+        np.random.seed(self._asked)
+        with register_module_forward_pre_hook(lambda module, inputs: self._count()):
+            samples = call(shown, **given)
+        self.modified |= {n for n, v in inputs.items() if not torch.equal(v.nan_to_num(), kept[n].nan_to_num())}
+        for name, value in kept.items():  # so that one wrong write fails no later rule
+            inputs[name].copy_(value)
+        if isinstance(samples, Samples) and isinstance(samples.values, Mapping):
+            self.costs.append(samples.cost)
+            copies = {name: value.clone() if isinstance(value, Tensor) else value for name, value in samples.values.items()}
+            samples = replace(samples, values=copies)  # because the prior may write to what it has handed out
+        return samples
+
+    def _count(self) -> None:
+        self.forwards += 1
+
+    @cached_property
+    def base(self) -> Samples:
+        """The unguided sample of the stack for seed 0."""
+        return self.ask(self.stack)
 
 
 # ---- one sample ------------------------------------------------------------------------------------------------------
 
 
 def _plain_sample(subject: Subject) -> Iterator[Finding]:
-    yield from _sound(subject, subject.base, subject.stack)
+    return _sound(subject, subject.base, subject.stack)
 
 
 def _sound(subject: Subject, samples: Samples, stack: Stack) -> Iterator[Finding]:
@@ -75,16 +129,13 @@ def _sound(subject: Subject, samples: Samples, stack: Stack) -> Iterator[Finding
     except InputError as error:
         yield Finding("fail", "samples", expected, str(error))
         return
-    yield Finding("pass", "samples", expected, "as expected")
+    yield Finding("pass", "samples", expected, "")
     outside = stack.masks == 0
     for name, sample in sorted(samples.values.items()):
         low, high = float(sample.min()), float(sample.max())
-        found = f"{low:.4g} ... {high:.4g}"
-        if name == "albedo":
-            within = low >= -ALBEDO_TOLERANCE and high <= 1 + ALBEDO_TOLERANCE
-            yield judge(within, f"{name}: range", f"within [0, 1] up to {ALBEDO_TOLERANCE:g}", found)
-        else:
-            yield judge(low >= 0, f"{name}: range", "radiance >= 0", found)
+        within = low >= -ALBEDO_TOLERANCE and high <= 1 + ALBEDO_TOLERANCE if name == "albedo" else low >= 0
+        expected = f"within [0, 1] up to {ALBEDO_TOLERANCE:g}" if name == "albedo" else "radiance >= 0"
+        yield judge(within, f"{name}: range", expected, f"{low:.4g} ... {high:.4g}")
         most = float(sample[outside].abs().max()) if bool(outside.any()) else 0.0
         yield judge(most <= 1e-6, f"{name}: premultiplied", "zero where the mask is", f"at most {most:.3g} outside")
         if name in samples.ceilings:
@@ -92,20 +143,20 @@ def _sound(subject: Subject, samples: Samples, stack: Stack) -> Iterator[Finding
             yield judge(share <= 1 + CEILING_TOLERANCE, f"{name}: ceiling", "no value above it", f"at most {share:.4g} of it")
 
 
-def _judge_sound(subject: Subject, what: str, expected: str, samples: Samples, stack: Stack) -> Finding:
+def _judge_sound(subject: Subject, what: str, samples: Samples, stack: Stack) -> Finding:
     """One finding of everything that :func:`_sound` asks."""
-    wrong = [finding for finding in _sound(subject, samples, stack) if finding.status == "fail"]
-    return judge(not wrong, what, expected, "; ".join(f"{finding.what}: {finding.found}" for finding in wrong) or "sound")
+    wrong = [f"{one.what}: {one.found}" for one in _sound(subject, samples, stack) if one.status == "fail"]
+    return judge(not wrong, what, "what a run accepts, in range, zero where the mask is", "; ".join(wrong))
 
 
 def _other_images(subject: Subject) -> Iterator[Finding]:
     others = {
-        f"{ODD[0]} x {ODD[1]} images": painted_ball(*ODD, len(subject.stack.views)),
+        f"{ODD[0]} x {ODD[1]} images": painted_ball(*ODD, len(subject.stack.images)),
         "all-black images": subject.stack.black(),
         "a view with an empty mask": subject.stack.with_empty_view(),
     }
     for what, stack in others.items():
-        yield _judge_sound(subject, what, "a sound sample (what a run accepts, range, premultiplied)", subject.ask(stack), stack)
+        yield _judge_sound(subject, what, subject.ask(stack), stack)
 
 
 # ---- repeatability ---------------------------------------------------------------------------------------------------
@@ -118,9 +169,8 @@ def _repeatable(subject: Subject) -> Iterator[Finding]:
     stochastic, differs = subject.info.stochastic, any(value > 0 for value in largest.values())
     expected = f"{'another' if stochastic else 'the same'} sample, because stochastic = {stochastic}"
     yield judge(differs == stochastic, "another seed", expected, text)
-    for what, prior in (("same seed again", subject.prior), ("same seed, new instance", subject.make())):
-        again = subject.ask(subject.stack, prior=prior)
-        yield _same(what, base, again)
+    yield _same("same seed again", base, subject.ask(subject.stack))
+    yield _same("same seed, new instance", base, subject.ask(subject.stack, prior=subject.make()))
 
 
 def _independent(subject: Subject) -> Iterator[Finding]:
@@ -128,17 +178,31 @@ def _independent(subject: Subject) -> Iterator[Finding]:
     if subject.info.sees_truth:
         yield Finding("skip", what, "", "a prior that sees truth is asked about a scene, and may draw for all of its views")
         return
-    alone = [subject.ask(subject.stack.one(view)) for view in range(len(subject.stack.views))]
+    alone = [subject.ask(subject.stack.one(view)) for view in range(len(subject.stack.images))]
     yield _beside_others(what, {name: torch.cat([one.values[name] for one in alone]) for name in subject.components}, subject.base)
 
 
-def _beside_others(what: str, alone: Mapping[str, Tensor], together: Samples) -> Finding:
+def _beside_others(what: str, alone: Images, together: Samples) -> Finding:
     difference = max(float((alone[name] - together.values[name][: len(alone[name])]).abs().mean()) for name in alone)
     expected = f"what it is beside others, up to {NEIGHBOUR_TOLERANCE:g} in the mean"
     return judge(difference <= NEIGHBOUR_TOLERANCE, what, expected, f"a mean difference of {difference:.3g}")
 
 
-# ---- guidance --------------------------------------------------------------------------------------------------------
+def _same(what: str, base: Samples, again: Samples) -> Finding:
+    largest = max(_largest(value, again.values[name]) for name, value in base.values.items())
+    return judge(largest == 0, what, "the same sample to the bit", f"a difference of up to {largest:.3g}" if largest else "")
+
+
+def _largest(a: Tensor, b: Tensor) -> float:
+    return float((a - b).abs().max())
+
+
+# ---- guidance, and what a prior may offer besides ----------------------------------------------------------------------
+
+
+def _fitted(stack: Stack) -> Images:
+    """What a fit might render of a stack, which is no sample: the truth, darker and flatter."""
+    return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in COMPONENTS}
 
 
 def _guided(subject: Subject) -> Iterator[Finding]:
@@ -146,38 +210,38 @@ def _guided(subject: Subject) -> Iterator[Finding]:
         yield Finding("skip", "guidance", "", "the prior is not guidable, so it is never given any")
         return
     stack, base = subject.stack, subject.base
-    render = _fitted(stack, subject.components)
-    guided = subject.ask(stack, guidance={name: value.clone() for name, value in render.items()})
+    render = {name: value for name, value in _fitted(stack).items() if name in subject.components}
+    guided = subject.ask(stack, guidance=render)
     for name in subject.components:
         before, after = (float((samples.values[name] - render[name]).abs().mean()) for samples in (base, guided))
-        if subject.info.stochastic:
-            nearer, expected = after < before, "nearer to the render"
-        else:  # nothing but one sample to choose from
-            nearer, expected = after <= before, "no farther from the render"
-        yield judge(nearer, f"guided {name}", expected, f"mean distance {before:.4g} unguided, {after:.4g} guided")
-    yield _judge_sound(subject, "guided sample", "sound like the unguided one", guided, stack)
+        nearer = after < before or (after == before and not subject.info.stochastic)  # which has but one sample to choose from
+        found = f"mean distance {before:.4g} unguided, {after:.4g} guided"
+        yield judge(nearer, f"guided {name}", "nearer to the render, or as near if not stochastic", found)
+    yield _judge_sound(subject, "guided sample", guided, stack)
     yield _same("guidance = None afterwards", base, subject.ask(stack))
     if not hasattr(subject.prior, "guidance_strength"):
         yield Finding("skip", "guidance of strength 0", "", "the prior has no guidance_strength")
         return
-    weak: Any = subject.make()
+    weak = subject.make()
     weak.guidance_strength = 0.0
     yield _same("guidance of strength 0", base, subject.ask(stack, guidance=render, prior=weak))
 
 
-# ---- what a prior may offer besides ----------------------------------------------------------------------------------
-
-
 def _distilled(subject: Subject) -> Iterator[Finding]:
-    if not hasattr(subject.prior, "distill"):
-        return
-    stack = subject.stack
-    renders = _fitted(stack, subject.components)
-    estimates = subject.distill(stack, {name: render.clone() for name, render in renders.items()}, 0)
-    finding = _judge_sound(subject, "distilled estimates", "sound like samples", estimates, stack)
-    yield finding
-    if finding.status == "pass":
-        yield _same("distilled again", estimates, subject.distill(stack, renders, 0))
+    if hasattr(subject.prior, "distill"):
+        renders = {name: value for name, value in _fitted(subject.stack).items() if name in subject.components}
+        estimates = subject.distill(subject.stack, renders)
+        finding = _judge_sound(subject, "distilled estimates", estimates, subject.stack)
+        yield finding
+        if finding.status == "pass":
+            yield _same("distilled again", estimates, subject.distill(subject.stack, renders))
+
+
+def _finished(stack: Stack) -> Images:
+    """What a finished fit might show in a stack, of which nothing else is known: half rough, a little off, matt."""
+    masks = stack.masks[..., None]
+    more = {"radiance": 0.9 * stack.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2).clone()}
+    return {**_fitted(stack), **more}
 
 
 def _refined(subject: Subject) -> Iterator[Finding]:
@@ -194,40 +258,24 @@ def _refined(subject: Subject) -> Iterator[Finding]:
     outside = max(float(maps[stack.masks == 0].abs().max()) for maps in corrected.values.values())
     yield judge(outside <= 1e-6, what, expected, f"at most {outside:.3g} outside")
     yield _same("corrected again", corrected, subject.refine(stack, _finished(stack)))
-    alone = subject.refine(stack.one(0), {name: render[:1].clone() for name, render in _finished(stack).items()})
-    yield _beside_others("one corrected on its own", alone.values, corrected)
+    yield _beside_others("one corrected on its own", subject.refine(stack.one(0), _finished(stack.one(0))).values, corrected)
     subject.refine(stack.with_empty_view(), _finished(stack.with_empty_view()))
 
 
-def _fitted(stack: Stack, components: Sequence[str] = COMPONENTS) -> Images:
-    """What a fit might render of a stack, which is no sample: the truth, darker and flatter."""
-    return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in components}
-
-
-def _finished(stack: Stack) -> Images:
-    """What a finished fit might show in a stack, of which nothing else is known: half rough, a little off, matt."""
-    masks = stack.masks[..., None]
-    more = {"radiance": 0.9 * stack.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2)}
-    return _fitted(stack) | more
-
-
 def _with_geometry(subject: Subject) -> Iterator[Finding]:
-    if subject.info.wants.isdisjoint(GEOMETRY):
-        return
-    stack = subject.stack
-    subject.geometry = True
-    samples = subject.ask(stack)
-    yield _judge_sound(subject, "a sample with geometry", "sound like one without", samples, stack)
-    subject.ask(stack.one(1))  # which brings other geometry
-    yield _same("the same geometry again", samples, subject.ask(stack))
-    subject.geometry = False
+    if not subject.info.wants.isdisjoint(GEOMETRY):
+        shown = subject.stack.shown(subject.info.wants)
+        samples = subject.ask(shown)
+        yield _judge_sound(subject, "a sample with geometry", samples, subject.stack)
+        subject.ask(shown.select([1]))  # which brings other geometry
+        yield _same("the same geometry again", samples, subject.ask(shown))
 
 
 # ---- wrong input -----------------------------------------------------------------------------------------------------
 
 
 def _refuses(subject: Subject) -> Iterator[Finding]:
-    shown = subject.shown(subject.stack)
+    shown = subject.stack.shown(subject.info.wants - GEOMETRY)
     spoiled = shown.images.clone()
     spoiled[0, spoiled.shape[1] // 2, spoiled.shape[2] // 2] = torch.nan
     mistakes = {
@@ -236,17 +284,22 @@ def _refuses(subject: Subject) -> Iterator[Finding]:
         "masks of another size": replace(shown, masks=shown.masks[:, 1:].clone()),
     }
     for what, wrong in mistakes.items():
-        expected, clear, found = "a ValueError or TypeError that says what is wrong", False, "a sample"
+        clear, found = False, "a sample"
         try:
-            subject.ask_about(wrong)
+            subject.ask(wrong)
         except Exception as error:
             clear, found = isinstance(error, ValueError | TypeError) and bool(str(error)), raised(error)
-        yield judge(clear, what, expected, found)
+        yield judge(clear, what, "a ValueError or TypeError that says what is wrong", found)
+
+
+def _marked(subject: Subject) -> Iterator[Finding]:
+    if hasattr(subject.prior, "fingerprint"):
+        value = subject.prior.fingerprint
+        yield judge(isinstance(value, str) and bool(value), "fingerprint", "a text", f"{value!r:.300}")
 
 
 def _untouched(subject: Subject) -> Iterator[Finding]:
-    found = ", ".join(sorted(subject.modified)) or "nothing"
-    yield judge(not subject.modified, "inputs", "nothing modified", f"{found} modified")
+    yield judge(not subject.modified, "inputs", "nothing modified", ", ".join(sorted(subject.modified)))
 
 
 def _counted(subject: Subject) -> Iterator[Finding]:
@@ -257,6 +310,7 @@ def _counted(subject: Subject) -> Iterator[Finding]:
 
 RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
     ("a sample", _plain_sample),
+    ("fingerprint", _marked),
     ("other images", _other_images),
     ("seeds", _repeatable),
     ("an image on its own", _independent),
@@ -269,13 +323,3 @@ RULES: tuple[tuple[str, Callable[[Subject], Iterator[Finding]]], ...] = (
     ("geometry", _with_geometry),
 )
 """Every rule after the declared members, in order; the first name stands for the rule where it raises."""
-
-
-def _same(what: str, base: Samples, again: Samples) -> Finding:
-    largest = max(_largest(value, again.values[name]) for name, value in base.values.items())
-    found = "the same" if largest == 0 else f"a difference of up to {largest:.3g}"
-    return judge(largest == 0, what, "the same sample to the bit", found)
-
-
-def _largest(a: Tensor, b: Tensor) -> float:
-    return float((a - b).abs().max())

@@ -11,8 +11,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ia_bench.checks.finding import Finding, judge
-from ia_bench.common.errors import InputError, raised
+from ia_bench.checks.finding import Finding, guarded, judge
+from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, FitState, PixelSamples, Problem, Regulariser, StepRender
@@ -21,34 +21,36 @@ from ia_bench.priors.contract import COMPONENTS, Samples
 
 PIXELS = 512  # of a step
 SIDE, STEPS = 32, 100  # texels of the material, steps of the fit
-THE_SAME = "the same to the bit"
+AN_ANSWER = "an answer as the contract describes it"
 
 
 def check_coupling(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
     """Check the coupling that ``make()`` returns; an instance for every question. Never raises for what the coupling does."""
-    yield from _asked(make, Coupling, lambda coupling: _coupling(make, checked_coupling("", coupling), problem))
+
+    def new() -> Coupling:
+        return checked_coupling("", make())
+
+    yield from guarded("a question", AN_ANSWER, lambda: _of_kind(Coupling, make, lambda: _coupling(new, problem)))
 
 
 def check_regulariser(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
     """Check the regulariser that ``make()`` returns. Never raises for what the regulariser does."""
-    yield from _asked(make, Regulariser, lambda regulariser: _regulariser(make, checked_regulariser("", regulariser), problem))
+
+    def new() -> Regulariser:
+        return checked_regulariser("", make())
+
+    yield from guarded("a question", AN_ANSWER, lambda: _of_kind(Regulariser, make, lambda: _regulariser(new, problem)))
 
 
-def _asked(make: Callable[[], Any], kind: type, rules: Callable[[Any], Iterator[Finding]]) -> Iterator[Finding]:
-    try:
-        made = make()
-        expected, found = f"a {kind.__module__}.{kind.__name__}", type(made).__name__
-        yield judge(isinstance(made, kind), "construction", expected, found)
-        if isinstance(made, kind):
-            yield from rules(made)
-    except (Exception, SystemExit) as error:
-        yield Finding("fail", "a question", "an answer as the contract describes it", raised(error))
+def _of_kind(kind: type, make: Callable[[], Any], rules: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+    made = make()
+    yield judge(isinstance(made, kind), "construction", f"a {kind.__module__}.{kind.__name__}", type(made).__name__)
+    if isinstance(made, kind):
+        yield from rules()
 
 
-# ---- couplings -----------------------------------------------------------------------------------------------------
-
-
-def _coupling(make: Callable[[], Any], coupling: Coupling, problem: Problem) -> Iterator[Finding]:
+def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding]:
+    coupling = new()
     uses = coupling.uses(frozenset(COMPONENTS))
     yield Finding("pass", "what it uses", "", f"{', '.join(sorted(uses)) or 'nothing'} of {', '.join(COMPONENTS)}")
     none = coupling.uses(frozenset())
@@ -69,12 +71,12 @@ def _coupling(make: Callable[[], Any], coupling: Coupling, problem: Problem) -> 
     moved = any(bool(part.any()) for part in gradients)
     yield judge(moved, "gradient", "losses that the render moves", "a gradient" if moved else "none")
     yield _same("the same generator again", first, _losses(coupling, samples, pixels)[0])
-    other = checked_coupling("", make())
+    other = new()
     other.prepare(samples, problem)
     other.restore(coupling.state())
     yield _same("killed and resumed", _losses(coupling, samples, pixels)[0], _losses(other, samples, pixels)[0])
     same = all(torch.equal(values[name], kept[name]) for name in kept)
-    yield judge(same, "samples", "nothing modified", "nothing" if same else "modified")
+    yield judge(same, "samples", "nothing modified", "" if same else "modified")
 
 
 def _losses(coupling: Coupling, samples: PixelSamples, pixels: Tensor) -> tuple[dict[str, Tensor], list[Tensor]]:
@@ -90,10 +92,8 @@ def _losses(coupling: Coupling, samples: PixelSamples, pixels: Tensor) -> tuple[
     return {name: value.detach() for name, value in losses.items()}, [part for part in found if part is not None]
 
 
-# ---- regularisers --------------------------------------------------------------------------------------------------
-
-
-def _regulariser(make: Callable[[], Any], regulariser: Regulariser, problem: Problem) -> Iterator[Finding]:
+def _regulariser(new: Callable[[], Regulariser], problem: Problem) -> Iterator[Finding]:
+    regulariser = new()
     try:
         regulariser.prepare(problem)
     except InputError as error:
@@ -108,16 +108,15 @@ def _regulariser(make: Callable[[], Any], regulariser: Regulariser, problem: Pro
     with torch.no_grad():
         moved = regulariser.apply(material, _state(problem))
         again = regulariser.apply(material, _state(problem))
-        other = checked_regulariser("", make())
+        other = new()
         other.prepare(problem)
         another = other.apply(material, _state(problem))
     change = float((moved.albedo - material.albedo).abs().mean())
     yield Finding("pass", "a material", "", f"as large as before, finite; albedo moves by {change:.2g} in the mean")
     same = torch.equal(material.albedo, before[0]) and torch.equal(material.roughness, before[1])
-    yield judge(same, "the material that it was given", "nothing modified", "nothing" if same else "modified")
-    found = dict(vars(moved))
-    yield _same("the same generator again", found, vars(again))
-    yield _same("another instance", found, vars(another))
+    yield judge(same, "the material that it was given", "nothing modified", "" if same else "modified")
+    yield _same("the same generator again", vars(moved), vars(again))
+    yield _same("another instance", vars(moved), vars(another))
 
 
 def _state(problem: Problem) -> FitState:
@@ -134,4 +133,4 @@ def _state(problem: Problem) -> FitState:
 
 def _same(what: str, first: dict[str, Any], again: dict[str, Any]) -> Finding:
     differing = [name for name, value in first.items() if isinstance(value, Tensor) and not torch.equal(value, again[name])]
-    return judge(not differing, what, THE_SAME, ", ".join(differing) + " differ" if differing else "the same")
+    return judge(not differing, what, "the same to the bit", ", ".join(differing) + " differ" if differing else "")

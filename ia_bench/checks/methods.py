@@ -7,7 +7,6 @@ method says it predicts, and scored.
 
 from __future__ import annotations
 
-import inspect
 import io
 import math
 import time
@@ -19,10 +18,10 @@ import numpy as np
 import torch
 from scipy.ndimage import maximum_filter
 
-from ia_bench.checks.finding import Finding, judge
-from ia_bench.common.errors import PluginError, raised
-from ia_bench.light.environment import Environment, LatLongEnvironment
-from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.checks.finding import Finding, guarded, judge
+from ia_bench.common.errors import raised
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.methods.contract import Monitor, Problem
 from ia_bench.methods.info import MethodInfo, check_declarations
 from ia_bench.methods.validation import reconstruct
 from ia_bench.readers.contract import TRUTH_OF_VIEWS, unscored
@@ -37,7 +36,7 @@ KILLED = "killed and resumed"
 TOLERANCE = 1e-3  # beyond [0, 1]: interpolation and antialiasing
 COMPONENTS = {"albedo": ("albedo", "aligned_albedo"), "roughness": ("roughness",)}  # of scores, where they have other names
 
-Fit = Callable[[Scene, "Memory"], Result]
+Fit = Callable[[Scene, "Memory"], Reconstruction]
 
 
 class Killed(KeyboardInterrupt):
@@ -57,20 +56,22 @@ class Memory:
 
     def monitor(self) -> Monitor:
         """What a process is given that starts with this memory."""
-        return Monitor.silent(
-            save=self._save,
-            load=lambda: None if self.state is None else _unpacked(self.state),
-            stopping=self._stopping,
-        )
+        return Monitor.silent(save=self._save, load=self._load, stopping=self._stopping)
 
     def _stopping(self) -> bool:
         self._asked += 1
         return self.deadly and self._asked > 1
 
     def _save(self, state: dict[str, Any]) -> None:
-        self.state = _packed(state)
+        buffer = io.BytesIO()
+        torch.save(state, buffer)
+        self.state = buffer.getvalue()
         if self.deadly:
             raise Killed
+
+    def _load(self) -> dict[str, Any] | None:
+        """What is no tensor, number, text, list or dict of them is refused, as by a run."""
+        return None if self.state is None else torch.load(io.BytesIO(self.state), weights_only=True)
 
 
 def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Problem], scene: Scene) -> Iterator[Finding]:
@@ -78,24 +79,24 @@ def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Proble
 
     ``make_problem``: makes a problem of a scene that has its truth, as ``scene`` has, just as a run does.
     """
+    what, expected = "Options, presets and info", "as the contract describes them"
     try:
         method = make()
+        check_declarations(type(method).__qualname__, method)
     except (Exception, SystemExit) as error:
-        yield Finding("fail", "construction", "an object", raised(error))
+        yield Finding("fail", what, expected, raised(error))
         return
-    members = list(_members(method))
-    yield from members
-    if any(finding.status == "fail" for finding in members):
-        yield Finding("skip", "everything else", "", "it needs the members above")
-        return
-    problem, started, name = make_problem(scene), time.perf_counter(), type(method).__qualname__
+    presets = ", ".join(method.presets) or "none"
+    yield Finding("pass", what, expected, f"presets {presets}; predicts {', '.join(sorted(method.info.predicts))}")
+    problem, started = make_problem(scene), time.perf_counter()
     before = _digest(problem.scene)
 
-    def fit(scene: Scene, memory: Memory) -> Result:
-        return reconstruct(name, make(), make_problem(scene), seed=SEED, monitor=memory.monitor())
+    def fit(scene: Scene, memory: Memory) -> Reconstruction:
+        problem, name = make_problem(scene), type(method).__qualname__
+        return reconstruct(name, make(), problem, seed=SEED, monitor=memory.monitor()).reconstruction
 
     try:
-        result = reconstruct(name, method, problem, seed=SEED, monitor=Memory().monitor())
+        result = reconstruct(type(method).__qualname__, method, problem, seed=SEED, monitor=Memory().monitor())
     except (Exception, SystemExit) as error:
         yield Finding("fail", "a fit", "a result as the contract describes it", raised(error))
         yield Finding("skip", "everything else", "", "it needs a sound result")
@@ -103,19 +104,16 @@ def check_method(make: Callable[[], Any], make_problem: Callable[[Scene], Proble
     found, seconds = result.reconstruction, time.perf_counter() - started
     yield Finding("pass", "a fit", "", f"{seconds:.1f} s, of {result.steps} steps")
     same = _digest(problem.scene) == before
-    yield judge(same, "the scene", "nothing modified", "nothing" if same else "images, masks, cameras or mesh modified")
+    yield judge(same, "the scene", "nothing modified", "" if same else "images, masks, cameras or mesh modified")
     cameras = [view.camera for view in (scene.test or scene.novel or scene.train)[:VIEWS]]
-    rules: tuple[tuple[str, Callable[[], Iterator[Finding]]], ...] = (
-        ("what it predicts", lambda: _predicted(method.info, found, cameras)),
-        ("the same seed again", lambda: _repeated(fit, problem, scene, found, cameras)),
-        (KILLED, lambda: _resumed(fit, scene, found, cameras)),
-        ("scores", lambda: _scored(method.info, found, scene)),
-    )
-    for title, rule in rules:
-        try:
-            yield from rule()
-        except (Exception, SystemExit) as error:
-            yield Finding("fail", title, "no exception", raised(error))
+    rules: dict[str, Callable[[], Iterator[Finding]]] = {
+        "what it predicts": lambda: _predicted(method.info, found, cameras),
+        "the same seed again": lambda: _repeated(fit, problem, scene, found, cameras),
+        KILLED: lambda: _resumed(fit, scene, found, cameras),
+        "scores": lambda: _scored(method.info, found, scene),
+    }
+    for title, rule in rules.items():
+        yield from guarded(title, "no exception", rule)
 
 
 def with_other_truth(scene: Scene) -> Scene:
@@ -138,23 +136,6 @@ def with_other_truth(scene: Scene) -> Scene:
     return replace(scene, train=train, truth=truth, test=held_out(scene.test), novel=held_out(scene.novel))
 
 
-def _members(method: Any) -> Iterator[Finding]:  # noqa: ANN401 (anything may claim to be a method)
-    try:
-        check_declarations(type(method).__qualname__, method)
-    except (PluginError, AttributeError) as error:
-        yield Finding("fail", "Options, presets and info", "as the contract describes them", str(error))
-    else:
-        found = f"presets {', '.join(method.presets) or 'none'}; predicts {', '.join(sorted(method.info.predicts))}"
-        yield Finding("pass", "Options, presets and info", "", found)
-    signature = "fit(problem, *, seed, monitor)"
-    try:
-        inspect.signature(method.fit).bind("problem", seed=0, monitor=None)
-    except (AttributeError, TypeError) as error:
-        yield Finding("fail", "fit", signature, str(error))
-    else:
-        yield Finding("pass", "fit", signature, f"fit{inspect.signature(method.fit)}")
-
-
 # ---- what was recovered ----------------------------------------------------------------------------------------------
 
 
@@ -163,21 +144,22 @@ def _predicted(info: MethodInfo, found: Reconstruction, cameras: list[Camera]) -
     for name in sorted({"albedo", "roughness"} & info.predicts):
         yield _sound(f"map of {name}", maps.get(name), 1 + TOLERANCE)
     if "view_synthesis" in info.predicts:
-        yield _sound("render under its own light", _render(found, cameras, None), math.inf)
-    assets = found.assets()
+        yield _sound("render under its own light", found.render(cameras, light=None, albedo_scale=None, quality=QUALITY), math.inf)
     if "relighting" in info.predicts:
         sky = LatLongEnvironment(torch.linspace(1, 0.2, 8)[:, None, None].expand(8, 16, 3).contiguous())
-        relit = _render(found, cameras, sky, torch.tensor([0.9, 1.0, 1.1]))
-        if relit is None and assets is not None:
+        relit = found.render(cameras, light=sky, albedo_scale=torch.tensor([0.9, 1.0, 1.1]), quality=QUALITY)
+        if relit is None and found.assets() is not None:
             yield Finding("pass", "render under another light", "", "none: the reference renderer draws its textures")
         else:
             yield _sound("render under another light", relit, math.inf)
     if found.environment is not None:
-        yield _environment(found.environment)
-    if assets is not None:
-        parts = (assets.albedo, assets.roughness, assets.metallic, assets.light)
-        low = min(float(array.min()) for array in parts if array is not None)
-        yield judge(low >= 0, "assets", "textures and a light that are >= 0", f"{low:.3g} at least")
+        directions = torch.nn.functional.normalize(torch.randn(5, 3, generator=torch.Generator().manual_seed(0)), dim=1)
+        answers = (found.environment.radiance(directions), found.environment.latlong(8))
+        sound = all(bool(torch.isfinite(value).all() and (value >= 0).all()) for value in answers)
+        shapes = [tuple(value.shape) for value in answers]
+        expected = "radiance(directions (N, 3)) -> (N, 3) and latlong(8) -> (8, 16, 3), finite, >= 0"
+        said = f"{shapes}, {'sound' if sound else 'unsound'} values"
+        yield judge(sound and shapes == [(5, 3), (8, 16, 3)], "environment", expected, said)
 
 
 def _sound(what: str, images: Images | None, most: float) -> Finding:
@@ -193,33 +175,17 @@ def _sound(what: str, images: Images | None, most: float) -> Finding:
     return judge(fits and outside < TOLERANCE, what, expected, found)
 
 
-def _environment(environment: Environment) -> Finding:
-    expected = "radiance(directions (N, 3)) -> (N, 3) and latlong(8) -> (8, 16, 3), finite, >= 0"
-    directions = torch.nn.functional.normalize(torch.randn(5, 3, generator=torch.Generator().manual_seed(0)), dim=1)
-    found = (environment.radiance(directions), environment.latlong(8))
-    sound = all(bool(torch.isfinite(value).all() and (value >= 0).all()) for value in found)
-    shapes = [tuple(value.shape) for value in found]
-    found_text = f"{shapes}, {'sound' if sound else 'unsound'} values"
-    return judge(sound and shapes == [(5, 3), (8, 16, 3)], "environment", expected, found_text)
-
-
-def _render(
-    found: Reconstruction, cameras: list[Camera], light: Environment | None, scale: torch.Tensor | None = None
-) -> Images | None:
-    return found.render(cameras, light=light, albedo_scale=scale, quality=QUALITY)
-
-
 # ---- once more -------------------------------------------------------------------------------------------------------
 
 
 def _repeated(fit: Fit, problem: Problem, scene: Scene, first: Reconstruction, cameras: list[Camera]) -> Iterator[Finding]:
     what = "the same seed again"
     if problem.truth is not None or ("prior" in vars(problem) and problem.prior.info.sees_truth):
-        yield _same(what, first, fit(scene, Memory()).reconstruction, cameras)
+        yield _same(what, first, fit(scene, Memory()), cameras)
         return
-    blind = _same(f"{what}, with another truth", first, fit(with_other_truth(scene), Memory()).reconstruction, cameras)
+    blind = _same(f"{what}, with another truth", first, fit(with_other_truth(scene), Memory()), cameras)
     if blind.status == "fail":  # because of the truth, or because no two fits are the same?
-        yield _same(what, first, fit(scene, Memory()).reconstruction, cameras)
+        yield _same(what, first, fit(scene, Memory()), cameras)
     yield blind
 
 
@@ -229,7 +195,7 @@ def _resumed(fit: Fit, scene: Scene, whole: Reconstruction, cameras: list[Camera
         fit(scene, memory)
     except Killed:
         memory.deadly = False
-        yield _same(KILLED, whole, fit(scene, memory).reconstruction, cameras)
+        yield _same(KILLED, whole, fit(scene, memory), cameras)
     else:
         why = "it saves nothing when it is told to stop: one that is interrupted begins again"
         yield Finding("skip", KILLED, "", why) if memory.state is None else judge(False, KILLED, "an end", "a fit that went on")
@@ -238,12 +204,13 @@ def _resumed(fit: Fit, scene: Scene, whole: Reconstruction, cameras: list[Camera
 def _same(what: str, first: Reconstruction, again: Reconstruction, cameras: list[Camera]) -> Finding:
     pairs = zip(_pictures(first, cameras), _pictures(again, cameras), strict=True)
     largest = max((float(np.abs(one - other).max(initial=0)) for one, other in pairs), default=0.0)
-    found = "the same" if largest == 0 else f"pictures that differ by up to {largest:.3g}"
-    return judge(largest == 0, what, "the same reconstruction to the bit", found)
+    said = f"pictures that differ by up to {largest:.3g}" if largest else ""
+    return judge(largest == 0, what, "the same reconstruction to the bit", said)
 
 
 def _pictures(found: Reconstruction, cameras: list[Camera]) -> Iterator[np.ndarray]:
-    for images in (*found.maps(cameras, ("albedo", "roughness"), points=QUALITY.points).values(), _render(found, cameras, None)):
+    maps = found.maps(cameras, ("albedo", "roughness"), points=QUALITY.points)
+    for images in (*maps.values(), found.render(cameras, light=None, albedo_scale=None, quality=QUALITY)):
         yield from () if images is None else images.images
     if found.environment is not None:
         yield found.environment.latlong(16).cpu().numpy()
@@ -258,21 +225,7 @@ def _scored(info: MethodInfo, found: Reconstruction, scene: Scene) -> Iterator[F
         yield judge(None not in values.values(), f"score of {name}", "numbers", text)
 
 
-# ---- helpers ---------------------------------------------------------------------------------------------------------
-
-
 def _digest(scene: Scene) -> list[bytes]:
     arrays = [array for view in scene.train for array in (view.image, view.mask, view.valid, view.camera.to_world)]
     mesh = () if scene.mesh is None else vars(scene.mesh).values()
     return [array.tobytes() for array in (*arrays, *mesh) if array is not None]
-
-
-def _packed(state: dict[str, Any]) -> bytes:
-    buffer = io.BytesIO()
-    torch.save(state, buffer)
-    return buffer.getvalue()
-
-
-def _unpacked(content: bytes) -> dict[str, Any]:
-    """What is no tensor, number, text, list or dict of them is refused, as by a run."""
-    return torch.load(io.BytesIO(content), weights_only=True)

@@ -8,24 +8,32 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
+from PIL import Image
+from scipy.ndimage import binary_erosion
 
-from ia_bench.checks.contact_sheet import counted, write_sheet
-from ia_bench.checks.finding import Finding, judge
+from ia_bench.checks.finding import Finding, guarded, judge
 from ia_bench.checks.views import check_views
+from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import raised
 from ia_bench.readers.contract import TRUTH_OF_VIEWS, SceneReader, check_scene, unscored
 from ia_bench.render.agreement import GOOD, check_agreement
+from ia_bench.render.gbuffer import trace_gbuffer
+from ia_bench.render.rays import make_rays
+from ia_bench.runs.pictures.panels import GREY, displayed, exposure
 from ia_bench.scenes.scene import Scene
 
 AGREEMENT = "mesh, cameras and masks"
+SHOWN, ROW = 16, 8  # training photographs on a sheet, and pictures in a row of it
 COMPONENTS = ("albedo", "roughness", "view_synthesis", "relighting")
 
 
 def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> Iterator[Finding]:
     """Check the reader that ``make()`` returns, on the scene that it was made for. Never raises for what the reader does.
 
-    ``sheet``: where a picture of the scene is written (:mod:`ia_bench.checks.contact_sheet`).
+    ``sheet``: where :func:`write_sheet` leaves a picture of the scene.
     """
+
     def read(truth: bool) -> Scene:
         return check_scene(make().read(truth=truth), truth=truth)
 
@@ -35,8 +43,9 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
         yield Finding("fail", "scene", "a Scene as its description says", raised(error))
         yield Finding("skip", "everything else", "", "it needs a sound scene")
         return
+    views = ", ".join(f"{len(getattr(scene, split))} {split}" for split in ("train", "test", "novel") if getattr(scene, split))
     mesh = "no mesh" if scene.mesh is None else f"a mesh of {len(scene.mesh.faces)} triangles"
-    yield Finding("pass", "scene", "", f"{counted(scene)}, {mesh}")
+    yield Finding("pass", "scene", "", f"{views} views, {mesh}")
     yield from _contents(scene)
     yield from (Finding("pass", "note of the reader", "", note) for note in scene.notes)
     yield _equal("without truth", "the same training views and no truth", lambda: (read(truth=False).blind(), scene.blind()))
@@ -49,16 +58,11 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
     yield _equal("another reader", "an equal scene", lambda: (scene, read(truth=True)))
     seen = {view.image.tobytes() for view in scene.train}
     repeated = [view.name for view in (*scene.test, *scene.novel) if view.image.tobytes() in seen]
-    yield judge(not repeated, "held-out views", "no training image among them", ", ".join(repeated) or "none")
-    yield from _agreement(scene)
+    yield judge(not repeated, "held-out views", "no training image among them", ", ".join(repeated))
+    yield from guarded(AGREEMENT, "an answer", lambda: _agreement(scene))
     yield from check_views(scene.train, meshless=scene.mesh is None)
     if sheet is not None:
-        try:
-            write_sheet(scene, sheet)
-        except Exception as error:
-            yield Finding("fail", "contact sheet", "a picture of the scene", raised(error))
-        else:
-            yield Finding("pass", "contact sheet", "", str(sheet))
+        yield from guarded("contact sheet", "a picture of the scene", lambda: _drawn(scene, sheet))
     lacking = unscored(scene)
     for name in COMPONENTS:
         said_of = f"not scored: {lacking[name]}" if name in lacking else "scored"
@@ -70,7 +74,7 @@ def _equal(what: str, expected: str, scenes: Callable[[], tuple[Scene, Scene]], 
         found = difference(*scenes(), where)
     except (Exception, SystemExit) as error:
         found = raised(error)
-    return judge(found is None, what, expected, found or "that")
+    return judge(found is None, what, expected, found or "")
 
 
 def _contents(scene: Scene) -> Iterator[Finding]:
@@ -102,11 +106,33 @@ def _agreement(scene: Scene) -> Iterator[Finding]:
         yield Finding("skip", AGREEMENT, "", "it has no mesh")
         return
     said: list[str] = []
-    try:
-        agrees = check_agreement(scene, said.append) >= GOOD
-    except Exception as error:
-        agrees, said = False, [raised(error)]
+    agrees = check_agreement(scene, said.append) >= GOOD
     yield judge(agrees, AGREEMENT, f"an intersection over union of {GOOD} at least", said[-1])
+
+
+def _drawn(scene: Scene, path: Path) -> Iterator[Finding]:
+    write_sheet(scene, path)
+    yield Finding("pass", "contact sheet", "", str(path))
+
+
+def write_sheet(scene: Scene, path: Path) -> None:
+    """Write some photographs, held-out ones last, with the mesh's outline in red: on the object's edge where all is well."""
+    held_out = scene.test or scene.novel
+    views = [*scene.train[:: max(1, len(scene.train) // SHOWN)][:SHOWN], *held_out[:: max(1, len(held_out) // ROW)][:ROW]]
+    gain = exposure([view.image for view in views], [view.mask for view in views])
+    rays = None if scene.mesh is None else make_rays(scene.mesh, torch.device("cpu"))
+    tall, wide = np.max([view.mask.shape for view in views], axis=0)
+    sheet = np.full((-(-len(views) // ROW), ROW, tall, wide, 3), GREY)
+    for number, view in enumerate(views):
+        tile = sheet[number // ROW, number % ROW, : view.mask.shape[0], : view.mask.shape[1]]
+        tile[:] = displayed(view.image * gain, view.mask)
+        if rays is not None:
+            inside = trace_gbuffer([view.camera], rays, 1, torch.device("cpu")).coverage()[0].numpy() > 0.5
+            tile[inside & ~binary_erosion(inside)] = 1, 0, 0
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pixels = (255 * sheet.swapaxes(1, 2).reshape(len(sheet) * tall, ROW * wide, 3)).round().astype(np.uint8)
+    with whole_file(path) as partial:
+        Image.fromarray(pixels).save(partial, format="PNG")
 
 
 def difference(one: object, two: object, where: str = "scene") -> str | None:

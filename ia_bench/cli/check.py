@@ -37,8 +37,7 @@ python -m ia_bench.check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE
 
 Checks that a plugin keeps its contract. NAME is one of those below, or module:Class.
 
-A prior is asked about small posed images, those of the shipped scene tiny or computed ones where it is absent: shapes,
-ranges, determinism, seeds, guidance, wrong input.
+A prior is asked about small computed images of a painted ball: shapes, ranges, determinism, seeds, guidance, wrong input.
 
 A method reconstructs tiny (scene=NAME or scene.path=FOLDER: another one) with preset=smoke: whether it sees no truth, repeats
 and resumes to the bit (on the CPU), predicts what it says it does, and is scored. prior=NAME gives it one to ask.
@@ -47,7 +46,7 @@ A coupling and a regulariser are asked about tiny, and about samples and materia
 whether it repeats, whether a coupling goes on from a checkpoint. prior=NAME is the prior of the fit.
 
 A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; what was found, what is missing and what
-will be scored. A picture of it all, cameras around the mesh and photographs with its outline, is written to sheet=FILE.png
+will be scored. A sheet of photographs with the outline of the mesh is written to sheet=FILE.png
 (runs/contact_sheets/SCENE.png): look at it first.
 
 Priors
@@ -73,6 +72,7 @@ SETTINGS = {
     "prior": ("prior",),
 }
 """What may be set of a check, by what is checked; the first of these that is named on the command line."""
+BALL = 32, 32, 3  # height, width and number of the images that a prior is asked about
 SHORT = {"scene": "tiny", "preset": "smoke", "threads": "1"}
 
 
@@ -96,7 +96,9 @@ def _told(what: str, findings: Iterable[Finding], console: Console) -> int:
         mark, style = MARKS[finding.status]
         if console.options.ascii_only:
             mark = f"{ASCII_MARKS[finding.status]:<4}"
-        said = f"expected {finding.expected}, found {finding.found}" if finding.expected else finding.found
+        said = f"expected {finding.expected}, found {finding.found}"
+        if finding.status != "fail":  # what holds
+            said = f"{finding.expected}; {finding.found}".strip("; ")
         console.print(Text.assemble((mark, style), f" {finding.what}: {said}"))
     console.print(Text(f"{counts['pass']} passed, {counts['fail']} failed, {counts['skip']} skipped"))
     return FAULT if counts["fail"] else OK
@@ -123,7 +125,7 @@ def _kind(arguments: Sequence[str]) -> str:
 
 def _check_prior(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     from ia_bench.checks.conformance import check_prior  # brings in torch
-    from ia_bench.checks.stack import example_stack
+    from ia_bench.checks.stack import painted_ball
 
     config = compose(arguments).prior
 
@@ -131,8 +133,8 @@ def _check_prior(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
         return registry.create("prior", config.name, config.target, config.options)
 
     make()  # a mistake in its name or options is the user's, not a broken contract
-    stack, what = example_stack()
-    return f"prior {config.name} ({config.target}) on {what}", check_prior(make, stack)
+    what = f"prior {config.name} ({config.target}) on {BALL[2]} computed views of a painted ball, {BALL[0]} x {BALL[1]}"
+    return what, check_prior(make, painted_ball(*BALL))
 
 
 def _on_tiny(arguments: Sequence[str]) -> tuple[RunConfig, Scene, Callable[[Scene], Problem]]:

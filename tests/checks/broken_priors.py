@@ -272,12 +272,12 @@ def sample_as(change: Callable[[Samples], Any]) -> type[Sound]:
 BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     # what is wrong: a prior that does it, the first line that must fail (later ones may follow from it)
     "raises when made": (lambda: 1 / 0, "construction"),
-    "no info": (without("info"), "info"),
-    "info is a dict": (changed(info={"provides": {"albedo"}}), "info"),
+    "no info": (without("info"), "construction"),
+    "info is a dict": (changed(info={"provides": {"albedo"}}), "construction"),
     "info says what cannot be": (lambda: declaring(resolution=0)(), "construction"),
     "exits when made": (lambda: sys.exit(0), "construction"),
-    "no sample": (without("sample"), "sample"),
-    "sample takes no seed": (changed(sample=lambda self, observations: {}), "sample"),
+    "no sample": (without("sample"), "construction"),
+    "sample takes no seed": (changed(sample=lambda self, observations: {}), "a sample"),
     "exits when asked": (changed(sample=lambda self, observations, *, seed, guidance=None: sys.exit(0)), "a sample"),
     "answers with a dict": (sample_as(lambda samples: samples.values), "samples"),
     "one component is not sampled": (spoiled(lambda samples, *_: samples.pop("specular")), "samples"),
@@ -314,7 +314,7 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "writes to images": (spoiled(writes_images), "inputs"),
     "writes to guidance": (spoiled(writes_guidance), "inputs"),
     "network not counted": (Uncounted, "cost: network_calls"),
-    "distill takes no seed": (offering(distill=lambda self, observations, renders: {}), "distill"),
+    "distill takes no seed": (offering(distill=lambda self, observations, renders: {}), "distillation"),
     "distills one component": (offering(distill=distill_as(lambda e: {"albedo": e["albedo"]})), "distilled estimates"),
     "distills channels first": (
         offering(distill=distill_as(lambda e: {n: v.permute(0, 3, 1, 2) for n, v in e.items()})), "distilled estimates"
@@ -323,7 +323,7 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
         offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"
     ),
     "writes to renders": (offering(distill=overwrite_renders), "inputs"),
-    "refine takes no renders": (offering(refine=lambda self, observations: {}), "refine"),
+    "refine takes no renders": (offering(refine=lambda self, observations: {}), "refinement"),
     "refines to NaN": (offering(refine=refine_as(lambda a: a / a)), "a corrected fit"),
     "refines what is outside": (offering(refine=refine_as(lambda a: a + 0.1)), "a corrected fit"),
     "refines at random": (offering(refine=refine_as(lambda a: a * torch.rand(1))), "corrected again"),
