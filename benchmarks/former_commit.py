@@ -22,7 +22,7 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.work_precision.precision import first_time
-from ia_bench.report.figures import save
+from ia_bench.report.curves import save
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 
 METRICS = {"aligned_albedo_psnr": "aligned albedo, dB", "relighting_psnr": "relighting, dB"}

@@ -15,11 +15,12 @@ from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
 from ia_bench.report.collect import read_published
-from ia_bench.report.gains import Gain, gains, maps
-from ia_bench.report.site.content import RowTexts, Sources
+from ia_bench.report.site.content import Sources
 from ia_bench.report.site.write import PARTS, draw_pictures, write_page
-from ia_bench.report.texts import markdown_block
+from ia_bench.report.table import results_table
+from ia_bench.report.texts import pipe_table
 from ia_bench.report.value import write_value
+from ia_bench.report.worth import gains, maps
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.folder import folders_among
@@ -51,9 +52,8 @@ def _report(wanted: argparse.Namespace) -> int:
     rows = [row.name for row in table.crossed_rows]
     published = [run for path in tables for run in read_published(path)]
     make_writable(wanted.out, "--out")
-    found = folders_with_cells(folders, complain)
     report = write_report(
-        found,
+        folders_with_cells(folders, complain),
         wanted.out,
         rows,
         scenes_order=table.scene_names,
@@ -62,11 +62,7 @@ def _report(wanted: argparse.Namespace) -> int:
         papers=table.papers,
         published=[run for run in published if not wanted.only or run["row"] in rows],
     )
-    gained = gains(report.findings.runs, table)
-    value = write_value(gained, report.findings.runs, table, wanted.out)
-    page = write_report_page(report, table, wanted.out, wanted.table or wanted.out.resolve().name, gained)
-    tell(report, table, page)
-    say("".join(f"{path}\n" for path in value), sys.stdout)
+    finish(report, table, wanted.out, wanted.table or wanted.out.resolve().name)
     return OK
 
 
@@ -84,27 +80,23 @@ def _compared_with(table: Table, wanted: str | None) -> Table:
     return replace(table, reference=known[wanted])
 
 
-def write_report_page(report: Report, table: Table, out: Path, name: str, gained: Sequence[Gain]) -> Path:
-    """Write the page of a report below ``out`` and return its index.html."""
-    found = report.findings
-    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed_rows}
-    sources = Sources(found, f"Table: {name}", texts, worth=maps(gained))
-    with Progress() as progress:
-        return write_page(sources, out / PAGE, draw_pictures(found.runs, out / PAGE / PARTS, progress.note))
-
-
-def tell(report: Report, table: Table, page: Path) -> None:
-    """Print the means over scenes, what a reader has to know of the rows, and where the files are."""
+def finish(report: Report, table: Table, out: Path, name: str) -> None:
+    """Write the page of a report below ``out`` and what a prior is worth beside it; print the means, and where the files are."""
     findings = report.findings
+    gained = gains(findings.runs, table)
+    with Progress() as progress:
+        gallery = draw_pictures(findings.runs, out / PAGE / PARTS, progress.note)
+    page = write_page(Sources(findings, f"Table: {name}", table.crossed_rows, maps(gained)), out / PAGE, gallery)
     lines = [
         f"Protocol {findings.protocol}, mean over scenes\n",
         *findings.warnings,
-        markdown_block(findings.overall, findings.footnotes),
+        pipe_table(results_table(findings.overall, findings.footnotes)),
         *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
         *(f"{row.name}: {row.note}" for row in table.crossed_rows if row.note),
         "",
         *map(str, report.files),
         f"{page} opens in a browser",
+        *map(str, write_value(gained, findings.runs, table, out)),
     ]
     say("\n".join(lines), sys.stdout)
 

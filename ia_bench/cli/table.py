@@ -12,7 +12,6 @@ the rows, scenes and seeds that were asked for last.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import field, fields, make_dataclass
 from importlib.util import find_spec
@@ -23,7 +22,6 @@ from typing import Any
 from ia_bench.common.arguments import read_arguments, settings_of
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import FAULT, OK, command, complain
-from ia_bench.common.output import say
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
 from ia_bench.runs.cells import TableRequest, make_cells, write_cells
@@ -74,10 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def make_table(request: TableRequest) -> int:
     """Run every cell, write the report, print the table and where the files are."""
-    from ia_bench.cli.report import tell, write_report_page  # brings in pandas
-    from ia_bench.report.gains import gains
+    from ia_bench.cli.report import finish  # brings in pandas
     from ia_bench.report.table import counterparts
-    from ia_bench.report.value import write_value
     from ia_bench.report.write import write_report
 
     table = request.load()
@@ -108,9 +104,7 @@ def make_table(request: TableRequest) -> int:
         claims=table.claims,
         papers=table.papers,
     )
-    gained = gains(report.findings.runs, table)
-    tell(report, table, write_report_page(report, table, results, request.name, gained))
-    say("\n".join(map(str, write_value(gained, report.findings.runs, table, results))), sys.stdout)
+    finish(report, table, results, request.name)
     wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])
     for line in wrong:
         complain(line)

@@ -10,16 +10,17 @@ import argparse
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
-from ia_bench.report.gains import gains, maps
-from ia_bench.report.site.content import Live, RowTexts, Sources
+from ia_bench.report.site.content import Sources
 from ia_bench.report.site.live import findings_so_far, key_of, write_news
 from ia_bench.report.site.write import PARTS, write_page
+from ia_bench.report.worth import gains, maps
 from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, WAITING, Overview, look
 from ia_bench.runs.table import Table, load_table, title_of
 
@@ -57,7 +58,8 @@ def watch(runs: Path, out: Path, every: float) -> int:
                 if shown is None:
                     say(f"{page} opens in a browser and follows the runs; Ctrl-C ends the watch, not the runs", sys.stdout)
                 shown = key_of(overview)
-                say(_told(overview), sys.stderr)
+                states = ", ".join(f"{len(overview.of(state))} {state}" for state in (FINISHED, RUNNING, WAITING, FAILED))
+                say(f"{len(overview.cells)} cells: {states}", sys.stderr)
             write_news(out / PARTS, overview, every)
             time.sleep(every)
             overview = look(runs)
@@ -67,24 +69,11 @@ def watch(runs: Path, out: Path, every: float) -> int:
 
 
 def _write(overview: Overview, runs: Path, out: Path, every: float) -> Path:
-    table = _table(overview)
+    table, title = Table(), f"Runs: {runs.resolve().name}"
+    if overview.plan is not None:
+        title = f"Table: {title_of(overview.plan.table)}"
+        with suppress(InputError):  # not known here: no notes, reference and claims
+            table = load_table(overview.plan.table)
     findings = findings_so_far(overview, table)
-    texts = {row.name: RowTexts(row.note, tuple(row.overrides)) for row in table.crossed_rows}
-    title = f"Table: {title_of(overview.plan.table)}" if overview.plan is not None else f"Runs: {runs.resolve().name}"
-    worth = maps(gains(findings.runs, table))
-    return write_page(Sources(findings, title, texts, live=Live(key_of(overview), every), worth=worth), out)
-
-
-def _table(overview: Overview) -> Table:
-    """The table that is being made, for notes, reference and claims; an empty one where it is not known here."""
-    if overview.plan is None:
-        return Table()
-    try:
-        return load_table(overview.plan.table)
-    except InputError:
-        return Table()
-
-
-def _told(overview: Overview) -> str:
-    states = ", ".join(f"{len(overview.of(state))} {state}" for state in (FINISHED, RUNNING, WAITING, FAILED))
-    return f"{len(overview.cells)} cells: {states}"
+    live = {"key": key_of(overview), "every": every}
+    return write_page(Sources(findings, title, table.crossed_rows, maps(gains(findings.runs, table)), live), out)

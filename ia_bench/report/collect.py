@@ -33,7 +33,7 @@ from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json, shown
 from ia_bench.common.settings import parsed
-from ia_bench.report.curve import BadCurve, read_curve
+from ia_bench.report.curves import read_curve
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord, RunSetup
 from ia_bench.scores.columns import METRIC_OF, METRICS
@@ -154,7 +154,7 @@ def read_run(folder: Path) -> Record:
     }
     try:
         return {**found, "curve": read_curve(folder / CURVE)}
-    except BadCurve as error:
+    except InputError as error:
         return {**found, "curve_problem": str(error)}
 
 

@@ -1,4 +1,4 @@
-"""Everything that the report says, gathered once and printed in several formats."""
+"""Everything that the report says, gathered once and printed in several formats; how the runs were made among it."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from ia_bench.common.errors import InputError
+from ia_bench.common.settings import flat
 from ia_bench.common.suggestions import listed
-from ia_bench.report.claims import Verdict, judge
-from ia_bench.report.collect import Collection, Runs, name_of, reason_of
-from ia_bench.report.origins import Origin, mixed_rows, origins, warnings
-from ia_bench.report.statistics import Block, Estimate, Paired, block, means, paired, side_by_side
+from ia_bench.report.collect import Collection, Runs, finished, name_of, reason_of, setup_of
+from ia_bench.report.statistics import Block, Estimate, Paired, Verdict, block, judge, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, carried_text, counterparts, paper_rows
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 
 MEAN = "mean over scenes"
+OF_EACH_RUN = ("seed", "scene", "threads", "rescored_from")
+"""Parts of an identity in which the runs of one row may differ: which cell it is, its threads, the run behind a new score."""
+MOST = 5
+"""So many things that differ are named, with their values; of more, how many there are."""
+MADE_BY = {"preset": "presets", "threads": "numbers of threads", "commit": "commits", "cpu": "processors"}
+UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Findings:
         undefined: Reason -> the metrics and runs whose value it explains.
         failures: A sentence per failed run.
         warnings: A sentence for everything that makes runs hard to compare.
-        origins: How the runs were made.
+        origins: The ways in which runs were made, the most frequent first: runs, preset, threads, commit, processor, rows.
         notes: Which rows mix configurations, and what was left out.
     """
 
@@ -60,7 +63,7 @@ class Findings:
     undefined: dict[str, str]
     failures: tuple[str, ...]
     warnings: tuple[str, ...]
-    origins: tuple[Origin, ...]
+    origins: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...]
 
     @property
@@ -76,12 +79,14 @@ class Findings:
     @property
     def carried(self) -> list[str]:
         """A sentence for every difference that one run carries."""
-        return [
-            f"{row}, {metric.title}: carried by {carried_text(values[metric.key])}"
-            for row, values in self.differences.items()
-            for metric in METRICS
-            if values[metric.key].carriers
-        ]
+        every = ((row, metric, values[metric.key]) for row, values in self.differences.items() for metric in METRICS)
+        return [f"{row}, {metric.title}: carried by {carried_text(pairs)}" for row, metric, pairs in every if pairs.carriers]
+
+    @property
+    def seconds_compare(self) -> bool:
+        """Whether seconds rank anything: all finished runs are of one machine, with one number of threads."""
+        done = finished(self.runs)
+        return all(done[name].nunique(dropna=False) <= 1 and done[name].notna().all() for name in ("cpu", "threads"))
 
 
 def analyse(
@@ -129,10 +134,10 @@ def analyse(
         verdicts=tuple(judge(runs, claims, scenes)),
         undefined=_undefined(runs),
         failures=tuple(f"{name_of(run)}: {run['problem']}" for run in _records(runs[runs["problem"].notna()])),
-        warnings=tuple(warnings(runs)),
-        origins=tuple(origins(runs)),
+        warnings=tuple(_warnings(finished(runs))),
+        origins=tuple(_origins(runs)),
         notes=(
-            *mixed_rows(runs),
+            *_mixed_rows(runs),
             *(
                 f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})"
                 for one in _records(others)
@@ -167,14 +172,54 @@ def _redrawn(runs: Runs, rows: Sequence[str]) -> dict[str, dict[str, Estimate | 
 
 def _undefined(runs: Runs) -> dict[str, str]:
     """Every reason of an undefined score once, with its metrics and runs."""
-    found: dict[str, list[tuple[str, str]]] = {}
-    for run in _records(runs[runs["problem"].isna()]):
-        for metric in METRICS:
-            if np.isnan(run[metric.column]):
-                found.setdefault(reason_of(run["reasons"], metric.key), []).append((metric.key, name_of(run)))
-    texts = {}
-    for reason, where in found.items():
-        names = list(dict.fromkeys(name for _, name in where))
-        keys = ", ".join(dict.fromkeys(key for key, _ in where))
-        texts[reason] = f"{keys} in {'; '.join(names) if len(names) <= 3 else f'{len(names)} runs'}"
-    return texts
+    found: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
+    done = finished(runs)
+    for metric in METRICS:
+        for run in _records(done[done[metric.column].isna()]):
+            keys, names = found.setdefault(reason_of(run["reasons"], metric.key), ({}, {}))
+            keys[metric.key] = names[name_of(run)] = None
+    return {
+        reason: f"{', '.join(keys)} in {'; '.join(names) if len(names) <= 3 else f'{len(names)} runs'}"
+        for reason, (keys, names) in found.items()
+    }
+
+
+def _origins(runs: Runs) -> list[tuple[str, ...]]:
+    made = runs[list(MADE_BY)].astype(object).where(runs[list(MADE_BY)].notna(), UNKNOWN).astype(str)
+    found = []
+    for labels, mine in runs.groupby([made[name] for name in MADE_BY]):
+        rows = list(dict.fromkeys(mine["row"]))
+        found.append((len(mine), *labels, "all" if len(rows) == runs["row"].nunique() else "; ".join(rows)))
+    return [(str(count), *rest) for count, *rest in sorted(found, key=lambda one: -one[0])]
+
+
+def _warnings(done: Runs) -> list[str]:
+    """A sentence for everything in which finished runs differ that should be alike, or that nobody could run again."""
+    found = []
+    for name in ("preset", "threads", "commit"):
+        counts = done[name].astype(object).where(done[name].notna(), UNKNOWN).value_counts()
+        if len(counts) > 1:
+            said = _some([f"{value} ({count})" for value, count in counts.items()])
+            found.append(f"Runs of different {MADE_BY[name]} stand side by side: {said}.")
+    dirty = int(done["clean"].eq(False).sum())
+    return [*found, f"{dirty} of {len(done)} runs were made by changed code, not by that of a commit."] if dirty else found
+
+
+def _mixed_rows(runs: Runs) -> list[str]:
+    """A sentence for every row whose runs differ in more than scene and seed, naming the settings and their values.
+
+    A run whose folder holds no configuration, as of one that only a runs.csv knows, is passed over.
+    """
+    found = []
+    for row, folders in runs.groupby("row", sort=False)["folder"]:
+        setups = [setup for folder in folders.unique() if (setup := setup_of(folder)) is not None]
+        tables = [flat({key: value for key, value in one.identity.items() if key not in OF_EACH_RUN}) for one in setups]
+        keys = dict.fromkeys(key for table in tables for key in table)
+        values = {key: dict.fromkeys(repr(table[key]) if key in table else "nothing" for table in tables) for key in keys}
+        if words := [f"{key} ({', '.join(some)})" for key, some in values.items() if len(some) > 1]:
+            found.append(f"{row}: its runs are not of one configuration, so that its means mix them: {_some(words)}")
+    return found
+
+
+def _some(words: Sequence[str]) -> str:
+    return ", ".join(words[:MOST]) + (f" and {len(words) - MOST} more" if len(words) > MOST else "")

@@ -1,4 +1,4 @@
-"""Means and 95 % intervals over seeds and scenes. Failed runs enter no mean; they are counted.
+"""Means and 95 % intervals over seeds and scenes, differences of rows, and what they decide. Failed runs enter no mean.
 
 Seeds are repetitions: a scene's value is the mean over its seeds, with Student's t interval. Scenes are not: the
 overall value is the plain mean of the scenes' means, and its interval tells how much *other seeds on the same scenes*
@@ -10,16 +10,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
-from ia_bench.report.collect import CELL, SCORES, Runs, finished, reason_of
-from ia_bench.scores.columns import METRICS, Metric
+from ia_bench.report.collect import CELL, Runs, finished, reason_of
+from ia_bench.runs.table import Claim
+from ia_bench.scores.columns import METRIC_OF, METRICS, Metric
 
 CONFIDENCE = 0.95
+HOW_JUDGED = """\
+A row is claimed to be above another one, and judged with our small prior on our own scenes, not with those of the paper. The
+difference is positive where the row is above, seed by seed on the same scenes, ± the 95 % interval over seeds / over scenes.
+Reproduced: the interval over seeds lies above zero; not reproduced: below it; undecided: around it, or there is none. Carried by:
+the run without which the mean is zero or has the other sign; ‡ the same within a scene. Every line is judged alone, without a
+correction for their number."""
+"""What a reader has to know of the table of claims; the same words stand in report.md and on the page."""
 
+Outcome = Literal["reproduced", "not reproduced", "undecided"]
 Scores = dict[str, dict[tuple[str, int], float]]
 """Row -> (scene, seed) -> score."""
 
@@ -40,14 +50,19 @@ class Paired:
     pairs: dict[str, dict[int, float]]
 
     @property
+    def seeds(self) -> list[np.ndarray]:
+        """The differences of every scene."""
+        return [np.array(list(seeds.values())) for seeds in self.pairs.values()]
+
+    @property
     def over_seeds(self) -> Estimate | None:
         """The mean, with the interval within which other seeds on the same scenes would move it."""
-        return over_scenes([list(seeds.values()) for seeds in self.pairs.values()])
+        return over_scenes(self.seeds)
 
     @property
     def over_scenes(self) -> Estimate | None:
         """The same mean, with Student's interval over scenes: whether the difference would hold on others of this kind."""
-        estimate = over_seeds([float(np.mean(list(seeds.values()))) for seeds in self.pairs.values()])
+        estimate = over_seeds([float(seeds.mean()) for seeds in self.seeds])
         return estimate and Estimate(estimate.mean, estimate.half_width, len(self.pairs))
 
     @property
@@ -75,15 +90,32 @@ class Paired:
 
 
 @dataclass(frozen=True)
-class Leader:
-    """The best row of a metric, among those that do not see the truth and have every scene.
+class Verdict:
+    """What the runs say about one metric of a claim that row ``better`` is above row ``worse``.
 
-    Attributes:
-        row: The best.
-        value: Its mean and interval.
-        second: The next one; None where it is alone.
-        lead: Best minus second by scene and seed, positive where the best is better.
-        scenes: How many scenes both rows have.
+    ``pairs``: better minus worse, positive where the claim holds; ``complete``: whether the rows share runs in every scene.
+    """
+
+    better: str
+    worse: str
+    metric: Metric
+    pairs: Paired
+    complete: bool
+
+    @property
+    def outcome(self) -> Outcome:
+        """Undecided also where a scene is missing, and without an interval, which needs two seeds of both rows in every scene."""
+        found = self.pairs.over_seeds
+        if found is None or found.half_width is None or not self.complete or abs(found.mean) <= found.half_width:
+            return "undecided"
+        return "reproduced" if found.mean > 0 else "not reproduced"
+
+
+@dataclass(frozen=True)
+class Leader:
+    """The best ``row`` of a metric among those that do not see the truth and have every one of ``scenes`` scenes.
+
+    ``value``: its mean; ``second``: the next row, None where it is alone; ``lead``: best minus second, positive is better.
     """
 
     row: str
@@ -93,13 +125,8 @@ class Leader:
     scenes: int
 
     @property
-    def decided(self) -> bool:
-        """Whether the lead's interval over seeds lies above zero, with pairs of runs in every scene."""
-        return self.sure == "decided over seeds"
-
-    @property
     def sure(self) -> str:
-        """How sure the lead is, in words."""
+        """How sure the lead is, in words: decided where its interval over seeds lies above zero, with pairs in every scene."""
         found = self.lead.over_seeds
         if self.second is None:
             return "the only row"
@@ -151,7 +178,7 @@ class Block:
     def is_best(self, row: str, metric: Metric) -> bool:
         """Whether a row stands in bold: it leads, and that is decided."""
         leader = self.leaders.get(metric.key)
-        return leader is not None and leader.row == row and leader.decided
+        return leader is not None and leader.row == row and leader.sure == "decided over seeds"
 
 
 def over_seeds(values: Sequence[float]) -> Estimate | None:
@@ -213,22 +240,39 @@ def better(scores: Scores, row: str, other: str, metric: Metric) -> Paired:
     return paired(scores, row, other) if metric.higher_is_better else paired(scores, other, row)
 
 
+def judge(runs: Runs, claims: Sequence[Claim], scenes: Sequence[str]) -> list[Verdict]:
+    """One verdict for every metric of every claim about ``scenes``, over the scenes and seeds that both rows have."""
+    verdicts = []
+    for claim in claims:
+        for metric in map(METRIC_OF.__getitem__, claim.metrics):
+            pairs = better(side_by_side(runs, metric), claim.better, claim.worse, metric)
+            verdicts.append(Verdict(claim.better, claim.worse, metric, pairs, pairs.pairs.keys() >= set(scenes)))
+    return verdicts
+
+
+def tally(verdicts: Sequence[Verdict]) -> str:
+    """How many verdicts there are of each kind, in a sentence."""
+    found = [one.outcome for one in verdicts]
+    counts = (f"{found.count(outcome)} {outcome}" for outcome in ("reproduced", "not reproduced", "undecided"))
+    return f"With our small prior: {', '.join(counts)}."
+
+
 def block(runs: Runs, rows: Sequence[str], scenes: Sequence[str], title: str) -> Block:
     """Summarise the runs of ``scenes``, a line for every row."""
     runs = runs[runs["scene"].isin(scenes)]
     estimates = {metric.key: means(runs, metric.column) for metric in METRICS}
-    seconds, groups = means(runs, "seconds"), dict(iter(runs.groupby("row")))
-    lines = []
+    seconds, groups, lines = means(runs, "seconds"), dict(iter(runs.groupby("row"))), []
     for row in rows:
         mine = groups.get(row, runs.iloc[:0])
         done = finished(mine)
+        reasons = {m.key: done.loc[done[m.column].isna(), "reasons"] for m in METRICS}
         memory = done["peak_memory_bytes"].max()
         lines.append(
             Line(
                 row=row,
                 sees_truth=bool(mine["sees_truth"].eq(True).any()),
                 values={key: found.get(row) for key, found in estimates.items()},
-                reasons=_reasons(done),
+                reasons={key: tuple(dict.fromkeys(reason_of(one, key) for one in found)) for key, found in reasons.items()},
                 seconds=seconds.get(row),
                 peak_memory_bytes=None if pd.isna(memory) else int(memory),
                 failed=len(mine) - len(done),
@@ -239,20 +283,9 @@ def block(runs: Runs, rows: Sequence[str], scenes: Sequence[str], title: str) ->
     return Block(title, tuple(lines), {key: found for key, found in leaders.items() if found is not None}, len(scenes))
 
 
-def _reasons(done: Runs) -> dict[str, tuple[str, ...]]:
-    undefined, reasons = done[list(SCORES)].isna().to_numpy(), done["reasons"].tolist()
-    return {
-        metric.key: tuple(dict.fromkeys(reason_of(reasons[run], metric.key) for run in np.flatnonzero(undefined[:, place])))
-        for place, metric in enumerate(METRICS)
-    }
-
-
 def _leader(runs: Runs, lines: Sequence[Line], metric: Metric, scenes: int) -> Leader | None:
-    ranked = [
-        (one.row, value)
-        for one in lines
-        if not one.sees_truth and (value := one.values[metric.key]) is not None and value.scenes == scenes
-    ]
+    known = [(one.row, one.values[metric.key]) for one in lines if not one.sees_truth]
+    ranked = [(row, value) for row, value in known if value is not None and value.scenes == scenes]
     if not ranked:
         return None
     ranked.sort(key=lambda entry: -entry[1].mean if metric.higher_is_better else entry[1].mean)

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 from importlib import resources
 
 from ia_bench.common.errors import InputError
-from ia_bench.report.claims import Verdict
-from ia_bench.report.origins import Origin
-from ia_bench.report.statistics import Block, Estimate, Paired
+from ia_bench.report.statistics import Block, Estimate, Paired, Verdict
 from ia_bench.scores.columns import METRICS, Metric
 
 BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
 """Rows that optimise nothing and bound all others, and what they are: the truth rendered, and one grey."""
 RENDERED = tuple(metric for metric in METRICS if metric.group in ("View synthesis", "Relighting"))  # which depend on who renders
 COSTS = ("Seconds", "Peak memory", "Failed")
+ORIGINS = ("Runs", "Preset", "Threads", "Commit", "Processor", "Rows")
+"""How runs were made: the columns of :attr:`ia_bench.report.findings.Findings.origins`."""
 HEADLINE = ("PSNR", "MSE")  # labels of the metrics that are compared with the paper's
 
 
@@ -130,7 +130,10 @@ def beside_paper_table(block: Block, counterparts: Mapping[str, PaperRow]) -> Pr
     metrics = [metric for metric in METRICS if metric.label in HEADLINE and metric.key in printed]
     body = [
         [one.row, counterparts[one.row].method]
-        + [f"{_short(one.values[m.key], m)} ({m.text(counterparts[one.row].values[m.key])})" for m in metrics]
+        + [
+            f"{'–' if (value := one.values[m.key]) is None else m.text(value.mean)} ({m.text(counterparts[one.row].values[m.key])})"
+            for m in metrics
+        ]
         for one in block.lines
         if one.row in counterparts
     ]
@@ -147,16 +150,6 @@ def redrawn_table(rows: Mapping[str, Mapping[str, Estimate | None]], overall: Bl
     return Printed(["Row", *(f"{m.title}, {by}" for m in RENDERED for by in ("its own", "reference"))], body)
 
 
-def origins_table(origins: Sequence[Origin]) -> Printed:
-    """A line for everything in which runs of one report differ in how they were made, and the rows of which they are."""
-    body = [[str(one.runs), one.preset, one.threads, one.commit, one.cpu, one.rows] for one in origins]
-    return Printed(["Runs", "Preset", "Threads", "Commit", "Processor", "Rows"], body)
-
-
-def _short(value: Estimate | None, metric: Metric) -> str:
-    return "–" if value is None else metric.text(value.mean)
-
-
 def differences_table(differences: Mapping[str, Mapping[str, Paired]], scenes: Sequence[str]) -> Printed:
     """A line per row, a column per metric."""
     body = [[row, *(difference_text(values[m.key], m, len(scenes)) for m in METRICS)] for row, values in differences.items()]
@@ -170,5 +163,5 @@ def claims_table(verdicts: Sequence[Verdict], scenes: Sequence[str]) -> Printed:
         by_scene = (difference_text(one.pairs.of_scene(scene), one.metric) for scene in scenes)
         mean = difference_text(one.pairs, one.metric, len(scenes)).removesuffix(" ‡")
         names = [f"{one.better} above {one.worse}", one.metric.title]
-        body.append([*names, mean, one.outcome.value, carried_text(one.pairs) or "–", *by_scene])
+        body.append([*names, mean, one.outcome, carried_text(one.pairs) or "–", *by_scene])
     return Printed(["Claim", "Metric", "Difference", "Outcome", "Carried by", *scenes], body)

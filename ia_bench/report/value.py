@@ -13,13 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ia_bench.report.collect import Runs
-from ia_bench.report.figures import plain, save
-from ia_bench.report.files import begins_with, csv_text, remove_all_but, write_text
-from ia_bench.report.gains import NOTHING_LEFT_OUT, SHOWN, Gain, Map, maps
-from ia_bench.report.photographs import Worth, worth
+from ia_bench.report.curves import plain, save
 from ia_bench.report.statistics import CONFIDENCE
 from ia_bench.report.table import Entry, Printed, carried_text
-from ia_bench.report.texts import pipe_table
+from ia_bench.report.texts import begins_with, csv_text, pipe_table, remove_all_but, write_text
+from ia_bench.report.worth import NOTHING_LEFT_OUT, SHOWN, Gain, Map, Worth, maps, worth
 from ia_bench.runs.table import Table
 
 if TYPE_CHECKING:
@@ -95,7 +93,7 @@ def _of_gain(gain: Gain) -> dict[str, Any]:
     estimate, drawn = gain.over_scenes, gain.bootstrap
     return {
         "row": gain.row,
-        "capture": gain.capture.label or NOTHING_LEFT_OUT,
+        "capture": gain.capture or NOTHING_LEFT_OUT,
         "metric": gain.metric.key,
         "reference": gain.beside,
         "gain": estimate.mean,

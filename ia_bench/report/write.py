@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ia_bench.common.errors import InputError
-from ia_bench.report import figures
 from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
-from ia_bench.report.files import begins_with, csv_text, remove_all_but, write_text
+from ia_bench.report.curves import draw_scene, save
 from ia_bench.report.findings import MEAN, Findings, analyse
 from ia_bench.report.statistics import Paired
 from ia_bench.report.table import carried_text
-from ia_bench.report.texts import TITLE, latex, report_text
+from ia_bench.report.texts import TITLE, begins_with, csv_text, latex, remove_all_but, report_text, write_text
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 
@@ -88,10 +87,10 @@ def write_report(
 def _draw(findings: Findings, folder: Path) -> list[Path]:
     pictures = []
     for scene in findings.scenes:
-        figure = figures.draw_scene(findings.runs, scene, findings.rows)
+        figure = draw_scene(findings.runs, scene, findings.rows)
         if figure is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            pictures += figures.save(figure, folder / re.sub(r"[^\w.-]", "_", scene))
+            pictures += save(figure, folder / re.sub(r"[^\w.-]", "_", scene))
     return pictures
 
 
@@ -131,7 +130,7 @@ def _differences(findings: Findings) -> Iterable[Line]:
 
 def _claims(findings: Findings) -> Iterable[Line]:
     for one in findings.verdicts:
-        label = {"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome.value}
+        label = {"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome}
         yield from _paired(label, one.pairs)
 
 

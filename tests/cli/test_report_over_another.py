@@ -7,9 +7,8 @@ from pathlib import Path
 
 from ia_bench.cli.report import main
 from ia_bench.report.collect import SCORES, Record
-from ia_bench.report.gains import gains
-from ia_bench.report.site.gallery import Gallery, take_down_others
 from ia_bench.report.value import FILES, write_value
+from ia_bench.report.worth import gains
 from ia_bench.report.write import Report, write_report
 from ia_bench.runs.table import Row, Table
 
@@ -60,14 +59,6 @@ def test_curves_of_scenes_that_are_no_longer_asked_for_go(tmp_path: Path) -> Non
         (tmp_path / "curves" / name).write_text("of before")
     reported(runs_of(WAYS, [""]), tmp_path)
     assert [path.name for path in (tmp_path / "curves").iterdir()] == ["notes.txt"]
-
-
-def test_pictures_of_scenes_that_are_no_longer_shown_go(tmp_path: Path) -> None:
-    for name in ("hat/truth/drawn.json", "hat/none/a.webp", "ship/truth/drawn.json", "others/a.webp"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).touch()
-    take_down_others(Gallery({"hat": {"folder": "hat"}}), tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["hat", "others"]
 
 
 def test_a_page_without_pictures_keeps_none(tmp_path: Path) -> None:

@@ -14,6 +14,9 @@ from ia_bench.common.paths import scenes_folder
 from ia_bench.readers.native import NativeReader
 from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import identity, setup
+from ia_bench.runs.pictures.bundle import PICTURES, bundle
+from ia_bench.runs.pictures.drawing import SceneRenderer
+from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.exr import write_exr
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
@@ -81,6 +84,20 @@ def put_on_scene() -> Callable[[Path, Path], None]:
         put_setup(run, content, **setup(config))
 
     return put
+
+
+@pytest.fixture(scope="session")
+def keep_pictures() -> Callable[..., None]:
+    """A function that writes the pictures.zip of run folders, all of one scene, from the textures in them."""
+
+    def keep(*folders: Path) -> None:
+        runs = [Recovered(folder) for folder in folders]
+        renderer = SceneRenderer(runs[0].read_scene(whole=True))
+        truth = renderer.truth(turned=False)
+        for run in runs:
+            (run.folder / PICTURES).write_bytes(bundle(renderer, truth, run.reconstruction(renderer.stage), run.scale).zipped())
+
+    return keep
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ia_bench.report.collect import Runs, collect
-from ia_bench.report.figures import draw_scene, save
+from ia_bench.report.curves import draw_scene, save
 from ia_bench.scores.columns import CURVE_METRICS
 
 Write = Callable[..., Path]
@@ -52,14 +52,6 @@ def test_the_figure_shows_lines_bands_and_the_dashed_ceiling(runs: Runs) -> None
     assert legend == ["ceiling", "none", "ours"]
 
 
-def test_the_mean_of_a_band_lies_between_its_seeds(runs: Runs) -> None:
-    figure = draw_scene(runs, "hat", ["ours"])
-    line = figure.axes[0].get_lines()[0]
-    last = line.get_ydata()[-1]  # at 20 s: 24 of one seed, the other on its way from 14.9 at 8 s to 19 at 30 s
-    other = 14.9 + (19 - 14.9) * np.log(20 / 8) / np.log(30 / 8)
-    assert last == pytest.approx((24 + other) / 2, abs=0.01)
-
-
 def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
     """As with preset=smoke; a mean at common times has none, and the figure was empty."""
     once = [write_run("ours", "hat", seed, curve=f"final,18,{3 + seed},2{seed},20,20,20,0.1\n") for seed in range(2)]
@@ -69,18 +61,6 @@ def test_seeds_that_were_scored_once_each_are_marks(write_run: Write) -> None:
     assert [(*line.get_xdata(), *line.get_ydata()) for line in lines] == [(3, 20), (4, 21)]
     assert all(line.get_marker() == "o" for line in lines)
     assert len({line.get_color() for line in lines}) == 1
-
-
-def test_rows_keep_their_colours_whatever_is_missing(runs: Runs) -> None:
-    rows = ["ceiling", "none", "ours"]
-    all_of = draw_scene(runs, "hat", rows).axes[0].get_lines()
-    fewer = draw_scene(runs[runs["row"] != "none"], "hat", rows).axes[0].get_lines()
-    assert all_of[-1].get_label() == fewer[-1].get_label() == "ours"
-    assert all_of[-1].get_color() == fewer[-1].get_color()
-
-
-def test_a_scene_without_curves_has_no_figure(runs: Runs) -> None:
-    assert draw_scene(runs, "ship", ["ours"]) is None
 
 
 @pytest.mark.parametrize("name", ["cost_$a%$", "$$", r"$\\undefined$"])
@@ -99,3 +79,11 @@ def test_png_and_svg_are_the_same_bytes_each_time(runs: Runs, tmp_path: Path) ->
         assert [file.name for file in files] == ["hat.png", "hat.svg"]
         contents.append([file.read_bytes() for file in files])
     assert contents[0] == contents[1]
+
+
+def test_the_mean_of_a_band_lies_between_its_seeds(runs: Runs) -> None:
+    figure = draw_scene(runs, "hat", ["ours"])
+    line = figure.axes[0].get_lines()[0]
+    last = line.get_ydata()[-1]  # at 20 s: 24 of one seed, the other on its way from 14.9 at 8 s to 19 at 30 s
+    other = 14.9 + (19 - 14.9) * np.log(20 / 8) / np.log(30 / 8)
+    assert last == pytest.approx((24 + other) / 2, abs=0.01)

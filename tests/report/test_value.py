@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from scored_runs import scored
 
-from ia_bench.report.bootstrap import Interval, interval, replicates
 from ia_bench.report.collect import Record, Runs, as_table
-from ia_bench.report.gains import gains, maps
-from ia_bench.report.photographs import worth
 from ia_bench.report.value import write_value
+from ia_bench.report.worth import Interval, gains, interval, maps, replicates, worth
 from ia_bench.runs.table import Row, Table
 
 TABLE = Table(
@@ -56,7 +54,7 @@ GAINED = {"2 views": [[5.0, 5.0], [5.0, 5.0]], "8 views": [[1.0, 3.0], [2.0, 2.0
 
 
 def test_gains_are_means_over_scenes_of_means_over_seeds_and_positive_is_better() -> None:
-    found = {(gain.capture.label, gain.metric.key): gain for gain in gains(runs(GAINED), TABLE)}
+    found = {(gain.capture, gain.metric.key): gain for gain in gains(runs(GAINED), TABLE)}
     assert found["8 views", "aligned_albedo.psnr"].over_scenes.mean == pytest.approx(2.0)
     assert found["8 views", "aligned_albedo.psnr"].beside == pytest.approx(20.0)
     assert found["8 views", "roughness.mse"].over_scenes.mean == pytest.approx(-0.002), "more error is a loss"
@@ -113,12 +111,6 @@ def test_bounds_are_no_priors_even_where_their_rows_have_only_names() -> None:
     assert {one.row for one in worth(runs(GAINED), named)} == {"kernel"}
 
 
-def test_a_row_below_the_fewest_needs_none() -> None:
-    below = {**GAINED, "2 views": [[-1.0, -1.0], [-1.0, -1.0]]}
-    found = next(one for one in worth(runs(below), TABLE) if one.photographs == 2)
-    assert found.needed == 0
-
-
 def test_bootstrap_of_one_seed_a_scene_is_that_of_the_mean() -> None:
     values = np.array([1.0, 2.0, 4.0, 8.0, 3.0])
     drawn = replicates([np.array([value]) for value in values], 40_000)
@@ -133,11 +125,6 @@ def test_bootstrap_adds_the_variance_of_both_levels() -> None:
     means = np.array([scene.mean() for scene in scenes])
     expected = means.var() / 40 + np.mean([scene.var() / 30 for scene in scenes]) / 40
     assert drawn.var() == pytest.approx(expected, rel=0.06)  # six standard errors: sqrt(2 / 20000) is .01
-
-
-def test_what_belongs_to_one_run_is_drawn_together() -> None:
-    drawn = replicates([np.array([[1.0, 10.0], [2.0, 20.0]]), np.array([[3.0, 30.0]])], 100)
-    np.testing.assert_allclose(drawn[:, 1], 10 * drawn[:, 0])
 
 
 def test_interval_takes_infinity_for_a_number() -> None:
@@ -196,3 +183,14 @@ def test_the_map_has_a_line_for_every_capture_and_a_column_for_every_row() -> No
     assert "21 % of the way to the ceiling" in told.told
     assert roughness.lines[0][2][0].text == "-0.0050", "more error is a loss"
     assert relighting.metric.key == "relighting.psnr"
+
+
+def test_a_row_below_the_fewest_needs_none() -> None:
+    below = {**GAINED, "2 views": [[-1.0, -1.0], [-1.0, -1.0]]}
+    found = next(one for one in worth(runs(below), TABLE) if one.photographs == 2)
+    assert found.needed == 0
+
+
+def test_what_belongs_to_one_run_is_drawn_together() -> None:
+    drawn = replicates([np.array([[1.0, 10.0], [2.0, 20.0]]), np.array([[3.0, 30.0]])], 100)
+    np.testing.assert_allclose(drawn[:, 1], 10 * drawn[:, 0])

@@ -10,8 +10,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from scored_runs import put_setup, scored
 
 from ia_bench.common.errors import InputError
+from ia_bench.report.collect import Collection, as_table, collect
+from ia_bench.report.findings import analyse
 from ia_bench.report.table import best_paper_methods, paper_rows
 from ia_bench.report.texts import tex
 from ia_bench.report.write import Report, write_report
@@ -56,11 +59,6 @@ def test_every_file_is_written_and_nothing_partial_is_left(report: Report, out: 
     assert {path.relative_to(out).as_posix() for path in report.files} == names
 
 
-def test_rows_and_scenes_come_as_asked_for_then_by_name(report: Report) -> None:
-    assert report.findings.rows == ("ours", "later", "none", "oracle_*")
-    assert report.findings.scenes == ("ship", "hat")
-
-
 def test_rows_stand_beside_the_papers_and_beside_the_reference_renderer(tmp_path: Path, write_run: Callable[..., Path]) -> None:
     redrawn = {"view_synthesis_reference": {"psnr": 17.0, "ssim": 0.8}, "relighting_reference": {"psnr": 16.0}}
     for seed in (0, 1):
@@ -90,13 +88,6 @@ def read(out: Path, name: str, *keys: str) -> dict[object, dict[str, str]]:
     with (out / f"{name}.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
     return {tuple(line[key] for key in keys): line for line in lines}
-
-
-def test_every_csv_names_the_protocol(out: Path) -> None:
-    for path in out.glob("*.csv"):
-        with path.open(newline="") as file:
-            found = {line["protocol"] for line in csv.DictReader(file)}
-        assert found == {"paper-v1 (lpips.net=alex)"}
 
 
 def test_csv_holds_the_numbers(report: Report, out: Path) -> None:
@@ -138,14 +129,6 @@ def test_markdown_says_what_a_reader_needs(out: Path) -> None:
     assert "![ship](curves/ship.png)" in lines
     assert "| ours above none | Albedo PSNR ↑ | +4.00 ± – / 0.00 | undecided | – | +4.00 | +4.00 |" in lines  # one seed of none
     assert "| later above ours | Roughness MSE ↓ | – | undecided | – | – | – |" in lines
-
-
-def test_csv_reads_back(out: Path) -> None:
-    with (out / "table.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    values = {(line["scene"], line["row"]): line for line in lines}
-    assert float(values["hat", "none"]["albedo_psnr"]) == 16.0
-    assert values["mean over scenes", "later"]["albedo_psnr"] == ""
 
 
 def test_the_runs_give_the_means_of_the_table(out: Path) -> None:
@@ -199,35 +182,6 @@ def test_the_papers_bold_figures_are_the_papers() -> None:
     ]
 
 
-def test_the_shipped_figures_equal_the_source() -> None:
-    source = ROOT.parent / "shared" / "paper" / "table1.csv"
-    if not source.is_file():
-        pytest.skip("needs ../shared/paper/table1.csv")
-    assert (ROOT / "ia_bench" / "report" / "paper_table1.csv").read_text() == source.read_text()
-
-
-def test_a_folder_that_never_finished_is_named(write_run: Write, tmp_path: Path) -> None:
-    write_run("ours", "hat")
-    (tmp_path / "runs" / "killed").mkdir()
-    (tmp_path / "runs" / "killed" / "config.json").write_text('{"config_hash": "0"}')
-    report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
-    assert len(report.findings.notes) == 1
-    assert "killed" in report.findings.notes[0]
-
-
-def test_a_killed_run_counts_as_a_failure_of_its_row(write_run: Write, tmp_path: Path) -> None:
-    cells = {write_run("ours", "hat"): ("ours", "hat", 0), tmp_path / "killed": ("ours", "ship", 0)}
-    overall = write_report(cells, tmp_path / "out").findings.overall
-    assert (overall.lines[0].failed, overall.lines[0].runs, overall.scenes) == (1, 2, 2)
-
-
-def test_only_failures_still_make_a_report(write_run: Write, tmp_path: Path) -> None:
-    write_run("ours", "hat", status="failed", error="no memory")
-    report = write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
-    assert report.findings.failures == ("ours, hat, seed 0: no memory",)
-    assert "| ours | – |" in (tmp_path / "out" / "report.md").read_text()
-
-
 def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Write, tmp_path: Path) -> None:
     """A scene without such truth and a method that cannot predict are two reasons, and stand behind their own dashes."""
     for scene in ("hat", "ship"):
@@ -253,52 +207,6 @@ def test_each_reason_of_a_null_is_one_footnote_wherever_it_holds(write_run: Writ
     assert told.startswith("albedo.psnr: the scene has no such truth; aligned_albedo.psnr, view_synthesis.psnr, ")
 
 
-def test_runs_csv_has_whatever_was_recorded(write_run: Write, tmp_path: Path) -> None:
-    write_run(
-        "ours", "hat", variants={"albedo_linear": {"psnr": 19.0}, "view_synthesis_whole": {"psnr": 30.0}}, rays=7, network_calls=0
-    )
-    write_run(
-        "theirs",
-        "hat",
-        variants={"relighting_reference": {"psnr": None}},
-        reasons={"relighting_reference.psnr": "so"},
-        config_hash="abc",
-    )
-    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
-    runs = read(tmp_path / "out", "runs", "row")
-    ours, theirs = runs["ours",], runs["theirs",]
-    assert (ours["albedo_linear_psnr"], ours["view_synthesis_whole_psnr"], ours["rays"], ours["network_calls"]) == (
-        "19.0",
-        "30.0",
-        "7",
-        "0",
-    )
-    assert (ours["seconds"], ours["seconds_bake"], ours["seconds_stage1"], ours["seconds_total"]) == ("50.0", "5.0", "30.0", "60.0")
-    assert (theirs["relighting_reference_psnr"], theirs["albedo_linear_psnr"], theirs["config_hash"], theirs["status"]) == (
-        "",
-        "",
-        "abc",
-        "ok",
-    )
-
-
-def test_floor_and_ceiling_are_called_so(write_run: Write, tmp_path: Path) -> None:
-    for row in ("constant", "ceiling", "ours"):
-        write_run(row, "hat", sees_truth=row != "ours", curve=f"{row},{5 * (row == 'ours')},1,10,10,10,10,0.1\n")
-    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
-    text = (tmp_path / "out" / "report.md").read_text()
-    assert "| constant (floor) † |" in text
-    assert "| ceiling † |" in text
-
-
-def test_what_cannot_be_reported_is_an_error(write_run: Write, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected at least one run's metrics.json, found none"):
-        write_report(find_run_folders(tmp_path), tmp_path / "out")
-    write_run("ours", "hat")
-    with pytest.raises(InputError, match="reference: expected one of the rows ours, found none"):
-        write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out", reference="none")
-
-
 def test_a_scene_with_a_slash_gets_a_file_of_its_own(write_run: Write, tmp_path: Path) -> None:
     write_run("ours", "my/hat", curve=CURVE)
     write_report(find_run_folders(tmp_path / "runs"), tmp_path / "out")
@@ -312,3 +220,70 @@ def test_the_report_needs_no_trainer_no_prior_and_no_matplotlib_to_be_imported()
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=1200, check=True)
     assert done.stdout.strip() == "[]"
+
+
+# ---- how the runs were made ----
+
+
+def test_presets_threads_commits_and_changed_code_that_mix_stand_first(write_run: Write, tmp_path: Path) -> None:
+    made = [("quick", 1, "abc"), ("quick", 1, "abc"), ("smoke", 2, "def+changes")]
+    for seed, (preset, threads, commit) in enumerate(made):
+        machine = {"commit": commit, "cpu": "Abacus 2", "threads": threads}
+        write_run("ours" if seed < 2 else "fast", "hat", seed, preset=preset, environment=machine)
+    found = write_report(sorted((tmp_path / "runs").iterdir()), tmp_path / "out").findings
+    assert found.warnings == (
+        "Runs of different presets stand side by side: quick (2), smoke (1).",
+        "Runs of different numbers of threads stand side by side: 1 (2), 2 (1).",
+        "Runs of different commits stand side by side: abc (2), def+changes (1).",
+        "1 of 3 runs were made by changed code, not by that of a commit.",
+    )
+    assert found.origins == (("2", "quick", "1", "abc", "Abacus 2", "ours"), ("1", "smoke", "2", "def+changes", "Abacus 2", "fast"))
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert text.index("different presets") < text.index("## Mean over")
+    assert "| 2 | quick | 1 | abc | Abacus 2 | ours |\n" in text
+    assert "different presets" in (tmp_path / "out" / "table.tex").read_text()
+
+
+def test_runs_that_were_made_alike_are_compared_by_their_seconds_too() -> None:
+    alike = {"preset": "quick", "threads": 1, "commit": "abc", "clean": True, "cpu": "Abacus 2"}
+    runs = as_table([scored(row, "hat", seed, 1.0, **alike) for row in ("none", "ours") for seed in (0, 1)])
+    found = analyse(Collection(runs))
+    assert (found.warnings, found.seconds_compare) == ((), True)
+    assert [(one[0], one[-1]) for one in found.origins] == [("4", "all")]
+    assert not analyse(Collection(runs.assign(cpu=["a", "a", "a", "b"]))).seconds_compare
+    assert not analyse(Collection(runs.assign(threads=None))).seconds_compare, "what nobody knows compares with nothing"
+
+
+def test_a_row_whose_runs_differ_in_a_setting_is_named(write_run: Write) -> None:
+    steps = {0: {"stage1_steps": 12}, 1: {"stage1_steps": 60, "pixels": 9}}
+    folders = [
+        put_setup(write_run(row, "hat", seed), {"seed": seed, "method": {"options": steps[seed if row == "mixed" else 0]}})
+        for row in ("mixed", "one")
+        for seed in (0, 1)
+    ]
+    assert list(analyse(collect(folders)).notes) == [
+        "mixed: its runs are not of one configuration, so that its means mix them: method.options.stage1_steps (12, 60), "
+        "method.options.pixels (nothing, 9)"
+    ]
+
+
+def test_seed_scene_threads_and_the_run_behind_a_score_make_no_other_configuration(write_run: Write) -> None:
+    folders = []
+    for scene, seed in (("hat", 0), ("hat", 1), ("ship", 0)):
+        own = {"seed": seed, "scene": {"name": scene}, "threads": 1 + seed, "rescored_from": f"{scene}{seed}"}
+        folders.append(put_setup(write_run("ours", scene, seed), own))
+    folders.append(write_run("ours", "drum"))  # without any configuration
+    assert analyse(collect(folders)).notes == ()
+
+
+def test_the_shipped_figures_equal_the_source() -> None:
+    source = ROOT.parent / "shared" / "paper" / "table1.csv"
+    if not source.is_file():
+        pytest.skip("needs ../shared/paper/table1.csv")
+    assert (ROOT / "ia_bench" / "report" / "paper_table1.csv").read_text() == source.read_text()
+
+
+def test_a_killed_run_counts_as_a_failure_of_its_row(write_run: Write, tmp_path: Path) -> None:
+    cells = {write_run("ours", "hat"): ("ours", "hat", 0), tmp_path / "killed": ("ours", "ship", 0)}
+    overall = write_report(cells, tmp_path / "out").findings.overall
+    assert (overall.lines[0].failed, overall.lines[0].runs, overall.scenes) == (1, 2, 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import zipfile
@@ -16,11 +17,14 @@ from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.report.collect import collect
-from ia_bench.report.site.pictures.store import write_pictures
+from ia_bench.report.site.store import write_pictures
 from ia_bench.runs import rescore
 from ia_bench.runs import run as running
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
+from ia_bench.runs.pictures.bundle import bundle
+from ia_bench.runs.pictures.drawing import SceneRenderer
+from ia_bench.runs.recovered import Recovered
 from ia_bench.runs.rescore import Rescorer
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.result import Scores
@@ -132,21 +136,22 @@ def test_a_report_shows_the_pictures_that_a_run_has_kept(run: Path, tmp_path: Pa
     assert notes == ["pictures of tiny: the truth"]
     with zipfile.ZipFile(run / "pictures.zip") as archive:
         assert (tmp_path / "kept" / "tiny" / "ceiling" / "relit.webp").read_bytes() == archive.read("relit.webp")
-    bare = shutil.copytree(run, tmp_path / "ceiling")
-    (bare / "pictures.zip").unlink()
-    drawn = write_pictures(collect([bare]).runs, tmp_path / "drawn", notes.append).scenes["tiny"]
-    assert notes[1:] == ["pictures of tiny: the truth", "pictures of tiny: ceiling"]
-    assert kept == drawn
-    for name in ("albedo", "aligned", "roughness", "view", "relit", "turned", "light"):
+    recovered = Recovered(run)
+    renderer = SceneRenderer(recovered.read_scene(whole=True))
+    drawn = bundle(renderer, renderer.truth(turned=False), recovered.reconstruction(renderer.stage), recovered.scale)
+    assert kept["rows"]["ceiling"]["sheets"] == drawn.shapes
+    for name, sheet in drawn.sheets.items():
         one, other = (
-            Image.open(tmp_path / where / "tiny" / "ceiling" / f"{name}.webp").convert("RGB") for where in ("kept", "drawn")
+            np.asarray(Image.open(file).convert("RGB"), float)
+            for file in (tmp_path / "kept" / "tiny" / "ceiling" / f"{name}.webp", io.BytesIO(sheet))
         )
-        assert np.abs(np.asarray(one, float) - np.asarray(other, float)).mean() < 6, name  # samples and points differ
+        assert np.abs(one - other).mean() < 6, name  # samples and points differ
     record = json.loads((run / "metrics.json").read_text())
     assert record["time_s"]["pictures"] > 0
     assert of.loc[0, "seconds"] == pytest.approx(
         sum(record["time_s"][name] for name in record["time_s"].keys() - {"total", "score", "pictures", "capture"})
     )
+    bare = shutil.copytree(run, tmp_path / "ceiling")
     (bare / "pictures.zip").write_bytes(b"torn")
     missing = write_pictures(collect([bare]).runs, tmp_path / "torn", notes.append).missing
     assert "pictures.zip: expected the pictures of a run, found a damaged file" in missing[0]

@@ -1,4 +1,4 @@
-"""What the page says: the numbers for its templates, and the same as data for its scripts."""
+"""What the page says: the numbers for its templates with what they mean, and the same as data for its scripts."""
 
 from __future__ import annotations
 
@@ -13,41 +13,69 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ia_bench.report.collect import TIMES, reason_of
-from ia_bench.report.curve import Curve
+from ia_bench.common.errors import InputError
+from ia_bench.common.settings import flat
+from ia_bench.report.collect import HASH_DIGITS, TIMES, reason_of, setup_of
+from ia_bench.report.curves import Curve
 from ia_bench.report.findings import Findings
-from ia_bench.report.gains import Map
-from ia_bench.report.origins import seconds_compare
-from ia_bench.report.site.definitions import COSTS, WHY_THE_PAPER_DIFFERS, definition
-from ia_bench.report.site.evidence import evidence_of
-from ia_bench.report.statistics import Block, Estimate, Leader, Line
+from ia_bench.report.statistics import Block, Estimate, Line
 from ia_bench.report.table import BOUNDS, HEADLINE, estimate_text
+from ia_bench.report.worth import Map
+from ia_bench.runs.record import RunRecord
+from ia_bench.runs.table import Row
 from ia_bench.scores.columns import CURVE_METRICS, METRICS, Metric
 
 DIGITS = 5  # significant ones of a number that a script draws or sorts by
 EXACT = 7  # those of a number that a script prints, so that it rounds as the table does
 BRIEF = 0.05  # seconds below which a phase is not told
+CHECKSUM_DIGITS = 12
+MACHINE = ("cpu", "cores", "threads", "device", "system", "python", "commit")
+OF_A_RUN = ("seed", "scene.", "out", "row")  # begin settings that every run tells by itself
+
+COMPONENTS = {
+    "albedo": "Albedo of the test views against the truth, as it was recovered",
+    "aligned_albedo": "Albedo of the test views after one factor for all views and channels has matched its mean to the truth's",
+    "view_synthesis": "Photographs from new viewpoints under the training light",
+    "relighting": "Photographs under lights that no method has seen, drawn with the aligned albedo",
+    "roughness": "Perceptual roughness of the test views, from 0 to 1",
+}
+"""Component of a metric -> what is compared with what."""
+MEASURES = {
+    "psnr": "Peak signal-to-noise ratio in dB over the object's pixels, sRGB-encoded, averaged over images",
+    "ssim": "Structural similarity, 1 for equal images",
+    "lpips": "Perceptual distance by a network, 0 for equal images",
+    "mse": "Mean squared error over the object's pixels",
+}
+"""Name of a metric -> how it is measured."""
+COSTS = {
+    "seconds": "Baking, prior and fit, without scoring and without the preparation of the scene (its capture, a mesh made for it), "
+    "which is the same for every row: mean over scenes and seeds, on the machine that each run names",
+    "memory": "The largest resident memory of any of the row's processes",
+    "failed": "Runs that ended without scores, of all runs. They enter no mean",
+}
+"""Key of a cost -> what it counts."""
+WHY_THE_PAPER_DIFFERS = (
+    "The paper measured on its own scenes, with its own renderer and trained weights, and leaves mask, encoding and alignment "
+    "open. Orders may be compared, levels may not."
+)
 
 
-@dataclass(frozen=True)
-class RowTexts:
-    """What a table says of a row beside its numbers.
+@dataclass
+class Gallery:
+    """The pictures of a page: plain data, so that a page without any needs no renderer.
 
     Attributes:
-        note: What a reader has to know of it.
-        overrides: Of the configuration, which make it.
+        scenes: Scene -> what the page has to know to show its pictures (JSON types).
+        missing: A sentence for each scene or row that has no pictures.
     """
 
-    note: str = ""
-    overrides: tuple[str, ...] = ()
+    scenes: dict[str, dict[str, Any]] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
 
-
-@dataclass(frozen=True)
-class Live:
-    """What a page has to know that is watched: which finished cells it shows, and how many seconds lie between news."""
-
-    key: str
-    every: float
+    @property
+    def relit(self) -> bool:
+        """Whether any scene has a light that no method has seen."""
+        return any(scene["lights"] for scene in self.scenes.values())
 
 
 @dataclass(frozen=True)
@@ -57,21 +85,17 @@ class Sources:
     Attributes:
         findings: Everything that the report says.
         title: What the page is called.
-        rows: Texts of the rows that have some.
-        live: What a page that is watched has to know, None for a report.
+        rows: Those of the table, whose notes and overrides are told.
         worth: Maps of what rows are worth, where scenes were photographed in several ways.
+        live: What a page that is watched has to know: by which "key" its finished cells are known, and "every" how many seconds
+            there are news; None for a report.
     """
 
     findings: Findings
     title: str
-    rows: Mapping[str, RowTexts] = field(default_factory=dict)
-    live: Live | None = None
+    rows: Sequence[Row] = ()
     worth: Sequence[Map] = ()
-
-    @property
-    def seconds_compare(self) -> bool:
-        """Whether the table may be sorted by seconds."""
-        return seconds_compare(self.findings.runs)
+    live: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -81,8 +105,8 @@ class Number:
     Attributes:
         key: Of the metric or the cost.
         text: The mean as it is printed, – where there is none.
+        value: What the entry is sorted by, None where there is none.
         width: The interval's half width as it is printed, empty where there is none.
-        value: What the entry is sorted by, empty where there is none.
         share: How much of the way from floor to ceiling it goes, in percent; None where that is not known.
         best: Whether it leads those that do not see the truth, and that is decided.
         why: Why there is no value, or not for all scenes.
@@ -91,32 +115,18 @@ class Number:
 
     key: str
     text: str
+    value: float | None
     width: str = ""
-    value: str = ""
     share: float | None = None
     best: bool = False
     why: str = ""
     headline: bool = True
 
 
-@dataclass(frozen=True)
-class Scope:
-    """The table over one scene, or over all: the leaders of its headline metrics, and a line of numbers for every row."""
-
-    name: str
-    leaders: tuple[tuple[Metric, Leader], ...]
-    lines: tuple[tuple[Line, tuple[Number, ...]], ...]
-
-
-def scopes(findings: Findings) -> list[Scope]:
-    """The mean over scenes, where there are several, then every scene."""
-    found = []
-    for block in [*([findings.overall] if len(findings.scenes) > 1 else []), *findings.blocks]:
-        bounds = _bounds(block)
-        lines = tuple((one, tuple(_numbers(one, block, bounds))) for one in block.lines)
-        leading = (metric for metric in METRICS if is_headline(metric) and metric.key in block.leaders)
-        found.append(Scope(block.title, tuple((metric, block.leaders[metric.key]) for metric in leading), lines))
-    return found
+def scopes(findings: Findings) -> list[tuple[Block, list[tuple[Line, list[Number]]]]]:
+    """The mean over scenes, where there are several, then every scene: each with a line of numbers for every row."""
+    blocks = [*([findings.overall] if len(findings.scenes) > 1 else []), *findings.blocks]
+    return [(block, [(one, _numbers(one, block)) for one in block.lines]) for block in blocks]
 
 
 def is_headline(metric: Metric) -> bool:
@@ -124,11 +134,22 @@ def is_headline(metric: Metric) -> bool:
     return metric.label in HEADLINE
 
 
+def definition(metric: Metric) -> str:
+    """What a column shows, and which direction is better."""
+    better = "Higher" if metric.higher_is_better else "Lower"
+    said = MEASURES.get(metric.name) or (metric.of.__doc__ or metric.label).splitlines()[0].rstrip(".")  # of a metric that is new
+    return f"{COMPONENTS[metric.component]}. {said}. {better} is better."
+
+
 def data(sources: Sources, page: Path) -> dict[str, Any]:
-    """Everything that the page's scripts need, as JSON types. ``page``: the folder that links to run folders start from."""
+    """Everything that the page's scripts need, as JSON types. ``page``: the folder that links to run folders start from.
+
+    What many runs have alike, a configuration or a machine, is told once: a run names it by its place.
+    """
     findings = sources.findings
-    configurations, machines = _Once(), _Once()
-    runs = [_run(run, page, findings, configurations, machines) for run in findings.runs.to_dict("records")]
+    once: tuple[dict[str, int], dict[str, int]] = {}, {}
+    runs = [_run(run, page, findings, *once) for run in findings.runs.to_dict("records")]
+    configurations, machines = ([json.loads(text) for text in places] for places in once)
     return {
         "title": sources.title,
         "protocol": findings.protocol,
@@ -138,29 +159,11 @@ def data(sources: Sources, page: Path) -> dict[str, Any]:
         "rows": [_row(row, sources) for row in findings.rows],
         "scenes": list(findings.scenes),
         "whyPaper": WHY_THE_PAPER_DIFFERS,
-        "configurations": configurations.entries,
-        "machines": machines.entries,
+        "configurations": configurations,
+        "machines": machines,
         "runs": runs,
-        **({} if sources.live is None else {"live": {"key": sources.live.key, "every": sources.live.every}}),
+        **({} if sources.live is None else {"live": sources.live}),
     }
-
-
-class _Once:
-    """What many runs have alike, told once; a run names it by its place."""
-
-    def __init__(self) -> None:
-        self.entries: list[dict[str, Any]] = []
-        self._places: dict[str, int] = {}
-
-    def place(self, entry: dict[str, Any]) -> int | None:
-        """Place of an entry among all of them; None for an empty one."""
-        if not entry:
-            return None
-        key = json.dumps(entry, sort_keys=True)
-        if key not in self._places:
-            self._places[key] = len(self.entries)
-            self.entries.append(entry)
-        return self._places[key]
 
 
 def _metric(metric: Metric) -> dict[str, Any]:
@@ -176,22 +179,24 @@ def _metric(metric: Metric) -> dict[str, Any]:
     }
 
 
-def _row(row: str, sources: Sources) -> dict[str, Any]:
-    findings, texts = sources.findings, sources.rows.get(row, RowTexts())
-    paper, mine = findings.counterparts.get(row), findings.runs[findings.runs["row"] == row]
+def _row(name: str, sources: Sources) -> dict[str, Any]:
+    findings, row = sources.findings, next((one for one in sources.rows if one.name == name), Row(name, []))
+    paper, line = findings.counterparts.get(name), next(one for one in findings.overall.lines if one.row == name)
     return {
-        "name": row,
-        "note": texts.note,
-        "bound": BOUNDS.get(row),
-        "truth": bool(mine["sees_truth"].eq(True).any()),
+        "name": name,
+        "note": row.note,
+        "bound": BOUNDS.get(name),
+        "truth": line.sees_truth,
         "paper": paper and {"method": paper.method, "values": paper.values},
-        "command": shlex.join(["python", "-m", "ia_bench", *texts.overrides]) if texts.overrides else "",
+        "command": shlex.join(["python", "-m", "ia_bench", *row.overrides]) if row.overrides else "",
     }
 
 
-def _run(run: dict[str, Any], page: Path, of: Findings, configurations: _Once, machines: _Once) -> dict[str, Any]:
-    found = evidence_of(run)
-    machine = {**{key: run[key] for key in ("commit", "cpu", "threads") if not pd.isna(run[key])}, **found.get("environment", {})}
+def _run(
+    run: dict[str, Any], page: Path, of: Findings, configurations: dict[str, int], machines: dict[str, int]
+) -> dict[str, Any]:
+    found = _evidence(run)
+    machine = {**{key: run[key] for key in ("commit", "cpu", "threads") if not pd.isna(run[key])}, **found.pop("machine", {})}
     phases = {name.removeprefix(TIMES): value for name, value in run.items() if name.startswith(TIMES) and value >= BRIEF}
     failed = run["problem"] is not None
     record = {
@@ -207,14 +212,40 @@ def _run(run: dict[str, Any], page: Path, of: Findings, configurations: _Once, m
         "hash": run["config_hash"],
         "preset": run["preset"],
         "folder": os.path.relpath(run["folder"], page).replace(os.sep, "/") if found else None,
-        "command": found.get("command"),
-        "configuration": configurations.place(found.get("settings", {})),
-        "machine": machines.place(machine),
-        "files": found.get("files"),
-        "renderer": found.get("renderer"),
+        "configuration": _place(found.pop("settings", {}), configurations),
+        "machine": _place(machine, machines),
+        **found,
         "curve": None if run["curve"] is None else curve_data(run["curve"]),
     }
     return {key: value for key, value in record.items() if value is not None and value not in ({}, [], "")}
+
+
+def _place(entry: dict[str, Any], places: dict[str, int]) -> int | None:
+    return places.setdefault(json.dumps(entry), len(places)) if entry else None
+
+
+def _evidence(run: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run's folder says of how its numbers came about; nothing of a run that only a runs.csv knows.
+
+    ``settings``: its configuration, flat; ``command``: its command line; ``machine``: machine, versions and commit, flat;
+    ``files``: name -> the first digits of the SHA-256 of what the run wrote; ``renderer``: who drew the pictures that were scored.
+    """
+    setup = setup_of(run["folder"])
+    try:
+        record = RunRecord.read(run["folder"])
+    except (InputError, FileNotFoundError):
+        return {}
+    if setup is None or (record.row != run["row"] and record.config_hash[:HASH_DIGITS] != run["config_hash"]):
+        return {}  # the folder may be that of a report, not of this run
+    packages = record.environment.get("packages")
+    return {
+        "settings": {name: value for name, value in flat(setup.config).items() if not name.startswith(OF_A_RUN)},
+        "command": setup.command,
+        "machine": {key: record.environment[key] for key in MACHINE if record.environment.get(key) is not None}
+        | (flat(packages, "packages.") if isinstance(packages, dict) else {}),
+        "files": {name: digest[:CHECKSUM_DIGITS] for name, digest in record.files.items()},
+        "renderer": record.renderer,
+    }
 
 
 def curve_data(curve: Curve) -> dict[str, Any]:
@@ -231,50 +262,26 @@ def short(value: float | None, digits: int = DIGITS) -> float | None:
     return None if value is None or not np.isfinite(value) else float(f"{value:.{digits}g}")
 
 
-def _bounds(block: Block) -> dict[str, tuple[float, float]]:
-    """Metric key -> floor and ceiling, where the block has both and they differ."""
-    of = {BOUNDS[one.row]: one for one in block.lines if one.row in BOUNDS}
-    found = {}
-    for metric in METRICS:
-        ends = [of[name].values[metric.key] if name in of else None for name in ("floor", "ceiling")]
-        means = [end.mean for end in ends if end is not None]
-        if len(means) == 2 and means[0] != means[1]:
-            found[metric.key] = (means[0], means[1])
-    return found
-
-
-def _numbers(one: Line, block: Block, bounds: Mapping[str, tuple[float, float]]) -> Sequence[Number]:
+def _numbers(one: Line, block: Block) -> list[Number]:
+    ends = {BOUNDS[line.row]: line.values for line in block.lines if line.row in BOUNDS}
     numbers = []
     for metric in METRICS:
         value = one.values[metric.key]
         text, _, width = estimate_text(value, metric, block.scenes).partition(" ± ")
-        numbers.append(
-            Number(
-                key=metric.key,
-                text=text,
-                width=width,
-                value=_value(None if value is None else value.mean),
-                share=_share(value, bounds.get(metric.key)),
-                best=block.is_best(one.row, metric),
-                why="; ".join(one.reasons[metric.key]),
-                headline=is_headline(metric),
-            )
-        )
+        share = _share(value, *(ends.get(name, {}).get(metric.key) for name in ("floor", "ceiling")))
+        best, why = block.is_best(one.row, metric), "; ".join(one.reasons[metric.key])
+        mean = None if value is None else short(value.mean)
+        numbers.append(Number(metric.key, text, mean, width, share, best, why, is_headline(metric)))
     seconds, memory = None if one.seconds is None else one.seconds.mean, one.peak_memory_bytes
     return [
         *numbers,
-        Number("seconds", "–" if seconds is None else f"{seconds:.1f}", value=_value(seconds)),
-        Number("memory", "–" if memory is None else f"{memory / 2**20:.0f}", value=_value(memory), headline=False),
-        Number("failed", f"{one.failed}/{one.runs}", value=str(one.failed)),
+        Number("seconds", "–" if seconds is None else f"{seconds:.1f}", short(seconds)),
+        Number("memory", "–" if memory is None else f"{memory / 2**20:.0f}", short(memory), headline=False),
+        Number("failed", f"{one.failed}/{one.runs}", one.failed),
     ]
 
 
-def _value(number: float | None) -> str:
-    return "" if number is None else repr(short(number))
-
-
-def _share(value: Estimate | None, bounds: tuple[float, float] | None) -> float | None:
-    if value is None or bounds is None:
+def _share(value: Estimate | None, floor: Estimate | None, ceiling: Estimate | None) -> float | None:
+    if value is None or floor is None or ceiling is None or floor.mean == ceiling.mean:
         return None
-    floor, ceiling = bounds
-    return round(100 * min(max((value.mean - floor) / (ceiling - floor), 0.0), 1.0), 1)
+    return round(100 * min(max((value.mean - floor.mean) / (ceiling.mean - floor.mean), 0.0), 1.0), 1)

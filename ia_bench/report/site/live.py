@@ -11,17 +11,16 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ia_bench.common.errors import InputError
 from ia_bench.report.collect import collect
-from ia_bench.report.curve import BadCurve, Curve, read_curve
-from ia_bench.report.files import write_text
+from ia_bench.report.curves import read_curve
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.site.content import curve_data
+from ia_bench.report.texts import write_text
 from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, CellStatus, Overview
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.pictures.packing import compact
 from ia_bench.runs.table import Table
-
-NEWS = "live.js"
 
 
 def key_of(overview: Overview) -> str:
@@ -46,27 +45,27 @@ def findings_so_far(overview: Overview, table: Table) -> Findings:
 
 def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = False) -> None:
     """Write the news into a page's folder of parts. ``ended``: nobody will write any more."""
-    content = {"key": key_of(overview), "every": every, "made": round(time.time(), 1), "ended": ended, **_news(overview)}
-    write_text(parts / NEWS, f"bench.news({compact(content)});\n")
-
-
-def _news(overview: Overview) -> dict[str, Any]:
     left = overview.seconds_left()
-    curves = [(one, curve) for one in overview.of(RUNNING) if (curve := _curve(one)) is not None]
-    return {
-        "left": None if left is None else round(left),
-        "cells": [_line(one) for one in overview.cells],
-        "curves": [{"row": one.cell.row, "scene": one.cell.scene, **curve_data(curve)} for one, curve in curves],
+    news = {
+        "key": key_of(overview),
+        "every": every,
+        "made": round(time.time(), 1),
+        "ended": ended,
+        "left": left and round(left),
+        "cells": [
+            [one.cell.row, one.cell.scene, one.cell.seed, one.state, one.seconds and round(one.seconds), one.says]
+            for one in overview.cells
+        ],
+        "curves": [
+            {"row": one.cell.row, "scene": one.cell.scene, **curve} for one in overview.of(RUNNING) for curve in _curves(one)
+        ],
     }
+    write_text(parts / "live.js", f"bench.news({compact(news)});\n")
 
 
-def _line(one: CellStatus) -> list[Any]:
-    seconds = None if one.seconds is None else round(one.seconds)
-    return [one.cell.row, one.cell.scene, one.cell.seed, one.state, seconds, one.says]
-
-
-def _curve(one: CellStatus) -> Curve | None:
+def _curves(one: CellStatus) -> list[dict[str, Any]]:
     try:
-        return read_curve(one.cell.folder / CURVE)
-    except BadCurve:  # it says so itself once it has finished
-        return None
+        curve = read_curve(one.cell.folder / CURVE)
+    except InputError:  # it says so itself once it has finished
+        return []
+    return [] if curve is None else [curve_data(curve)]

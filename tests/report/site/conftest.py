@@ -73,7 +73,10 @@ def curve(seed: int) -> str:
 
 @pytest.fixture(scope="session")
 def page_folder(
-    write_run_below: Callable[..., Path], put_on_scene: Callable[..., None], tmp_path_factory: pytest.TempPathFactory
+    write_run_below: Callable[..., Path],
+    put_on_scene: Callable[..., None],
+    keep_pictures: Callable[..., None],
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Path:
     """Four rows on two scenes; two rows have textures on the scene ``tiny``: the truth, and one grey."""
     root = tmp_path_factory.mktemp("browser")
@@ -97,6 +100,7 @@ def page_folder(
                     write_exr(run / "roughness.exr", truth.roughness, half=False)
                     write_exr(run / "light.exr", truth.lights["train"], half=False)
                     put_on_scene(run, scene)
+    keep_pictures(*(root / "runs" / f"{row}-tiny-0" for row in textures))
     assert main([str(root / "runs"), "--out", str(root / "out"), "--reference", "none"]) == 0
     return root / "out" / "page"
 

@@ -46,17 +46,6 @@ def test_a_row_is_hidden_and_time_is_linear_when_asked_for(page: Any) -> None:
     assert page.evaluate("bench.plots.plots[4].scales.y.distr") == 1
 
 
-def test_dragging_across_a_plot_zooms_into_time(page: Any) -> None:
-    curves(page)
-    box = page.locator(".plot .u-over").nth(1).bounding_box()
-    before = page.evaluate("bench.plots.plots[1].scales.x.max")
-    page.mouse.move(box["x"] + 40, box["y"] + 120)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 120, box["y"] + 120, steps=4)
-    page.mouse.up()
-    assert page.evaluate("bench.plots.plots[1].scales.x.max") < before
-
-
 def test_the_handle_tells_when_a_level_was_first_measured(page: Any) -> None:
     curves(page)
     handle = page.get_by_role("slider", name="Level of Relighting PSNR ↑")
@@ -75,15 +64,6 @@ def test_the_handle_tells_when_a_level_was_first_measured(page: Any) -> None:
     page.mouse.move(box["x"] + 60, box["y"] + 60, steps=3)
     page.mouse.up()
     assert float(handle.get_attribute("aria-valuenow")) < level
-
-
-def test_rows_with_curves_differ_in_colour(page: Any) -> None:
-    """Colours go to the rows that have curves, so that a row far down in the table does not take one that is in use."""
-    page.locator("#curves").scroll_into_view_if_needed()
-    page.wait_for_selector("#curve-rows .chip")
-    colours = page.evaluate("bench.drawn.map((row) => bench.styleOf(row).colour)")
-    assert len(colours) == len(set(colours)) == 2
-    assert page.evaluate("bench.styleOf(bench.drawn[0]).colour === bench.colours[0]")
 
 
 @pytest.fixture
@@ -112,47 +92,6 @@ def test_the_frame_cuts_no_mark(name: str, time: str, request: pytest.FixtureReq
       })))""")
     assert len(room) >= 5 * 3 * 4  # plots, points, sides
     assert min(room) >= AIR
-
-
-def test_a_row_that_was_measured_once_is_seen(short_page: Any) -> None:
-    """Its only mark covers what a disc of 9 pixels does, all over: 64 pixels, in the colour of its chip."""
-    pixels = short_page.evaluate("""() => {
-      const { ctx } = bench.plots.plots[0];
-      const [red, green, blue] = bench.colours[0].match(/[0-9a-f]{2}/g).map((part) => parseInt(part, 16));
-      const { data } = ctx.getImageData(0, 0, ctx.canvas.width, ctx.canvas.height);
-      let count = 0;
-      for (let at = 0; at < data.length; at += 4) {
-        const near = Math.max(Math.abs(data[at] - red), Math.abs(data[at + 1] - green), Math.abs(data[at + 2] - blue)) < 8;
-        if (near && data[at + 3] > 150) count++;
-      }
-      return count;
-    }""")
-    assert 40 < pixels < 90
-    assert short_page.eval_on_selector("#curve-rows .chip i", "mark => mark.className") == "circle"
-
-
-def test_a_time_axis_of_less_than_a_decade_has_labels(short_page: Any) -> None:
-    labels = "bench.plots.plots[0].axes[0]._values"
-    assert short_page.evaluate(labels) == ["2", "3", "4", "5"]  # from 1.3 to 5.2 there are 2 and 5 alone: so steps of 1
-    short_page.evaluate("bench.plots.plots[0].setScale('x', { min: 2.1, max: 2.9 })")
-    assert short_page.wait_for_function(f"{labels}[0] === '2.2'")
-    assert short_page.evaluate(labels) == ["2.2", "2.4", "2.6", "2.8"]
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "log", "ticks"),
-    [
-        (0.9, 120, True, ["1", "2", "5", "10", "20", "50", "100"]),
-        (0.4, 4.6, True, ["0.5", "1", "2"]),
-        (0.9, 1.3, True, ["0.9", "1", "1.1", "1.2", "1.3"]),
-        (0.0004, 300, True, ["0.001", "0.01", "0.1", "1", "10", "100"]),
-        (19.46, 20.3, False, ["19.6", "19.8", "20", "20.2"]),
-        (-3, 31, False, ["0", "5", "10", "15", "20", "25", "30"]),
-        (0, 1200, False, ["0", "200", "400", "600", "800", "1000", "1200"]),
-    ],
-)
-def test_ticks_stand_at_one_two_and_five(page: Any, low: float, high: float, log: bool, ticks: list[str]) -> None:
-    assert page.evaluate("([low, high, log]) => bench.ticks(low, high, log).map(bench.tickText)", [low, high, log]) == ticks
 
 
 def test_nothing_is_dashed_once_all_runs_have_finished(page: Any, dashes: Callable[[Any], list[list[float]]]) -> None:

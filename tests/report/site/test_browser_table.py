@@ -9,8 +9,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 
 def rows(page: Any, scope: int = 0) -> list[str]:
     return page.eval_on_selector_all(f"#scope-{scope} tbody tr:not(.part)", "rows => rows.map(row => row.dataset.row)")
@@ -25,13 +23,6 @@ def test_sorting_puts_the_better_first_then_the_worse_then_as_it_came(page: Any)
         seen.append((rows(page), page.locator("#scope-0 th[data-key='relighting.psnr']").get_attribute("aria-sort")))
     better = ["ceiling", "grey", "none", "constant"]
     assert seen == [(better, "descending"), (better[::-1], "ascending"), (came, "none")]
-
-
-def test_where_less_is_better_the_least_comes_first_and_names_sort_too(page: Any) -> None:
-    page.locator("#scope-0 [data-sort='roughness.mse']").click()
-    assert page.locator("#scope-0 th[data-key='roughness.mse']").get_attribute("aria-sort") == "ascending"
-    page.locator("#scope-0 [data-sort='row']").click()
-    assert rows(page) == ["ceiling", "constant", "grey", "none"]
 
 
 def test_tabs_change_the_scene_also_by_arrow_keys(page: Any) -> None:
@@ -62,26 +53,6 @@ def test_a_tooltip_says_what_a_column_means_by_mouse_and_by_keyboard(page: Any) 
     assert "Lower is better" in page.locator("#tip").inner_text()
 
 
-def test_all_metrics_are_shown_when_asked_for(page: Any) -> None:
-    ssim = page.locator("#scope-0 th[data-key='albedo.ssim']")
-    assert ssim.is_hidden()
-    page.locator("#all-metrics").check()
-    assert ssim.is_visible()
-
-
-@pytest.mark.parametrize(
-    ("form", "line"),
-    [("CSV", "none,21.5,21.5,21.5,21.5,0.05,"), ("Markdown", "| none | 21.50 ± "), ("LaTeX", r"none & 21.50 $\pm$ ")],
-)
-def test_the_table_is_copied_as_it_is_shown(page: Any, form: str, line: str) -> None:
-    """The mean of 20, 21, 22 and 23 dB."""
-    page.get_by_role("button", name=form, exact=True).click()
-    page.wait_for_function("bench.copied")
-    copied = page.evaluate("bench.copied")
-    assert any(text.startswith(line) for text in copied.splitlines())
-    assert "ssim" not in copied.lower()
-
-
 def test_behind_a_number_are_its_seeds_and_the_keyboard_gets_there_and_back(page: Any) -> None:
     number = page.locator("#scope-0 tr[data-row='none'] td").first
     number.focus()
@@ -100,13 +71,6 @@ def test_behind_a_number_are_its_seeds_and_the_keyboard_gets_there_and_back(page
     assert dialog.is_hidden()
 
 
-def test_a_run_that_left_its_folder_is_linked_with_its_command(page: Any, page_folder: Path) -> None:
-    page.get_by_role("tab", name="tiny").click()
-    page.locator("#scope-2 tr[data-row='grey'] td").first.click()
-    link = page.locator("#evidence details.run[open] a")
-    assert (page_folder / link.get_attribute("href") / "metrics.json").resolve().is_file()
-
-
 def test_from_the_best_row_of_a_scene_to_its_pictures(page: Any) -> None:
     page.get_by_role("tab", name="tiny").click()
     page.locator("#scope-2 .leaders .who[data-key='relighting.psnr']").click()
@@ -114,3 +78,47 @@ def test_from_the_best_row_of_a_scene_to_its_pictures(page: Any) -> None:
     page.get_by_role("button", name="Look at it: tiny").click()
     assert page.evaluate("[bench.look.scene, bench.look.kind]") == ["tiny", "relit"]
     assert page.locator("#look-right").input_value() == "grey"
+
+
+# ---- for other readers: in the dark, on a phone, on paper, without scripts ----
+
+
+def test_dark_light_and_the_systems_colours(page: Any) -> None:
+    ground = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(ground)
+    page.emulate_media(color_scheme="dark")
+    dark = page.evaluate(ground)
+    assert light != dark
+    page.locator("#theme").click()
+    assert page.evaluate(ground) == light
+    page.locator("#theme").click()
+    assert page.evaluate(ground) == dark
+
+
+def test_on_a_phone_nothing_but_the_table_is_wider_than_the_window(page: Any) -> None:
+    """The narrowest phone in use; also with pictures, plots and the numbers behind a cell."""
+    page.set_viewport_size({"width": 360, "height": 740})
+    wide = "document.documentElement.scrollWidth"
+    for part in ("table", "look", "relight", "turn", "curves", "notes"):
+        page.locator(f"#{part}").scroll_into_view_if_needed()
+        page.wait_for_timeout(100)
+        assert page.evaluate(wide) <= 360, part
+    page.locator("#scope-0 tr[data-row='none'] td").first.click()
+    assert page.evaluate(wide) <= 360
+    assert page.eval_on_selector("#evidence", "box => box.scrollWidth <= box.clientWidth && box.clientWidth <= 360")
+    page.keyboard.press("Escape")
+    assert page.eval_on_selector("#scope-0 .scroller", "box => box.scrollWidth > box.clientWidth")
+
+
+def test_on_paper_every_scene_stands_below_the_other(page: Any) -> None:
+    page.emulate_media(media="print")
+    assert [page.locator(f"#scope-{place}").is_visible() for place in range(3)] == [True, True, True]
+    assert page.locator(".tools").first.is_hidden()
+
+
+def test_text_is_there_before_any_script(browser: Any, page_folder: Path) -> None:
+    context = browser.new_context(java_script_enabled=False)
+    opened = context.new_page()
+    opened.goto((page_folder / "index.html").as_uri())
+    assert "21.50" in opened.locator("#scope-0 tr[data-row='none']").inner_text()
+    context.close()

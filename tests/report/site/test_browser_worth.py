@@ -14,7 +14,7 @@ import pytest
 
 from ia_bench.cli import report
 from ia_bench.report.collect import Runs
-from ia_bench.report.site.gallery import Gallery
+from ia_bench.report.site.content import Gallery
 from ia_bench.runs.pictures import packing
 
 KINDS = ("albedo", "aligned", "roughness", "view", "relit", "turned", "light")
@@ -96,22 +96,3 @@ def test_another_metric_is_shown_and_a_cell_says_what_it_is_made_of(page: Any) -
     assert [text.split("\n")[0] for text in shown.locator(".gain").all_inner_texts()] == ["+0.05", "+3.05"]
     shown.locator(".gain").nth(1).hover()
     assert "kernel, 2 views: +3.05 dB over none, 2 views, which has 20.00" in page.locator("#tip").inner_text()
-
-
-@pytest.mark.parametrize("key", ["Enter", "Space"])
-def test_the_keyboard_opens_them_too(page: Any, key: str) -> None:
-    page.locator("#worth-metrics").get_by_role("button", name="Aligned albedo PSNR").click()
-    page.locator("#worth .worth:not([data-away]) .gain").nth(0).focus()
-    assert "over none, which has" in page.locator("#tip").inner_text()
-    page.keyboard.press(key)
-    assert opened(page) == ["none", "kernel", "kernel", "aligned"]
-
-
-def test_rows_without_a_light_are_not_offered_where_one_is_needed(page: Any) -> None:
-    page.locator("#worth .worth:not([data-away]) .gain").nth(1).click()
-    page.wait_for_function("bench.look.scene")
-    page.locator("#look-kinds").get_by_role("button", name="View synthesis").click()
-    assert page.locator("#look-right option").all_inner_texts() == ["truth"]
-    assert page.locator("#look-rows figure").count() == 1
-    page.locator("#look-kinds").get_by_role("button", name="Albedo", exact=True).click()
-    assert page.locator("#look-rows figure").count() == 6  # photograph, truth, four rows

@@ -11,14 +11,13 @@ import pytest
 from scored_runs import put_setup
 
 from ia_bench.cli.report import main
-from ia_bench.report.claims import HOW_JUDGED
 from ia_bench.report.collect import collect
 from ia_bench.report.findings import MEAN, analyse
-from ia_bench.report.site.content import RowTexts, Sources, scopes
-from ia_bench.report.site.gallery import Gallery
+from ia_bench.report.site.content import Sources, scopes
 from ia_bench.report.site.write import write_page
+from ia_bench.report.statistics import HOW_JUDGED
 from ia_bench.report.write import write_report
-from ia_bench.runs.table import Claim
+from ia_bench.runs.table import Claim, Row
 
 Write = Callable[..., Path]
 CURVE = "stage1,0,1,10,10,10,10,0.1\nstage1,50,5,16,16,16,16,0.05\n"
@@ -42,18 +41,17 @@ def page_data(page: Path) -> dict:
 
 
 def test_bars_are_the_share_of_the_headroom(folders: list[Path]) -> None:
-    tables = {scope.name: scope for scope in scopes(analyse(collect(folders)))}
+    tables = {block.title: lines for block, lines in scopes(analyse(collect(folders)))}
     assert list(tables) == [MEAN, "hat", "ship"]
-    shares = {line.row: numbers[0].share for line, numbers in tables["hat"].lines}
+    shares = {line.row: numbers[0].share for line, numbers in tables["hat"]}
     assert shares == {"ceiling": 100.0, "constant": 0.0, "none": 25.0, "ours": 52.5}  # (20.5 - 10) / (30 - 10)
-    means = {line.row: numbers[0].share for line, numbers in tables[MEAN].lines}
+    means = {line.row: numbers[0].share for line, numbers in tables[MEAN]}
     assert means["ours"] == pytest.approx(100 * ((20.5 + 26.5) / 2 - 10) / 20)
 
 
 def test_the_leader_sees_no_truth_and_its_lead_is_taken_seed_by_seed(folders: list[Path]) -> None:
-    ship = scopes(analyse(collect(folders)))[2]
-    metric, first = ship.leaders[0]
-    assert (metric.key, first.row, first.second, first.value.mean) == ("albedo.psnr", "ours", "none", 26.5)
+    first = scopes(analyse(collect(folders)))[2][0].leaders["albedo.psnr"]
+    assert (first.row, first.second, first.value.mean) == ("ours", "none", 26.5)
     assert first.lead.pairs == {"ship": {0: 6.0, 1: 7.0}}
     assert first.sure == "decided over seeds"  # 6.5 +- 12.7 * .707 / sqrt 2 = 6.35
 
@@ -90,27 +88,12 @@ def test_claims_stand_on_the_page_in_the_words_of_the_report(folders: list[Path]
     assert 'href="#claims"' in text
 
 
-def test_a_table_without_claims_has_no_part_for_them(folders: list[Path], tmp_path: Path) -> None:
-    text = write_page(Sources(analyse(collect(folders)), "t"), tmp_path / "page").read_text(encoding="utf-8")
-    assert 'id="claims"' not in text
-    assert 'href="#claims"' not in text
-
-
 def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: Path) -> None:
     page = write_page(Sources(analyse(collect(folders)), "<i>title</i>"), tmp_path / "page")
     text = page.read_text(encoding="utf-8")
     assert "<b>not finite" not in text
     assert "<i>title" not in text
     assert [run["problem"] for run in page_data(page)["runs"] if "problem" in run] == ["</script><b>not finite</b>"]
-
-
-def test_a_page_without_pictures_says_why(folders: list[Path], tmp_path: Path) -> None:
-    sources = Sources(analyse(collect(folders)), "title")
-    none = write_page(sources, tmp_path / "none").read_text(encoding="utf-8")
-    assert "There are no pictures: no run folder with exported textures was there." in none
-    told = write_page(sources, tmp_path / "told", Gallery(missing=["ours, hat: a reason"])).read_text(encoding="utf-8")
-    assert "no run folder with exported textures" not in told
-    assert re.search(r"There are no pictures:</p>\s*<details open>.*<li>ours, hat: a reason</li>", told, re.DOTALL)
 
 
 def test_the_same_runs_give_the_same_bytes_and_no_address_to_fetch(folders: list[Path], tmp_path: Path) -> None:
@@ -127,7 +110,7 @@ def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run
     for seed, folder in enumerate(folders):
         config = {"seed": seed, "scene": {"name": "hat"}, "fit": {"steps": 7}}
         put_setup(folder, config=config, command=f"python -m ia_bench seed={seed}")
-    texts = {"ours": RowTexts("a note", ("prior=none", "row='a, b'"))}
+    texts = [Row("ours", ["prior=none", "row='a, b'"], "a note")]
     found = page_data(write_page(Sources(analyse(collect(folders)), "t", texts), tmp_path / "page"))
     assert found["configurations"] == [{"fit.steps": 7}]
     assert found["machines"] == [{"cpu": "Abacus 2", "threads": 1, "packages.torch": "3", "packages.numpy": None}]

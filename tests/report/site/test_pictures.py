@@ -6,6 +6,7 @@ import base64
 import gzip
 import io
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,8 +22,8 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel
 from ia_bench.readers.native import NativeReader
 from ia_bench.report.collect import Runs, as_table
-from ia_bench.report.site.gallery import folder_names
-from ia_bench.report.site.pictures.store import write_pictures
+from ia_bench.report.site.store import folder_names, write_pictures
+from ia_bench.report.site.write import draw_pictures
 from ia_bench.runs.pictures import packing
 from ia_bench.runs.pictures.bundle import bundle
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Pictures, SceneRenderer
@@ -214,43 +215,41 @@ def test_the_turning_light_starts_as_it_is_and_goes_once_around(drawn: tuple[Sce
     assert len(scene_renderer.relit[scene_renderer.lights[0]]) == -(-4 // RELIT_STRIDE)
 
 
-def test_pictures_are_drawn_once_and_what_has_none_is_named(tmp_path: Path, perfect_run: Path) -> None:
+def test_pictures_are_laid_out_the_truth_is_drawn_once_and_what_has_none_is_named(
+    tmp_path: Path, perfect_run: Path, keep_pictures: Callable[..., None]
+) -> None:
     record = json.loads((perfect_run / "metrics.json").read_text())
-    record["files"] = {"albedo.exr": "a", "roughness.exr": "r", "light.exr": "l"}
     record["per_image"] = {"albedo": {"psnr": [1.0, 2.0, None, 4.0]}, "roughness": {"mse": [0.1]}}
     (perfect_run / "metrics.json").write_text(json.dumps(record))
     bare = tmp_path / "bare"
     bare.mkdir()
     for name in ("metrics.json", "config.json"):
         (bare / name).write_text((perfect_run / name).read_text())
-    runs = runs_of((perfect_run, "perfect", 1), (bare, "no textures", 0), (bare, "perfect", 2), (tmp_path, "failed", 0))
+    keep_pictures(perfect_run)
+    runs = runs_of((perfect_run, "perfect", 1), (bare, "no pictures", 0), (bare, "perfect", 2), (tmp_path, "failed", 0))
     runs.loc[3, "problem"] = "x"
     notes: list[str] = []
     gallery = write_pictures(runs, tmp_path / "parts", notes.append)
-    assert notes == ["pictures of tiny: the truth", "pictures of tiny: perfect"]
-    assert gallery.missing == ["no textures, tiny: it has exported no textures"]
-    assert gallery.scenes["tiny"]["rows"]["perfect"]["sheets"]["albedo"] == [4, 4]
-    assert gallery.scenes["tiny"]["rows"]["perfect"].keys() == {"folder", "sheets", "scores"}, "nothing that no script reads"
-    scores = gallery.scenes["tiny"]["rows"]["perfect"]["scores"]
+    assert notes == ["pictures of tiny: the truth"]
+    assert gallery.missing == ["no pictures, tiny: it has kept no pictures"]
+    perfect = gallery.scenes["tiny"]["rows"]["perfect"]
+    assert (perfect["sheets"]["albedo"], perfect.keys()) == ([4, 4], {"folder", "sheets", "scores"})
+    scores = perfect["scores"]
     assert (scores["albedo"], scores["roughness"], len(scores["relit"])) == ([1.0, 2.0, None, 4.0], [None] * 4, 3)
-    files = {path: path.read_bytes() for path in (tmp_path / "parts").rglob("*") if path.is_file()}
-    assert {path.name for path in files} >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "solid.js"}
+    names = {path.name for path in (tmp_path / "parts").rglob("*") if path.is_file()}
+    assert names >= {"albedo.webp", "aligned.webp", "turned.webp", "errors.js", "solid.js"}
 
-    again = write_pictures(runs, tmp_path / "parts", notes.append)
-    assert (again, len(notes)) == (gallery, 2)
+    assert (write_pictures(runs, tmp_path / "parts", notes.append), len(notes)) == (gallery, 1)
     (tmp_path / "parts" / "tiny" / "truth" / "drawn.json").write_text('{"key": ')
-    assert (write_pictures(runs, tmp_path / "parts", notes.append), notes[2:]) == (gallery, ["pictures of tiny: the truth"])
-    notes.pop()
-    record["files"]["albedo.exr"] = "another"
-    (perfect_run / "metrics.json").write_text(json.dumps(record))
+    assert (write_pictures(runs, tmp_path / "parts", notes.append), len(notes)) == (gallery, 2)
     write_pictures(runs_of((perfect_run, "renamed", 1)), tmp_path / "parts", notes.append)
-    assert notes[2:] == ["pictures of tiny: renamed"]
-    assert not (tmp_path / "parts" / "tiny" / "perfect").exists()
-    for path in (tmp_path / "parts" / "tiny" / "renamed").glob("*.webp"):
-        assert path.read_bytes() == files[tmp_path / "parts" / "tiny" / "perfect" / path.name]
+    assert {path.name for path in (tmp_path / "parts" / "tiny").iterdir()} == {"truth", "renamed"}
+    draw_pictures(runs.iloc[1:2], tmp_path / "parts", notes.append)
+    assert list((tmp_path / "parts").iterdir()) == [], "a report without pictures keeps none of a former one"
 
 
-def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) -> None:
+def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path, keep_pictures: Callable[..., None]) -> None:
+    keep_pictures(perfect_run)
     record = json.loads((perfect_run / "config.json").read_text())
     record["identity"]["scene"]["content"] = "0" * 64
     (perfect_run / "config.json").write_text(json.dumps(record))
@@ -259,9 +258,10 @@ def test_a_scene_that_changed_since_is_named(tmp_path: Path, perfect_run: Path) 
     assert "a file of the scene has changed since" in gallery.missing[0]
 
 
-def test_rows_of_one_slug_have_pictures_of_their_own_and_none_is_laid_over_the_truth(tmp_path: Path, perfect_run: Path) -> None:
-    record = json.loads((perfect_run / "metrics.json").read_text())
-    (perfect_run / "metrics.json").write_text(json.dumps({**record, "files": {}, "per_image": {}}))
+def test_rows_of_one_slug_have_pictures_of_their_own_and_none_is_laid_over_the_truth(
+    tmp_path: Path, perfect_run: Path, keep_pictures: Callable[..., None]
+) -> None:
+    keep_pictures(perfect_run)
     runs = runs_of(*((perfect_run, row, 0) for row in ("w/o prior", "w o prior", "Truth", "truth")))
     gallery = write_pictures(runs, tmp_path / "parts", lambda line: None)
     assert [*gallery.scenes] == ["tiny"], gallery.missing

@@ -1,4 +1,4 @@
-"""One figure per scene: every metric over seconds of optimisation, all rows, seeds as bands, the ceiling dashed.
+"""Error against run time: the curve.csv of a run, and one figure per scene with every metric over seconds of optimisation.
 
 matplotlib is imported when a figure is drawn.
 """
@@ -6,14 +6,15 @@ matplotlib is imported when a figure is drawn.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from ia_bench.common.atomic_file import whole_file
-from ia_bench.report.collect import Runs
-from ia_bench.report.curve import Curve
+from ia_bench.common.errors import InputError
 from ia_bench.scores.columns import CURVE_METRICS, Metric
 
 if TYPE_CHECKING:
@@ -24,7 +25,49 @@ if TYPE_CHECKING:
 DASHES = ("-", (0, (5, 1.5)), (0, (5, 1, 1, 1)))  # in turn, so that rows of like colours differ; with ten colours, 30 rows
 
 
-def draw_scene(runs: Runs, scene: str, rows: Sequence[str]) -> Figure | None:
+@dataclass(frozen=True)
+class Curve:
+    """Error against run time: steps and seconds without scoring, (N,); column of curve.csv -> values (N,), NaN if not measured."""
+
+    steps: np.ndarray
+    seconds: np.ndarray
+    values: dict[str, np.ndarray]
+
+    @property
+    def is_level(self) -> bool:
+        """Whether nothing was optimised, as of the bounds: a level, not a curve."""
+        return not (self.steps.any() and self.seconds.any())
+
+    def measured(self, column: str) -> tuple[np.ndarray, np.ndarray]:
+        """Seconds and values of one column where it has a finite value."""
+        there = np.isfinite(self.values[column])
+        return self.seconds[there], self.values[column][there]
+
+
+def read_curve(path: Path) -> Curve | None:
+    """Read a curve.csv; None where there is none. Raises InputError naming file and line."""
+    if not path.is_file():
+        return None
+    try:
+        texts = pd.read_csv(path, dtype=str)
+    except (OSError, ValueError) as error:  # of pandas, its own errors are among them
+        raise InputError(f"{path}: expected a CSV file, found: {error}") from error
+    missing = next((name for name in ("step", "seconds") if name not in texts), None)
+    if missing is not None:
+        raise InputError(f"{path}: expected a column {missing}, found {', '.join(texts.columns)}")
+    columns = [metric.column for metric in CURVE_METRICS]
+    numbers = texts.reindex(columns=["step", "seconds", *columns]).apply(pd.to_numeric, errors="coerce").astype(float)
+    for name in numbers:
+        wrong = texts.index[numbers[name].isna() & texts[name].notna()] if name in texts else []
+        if len(wrong):  # line 1 is the header
+            raise InputError(f"{path}, line {wrong[0] + 2}, {name}: expected a number, found {texts[name][wrong[0]]!r}")
+    steps, seconds = numbers["step"].to_numpy(), numbers["seconds"].to_numpy()
+    if not (np.isfinite(steps).all() and np.isfinite(seconds).all() and (np.diff(seconds) >= 0).all()):
+        raise InputError(f"{path}: expected a step and rising seconds in every line")
+    return Curve(steps.astype(int), seconds, {name: numbers[name].to_numpy() for name in columns}) if len(texts) else None
+
+
+def draw_scene(runs: pd.DataFrame, scene: str, rows: Sequence[str]) -> Figure | None:
     """Draw the curves of one scene; None where no run of it has a curve.
 
     A row keeps its colour in every scene, by its place in ``rows``. A line is the mean of its seeds, its band reaches
@@ -72,8 +115,8 @@ def _draw_metric(panel: Axes, metric: Metric, curves: dict[str, list[Curve]]) ->
     colours = color_sequences["petroff10"]  # told apart by colour-blind readers too
     for index, (row, found) in enumerate(curves.items()):
         measured = [(curve.is_level, *curve.measured(metric.column)) for curve in found]
-        levels = [values[-1] for is_level, _, _, values in measured if is_level and len(values)]
-        optimised = [(seconds, values) for is_level, _, seconds, values in measured if not is_level]
+        levels = [values[-1] for is_level, _, values in measured if is_level and len(values)]
+        optimised = [(seconds, values) for is_level, seconds, values in measured if not is_level]
         points = [(seconds[seconds > 0], values[seconds > 0]) for seconds, values in optimised if (seconds > 0).any()]
         style = {"color": colours[index % 10], "linestyle": DASHES[index % len(DASHES)], "label": plain(row)}
         if points:

@@ -1,0 +1,322 @@
+"""What a prior is worth: how much a row gains over the reference row of the same capture, and how many photographs that saves.
+
+Intervals are those of a bootstrap of two levels: scenes are drawn again, and of each scene that is drawn its seeds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import t as student
+
+from ia_bench.report.collect import Runs
+from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, Scores, better, means, side_by_side
+from ia_bench.report.table import BOUNDS, carried_text
+from ia_bench.runs.table import Row, Table, capture_of, crossed_name
+from ia_bench.scores.columns import METRIC_OF, METRICS, Metric
+
+REPLICATES = 10_000
+POWER = 0.8
+"""With this probability an effect of the size :attr:`Gain.detectable` would have been found."""
+WORTH_METRICS = tuple(METRIC_OF[key] for key in ("aligned_albedo.psnr", "relighting.psnr"))
+"""Metrics in which photographs are counted."""
+SHOWN = (*WORTH_METRICS, METRIC_OF["roughness.mse"])
+"""Metrics of the maps."""
+NOTHING_LEFT_OUT = "all views"
+"""What a capture without a label is called."""
+
+
+class Interval(NamedTuple):
+    """From ``low`` to ``high``; either may be infinite."""
+
+    low: float
+    high: float
+
+    @property
+    def side(self) -> int:
+        """1 where all of it lies above zero, -1 where all of it lies below, else 0."""
+        return int(self.low > 0) - int(self.high < 0)
+
+
+def replicates(scenes: Sequence[np.ndarray], count: int = REPLICATES) -> np.ndarray:
+    """Means of ``count`` resampled experiments, (count, ...).
+
+    Every replicate draws as many scenes as there are, with replacement, and for each of them as many of its seeds, with
+    replacement; its value is the mean over scenes of the means over seeds. One seed a scene leaves the scenes alone to vary.
+    ``scenes``: one array (seeds, ...) for each scene; what follows the seeds stays together, so that values of one run are drawn
+    together.
+    """
+    generator = np.random.default_rng(0)
+    values = [np.asarray(scene, np.float64) for scene in scenes]
+    chosen = generator.integers(len(values), size=(count, len(values)))
+    total = np.zeros((count, *values[0].shape[1:]))
+    for place in range(len(values)):
+        for index, scene in enumerate(values):
+            mine = np.flatnonzero(chosen[:, place] == index)
+            seeds = generator.integers(len(scene), size=(len(mine), len(scene)))
+            total[mine] += scene[seeds].mean(axis=1)
+    return total / len(values)
+
+
+def interval(drawn: np.ndarray) -> Interval:
+    """The middle 95 % of replicates (count,), some of which may be infinite."""
+    low, high = np.quantile(drawn, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], method="inverted_cdf")
+    return Interval(float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Gain:
+    """A row against the reference row, under one capture and in one metric; positive is better in every metric.
+
+    Attributes:
+        row: The row, without its capture.
+        reference: The row that it is compared with, without its capture.
+        capture: The label of how the scenes were photographed.
+        metric: In which it is compared.
+        pairs: Its differences to the reference, turned so that more is better, by scene and seed.
+        beside: Mean of the reference over the same scenes and seeds.
+        level: Mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row.
+        headroom: The part of what the ceiling is above the reference that the row closes; None where no ceiling was run.
+    """
+
+    row: str
+    reference: str
+    capture: str
+    metric: Metric
+    pairs: Paired
+    beside: float
+    level: float
+    headroom: float | None
+
+    @property
+    def outcome(self) -> str:
+        """What is decided, in a word."""
+        return {1: "gains", -1: "costs", 0: "undecided"}[self.side]
+
+    @cached_property
+    def over_scenes(self) -> Estimate:
+        """Mean, with Student's interval over scenes."""
+        estimate = self.pairs.over_scenes
+        assert estimate is not None
+        return estimate
+
+    @cached_property
+    def bootstrap(self) -> Interval | None:
+        """The interval by the bootstrap over scenes and seeds; None for a single scene."""
+        return interval(replicates(self.pairs.seeds)) if len(self.pairs.pairs) > 1 else None
+
+    @property
+    def detectable(self) -> float | None:
+        """The smallest true gain that would have been decided with probability .8, given how much scenes differ.
+
+        (t(.975) + t(.8)) s / sqrt(n) for n scenes whose means have the standard deviation s; None for a single scene.
+        """
+        scenes = [float(seeds.mean()) for seeds in self.pairs.seeds]
+        if len(scenes) < 2:
+            return None
+        quantiles = student.ppf([0.5 + CONFIDENCE / 2, POWER], len(scenes) - 1)
+        return float(quantiles.sum() * np.std(scenes, ddof=1) / math.sqrt(len(scenes)))
+
+    @cached_property
+    def side(self) -> int:
+        """1: decided that it gains, -1: that it costs, 0: undecided.
+
+        Decided where neither the bootstrap's interval nor Student's over scenes holds zero: with few scenes the first is narrow.
+        """
+        mean, width = self.over_scenes.mean, self.over_scenes.half_width
+        if self.bootstrap is None or width is None:
+            return 0
+        return self.bootstrap.side if self.bootstrap.side == Interval(mean - width, mean + width).side else 0
+
+    @property
+    def text(self) -> str:
+        """The mean with its sign."""
+        return f"{self.over_scenes.mean:+.{self.metric.digits}f}"
+
+    @property
+    def between(self) -> str:
+        """The bootstrap's interval; empty for a single scene."""
+        digits = self.metric.digits
+        return "" if self.bootstrap is None else f"{self.bootstrap.low:+.{digits}f} to {self.bootstrap.high:+.{digits}f}"
+
+    @property
+    def told(self) -> str:
+        """What else there is to know of it, in a sentence."""
+        row, over = (crossed_name(name, self.capture) for name in (self.row, self.reference))
+        unit = " dB" if self.metric.label == "PSNR" else ""
+        text, width = self.metric.text, self.over_scenes.half_width
+        known = [
+            f"{row}: {self.text}{unit} over {over}, which has {text(self.beside)}",
+            f"{self.outcome}{'' if self.bootstrap else ', since there is one scene'}",
+            f"scenes: {len(self.pairs.pairs)}, pairs of runs: {self.pairs.count}",
+            None if width is None else f"over other scenes ± {text(width)}",
+            None if self.detectable is None else f"would have been decided from {text(self.detectable)}",
+            None if self.headroom is None else f"{100 * self.headroom:.0f} % of the way to the ceiling",
+            f"carried by {carried_text(self.pairs)}" if self.pairs.carriers else None,
+        ]
+        return "; ".join(words for words in known if words) + "."
+
+
+@dataclass(frozen=True)
+class Map:
+    """What every row is worth in one metric: ``lines`` of captures, columns of ``rows`` without their captures.
+
+    A line has the label of a capture, the level of the reference under it, and the gain of every row; None: not run.
+    """
+
+    metric: Metric
+    reference: str
+    rows: tuple[str, ...]
+    lines: tuple[tuple[str, float, tuple[Gain | None, ...]], ...]
+
+    @property
+    def largest(self) -> float:
+        """The largest mean gain or loss."""
+        return max((abs(gain.over_scenes.mean) for *_, some in self.lines for gain in some if gain is not None), default=0.0)
+
+
+def gains(runs: Runs, table: Table) -> list[Gain]:
+    """Every row of a table against its reference, capture by capture; what has no pair of runs is left out.
+
+    Nothing of a table whose scenes are photographed in one way, or that has no reference.
+    """
+    if table.reference is None or not table.captures:
+        return []
+    ceiling = next((row.name for row in table.rows if _is(row, "ceiling")), None)
+    tables = {metric: (side_by_side(runs, metric), means(runs, metric.column)) for metric in METRICS}
+    found = []
+    for label, row, metric in product([capture_of(one).label for one in table.captures], _compared(table), METRICS):
+        (scores, levels), reference = tables[metric], crossed_name(table.reference, label)
+        pairs, level = better(scores, crossed_name(row.name, label), reference, metric), levels.get(reference)
+        if pairs.pairs and level is not None:
+            possible = Paired({}) if ceiling is None else better(scores, ceiling, reference, metric)
+            beside = [np.mean([scores[reference][scene, seed] for seed in seeds]) for scene, seeds in pairs.pairs.items()]
+            share = _share(pairs, possible)
+            found.append(Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean, share))
+    return found
+
+
+def maps(found: Sequence[Gain]) -> list[Map]:
+    """The gains in each metric of SHOWN as a map, where there are any."""
+    made = []
+    for metric in SHOWN:
+        cells = {(gain.capture, gain.row): gain for gain in found if gain.metric == metric}
+        rows = tuple(dict.fromkeys(row for _, row in cells))
+        levels = {gain.capture: gain.level for gain in cells.values()}
+        lines = tuple(
+            (label or NOTHING_LEFT_OUT, level, tuple(cells.get((label, row)) for row in rows)) for label, level in levels.items()
+        )
+        made += [Map(metric, found[0].reference, rows, lines)] if cells else []
+    return made
+
+
+def _compared(table: Table) -> list[Row]:
+    """The rows that are compared with the reference: all but itself, ground truth and one grey."""
+    return [row for row in table.rows if row.name != table.reference and not any(_is(row, bound) for bound in BOUNDS)]
+
+
+def _is(row: Row, method: str) -> bool:
+    """Whether a row is that of a method that optimises nothing."""
+    return row.name == method or f"method={method}" in row.overrides
+
+
+def _share(gained: Paired, possible: Paired) -> float | None:
+    """Mean gain over mean headroom, of the scenes that have both; a ceiling is the same for all seeds."""
+    scenes = gained.pairs.keys() & possible.pairs.keys()
+    if not scenes:
+        return None
+    ours, most = (np.mean([np.mean(list(pairs.pairs[scene].values())) for scene in scenes]) for pairs in (gained, possible))
+    return float(ours / most) if most > 0 else None
+
+
+@dataclass(frozen=True)
+class Worth:
+    """What a row with ``photographs`` of them is worth in photographs of the reference.
+
+    Attributes:
+        row: The row, without its capture.
+        others: The label of the capture without its number of views: "" or "LDR", say.
+        metric: In which the two are equal.
+        photographs: How many the row has.
+        needed: How many the reference needs for the same value, by linear interpolation in the logarithm of their number; infinite
+            where the reference does not get there with all, 0 where its fewest are better.
+        bounds: Of ``needed``, by the bootstrap over scenes and seeds; None for a single scene.
+        scenes: Over how many scenes the mean is.
+        pairs: How many runs of the row it rests on, each beside those of the reference of the same scene and seed.
+    """
+
+    row: str
+    others: str
+    metric: Metric
+    photographs: int
+    needed: float
+    bounds: Interval | None
+    scenes: int
+    pairs: int
+
+
+def worth(runs: Runs, table: Table) -> list[Worth]:
+    """For every row of ``table`` but its reference and every number of photographs; captures that differ in more stand apart.
+
+    Captures that differ in nothing but that number are a family. Those scenes and seeds count that have the reference with all
+    numbers of the family, and the row with the one in question. What fitted all photographs had as many as its runs say, the most
+    where scenes differ.
+    """
+    captures = list(map(capture_of, table.captures))
+    whole = [crossed_name(row.name, one.label) for row in table.rows for one in captures if one.views == "all"]
+    known = runs.loc[runs["row"].isin(whole), "photographs"].dropna()
+    every = int(known.max()) if len(known) else table.photographs
+    families: dict[str, dict[int, str]] = {}
+    for capture in captures:
+        families.setdefault(capture.others, {})[every if capture.views == "all" else int(capture.views)] = capture.label
+    scores = {metric: side_by_side(runs, metric) for metric in WORTH_METRICS}
+    found = []
+    for others, labels in families.items():
+        curve = sorted(labels)
+        references = [crossed_name(str(table.reference), labels[count]) for count in curve]
+        for row, metric, count in product(_compared(table) if len(curve) > 1 else [], WORTH_METRICS, curve):
+            scenes = _together(scores[metric], [*references, crossed_name(row.name, labels[count])])
+            if scenes and (row.captures is None or labels[count] in row.captures):
+                mean = np.mean([seeds.mean(axis=0) for seeds in scenes], axis=0)[None]
+                bounds = interval(_needed(replicates(scenes), curve)) if len(scenes) > 1 else None
+                needed, pairs = float(_needed(mean, curve)[0]), sum(map(len, scenes))
+                found.append(Worth(row.name, others, metric, count, needed, bounds, len(scenes), pairs))
+    return found
+
+
+def _together(scores: Scores, rows: Sequence[str]) -> list[np.ndarray]:
+    """One array (seeds, rows) for every scene, of the seeds that all rows have."""
+    found: dict[str, list[list[float]]] = {}
+    for scene, seed in scores.get(rows[0], {}):
+        values = [scores[row][scene, seed] for row in rows if (scene, seed) in scores.get(row, {})]
+        if len(values) == len(rows):
+            found.setdefault(scene, []).append(values)
+    return [np.array(seeds) for seeds in found.values()]
+
+
+def _needed(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
+    """Photographs that the reference needs in each experiment of ``values`` (experiments, ``counts`` and one).
+
+    The last column is the row's, those before it are the reference's. More photographs count as never worse: its curve is the
+    running best.
+    """
+    curves = np.maximum.accumulate(values[:, :-1], axis=1)
+    found = np.empty(len(values))
+    for i, (curve, level) in enumerate(zip(curves, values[:, -1], strict=True)):
+        if level > curve[-1]:
+            found[i] = np.inf
+        elif level < curve[0]:
+            found[i] = 0
+        else:
+            above = int(np.searchsorted(curve, level))  # the first that is no worse
+            below = max(above - 1, 0)
+            rise = curve[above] - curve[below]
+            part = (level - curve[below]) / rise if rise > 0 else 0.0
+            found[i] = np.exp2(np.log2(counts[below]) + part * (np.log2(counts[above]) - np.log2(counts[below])))
+    return found
