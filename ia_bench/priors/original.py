@@ -26,6 +26,7 @@ from ia_bench.common.ranges import NotNegative, Number, UnitInterval
 from ia_bench.common.seeds import derive_seed
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
+from ia_bench.priors.diffusion.framing import box_of
 from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule, SamplerSettings, image_behind, sample
 from ia_bench.priors.inputs import Device, check_views, choose_device, content_number
 
@@ -38,10 +39,8 @@ CLIP_DEVIATION = (0.26862954, 0.26130258, 0.27577711)
 
 RECORD = "source.json"
 """File of a folder of weights that says where they come from; the converter writes it last."""
-
 LATENT_RANGE = (-20.0, 20.0)
 """Clip of the estimated latents, which have unit standard deviation: no sample reaches it, runaway guidance ends there."""
-
 VERSION = 2
 """Part of the fingerprint; raised when a change of the code changes samples."""
 
@@ -134,7 +133,8 @@ class IntrinsicAnythingPrior:
                 return x0
             return pull(x0, target, networks.decode, self.guidance_strength, float(schedule.alpha_bar[t]), cost)
 
-        shape = networks.latent_shape(len(images), self._side)
+        reduced = self._side >> (len(networks.vae.config.block_out_channels) - 1)
+        shape = len(images), networks.unet.config.out_channels, reduced, reduced
         latents = sample(denoise, schedule, shape, seeds, self._settings, device=self._device)
         with torch.no_grad():
             return networks.decode(latents).cpu()
@@ -160,11 +160,6 @@ class Networks:
             self.vae = _load(AutoencoderKL, folder / "vae", torch_dtype=torch.float32).to(device)
             self.clip = _load(CLIPVisionModelWithProjection, folder / "image_encoder", dtype=self.dtype).to(device)
         self.schedule = NoiseSchedule.from_diffusers(read_json(folder / "scheduler" / "scheduler_config.json"))
-
-    def latent_shape(self, count: int, side: int) -> tuple[int, int, int, int]:
-        """Shape of the latents of ``count`` square images."""
-        reduced = side >> (len(self.vae.config.block_out_channels) - 1)
-        return count, self.unet.config.out_channels, reduced, reduced
 
     @torch.no_grad()
     def bind(self, images: Tensor) -> Denoise:
@@ -233,10 +228,9 @@ class Crop:
 
         The longer side of the box fills the square, the shorter one is centred, to whole pixels.
         """
-        hits = [(mask > COVERED).any(axis).nonzero() for axis in (1, 0)]
-        if not len(hits[0]):
+        boxes = box_of(mask > COVERED)
+        if boxes is None:
             return None
-        boxes = [slice(int(hit[0]), int(hit[-1]) + 1) for hit in hits]
         longest = max(box.stop - box.start for box in boxes)
         lengths = [max(round((box.stop - box.start) * side / longest), 1) for box in boxes]
         starts = [round((side - length) / 2) for length in lengths]

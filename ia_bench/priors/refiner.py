@@ -19,6 +19,7 @@ from torch.nn import functional as F
 from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import Number
 from ia_bench.priors.contract import Observations, Samples
+from ia_bench.priors.diffusion.framing import box_of
 from ia_bench.priors.diffusion.learned import RegressorPrior, weights_folder
 from ia_bench.priors.inputs import Device, Precision, check_views
 from ia_bench.priors.weight_files import fill, read_description, save_weights
@@ -92,8 +93,9 @@ class RefinerPrior(RegressorPrior):
         corrected = {name: renders[name].clone() for name in ("albedo", "roughness")}
         calls = 0
         for view in range(len(observations.masks)):
-            box = self._box(observations.masks[view], renders["albedo"][view])
-            if box is None:
+            inside = observations.masks[view] > EMPTY
+            box = box_of(inside)
+            if box is None or not bool((renders["albedo"][view][inside] > 0).any()):
                 continue
             for images, values in zip(corrected.values(), self._corrected(observations, renders, view, box), strict=True):
                 images[view][box] = values
@@ -108,41 +110,21 @@ class RefinerPrior(RegressorPrior):
         stride = self._network.config.stride
 
         def cut(images: Tensor) -> Tensor:
-            return _padded(images[view][box].to(self._device), -height % stride, -width % stride)[None]
+            inner = images[view][box].to(self._device)
+            return F.pad(inner, (*(0, 0) * (inner.ndim - 2), 0, -width % stride, 0, -height % stride))[None]
 
         fitted = {name: cut(renders[name]) for name in RENDERS}
         geometry = {name: cut(getattr(observed, name)) for name in WANTS}  # refine() has made sure that there is all of it
         seen = see(cut(observed.images), cut(observed.masks), fitted, **geometry)
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self.bf16):
             change = self._network(seen.features)
-        albedo, roughness = (maps[0, :height, :width].cpu() for maps in seen.corrected(change.float()))
-        return albedo, roughness
-
-    @staticmethod
-    def _box(mask: Tensor, albedo: Tensor) -> tuple[slice, slice] | None:
-        """Rows and columns of the foreground; None where there is none, or nothing of it has an albedo."""
-        inside = mask > EMPTY
-        if not bool((albedo[inside] > 0).any()):
-            return None
-        rows, columns = (torch.nonzero(inside.any(axis))[:, 0] for axis in (1, 0))
-        return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
-
-
-def _padded(values: Tensor, below: int, right: int) -> Tensor:
-    """(H, W) or (H, W, C) with zeros below and to the right."""
-    return F.pad(values, (*(0, 0) * (values.ndim - 2), 0, right, 0, below))
+        albedo, roughness = seen.corrected(change.float())
+        return albedo[0, :height, :width].cpu(), roughness[0, :height, :width].cpu()
 
 
 @dataclass(frozen=True)
 class RefinerConfig:
-    """The network's shape.
-
-    Attributes:
-        channels: How many channels each level has, from full resolution down; multiples of 8.
-
-    Raises:
-        InputError: The values make no network.
-    """
+    """``channels`` of each level of the network, from full resolution down; multiples of 8. Raises InputError."""
 
     channels: tuple[int, ...] = (32, 48, 64, 96)
 

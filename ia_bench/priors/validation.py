@@ -52,9 +52,8 @@ def ask_to_refine(prior: Refiner, observations: Observations, renders: Mapping[s
 
 def checked_refinement(name: str, samples: Any, shape: tuple[int, ...]) -> Samples:  # noqa: ANN401
     """Like :func:`checked`: an albedo, and a roughness where ``samples`` have one."""
-    values = getattr(samples, "values", None)
-    rough = {"roughness"} if isinstance(values, Mapping) and "roughness" in values else set()
-    return checked(name, "refine", samples, frozenset({"albedo"} | rough), shape)
+    provides = {"albedo", *({"roughness"} & set(getattr(samples, "values", ())))}
+    return checked(name, "refine", samples, frozenset(provides), shape)
 
 
 def name_of(prior: object) -> str:

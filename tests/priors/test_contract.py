@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
+from torch import Tensor
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
@@ -13,6 +16,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.none import NoPrior
 from ia_bench.priors.oracle import OraclePrior
+from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info
+from ia_bench.scenes.scene import View
 
 DIALS = {"scale": 0.02, "shift": 0.02, "noise": 0.02, "blur": 0.7, "baked": 0.2, "inconsistency": 0.05}
 
@@ -42,14 +47,10 @@ def test_none_provides_nothing_for_any_input() -> None:
         ({"provides": {"albedo"}}, "provides: expected a frozenset of some of albedo, specular, found {'albedo'}"),
         ({"provides": frozenset({"normals"})}, "provides: expected .*, found frozenset"),
         ({"stochastic": "yes"}, "stochastic: expected True or False, found 'yes'"),
-        ({"guidable": None}, "guidable: expected True or False, found None"),
-        ({"resolution": 64.0}, "resolution: expected a number of pixels > 0, or None, found 64.0"),
         ({"resolution": 0}, "resolution: expected .*, found 0"),
         ({"resolution": True}, "resolution: expected .*, found True"),
         ({"encoding": {"albedo": "log"}}, "encoding: expected one of linear, srgb for every component provided, found"),
-        ({"encoding": {}}, "encoding: expected"),
         ({"encoding": "srgb"}, "encoding: expected .*, found 'srgb'"),
-        ({"sees_truth": 1}, "sees_truth: expected True or False, found 1"),
         ({"wants": frozenset({"depth"})}, "wants: expected a frozenset of some of normals, visibility, view_count, truth, found"),
         ({"wants": frozenset({"truth"})}, "wants: expected sees_truth=True of a prior that wants truth, found False"),
     ],
@@ -77,3 +78,154 @@ def test_copies_share_no_memory_and_a_selection_keeps_the_order() -> None:
     assert part.normals is not None
     assert torch.equal(part.truth["specular"], stack.truth("specular")[[2, 0]])
     assert torch.equal(part.normals, shown.normals[[2, 0]])  # type: ignore[index]
+
+
+BALL = painted_ball(7, 9, 3)
+GRADIENT = torch.ones(1, requires_grad=True)
+
+
+class Answering:
+    """A prior that answers what it is told, or does what it is told."""
+
+    info = PriorInfo(frozenset({"albedo", "specular"}), guidable=True)
+
+    def __init__(self, answer: Callable[[Observations], Any]) -> None:
+        self.answer = answer
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Any:
+        return self.answer(observations)
+
+    def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Any:
+        return self.answer(observations)
+
+
+def good(shown: Observations, **changes: Any) -> Samples:
+    values = {"albedo": 0.5 * shown.images, "specular": shown.images.clone(), **changes}
+    return Samples(values, {"specular": torch.full((3,), torch.inf)}, {"network_calls": 3})
+
+
+def edit(change: Callable[[Tensor], Any]) -> Callable[[Observations], Samples]:
+    """The albedo passes through ``change``."""
+    return lambda shown: good(shown, albedo=change(0.5 * shown.images))
+
+
+def put(value: float) -> Callable[[Observations], Samples]:
+    return edit(lambda albedo: albedo.index_fill(1, torch.tensor(3), value))
+
+
+def changed(**parts: Any) -> Callable[[Observations], Samples]:
+    return lambda shown: replace(good(shown), **parts)
+
+
+def ceiling(value: Any) -> Callable[[Observations], Samples]:
+    return changed(ceilings={"specular": value})
+
+
+def cost(**counts: Any) -> Callable[[Observations], Samples]:
+    return changed(cost=counts)
+
+
+WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
+    # what is wrong: the answer, what the message says after the prior's name
+    "nothing": (lambda shown: None, "expected ia_bench.priors.contract.Samples, found NoneType"),
+    "values are a list": (changed(values=[]), "values: expected a mapping, found list"),
+    "cost is a number": (changed(cost=3), "cost: expected a mapping, found int"),
+    "nothing in it": (changed(values={}), "values: expected albedo, specular, found nothing"),
+    "a component too few": (changed(values={"albedo": 0}), "values: expected albedo, specular, found albedo"),
+    "a component too many": (lambda shown: good(shown, normals=shown.images), "values: expected .*, found albedo, .*normals"),
+    "numpy": (edit(lambda albedo: albedo.numpy()), "albedo: expected a tensor, found ndarray"),
+    "double": (edit(Tensor.double), r"albedo: expected type torch\.float32, found torch\.float64"),
+    "sparse": (edit(Tensor.to_sparse), r"albedo: expected layout torch\.strided, found torch\.sparse_coo"),
+    "channels first": (edit(lambda albedo: albedo.movedim(-1, 1)), r"albedo: expected shape \(3, 7, 9, 3\), found \(3, 3, 7, 9\)"),
+    "another device": (edit(lambda albedo: albedo.to("meta")), "albedo: expected device cpu, found meta"),
+    "with gradient": (edit(lambda albedo: albedo * GRADIENT), "albedo: expected gradient False, found True"),
+    "NaN": (put(torch.nan), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
+    "a ceiling of what is not provided": (changed(ceilings={"roughness": torch.ones(3)}), "ceilings: .* found roughness"),
+    "a ceiling that is a number": (ceiling(1.0), "ceiling of specular: expected a tensor, found float"),
+    "one ceiling for all": (ceiling(torch.ones(1)), r"ceiling of specular: expected shape \(3,\), found \(1,\)"),
+    "a ceiling of zero": (ceiling(torch.zeros(3)), "ceiling of specular: expected values > 0, found 0"),
+    "a negative cost": (cost(network_calls=-1), "cost: expected .*'network_calls': -1"),
+    "a cost without a name": (changed(cost={1: 1}), "cost: expected names .* found 1: 1"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_answers_are_refused_in_one_line_that_names_the_prior(name: str) -> None:
+    answer, message = WRONG[name]
+    for method, call in (
+        ("sample", lambda prior: ask(prior, BALL.shown(), seed=0)),
+        ("distill", lambda prior: ask_to_distill(prior, BALL.shown(), {"albedo": BALL.images, "specular": BALL.images}, seed=0)),
+    ):
+        with pytest.raises(InputError, match=rf"^prior Answering: {method}\(\): {message}") as caught:
+            call(Answering(answer))
+        assert "\n" not in str(caught.value)
+
+
+def test_what_is_right_passes_in_memory_of_its_own() -> None:
+    handed: list[Samples] = []
+
+    def answer(shown: Observations) -> Samples:
+        handed.append(good(shown, albedo=shown.images[..., :1].expand(shown.images.shape)))  # one number three times
+        return handed[0]
+
+    samples = ask(Answering(answer), BALL.shown(), seed=0)
+    before = {name: value.clone() for name, value in samples.values.items()}
+    handed[0].values["specular"].fill_(7)
+    assert all(torch.equal(value, before[name]) for name, value in samples.values.items())
+    assert samples.values["albedo"].is_contiguous()
+    assert samples.cost == {"network_calls": 3}
+    assert torch.equal(samples.ceilings["specular"], torch.full((3,), torch.inf))
+
+
+def test_a_prior_that_changes_its_inputs_changes_nothing_else() -> None:
+    shown = BALL.shown(frozenset({"normals", "visibility", "truth"}))
+    kept, renders = shown.copy(), {"albedo": BALL.images}
+
+    class Spoiling(Answering):
+        def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+            samples = good(observations)
+            assert observations.truth is not None
+            tensors = (observations.images, observations.masks, observations.normals, observations.visibility)
+            for tensor in (*tensors, *observations.truth.values(), *guidance.values()):
+                assert tensor is not None
+                tensor.fill_(torch.nan)
+            guidance.clear()
+            return samples
+
+    ask(Spoiling(good), shown, seed=0, guidance=renders)
+    assert kept.truth is not None
+    assert shown.truth is not None
+    for name in ("images", "masks", "normals", "visibility"):
+        assert torch.equal(getattr(shown, name), getattr(kept, name))
+    assert all(torch.equal(shown.truth[name], kept.truth[name]) for name in kept.truth)
+    assert torch.equal(renders["albedo"], BALL.images)
+
+
+def failing(error: BaseException) -> Callable[[Observations], Any]:
+    def answer(shown: Observations) -> Any:
+        raise error
+
+    return answer
+
+
+class Informed(Answering):
+    """One whose info is a property that can fail."""
+
+    @property
+    def info(self) -> Any:  # type: ignore[override]
+        return self.answer(BALL.shown())
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [
+        (object(), r"prior object: info: expected a ia_bench\.priors\.contract\.PriorInfo, found None"),
+        (Informed(lambda shown: {"provides": {"albedo"}}), r"prior Informed: info: expected .*, found {'provides': {'albedo'}}"),
+        (Informed(failing(RuntimeError("no weights"))), "prior Informed raised RuntimeError: no weights"),
+        (View, "prior type: info: expected"),
+        (type("Bare", (), {"info": Answering.info})(), r"prior Bare: expected a method sample\(observations.*, found none"),
+    ],
+)
+def test_what_is_no_prior_is_told_before_it_is_asked(prior: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        check_prior_info(prior)

@@ -197,11 +197,8 @@ def test_dark_image_and_empty_mask_stay_finite() -> None:
     ("options", "message"),
     [
         ({"components": ["albedo", "normals"]}, "components.1: 'normals'.* There are: albedo, specular"),
-        ({"noise": -0.1}, "noise: expected 0 or more, found -0.1"),
         ({"scale": math.nan}, "scale: expected a finite number"),
         ({"scale": 1e4}, "scale: expected 10 or less, found 10000.0"),
-        ({"blur": math.inf}, "blur: expected"),
-        ({"guidance_strength": -1}, "guidance_strength: expected"),
     ],
 )
 def test_wrong_options(options: dict, message: str) -> None:

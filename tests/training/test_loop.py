@@ -3,7 +3,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from contextlib import redirect_stderr, redirect_stdout
 
 import pytest
@@ -36,16 +35,10 @@ def command(folders, out, *more):
     return [f"data={folders / 'data'}", f"validation={folders / 'validation'}", f"out={out}", *SMALL, *QUICK, *more]
 
 
-def start(arguments, launcher=()):
+def run_apart(arguments, launcher=()):
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "ACCELERATE_USE_CPU": "true"}
     line = [sys.executable, "-m", *launcher, "ia_bench_training.train", *arguments]
-    return subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
-
-
-def run_apart(arguments, launcher=()):
-    started = start(arguments, launcher)
-    printed = started.communicate()
-    return subprocess.CompletedProcess(started.args, started.returncode, *printed)
+    return subprocess.run(line, capture_output=True, text=True, env=environment)
 
 
 @pytest.fixture(autouse=True)
@@ -99,28 +92,6 @@ def test_a_resumed_run_ends_with_the_weights_of_an_uninterrupted_one(folders, tm
     whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
     for name, value in whole.items():
         assert torch.equal(value, parts[name]), name
-
-
-@pytest.mark.slow
-def test_a_killed_run_resumes_from_whichever_checkpoint_it_left(folders, tmp_path):
-    arguments = ("steps=40",)
-    train(command(folders, tmp_path / "whole", *arguments))
-    often = command(folders, tmp_path / "parts", *arguments, "checkpoint_minutes=0")
-    for wanted in (1, 9):
-        killed = start(often)
-        while step_of(tmp_path / "parts/state.pt") < wanted and killed.poll() is None:
-            time.sleep(0.01)
-        killed.kill()
-        killed.communicate()
-        assert wanted <= step_of(tmp_path / "parts/state.pt") < 40
-    train(command(folders, tmp_path / "parts", *arguments))
-    whole, parts = weights_of(tmp_path / "whole"), weights_of(tmp_path / "parts")
-    for name, value in whole.items():
-        assert torch.equal(value, parts[name]), name
-
-
-def step_of(state):
-    return torch.load(state, weights_only=True)["step"] if state.is_file() else 0
 
 
 def test_training_improves_the_samples_and_is_followed(folders, tmp_path):
@@ -185,17 +156,12 @@ def test_a_gradient_that_is_not_finite_is_one_line(folders, tmp_path):
     ("argument", "message"),
     [
         ("stepz=3", "did you mean 'steps'"),
-        ("rate=fast", "rate: expected a number, found 'fast'"),
         ("network.kind=difusion", "did you mean 'diffusion'"),
         ("network.schedule={num_train_timesteps: 1000, beta_schedul: linear}", "did you mean 'beta_schedule'"),
         ("network.size=60", "expected a multiple of 16"),
-        ("network.channels=[40]", "expected multiples of 16"),
-        ("precision=half", "unknown value of precision: 'half'"),
-        ("seed=-1", r"seed: expected 0 or more, found -1"),
         ("augmentation.mirror=1.5", r"augmentation.mirror: expected 1 or less, found 1.5"),
         ("validation_sampler_steps=1001", r"validation_sampler_steps: expected 1000 or less, .* found 1001"),
         ("network.tokens=24", "network.tokens: expected a multiple of 16"),
-        ("network.components=[foo]", "network.components: expected some of albedo, specular, each once"),
         ("network.schedule={}", "num_train_timesteps: expected a whole number >= 1, found None"),
     ],
 )

@@ -149,7 +149,7 @@ class _Training:
     def _predicted(self, batch: Batch, draws: dict[str, Tensor]) -> Tensor:
         """The network's estimate (N, 3 C, H, W) of the batch's target."""
         if self.schedule is None:  # the regressor always sees its image
-            timestep = torch.full_like(draws["timestep"], self.settings.network.last_timestep)
+            timestep = torch.full_like(draws["timestep"], self.settings.network.timesteps - 1)
             return self.predict(None, timestep, batch.condition)
         level = self.schedule[draws["timestep"]][:, None, None, None]
         noisy = level.sqrt() * batch.target + (1 - level).sqrt() * draws["noise"]

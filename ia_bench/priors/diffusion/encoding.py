@@ -56,7 +56,7 @@ def encode(component: str, linear: Tensor, masks: Tensor, factor: Tensor) -> Ten
 
 def decode(component: str, encoded: Tensor, masks: Tensor, factor: Tensor) -> Tensor:
     """The inverse of :func:`encode`: linear, in [0, 1] or in the units of the image, premultiplied by the masks."""
-    colour = _decode(encoded)
+    colour = srgb_to_linear((0.5 + 0.5 * encoded.movedim(1, -1)).clamp(0, 1))
     return (colour if component == "albedo" else colour / factor[:, None, None, None]) * masks[..., None]
 
 
@@ -68,7 +68,3 @@ def encode_geometry(normals: Tensor, visibility: Tensor) -> Tensor:
 def _encode(colour: Tensor, masks: Tensor) -> Tensor:
     encoded = 2 * linear_to_srgb(colour.clamp(0, 1)) - 1
     return torch.where(masks[..., None] > 0, encoded, torch.zeros_like(encoded)).movedim(-1, 1)
-
-
-def _decode(encoded: Tensor) -> Tensor:
-    return srgb_to_linear((0.5 + 0.5 * encoded.movedim(1, -1)).clamp(0, 1))

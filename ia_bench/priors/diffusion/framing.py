@@ -24,15 +24,18 @@ FLOOR = 0.03
 """Display value added to both sides of a gain, so that black pixels of an image allow any albedo."""
 
 
+def box_of(inside: Tensor) -> tuple[slice, slice] | None:
+    """Rows and columns of the smallest box that holds what is true in (H, W); None where nothing is."""
+    rows, columns = (torch.nonzero(inside.any(axis))[:, 0].tolist() for axis in (1, 0))
+    return (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)) if rows else None
+
+
 @dataclass(frozen=True)
 class Frame:
     """A square of the image, and the size that it is resized to, all in pixels.
 
-    Attributes:
-        top: Row of its upper edge, which may be negative.
-        left: Column of its left edge, which may be negative.
-        length: Its side in the image.
-        side: Its side after resizing.
+    ``top`` and ``left`` are its first row and column, which may be negative; ``length`` is its side in the image, ``side`` that
+    after resizing.
     """
 
     top: int
@@ -46,25 +49,20 @@ class Frame:
 
         It is resized to ``side``, or for None left as it is, with its length a multiple of MULTIPLE.
         """
-        covered = mask > 0
-        if not bool(covered.any()):
+        box = box_of(mask > 0)
+        if box is None:
             return None
-        rows, columns = (torch.nonzero(covered.any(axis))[:, 0] for axis in (1, 0))
-        ends = [(int(found[0]), int(found[-1]) + 1) for found in (rows, columns)]
-        length = math.ceil(max(stop - start for start, stop in ends) * (1 + 2 * MARGIN))
+        length = math.ceil(max(part.stop - part.start for part in box) * (1 + 2 * MARGIN))
         if side is None:
             length = math.ceil(length / MULTIPLE) * MULTIPLE
-        top, left = ((start + stop - length) // 2 for start, stop in ends)
+        top, left = ((part.start + part.stop - length) // 2 for part in box)
         return cls(top, left, length, length if side is None else side)
 
     def cut(self, values: Tensor) -> Tensor:
         """Cut premultiplied values (H, W, C) out: (side, side, C). What lies outside the image is zero."""
-        height, width, _ = values.shape
-        rows, columns = self._inside(height, width)
+        place, here = self._overlap(*values.shape[:2])
         square = values.new_zeros(self.length, self.length, values.shape[-1])
-        square[rows.start - self.top : rows.stop - self.top, columns.start - self.left : columns.stop - self.left] = values[
-            rows, columns
-        ]
+        square[here] = values[place]
         return _resize(square, self.side)
 
     def paste(self, values: Tensor, weight: Tensor, mask: Tensor) -> Tensor:
@@ -75,16 +73,17 @@ class Frame:
         known = torch.cat([values * weight[..., None], weight[..., None]], -1)
         known = _resize(known, self.length).clamp_min(0)
         straight = known[..., :-1] / known[..., -1:].clamp_min(1e-4)
-        rows, columns = self._inside(*mask.shape)
+        place, here = self._overlap(*mask.shape)
         image = values.new_zeros(*mask.shape, values.shape[-1])
-        image[rows, columns] = straight[
-            rows.start - self.top : rows.stop - self.top, columns.start - self.left : columns.stop - self.left
-        ]
+        image[place] = straight[here]
         return image * mask[..., None]
 
-    def _inside(self, height: int, width: int) -> tuple[slice, slice]:
-        rows = slice(max(self.top, 0), min(self.top + self.length, height))
-        return rows, slice(max(self.left, 0), min(self.left + self.length, width))
+    def _overlap(self, height: int, width: int) -> list[tuple[slice, ...]]:
+        """Rows and columns that image and square share, as each of them counts."""
+        starts = (self.top, self.left)
+        spans = [(max(at, 0), min(at + self.length, size)) for at, size in zip(starts, (height, width), strict=True)]
+        here = tuple(slice(first - at, last - at) for at, (first, last) in zip(starts, spans, strict=True))
+        return [tuple(slice(*span) for span in spans), here]
 
 
 def _resize(square: Tensor, side: int) -> Tensor:

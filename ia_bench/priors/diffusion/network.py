@@ -10,6 +10,7 @@ image times a gain that it predicts, plus an offset. Where shading is smooth so 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -77,11 +78,9 @@ class NetworkConfig:
             )
         if not self.channels or any(width < 1 or width % 16 for width in self.channels):
             raise InputError(f"network.channels: expected multiples of 16, found {list(self.channels)}")
-        stride = self.fold * 2 ** (len(self.channels) - 1)
+        stride = math.lcm(self.fold * 2 ** (len(self.channels) - 1), 4 if self.encoder == "small" else 1)
         if self.size % stride:
-            raise InputError(f"network.size: expected a multiple of {stride} (fold x down-sampling), found {self.size}")
-        if self.encoder == "small" and self.size % 4:
-            raise InputError(f"network.size: expected a multiple of 4 for the small encoder, found {self.size}")
+            raise InputError(f"network.size: expected a multiple of {stride} (fold x down-sampling, encoder), found {self.size}")
         if self.encoder == "small" and self.tokens % 16:
             raise InputError(f"network.tokens: expected a multiple of 16 for the small encoder, found {self.tokens}")
         for key in self.schedule:
@@ -98,18 +97,13 @@ class NetworkConfig:
 
     @property
     def timesteps(self) -> int:
-        """Length of the schedule."""
+        """Length of the schedule; at the last one a diffusion network sees only noise, and a regressor is always told that."""
         return int(self.schedule["num_train_timesteps"])
 
     @property
     def noise_schedule(self) -> NoiseSchedule:
         """The noise levels of a diffusion network."""
         return NoiseSchedule.from_diffusers(self.schedule)
-
-    @property
-    def last_timestep(self) -> int:
-        """The timestep at which a diffusion network sees only noise. A regressor is always told this one."""
-        return self.timesteps - 1
 
     @property
     def condition_channels(self) -> int:
@@ -126,10 +120,8 @@ class MaterialNetwork(nn.Module):
         from diffusers import UNet2DConditionModel
 
         self.config = config
-        block = config.fold**2
-        levels = len(config.channels)
-        attends = config.encoder != "none"
-        lowest = "CrossAttn" if attends else ""
+        block, levels = config.fold**2, len(config.channels)
+        lowest = "CrossAttn" if config.encoder != "none" else ""
         noisy = config.output_channels if config.kind == "diffusion" else 0
         self.unet = UNet2DConditionModel(
             sample_size=config.size // config.fold,
@@ -146,17 +138,13 @@ class MaterialNetwork(nn.Module):
             resnet_time_scale_shift="scale_shift",
         )
         self.head = DetailHead(config, noisy)
-        self.encoder: nn.Module | None = None
-        if config.encoder == "small":
-            self.encoder = SmallEncoder(config.tokens)
+        self.encoder = SmallEncoder(config.tokens) if config.encoder == "small" else None
 
     def forward(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor) -> Tensor:
-        """The estimate (N, 3 C, H, W) of the clean components.
+        """The estimate (N, 3 C, H, W) of the clean components, from ``timestep`` (N,).
 
-        Args:
-            noisy: (N, 3 C, H, W), None for a regressor. H and W are multiples of fold x down-sampling.
-            timestep: (N,).
-            condition: (N, condition_channels, H, W); geometry channels are zero where unknown.
+        ``noisy`` (N, 3 C, H, W) is None for a regressor; H and W are multiples of fold x down-sampling. ``condition``
+        (N, condition_channels, H, W) has zero for geometry that is unknown.
         """
         return self.denoise(noisy, timestep, condition, self.tokens(condition))
 

@@ -78,17 +78,27 @@ def test_two_networks_with_one_component_each_are_one_prior(tmp_path, ball):
 
 
 @pytest.mark.parametrize(
-    ("specular", "message"),
+    ("folders", "options", "message"),
     [
-        ({"components": ("specular",), "size": 32}, "expected networks of one size, found 16 and 32"),
-        ({}, "expected networks without a component in common, found albedo, albedo, specular"),
+        (
+            {"albedo": {"components": ("albedo",)}, "specular": {"components": ("specular",), "size": 32}},
+            {},
+            "one size, found 16",
+        ),
+        (
+            {"albedo": {"components": ("albedo",)}, "specular": {}},
+            {},
+            "without a component in common, found albedo, albedo",
+        ),
+        ({".": {"kind": "regressor"}}, {}, "kind: expected diffusion, found regressor"),
+        ({".": {"geometry": False}}, {"geometry": True}, "geometry=true: .*: expected weights trained with geometry"),
     ],
 )
-def test_networks_that_make_no_prior_together_are_refused(tmp_path, specular, message):
-    tiny_weights(tmp_path / "albedo", components=("albedo",))
-    tiny_weights(tmp_path / "specular", **specular)
-    with pytest.raises(InputError, match=f"{tmp_path}: {message}"):
-        DiffusionPrior(weights=str(tmp_path))
+def test_weights_that_make_no_prior_are_refused(tmp_path, folders, options, message):
+    for name, changes in folders.items():
+        tiny_weights(tmp_path / "weights" / name, **changes)
+    with pytest.raises(InputError, match=message):
+        DiffusionPrior(weights=str(tmp_path / "weights"), **options)
 
 
 def test_specular_follows_the_scale_of_the_image_and_albedo_does_not(weights, ball):
@@ -168,15 +178,6 @@ def test_geometry_reaches_the_network_only_if_asked(weights, ball):
     assert not torch.allclose(*samples[True], atol=1e-3)
 
 
-def test_geometry_that_cannot_be_used_is_refused(tmp_path, weights, ball):
-    folder = tiny_weights(tmp_path / "blind", geometry=False)
-    with pytest.raises(InputError, match=f"geometry=true: {folder}: expected weights trained with geometry"):
-        DiffusionPrior(weights=str(folder), geometry=True)
-    prior = DiffusionPrior(weights=weights, steps=1, geometry=True)
-    with pytest.raises(InputError, match=r"normals of shape \(1, 40, 36, 3\), found \(3, 40, 36, 3\)"):
-        prior.sample(replace(ball.select([0]), normals=ball.images), seed=0)
-
-
 def test_networks_of_one_component_each_draw_noise_of_their_own(tmp_path, weights, ball, monkeypatch):
     for name in ("albedo", "specular"):
         tiny_weights(tmp_path / name, components=(name,))
@@ -215,13 +216,6 @@ def test_networks_of_one_component_each_draw_noise_of_their_own(tmp_path, weight
 def test_options_are_checked_at_once(weights, options, message):
     with pytest.raises(InputError, match=message):
         create("prior", "diffusion", built_in("prior")["diffusion"].target, {"weights": weights, **options})
-
-
-def test_weights_of_the_other_kind_are_refused(weights, regressor_weights):
-    with pytest.raises(InputError, match="kind: expected diffusion, found regressor"):
-        DiffusionPrior(weights=regressor_weights)
-    with pytest.raises(InputError, match="kind: expected regressor, found diffusion"):
-        RegressorPrior(weights=weights)
 
 
 @pytest.mark.parametrize("prior", [DiffusionPrior, RegressorPrior])

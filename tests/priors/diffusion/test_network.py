@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 import torch
-from priors.tiny_network import tiny_config
+from priors.tiny_network import tiny_config, tiny_weights
+from safetensors.torch import load_file, save_file
 
+from ia_bench.common.errors import InputError
+from ia_bench.common.torchvision_shim import import_torchvision
+from ia_bench.priors.diffusion.checkpoints import ENCODER, UNET, fingerprint, load_network, save_network
 from ia_bench.priors.diffusion.network import MaterialNetwork
 
 
@@ -45,3 +51,75 @@ def test_the_head_learns_from_the_features_of_the_unet() -> None:
     output, _ = ask(prior)
     torch.nn.init.zeros_(prior.unet.conv_out.weight)
     assert not torch.allclose(ask(prior)[0], output)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tiny_weights(tmp_path / "weights")
+
+
+def output_of(network, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    noisy, condition = (torch.randn(2, channels, 16, 16, generator=generator) for channels in (6, 8))
+    return network(noisy, torch.tensor([3, 700]), condition)
+
+
+def test_a_network_comes_back_as_it_was_up_to_half_precision(tmp_path):
+    torch.manual_seed(0)
+    network = MaterialNetwork(tiny_config()).eval()
+    save_network(tmp_path / "weights", network, {"steps": 7})
+    again, provenance = load_network(tmp_path / "weights")
+    assert provenance == {"steps": 7}
+    assert again.config == network.config
+    with torch.no_grad():
+        torch.testing.assert_close(output_of(again), output_of(network), atol=0.02, rtol=0.02)
+
+
+def test_diffusers_reads_the_unet_and_the_schedule(folder):
+    import_torchvision()
+    from diffusers import DDIMScheduler, UNet2DConditionModel
+
+    unet = UNet2DConditionModel.from_pretrained(folder / "unet")
+    network, _ = load_network(folder)
+    for name, value in network.unet.state_dict().items():
+        assert torch.equal(value, unet.state_dict()[name])
+    assert DDIMScheduler.from_pretrained(folder / "scheduler").config.prediction_type == "sample"
+
+
+def test_the_fingerprint_follows_the_weights(folder, tmp_path):
+    assert fingerprint(folder) == fingerprint(tiny_weights(tmp_path / "same"))
+    assert fingerprint(folder) != fingerprint(tiny_weights(tmp_path / "other", seed=1))
+
+
+def change_json(folder, change):
+    described = json.loads((folder / "prior.json").read_text())
+    change(described)
+    (folder / "prior.json").write_text(json.dumps(described))
+
+
+def change_weights(folder, change, name=UNET):
+    weights = load_file(folder / name)
+    change(weights)
+    save_file(weights, folder / name)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda f: (f / "prior.json").unlink(), "prior.json: no such file"),
+        (lambda f: (f / "prior.json").write_text("{"), "prior.json: not valid JSON"),
+        (lambda f: change_json(f, lambda d: d.pop("network")), "prior.json: expected a table under 'network', found None"),
+        (lambda f: change_json(f, lambda d: d["network"].update(chanels=[16])), "did you mean 'network.channels'"),
+        (lambda f: change_json(f, lambda d: d["network"]["schedule"].clear()), "num_train_timesteps: expected a whole number"),
+        (lambda f: (f / UNET).unlink(), "diffusion_pytorch_model.safetensors: no such file"),
+        (lambda f: (f / ENCODER).write_bytes(b"\x80\x04cos\nsystem\n"), "encoder.safetensors: expected safetensors"),
+        (lambda f: change_weights(f, lambda w: w.pop("conv_in.bias")), "conv_in.bias: expected a tensor of shape .*found none"),
+        (lambda f: change_weights(f, lambda w: w.update({"conv_in.bias": torch.zeros(3)})), r"of shape \(16,\), found \(3,\)"),
+        (lambda f: change_weights(f, lambda w: w["conv_in.bias"].fill_(float("nan"))), "conv_in.bias: expected finite values"),
+        (lambda f: change_weights(f, lambda w: w.update(more=torch.zeros(1))), "more: a tensor that the config has no place"),
+    ],
+)
+def test_what_cannot_be_used_names_file_and_key(folder, spoil, message):
+    spoil(folder)
+    with pytest.raises(InputError, match=message):
+        load_network(folder)

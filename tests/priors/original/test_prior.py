@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
@@ -20,7 +23,7 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS, Observations
 from ia_bench.priors.inputs import content_number
-from ia_bench.priors.original import IntrinsicAnythingPrior
+from ia_bench.priors.original import Crop, IntrinsicAnythingPrior, decode, encode, pull
 
 
 def photographs(count: int = 2, side: int = 32) -> Observations:
@@ -158,3 +161,107 @@ def test_damaged_weights(damage: Callable[[Path], object], message: str, weights
     damage(tmp_path / "albedo")
     with pytest.raises(InputError, match=message):
         IntrinsicAnythingPrior(weights=str(tmp_path)).sample(photographs(1), seed=0)
+
+
+SIDE = 64
+
+
+def disc(height: int, width: int, row: float, column: float, radii: tuple[float, float]) -> Tensor:
+    """Coverage of an ellipse with an antialiased edge of about one pixel."""
+    rows, columns = np.mgrid[:height, :width]
+    distance = np.hypot((rows - row) / radii[0], (columns - column) / radii[1])
+    return torch.from_numpy(np.clip((1 - distance) * min(radii) + 0.5, 0, 1).astype(np.float32))
+
+
+def smooth_image(mask: Tensor) -> Tensor:
+    """A premultiplied picture whose colours change slowly, within [0.2, 0.8]."""
+    height, width = mask.shape
+    rows, columns = torch.meshgrid(torch.arange(height) / height, torch.arange(width) / width, indexing="ij")
+    colour = torch.stack([0.5 + 0.3 * torch.sin(3 * rows), 0.5 + 0.3 * torch.cos(2 * columns), 0.3 + 0.4 * rows * columns], -1)
+    return colour * mask[..., None]
+
+
+def test_crop_fills_the_longer_side_and_centres_the_shorter() -> None:
+    mask = torch.zeros(20, 40)
+    mask[3:9, 10:34] = 1  # 6 x 24
+    mask[0, 0] = 0.5  # not more than half covered
+    crop = Crop.of(mask, 48)
+    assert crop == Crop(slice(3, 9), slice(10, 34), slice(18, 30), slice(0, 48))
+    thin = torch.zeros(200, 3)
+    thin[:, 1] = 1
+    assert Crop.of(thin, 48) == Crop(slice(0, 200), slice(1, 2), slice(0, 48), slice(24, 25))  # round(23.5) = 24
+    assert Crop.of(torch.full((4, 4), 0.5), 48) is None
+
+
+def test_encoding_is_gamma_on_white() -> None:
+    """At the networks' own size nothing is resampled, so every pixel follows from the definition."""
+    mask = torch.ones(SIDE, SIDE)
+    mask[10, 20], mask[11, 20], mask[12, 20] = 0.0, 0.4, 0.75
+    colour = torch.rand(SIDE, SIDE, 3, generator=torch.Generator().manual_seed(0)) * 1.5  # up to 1.5: clipped
+    image = colour * mask[..., None]
+    square = encode(image, mask, Crop.of(mask, SIDE), SIDE)
+    expected = colour.double().clamp(0, 1) ** (1 / 2.2)
+    expected[10:12, 20] = 1  # half or less covered: white
+    np.testing.assert_allclose(square.movedim(0, -1), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(37, 31), (96, 64), (300, 411)])
+def test_round_trip_keeps_a_smooth_object(size: tuple[int, int]) -> None:
+    """Away from the silhouette, where white bleeds in, resampling a slow picture loses less than half a percent."""
+    height, width = size
+    mask = disc(height, width, 0.5 * height, 0.45 * width, (0.35 * height, 0.3 * width))
+    image, crop = smooth_image(mask), Crop.of(mask, SIDE)
+    back = decode(encode(image, mask, crop, SIDE), mask, crop)
+    assert back.dtype == torch.float32
+    assert bool((back[mask == 0] == 0).all())
+    assert bool((back <= mask[..., None]).all())
+    inner = disc(height, width, 0.5 * height, 0.45 * width, (0.27 * height, 0.22 * width)) == 1
+    assert float((back - image)[inner].abs().max()) < 5e-3
+
+
+def test_round_trip_at_the_own_size_is_exact_up_to_the_edge() -> None:
+    mask = disc(SIDE, SIDE, 31.5, 31.5, (32.5, 32.5))
+    image, crop = smooth_image(mask), Crop.of(mask, SIDE)
+    back = decode(encode(image, mask, crop, SIDE), mask, crop)
+    covered = mask > 0.5
+    np.testing.assert_allclose(back[covered], image[covered], atol=1e-6)
+    edge = (mask > 0) & ~covered
+    assert bool(edge.any())
+    neighbour = (back / mask[..., None])[edge]  # a colour of the object, not the white that the network saw there
+    assert float(neighbour.max()) < 0.85
+
+
+def decoder(latents: Tensor) -> Tensor:
+    """Something smooth, not linear, from (N, 2, 3, 3) to (N, 3, 4, 4) in [0, 1]."""
+    generator = torch.Generator().manual_seed(5)
+    matrix = torch.randn(18, 48, generator=generator, dtype=torch.float64) / 4
+    return torch.sigmoid(latents.flatten(1).double() @ matrix).unflatten(1, (3, 4, 4))
+
+
+def draws(*shape: int, seed: int) -> Tensor:
+    return torch.randn(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+
+
+@pytest.mark.parametrize("alpha_bar", [0.0048, 0.3, 0.998])
+def test_small_strengths_are_the_original_step(alpha_bar: float) -> None:
+    """There: eps' = eps + gamma d/dx_t |D((x_t - b eps) / a) - y|, with eps held constant, and x_0 from eps'."""
+    a, b, gamma = math.sqrt(alpha_bar), math.sqrt(1 - alpha_bar), 1e-3
+    noisy, eps, target = draws(4, 2, 3, 3, seed=1), draws(4, 2, 3, 3, seed=2), torch.sigmoid(draws(4, 3, 4, 4, seed=3))
+    noisy.requires_grad_()
+    distance = torch.stack([torch.linalg.norm(one) for one in decoder((noisy - b * eps) / a) - target])
+    (score,) = torch.autograd.grad(distance.sum(), noisy)
+    expected = ((noisy - b * (eps + gamma * score)) / a).detach()
+    cost = Counter()
+    found = pull(((noisy - b * eps) / a).detach(), target, decoder, gamma, alpha_bar, cost)
+    torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-9)
+    assert cost == {"guided_estimates": 4, "guided_cut": 0}
+    assert not found.requires_grad
+
+
+@pytest.mark.parametrize("strength", [3.0, 1000.0, 1e30])
+def test_long_steps_end_where_a_linear_decoder_reaches_the_render(strength: float) -> None:
+    cost = Counter()
+    x0, target = draws(3, 3, 4, 4, seed=1), draws(3, 3, 4, 4, seed=2)
+    guided = pull(x0, target, lambda latents: 0.5 * latents, strength, 1e-4, cost)  # b / a^2 = 10^4
+    torch.testing.assert_close(0.5 * guided, target, rtol=1e-9, atol=1e-9)
+    assert cost == {"guided_estimates": 3, "guided_cut": 3}
