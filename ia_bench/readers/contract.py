@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
 
@@ -74,10 +73,12 @@ def check_scene(scene: object, *, truth: bool) -> Scene:
         _check_mesh(f"{scene.source}: mesh", scene.mesh)
     if not scene.train:
         raise InputError(f"{scene.source}: expected at least one training view, found none")
-    for where, split, view in _views(scene):
-        _check_view(where, view, truth)
-        if split != "novel" and view.light != "train":
-            raise InputError(f"{where}: expected the training light, which is called 'train', found {shown(repr(view.light))}")
+    for split in SPLITS:
+        for view in getattr(scene, split):
+            where = f"{scene.source}: {split} view {shown(getattr(view, 'name', view))}"
+            _check_view(where, view, truth)
+            if split != "novel" and view.light != "train":
+                raise InputError(f"{where}: expected the training light, which is called 'train', found {shown(repr(view.light))}")
     if scene.truth is None:
         return replace(scene, truth=Truth(lights={})) if truth else scene
     if not truth:
@@ -110,12 +111,6 @@ def unscored(scene: Scene, *, aligned: bool = True) -> dict[str, str]:
     return lacking
 
 
-def _views(scene: Scene) -> Iterator[tuple[str, str, View]]:
-    for split in SPLITS:
-        for view in getattr(scene, split):
-            yield f"{scene.source}: {split} view {shown(getattr(view, 'name', view))}", split, view
-
-
 def _check_view(where: str, view: object, truth: bool) -> None:
     if not isinstance(view, View) or not isinstance(view.camera, Camera):
         raise InputError(f"{where}: expected a View with a Camera, found {type(view).__name__}")
@@ -138,10 +133,8 @@ def _check_view(where: str, view: object, truth: bool) -> None:
         raise InputError(f"{where}: mask: expected a pixel above 0.5, found none")
     if view.image[view.mask == 0].any():
         raise InputError(f"{where}: image: expected radiance premultiplied by the mask, found some where the mask is 0")
-    valid = view.valid
-    if valid is not None and not (isinstance(valid, np.ndarray) and valid.dtype == bool and valid.shape == shape):
-        found = f"{valid.shape} {valid.dtype}" if isinstance(valid, np.ndarray) else type(valid).__name__
-        raise InputError(f"{where}: valid: expected {shape} bool, found {found}")
+    if view.valid is not None:
+        _check_array(f"{where}: valid", view.valid, shape, 0, 1, kind=bool)
     for name, (channels, least, most) in TRUTH_OF_VIEWS.items():
         values = getattr(view, name)
         if values is not None and not truth:
@@ -181,17 +174,17 @@ def _check_truth(where: str, truth: Truth) -> None:
     for name, channels in (("albedo", 3), ("roughness", 1)):
         texture = getattr(truth, name)
         if texture is not None:
-            shape = texture.shape[:2]
-            if len(set(shape)) > 1:
-                raise InputError(f"{where}: true {name} texture: expected as many rows as columns, found {shape[0]} x {shape[1]}")
-            _check_array(f"{where}: true {name} texture", texture, (*shape, 3) if channels == 3 else shape, 0, 1)
+            side = texture.shape[:1] * 2
+            _check_array(f"{where}: true {name} texture", texture, (*side, 3) if channels == 3 else side, 0, 1)
 
 
-def _check_array(where: str, values: object, shape: tuple[int, ...], least: float, most: float, *, slack: float = ROUNDING) -> None:
+def _check_array(
+    where: str, values: object, shape: tuple[int, ...], least: float, most: float, slack: float = ROUNDING, kind: type = np.float32
+) -> None:
     """Raise InputError for other shapes, types or values; ``slack`` is what rounding may add to a range, of 1 or the maximum."""
-    if not isinstance(values, np.ndarray) or values.dtype != np.float32 or values.shape != shape or not values.size:
+    if not isinstance(values, np.ndarray) or values.dtype != kind or values.shape != shape or not values.size:
         found = f"{values.shape} {values.dtype}" if isinstance(values, np.ndarray) else type(values).__name__
-        raise InputError(f"{where}: expected {shape} float32, found {found}")
+        raise InputError(f"{where}: expected {shape} {np.dtype(kind)}, found {found}")
     low, high = values.min(), values.max()
     slack *= 1 if most <= 1 else high
     if not (np.isfinite(low) and np.isfinite(high) and least - slack <= low and high <= most + slack):

@@ -56,11 +56,3 @@ def test_fruit_lies_outside_the_wood_and_above_the_table(settled: list[np.ndarra
 
 def test_everything_keeps_within_the_unit_sphere(settled: list[np.ndarray]) -> None:
     assert max(np.linalg.norm(surface(lump), axis=1).max() for lump in settled) < 1.0
-
-
-@pytest.mark.parametrize("axis", [(0.0, 0.0, 2.0), (0.0, 3.0, 0.0), (-0.25, -0.45, 0.85)])
-def test_turned_to_is_a_rotation_onto_the_axis(axis: tuple[float, float, float]) -> None:
-    turn = pile.turned_to(axis)
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(turn) == pytest.approx(1.0)
-    np.testing.assert_allclose(turn @ (0, 0, 1), np.array(axis) / np.linalg.norm(axis), atol=1e-12)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
-from recipe_modules import exr, latlong, lights, photographs, recipe, scene_folder
+from recipe_modules import latlong, photographs, recipe
 
 HEIGHT = 6
 
@@ -85,17 +85,6 @@ def test_a_sun_stands_upright_and_where_it_was_photographed(tmp_path: Path) -> N
 
 
 # -- clamping ----------------------------------------------------------------------------------------------------------
-def test_clamping_adds_what_was_negative() -> None:
-    """All eight texels of a map of two rows are the same size: 7 - 1 of 8 becomes 7 of 8."""
-    image = np.ones((2, 4, 3), np.float32)
-    image[1, 2] = -1
-    clamped, added = photographs.clamp(image)
-    assert clamped[1, 2].tolist() == [0, 0, 0]
-    np.testing.assert_array_equal(clamped[image > 0], 1)
-    assert added == pytest.approx(1 / 7)
-    assert photographs.clamp(clamped)[1] == 0
-
-
 def test_clamped_energy_weighs_luminance_and_solid_angle() -> None:
     """A green texel at the pole of four rows, by its exact share of the sphere: (1 - cos 45) / 2 in eight columns."""
     image = np.ones((4, 8, 3), np.float32)
@@ -122,28 +111,6 @@ def test_resampled_texels_are_means_over_their_solid_angle(source: int, target: 
         rays = np.stack([sine * np.cos(phi), sine * np.sin(phi), np.broadcast_to(cosine, (60, 60))], axis=-1)
         mean = light[latlong.direction_to_texel(rays, source)].mean(axis=(0, 1))
         np.testing.assert_allclose(found[row, column], mean, rtol=0.05)
-
-
-def test_resampling_to_the_same_height_changes_nothing(image: np.ndarray) -> None:
-    np.testing.assert_allclose(photographs.resample(image, HEIGHT), image, atol=1e-12)
-
-
-@pytest.mark.parametrize("height", [HEIGHT, 4, 10])
-def test_a_light_is_scaled_as_every_other(package: Path, image: np.ndarray, height: int) -> None:
-    light = photographs.photographed_light("sky", height, lights.BRIGHTNESS, package)
-    assert light.shape == (height, 2 * height, 3)
-    assert light.dtype == np.float32
-    assert light.min() >= 0
-    assert latlong.mean_luminance(light) == pytest.approx(lights.BRIGHTNESS, rel=1e-6)
-    if height == HEIGHT:
-        shown = image[image > 0].astype(float)
-        np.testing.assert_allclose(light[image > 0] / shown, (light[image > 0] / shown).mean(), rtol=1e-5)
-
-
-def test_damaged_maps_are_refused(package: Path) -> None:
-    for name in photographs.DAMAGED:
-        with pytest.raises(ValueError, match="lost the red and the green of its sun"):
-            photographs.photographed_light(name, HEIGHT, 0.6, package)
 
 
 # -- fetching ----------------------------------------------------------------------------------------------------------
@@ -188,20 +155,3 @@ def test_every_map_of_a_scored_scene_is_kept_from_training_and_lights_no_develop
     assert not maps_of(development) & {*photographs.NEVER_FOR_TRAINING, *photographs.DAMAGED}
     assert set(photographs.NEVER_FOR_TRAINING) < set(photographs.MAPS)
     assert not {*photographs.NEVER_FOR_TRAINING} & {*photographs.DAMAGED}
-
-
-def test_the_value_scenes_differ_in_object_and_training_light_alone() -> None:
-    four = [recipe.RECIPES[name] for name in ("book", "fruit", "bear", "drum")]
-    assert len({each.light for each in four}) == len({each.object for each in four}) == 4
-    assert {each.novel_lights for each in four} == {recipe.PHOTOGRAPHED_LIGHTS}
-    assert not {each.light for each in four} & set(recipe.PHOTOGRAPHED_LIGHTS)
-    views = scene_folder.views(four[0])
-    assert len(views) == 100 + 20 + 20 * 4 + 4
-    assert {view.light for view in views} == {"train", *recipe.PHOTOGRAPHED_LIGHTS}
-
-
-def test_make_light_knows_photographs_by_their_name(package: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(photographs, "fetch", lambda: package)
-    light = lights.make_light("photo_sky", HEIGHT)
-    np.testing.assert_array_equal(light, photographs.photographed_light("sky", HEIGHT, lights.BRIGHTNESS, package))
-    assert exr.round_mantissa(light, 8).min() >= 0

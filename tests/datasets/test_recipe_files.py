@@ -26,20 +26,6 @@ def test_rounding_error_is_bounded_and_nearest(bits: int) -> None:
     )
 
 
-def test_rounding_keeps_zero_and_is_idempotent() -> None:
-    values = np.concatenate([np.zeros(3), np.geomspace(1e-9, 6e4, 5000)]).astype(np.float32)
-    rounded = exr.round_mantissa(values, 8)
-    assert (rounded[:3] == 0).all()
-    np.testing.assert_array_equal(exr.round_mantissa(rounded, 8), rounded)
-    assert (np.abs(rounded.astype(float) - values) <= 2.0**-9 * values + 2.0**-25).all()
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, 7e4])
-def test_rounding_refuses_what_a_half_cannot_hold(bad: float) -> None:
-    with pytest.raises(ValueError, match=r"finite and below 65504"):
-        exr.round_mantissa(np.array([1.0, bad]), 8)
-
-
 def test_normals_are_stored_in_absolute_steps() -> None:
     normal = np.random.default_rng(3).normal(size=(500, 1, 3))
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -89,13 +75,6 @@ def test_every_view_has_its_own_files_and_only_test_has_all_truth() -> None:
     assert all((v.pose == test[v.index].pose).all() for v in direct)
 
 
-def test_larger_images_get_larger_textures() -> None:
-    hat = recipe.RECIPES["hat"]
-    assert hat.at_size(128) == hat
-    assert (hat.at_size(512).size, hat.at_size(512).texture_size) == (512, 2048)
-    assert hat.at_size(64).texture_size == hat.texture_size
-
-
 # -- lights that scenes share ------------------------------------------------------------------------------------------
 def scenes_with_lights(root: Path, **lights: dict[str, bytes]) -> list[Path]:
     """Folders with a scene.json and the given bytes as lights."""
@@ -119,17 +98,6 @@ def test_lights_that_all_scenes_hold_alike_are_stored_once(tmp_path: Path) -> No
     files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.exr"))
     assert files == ["lights/night.exr", "scenes/a/lights/dusk.exr", *(f"scenes/{scene}/lights/train.exr" for scene in "abc")]
     assert share_lights.share(scenes) == []  # nothing is left to share
-
-
-def test_another_shared_light_of_the_same_name_is_not_replaced(tmp_path: Path) -> None:
-    scenes = scenes_with_lights(tmp_path, a={"night": b"3"}, b={"night": b"3"})
-    (tmp_path / "lights").mkdir()
-    (tmp_path / "lights" / "night.exr").write_bytes(b"4")
-    with pytest.raises(ValueError, match=r"night\.exr: expected the light of .*a, found another one"):
-        share_lights.share(scenes)
-    assert all((scene / "lights" / "night.exr").read_bytes() == b"3" for scene in scenes)
-    with pytest.raises(ValueError, match="expected scenes beside each other"):
-        share_lights.share([*scenes, tmp_path])
 
 
 # -- staging -----------------------------------------------------------------------------------------------------------

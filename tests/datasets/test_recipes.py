@@ -32,12 +32,6 @@ def test_texels_look_along_their_axes() -> None:
     np.testing.assert_allclose(directions[32, 0], (-1, 0, 0), atol=tolerance)
 
 
-def test_direction_to_texel_inverts_texel_directions() -> None:
-    row, column = latlong.direction_to_texel(latlong.texel_directions(37), 37)
-    np.testing.assert_array_equal(row, np.arange(37)[:, None] * np.ones(74, int))
-    np.testing.assert_array_equal(column, np.arange(74)[None] * np.ones((37, 1), int))
-
-
 def test_solid_angles_cover_the_sphere_and_match_the_sine() -> None:
     omega = latlong.solid_angles(37)
     assert omega.sum() * 74 == pytest.approx(4 * np.pi, rel=1e-12)
@@ -53,11 +47,6 @@ def test_mean_luminance_is_what_a_white_diffuse_sphere_averages() -> None:
     cosines = np.maximum(directions.reshape(-1, 3) @ directions.reshape(-1, 3).T, 0)
     radiosity = cosines @ (weights * light[..., 0].ravel()) / np.pi
     assert latlong.mean_luminance(light) == pytest.approx((radiosity * weights).sum() / weights.sum(), rel=0.01)
-
-
-def test_rasterise_refuses_negative_radiance() -> None:
-    with pytest.raises(ValueError, match="non-negative, got minimum -1"):
-        latlong.rasterise(lambda d: -np.ones_like(d), 8, 0.6)
 
 
 # -- lights ------------------------------------------------------------------------------------------------------------
@@ -90,24 +79,6 @@ def test_small_sources_span_several_texels(name: str, rendered_lights: dict[str,
     assert 3.0 < diameter < 7.5
 
 
-def test_the_lamp_room_is_yellow(rendered_lights: dict[str, np.ndarray]) -> None:
-    light = rendered_lights["lamp_room"].astype(float)
-    red, green, blue = (light * latlong.solid_angles(HEIGHT)[..., None]).sum(axis=(0, 1))
-    assert red > green > 2.5 * blue
-    assert (light[..., 2] < 0.5 * light[..., 0]).all()
-
-
-def test_the_workshop_is_orange_but_for_a_cool_window(rendered_lights: dict[str, np.ndarray]) -> None:
-    """A cast as strong as the lamp room's is another one, and is not in every direction."""
-    light = rendered_lights["workshop"].astype(float)
-    red, green, blue = (light * latlong.solid_angles(HEIGHT)[..., None]).sum(axis=(0, 1))
-    assert 2.5 * blue < red < 3.5 * blue
-    assert 1.6 * green < red  # the lamp room: 1.4
-    luminance = light @ latlong.LUMINANCE * latlong.solid_angles(HEIGHT)
-    cool = light[..., 2] > light[..., 0]
-    assert 0.05 < luminance[cool].sum() / luminance.sum() < 0.25
-
-
 def test_lights_do_not_depend_on_resolution() -> None:
     coarse, fine = lights.make_light("harbour", 32), lights.make_light("harbour", 64)
     pooled = fine.reshape(32, 2, 64, 2, 3).mean(axis=(1, 3))
@@ -128,12 +99,6 @@ def test_parts_of_a_light_partition_it(name: str, sources: int, rendered_lights:
     assert len(parts) == 1 + sources
     np.testing.assert_array_equal(sum((part > 0).any(axis=-1).astype(int) for part in parts), 1)
     np.testing.assert_array_equal(np.sum(parts, axis=0), light)
-
-
-def test_a_light_without_bright_sources_is_one_part() -> None:
-    light = np.ones((8, 16, 3), np.float16)
-    (part,) = light_parts.split(light)
-    np.testing.assert_array_equal(part, light)
 
 
 def test_passes_of_parts_add_radiance_and_average_geometry_over_samples() -> None:
@@ -195,10 +160,3 @@ def test_elevations_cover_the_band_and_no_two_cameras_coincide() -> None:
     positions = np.concatenate([train, test, novel]) / cameras.DISTANCE
     cosines = positions @ positions.T - 2 * np.eye(len(positions))
     assert np.degrees(np.arccos(cosines.max())) > 1.0
-
-
-def test_straight_up_is_refused() -> None:
-    with pytest.raises(ValueError, match="off the z axis"):
-        cameras.camera_to_world(np.array([0.0, 0.0, 3.0]))
-    with pytest.raises(ValueError, match="got 'validation'"):
-        cameras.split_poses("validation", 3)

@@ -66,14 +66,6 @@ def test_sums_and_gradients_are_those_of_float64() -> None:
         torch.testing.assert_close(one.grad, other.grad.float(), rtol=1e-2, atol=2e-3 * float(other.grad.abs().max()))
 
 
-def test_gradients_of_features_can_be_added_to_a_tensor_of_ones_own() -> None:
-    features, own = torch.ones(SIDE, SIDE, SIDE, CHANNELS), torch.zeros(SIDE, SIDE, SIDE, CHANNELS)
-    values = torch.linspace(4, -4, SIDE)[:, None, None].expand(SIDE, SIDE, SIDE).contiguous().requires_grad_()
-    gathered(values, features, some_rays(50), 0.3, STRIDE, own)[0].sum().backward()
-    opacity = gathered(values, features, some_rays(50), 0.3, STRIDE)[1]
-    torch.testing.assert_close(own.sum(), CHANNELS * opacity.detach().sum())
-
-
 def test_nothing_is_kept_of_a_step_that_is_over() -> None:
     """A refinement takes hundreds of steps, each with distances and features of its own."""
     values = torch.linspace(4, -4, SIDE)[:, None, None].expand(SIDE, SIDE, SIDE).contiguous().requires_grad_()

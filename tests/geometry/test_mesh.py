@@ -193,21 +193,6 @@ def test_useless_normals_are_computed_again(tmp_path: Path, ply: Ply, tiny: Scen
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-5)
 
 
-def test_a_mesh_of_two_parts_is_joined(tmp_path: Path) -> None:
-    obj = """
-o one
-v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt .4 0\nvt 0 .4\nf 1/1 2/2 3/3
-o two
-v 0 0 1\nv 1 0 1\nv 0 1 1\nvt .5 .5\nvt .9 .5\nvt .5 .9\nf 4/4 5/5 6/6
-"""
-    (tmp_path / "mesh.obj").write_text(obj)
-    mesh, _ = load_mesh(tmp_path / "mesh.obj")
-    assert len(mesh.faces) == 2
-    heights = mesh.vertices[mesh.faces][..., 2].mean(1)
-    assert sorted(heights) == [0, 1]
-    assert mesh.uv[mesh.faces[heights == 1]].min() == pytest.approx(0.5)
-
-
 def test_a_vertex_with_two_uv_is_split(tmp_path: Path) -> None:
     """OBJ names UV per corner: two triangles of one square on two islands share positions but no UV."""
     obj = """

@@ -57,11 +57,6 @@ def test_crumbs_go_and_parts_stay() -> None:
     assert vertices[:, 1].max() < 0.5
 
 
-def test_distances_without_a_surface_are_refused() -> None:
-    with pytest.raises(InputError, match="some below and some above 0"):
-        extracted(field(((0.0, 0.0, 0.0), 5.0)))
-
-
 # ---------------------------------------------------------------- heat flow of a sphere
 # Which is known: the Laplacian of the position on a sphere is -2 / radius^2 times the position.
 @pytest.mark.parametrize("width", [0.05, 0.3])

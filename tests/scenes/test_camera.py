@@ -102,10 +102,6 @@ def cropped(view: View, height: int, width: int) -> View:
     return replace(view, camera=replace(view.camera, height=height, width=width), **arrays)
 
 
-def test_views_of_one_size_stay_the_very_same(tiny: Scene) -> None:
-    assert all(kept is view for kept, view in zip(of_one_size(tiny.train), tiny.train, strict=True))
-
-
 def test_what_was_seen_stays_and_the_rest_is_unknown(tiny: Scene) -> None:
     low, narrow = cropped(tiny.test[0], 25, 32), cropped(tiny.test[1], 32, 19)
     padded = of_one_size([low, narrow])
@@ -122,12 +118,3 @@ def test_what_was_seen_stays_and_the_rest_is_unknown(tiny: Scene) -> None:
         assert not after.image[outside].any()
         rays = primary_rays(after.camera, 1)[1][:height, :width]
         np.testing.assert_array_equal(rays, primary_rays(before.camera, 1)[1])
-
-
-def test_saturated_pixels_stay_so(tiny: Scene) -> None:
-    view = cropped(replace(tiny.train[0], valid=np.indices((32, 32))[0] > 3), 32, 20)
-    after = of_one_size([view, tiny.train[1]])[0]
-    assert after.valid is not None
-    assert not after.valid[:4].any()
-    assert after.valid[4:, :20].all()
-    assert not after.valid[:, 20:].any()
