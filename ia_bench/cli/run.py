@@ -38,9 +38,13 @@ def _work(arguments: list[str]) -> int:
 
     config = compose(arguments)
     if show:
-        from ia_bench.runs.composition import as_yaml
+        from dataclasses import asdict
 
-        say(as_yaml(config), sys.stdout)
+        from omegaconf import OmegaConf
+
+        settings = asdict(config)
+        del settings["command"]
+        say(OmegaConf.to_yaml(OmegaConf.create(settings)).rstrip(), sys.stdout)
         return OK
     from ia_bench.runs.execute import execute
 

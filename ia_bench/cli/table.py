@@ -27,7 +27,7 @@ from ia_bench.common.suggestions import unknown
 from ia_bench.runs.cells import TableRequest, make_cells, write_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
-from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Launcher
+from ia_bench.runs.launchers import AS_MANY_AS_FIT, LAUNCHERS, Local
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import refuse_own
 
@@ -111,7 +111,7 @@ def make_table(request: TableRequest) -> int:
     return FAULT if wrong else OK
 
 
-def _launcher(arguments: Sequence[str]) -> Launcher:
+def _launcher(arguments: Sequence[str]) -> Local:
     """The launcher that ``launcher=NAME`` and ``launcher.SETTING=VALUE`` mean."""
     chosen = [text.partition("=")[2] for text in arguments if text.startswith("launcher=")]
     name = chosen[-1] if chosen else "local"
@@ -119,7 +119,7 @@ def _launcher(arguments: Sequence[str]) -> Launcher:
         raise InputError(unknown("launcher", name, list(LAUNCHERS)))
     kind = LAUNCHERS[name]
     holder: Any = make_dataclass("Arguments", [("launcher", kind, field(default_factory=kind))])
-    launcher: Launcher = read_arguments(holder, [text for text in arguments if not text.startswith("launcher=")]).launcher
+    launcher: Local = read_arguments(holder, [text for text in arguments if not text.startswith("launcher=")]).launcher
     if kind.extra is not None and find_spec(kind.extra) is None:
         install = f"pip install 'ia_bench[{kind.extra}]', or -e '.[{kind.extra}]' in the checkout"
         raise InputError(f"launcher={name} needs an extra: {install}")

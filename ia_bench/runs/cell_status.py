@@ -12,15 +12,14 @@ from pathlib import Path
 from statistics import fmean
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.settings import parsed
 from ia_bench.runs.cells import CellList, Planned, read_cells
-from ia_bench.runs.config import slug
-from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.lock import held_since
+from ia_bench.runs.config import RunConfig
+from ia_bench.runs.folder import find_run_folders, held_since
 from ia_bench.runs.record import METRICS_FILE, RunRecord, RunSetup
 
 RUNNING, WAITING, FAILED, FINISHED = "running", "waiting", "failed", "finished"
 PROGRESS = re.compile(r"^(.+: \d+/\d+, .*)$", re.MULTILINE)  # as common.progress writes it where nobody draws bars
-OF_A_CELL = re.compile(r"-seed\d+-[0-9a-f]{8}$")  # what a table adds to a row's name for the folder of a cell
 TAIL_BYTES = 4096  # of a log, in which the last line of progress is looked for
 
 
@@ -113,20 +112,15 @@ def _record(folder: Path, written: int) -> RunRecord | None:
 
 
 def _found(folders: Sequence[Path]) -> Iterable[Planned]:
-    """Run folders as cells; one that has no record yet is of the row that its folder is called after, as far as that is known."""
-    records = {folder: _record(folder, _time_of(folder / METRICS_FILE)) for folder in folders}
-    rows = {slug(record.row): record.row for record in records.values() if record is not None}
-    for folder, record in records.items():
-        if record is not None:
-            yield Planned(record.row, record.scene, record.seed, "", folder, folder / "log")
-            continue
+    """Run folders as cells; what one that has no record yet is called stands in its configuration."""
+    for folder in folders:
+        record = _record(folder, _time_of(folder / METRICS_FILE))
         with suppress(InputError):  # a folder without both files is another program's
-            config = RunSetup.read(folder).config
-            called, scene = OF_A_CELL.sub("", folder.name), config.get("scene")
-            name = scene.get("name") if isinstance(scene, dict) else None
-            seed = config.get("seed")
-            row = rows.get(called, called)
-            yield Planned(row, str(name or folder.parent.name), seed if type(seed) is int else 0, "", folder, folder / "log")
+            if record is not None:
+                yield Planned(record.row, record.scene, record.seed, "", folder, folder / "log")
+            else:
+                config = parsed(RunConfig, RunSetup.read(folder).config)
+                yield Planned(config.row_name, config.scene.name, config.seed, "", folder, folder / "log")
 
 
 def _time_of(path: Path) -> int:
@@ -140,8 +134,7 @@ def _last_progress(log: Path) -> str:
     try:
         with log.open("rb") as file:
             file.seek(max(0, log.stat().st_size - TAIL_BYTES))
-            text = file.read().decode(errors="replace")
+            found: list[str] = PROGRESS.findall(file.read().decode(errors="replace"))
     except OSError:
         return ""
-    found: list[str] = PROGRESS.findall(text)
     return found[-1].strip() if found else ""

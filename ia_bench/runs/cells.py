@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from ia_bench.runs.composition import compose, written_out
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.identity import hash_of, identity
-from ia_bench.runs.launchers import Launcher, Local
+from ia_bench.runs.launchers import Local
 from ia_bench.runs.record import METRICS_FILE
 from ia_bench.runs.table import Row, SceneEntry, Table, load_table, quoted, some_rows, title_of
 
@@ -39,7 +39,7 @@ class TableRequest:
     seeds: tuple[int, ...] | None = None
     jobs: int | None = None
     overrides: tuple[str, ...] = ()
-    launcher: Launcher = field(default_factory=Local)
+    launcher: Local = field(default_factory=Local)
     rows: str | None = None
 
     @property
@@ -114,11 +114,14 @@ def make_cells(
     cells = []
     for place, row in enumerate(rows):
         try:
-            cells += [
-                _cell(row, replace(composed(place, number), seed=seed), _own(row, scene, seed, threads), request, results)
-                for seed in (seeds if row.seeds is None else row.seeds)
-                for number, scene in enumerate(scenes)
-            ]
+            for seed in seeds if row.seeds is None else row.seeds:
+                for number, scene in enumerate(scenes):
+                    config = replace(composed(place, number), seed=seed)
+                    content = identity(config)
+                    name = f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
+                    folder = str(results / "runs" / slug(config.scene.name) / name)
+                    overrides = (*row.overrides, *_own(row, scene, seed, threads), *request.overrides, f"out={quoted(folder)}")
+                    cells.append(Cell(row, replace(config, out=folder, command=overrides), content))
         except BrokenPlugin as error:
             if broken is None:
                 raise
@@ -134,13 +137,6 @@ def make_cells(
 def _own(row: Row, scene: SceneEntry, seed: int, threads: int) -> list[str]:
     """The overrides that the table sets for a cell."""
     return [*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={quoted(row.name)}"]
-
-
-def _cell(row: Row, config: RunConfig, own: list[str], request: TableRequest, results: Path) -> Cell:
-    content = identity(config)
-    folder = results / "runs" / slug(config.scene.name) / f"{slug(row.name)}-seed{config.seed}-{hash_of(content)[:8]}"
-    overrides = (*row.overrides, *own, *request.overrides, f"out={quoted(str(folder))}")
-    return Cell(row, replace(config, out=str(folder), command=overrides), content)
 
 
 def _key_of(override: str) -> str:
@@ -172,20 +168,15 @@ class CellList:
 
 def write_cells(results: Path, table: str, jobs: int | None, cells: Sequence[Cell]) -> None:
     """Write down the cells of a table that is about to run in the folder ``results``."""
-    listed = [
-        {
-            "row": cell.row.name,
-            "scene": cell.config.scene.name,
-            "seed": cell.config.seed,
-            "config_hash": cell.config_hash,
-            "folder": cell.folder.relative_to(results).as_posix(),
-            "log": cell.log(results / "logs").relative_to(results).as_posix(),
-        }
-        for cell in cells
-    ]
+    listed = []
+    for cell in cells:
+        places = (cell.folder.relative_to(results), cell.log(results / "logs").relative_to(results))
+        planned = Planned(cell.row.name, cell.config.scene.name, cell.config.seed, cell.config_hash, *places)
+        listed.append(asdict(planned))
     results.mkdir(parents=True, exist_ok=True)
     with whole_file(results / CELLS) as partial:
-        partial.write_text(json.dumps({"table": table, "jobs": jobs, "cells": listed}, indent=1), encoding="utf-8")
+        content = {"table": table, "jobs": jobs, "cells": listed}
+        partial.write_text(json.dumps(content, indent=1, default=Path.as_posix), encoding="utf-8")
 
 
 def read_cells(results: Path) -> CellList | None:
@@ -196,11 +187,10 @@ def read_cells(results: Path) -> CellList | None:
     content = read_json(path)
     try:
         found = parsed(CellList, content)
+        if any("\0" in f"{cell.folder}{cell.log}" for cell in found.cells):
+            raise InputError("expected names of files, found one with a NUL byte")
     except InputError as error:
         raise InputError(f"{path}: expected the cells of a table: {error}") from None
-    for cell in found.cells:
-        if "\0" in f"{cell.folder}{cell.log}":
-            raise InputError(f"{path}: expected folders of cells, found a name with a NUL byte")
     cells = tuple(replace(cell, folder=results / cell.folder, log=results / cell.log) for cell in found.cells)
     return replace(found, cells=cells, started=path.stat().st_mtime)
 
@@ -215,9 +205,7 @@ def folders_with_cells(roots: Sequence[Path], note: Callable[[str], object]) -> 
     for results in sorted({path.parent for root in roots for path in root.rglob(CELLS)}):
         plan = read_cells(results)
         cells = {cell.folder: (cell.row, cell.scene, cell.seed) for cell in plan.cells} if plan is not None else {}
-        others = [folder for folder in found if folder.is_relative_to(results) and folder not in cells]
-        for folder in others:
-            del found[folder]
+        others = [found.pop(folder) for folder in list(found) if folder.is_relative_to(results) and folder not in cells]
         if others:
             many = f"{len(others)} {'run is' if len(others) == 1 else 'runs are'}"
             note(

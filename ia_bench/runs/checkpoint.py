@@ -30,38 +30,28 @@ def pack(state: dict[str, Any], config_hash: str) -> bytes:
 
     buffer = io.BytesIO()
     torch.save({"code": _code(), "config_hash": config_hash, "state": state}, buffer)
-    digest = hashlib.sha256(buffer.getbuffer()).hexdigest()
-    return MAGIC + digest.encode() + buffer.getbuffer()
+    return MAGIC + hashlib.sha256(buffer.getbuffer()).hexdigest().encode() + buffer.getbuffer()
 
 
 def unpack(path: Path, config_hash: str) -> dict[str, Any]:
-    """The state in a checkpoint file.
-
-    Raises BadCheckpoint for one that is damaged, of another configuration or of other code.
-    """
+    """The state in a checkpoint file. Raises BadCheckpoint for one that is damaged, of another configuration or of other code."""
     import torch
 
     try:
         content = path.read_bytes()
-    except OSError as error:
-        raise BadCheckpoint(f"it cannot be read: {error.strerror}") from None
-    start = len(MAGIC) + DIGEST
-    if not content.startswith(MAGIC):
-        raise BadCheckpoint("it is no checkpoint")
-    digest = content[len(MAGIC) : start].decode("ascii", "replace")
-    if hashlib.sha256(memoryview(content)[start:]).hexdigest() != digest:
-        raise BadCheckpoint("it is damaged")
-    try:
+        start = len(MAGIC) + DIGEST
+        if content[:start] != MAGIC + hashlib.sha256(memoryview(content)[start:]).hexdigest().encode():
+            raise BadCheckpoint("it is damaged")
         saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
+        code, owner, state = saved["code"], saved["config_hash"], dict(saved["state"])
+    except BadCheckpoint:
+        raise
     except Exception as error:  # torch.load raises whatever a file leads it to
-        raise BadCheckpoint(first_line(error)) from error
-    if not isinstance(saved, dict) or saved.keys() != {"code", "config_hash", "state"} or not isinstance(saved["state"], dict):
-        raise BadCheckpoint("it holds something else than a state")
-    if saved["code"] != _code():
+        raise BadCheckpoint(f"it cannot be read: {first_line(error)}") from error
+    if code != _code():
         raise BadCheckpoint("another version of the code wrote it")
-    if saved["config_hash"] != config_hash:
+    if owner != config_hash:
         raise BadCheckpoint("it belongs to another configuration")
-    state: dict[str, Any] = saved["state"]
     return state
 
 

@@ -25,13 +25,8 @@ from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import RunConfig, resolved
 from ia_bench.scores.protocol import Protocol
 
-HYDRA_VERSION = "1.3"
-CONFIG_NAME = "config"
 OPTIONS = ("fit.", "method.options.", "prior.options.", "coupling.options.", "reader.options.")
 """What begins the names of settings that belong to a plugin."""
-
-
-SEVERAL = "{}: expected one value; several runs are a table: python -m ia_bench.table seeds=0,1 scenes=hat,ship"
 
 
 def register(overrides: Sequence[str]) -> None:
@@ -44,18 +39,10 @@ def register(overrides: Sequence[str]) -> None:
         if value in ("", "null", "~") and (conf_folder() / key).is_dir():
             raise InputError(unknown(key, value, sorted(path.stem for path in (conf_folder() / key).glob("*.yaml"))))
     store = ConfigStore.instance()
-    plain = [f for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"]
-    defaults: dict[str, Any] = {f.name: f.default for f in plain} | {
-        "scene": {"path": None},
-        "reader": {"options": {}},
-        "capture": asdict(CaptureSettings()),
-        "prior": {"options": {}, "views": "auto", "cache": True},
-        "coupling": {"options": {}},
-        "method": {"options": {}},
-        "preset": None,
-        "protocol": asdict(Protocol()),
-        "render": asdict(RenderSettings()),
-    }
+    defaults: dict[str, Any] = {f.name: f.default for f in fields(RunConfig) if f.default is not MISSING and f.name != "command"}
+    defaults |= {"capture": asdict(CaptureSettings()), "protocol": asdict(Protocol()), "render": asdict(RenderSettings())}
+    defaults |= {kind: {"options": {}} for kind in ("reader", "coupling", "method")}
+    defaults |= {"scene": {"path": None}, "preset": None, "prior": {"options": {}, "views": "auto", "cache": True}}
     store.store(name="schema", node=OmegaConf.create(defaults))
     for kind in registry.KINDS:
         if kind == "regulariser":
@@ -80,8 +67,8 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
         overrides.append("scene.name=''")  # which is then what its reader calls it
     register(overrides)
     try:
-        with initialize_config_dir(str(conf_folder()), version_base=HYDRA_VERSION):
-            return replace(to_run_config(hydra_compose(CONFIG_NAME, list(overrides)), here), command=given)
+        with initialize_config_dir(str(conf_folder()), version_base="1.3"):
+            return replace(to_run_config(hydra_compose("config", list(overrides)), here), command=given)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(explain(error)) from error
 
@@ -91,13 +78,6 @@ def to_run_config(composed: DictConfig, here: bool = True) -> RunConfig:
     content = OmegaConf.to_container(composed, resolve=True)
     assert isinstance(content, dict)
     return resolved({str(key): value for key, value in content.items()}, here)
-
-
-def as_yaml(config: RunConfig) -> str:
-    """Every setting of a resolved configuration, as YAML."""
-    settings = asdict(config)
-    del settings["command"]
-    return OmegaConf.to_yaml(OmegaConf.create(settings)).rstrip()
 
 
 def explain(error: Exception) -> str:
@@ -111,23 +91,21 @@ def explain(error: Exception) -> str:
         written = str(error.override).removeprefix("++")
         return f"cannot read '{written}': {first}. Expected key=value; quote values that contain , = : or spaces"
     if isinstance(cause, ConfigKeyError | ConfigAttributeError) and cause.full_key:
-        return _unknown_key(cause)
+        parent, _, last = str(cause.full_key).rpartition(".")
+        node = cause.parent_node
+        names = sorted(str(name) for name in node if name != "hydra") if isinstance(node, DictConfig) else []
+        return unknown("setting", re.split(r"[.@]", last)[0], names, prefix=f"{parent}." if parent else "")
     if isinstance(cause, OmegaConfBaseException):
         where = f"{cause.full_key}: " if cause.full_key else ""
         return where + str(cause).splitlines()[0]
     if isinstance(error, ConfigCompositionException):
         text = " ".join(str(error).split())
         several = re.match(r"Ambiguous value for argument '([^']+)'", text)
-        return SEVERAL.format(several[1].removeprefix("++")) if several else text
+        if several:
+            key = several[1].removeprefix("++")
+            return f"{key}: expected one value; several runs are a table: python -m ia_bench.table seeds=0,1 scenes=hat,ship"
+        return text
     return str(error)
-
-
-def _unknown_key(cause: ConfigKeyError | ConfigAttributeError) -> str:
-    parent, _, last = str(cause.full_key).rpartition(".")
-    last = re.split(r"[.@]", last)[0]
-    node = cause.parent_node
-    names = sorted(str(name) for name in node if name != "hydra") if isinstance(node, DictConfig) else []
-    return unknown("setting", last, names, prefix=f"{parent}." if parent else "")
 
 
 def _named_plugins(kind: registry.Kind, overrides: Sequence[str]) -> list[registry.Plugin]:

@@ -39,26 +39,35 @@ class SceneConfig:
 
 
 @dataclass(frozen=True)
-class ReaderConfig:
-    """A reader of scenes: the class ``target`` (``"module:Class"``) called with the scene's folder and ``options``."""
+class PluginConfig:
+    """A plugin: the class ``target`` (``"module:Class"``) called with ``options``.
 
-    name: str = "native"
-    target: str = NATIVE_READER
+    A reader is called with the scene's folder before them. Those of a method, whose ``Options`` say what they may be, are complete
+    in a resolved configuration: those of the command line over those of the preset over the defaults.
+    """
+
+    name: str
+    target: str
     options: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class PriorConfig:
-    """A prior: the class ``target`` (``"module:Class"``) called with ``options``.
+class ReaderConfig(PluginConfig):
+    """A reader of scenes."""
+
+    name: str = "native"
+    target: str = NATIVE_READER
+
+
+@dataclass(frozen=True)
+class PriorConfig(PluginConfig):
+    """A prior.
 
     Attributes:
         views: How many training views it is asked about, evenly spread, "all", or "auto": as many as show the surface often enough.
         cache: Whether its unguided samples are kept between runs, if it has a fingerprint. Decides no number.
     """
 
-    name: str
-    target: str
-    options: dict[str, Any] = field(default_factory=dict)
     views: NumberOrAuto | Literal["all"] = "auto"
     cache: bool = field(default=True, metadata=NO_NUMBER)
 
@@ -69,18 +78,6 @@ class CouplingConfig:
 
     name: str = AUTO
     target: str | None = None
-    options: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class MethodConfig:
-    """A method: the class ``target`` (``"module:Class"``), whose ``Options`` say what ``options`` may be.
-
-    In a resolved configuration, ``options`` are complete: those of the command line over those of the preset over the defaults.
-    """
-
-    name: str
-    target: str
     options: dict[str, Any] = field(default_factory=dict)
 
 
@@ -110,7 +107,7 @@ class RunConfig:
     scene: SceneConfig
     reader: ReaderConfig
     prior: PriorConfig
-    method: MethodConfig
+    method: PluginConfig
     preset: str
     protocol: Protocol
     coupling: CouplingConfig = field(default_factory=CouplingConfig)
@@ -143,46 +140,46 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     Raises InputError for what is no such setting, for a value that its setting cannot take,
     for a plugin that is none, and for what this machine has not got.
     """
+    _check_finite("", content)
     config = parsed(RunConfig, content)
     device = _device(config.device, here)
-    config = replace(
-        config, prior=_prior(config.prior, device), coupling=_coupling(config.coupling), method=_method(config, here), fit=None
-    )
-    scene = config.scene
+    scene, reader = config.scene, config.reader
     if scene.path is not None:
-        folder = user_path("scene.path", scene.path, folder=True)
-        scene = replace(scene, path=str(folder))
-    elif config.reader.target != NATIVE_READER:  # which reads something else than the shipped scene of that name
-        scene = replace(scene, name=config.reader.name)
+        scene = replace(scene, path=str(user_path("scene.path", scene.path, folder=True)))
+    elif reader.target != NATIVE_READER:  # which reads something else than the shipped scene of that name
+        scene = replace(scene, name=reader.name)
     if config.capture.geometry == "sdf" and config.capture.sdf.normals != SdfSettings.normals:
         user_path("capture.sdf.normals", config.capture.sdf.normals, folder=True)
-    _check_finite("reader.options", config.reader.options)
-    reader = registry.load(registry.named("reader", config.reader.name, config.reader.target))
-    check_arguments(reader, config.reader.options, "reader.options", 1)
-    options = {key: list(value) if isinstance(value, tuple) else value for key, value in defaults_of(reader, 1).items()}
-    config = replace(config, reader=replace(config.reader, options=options | config.reader.options))
+    kind = registry.load(registry.named("reader", reader.name, reader.target))
+    check_arguments(kind, reader.options, "reader.options", 1)
+    options = {key: list(value) if isinstance(value, tuple) else value for key, value in defaults_of(kind, 1).items()}
+    reader = replace(reader, options=options | reader.options)
     if scene.path is not None and not scene.name:  # some readers know a better name than that of the folder
         made: object = None
         with suppress(InputError, Fault):  # a folder that is none of its format: told when the scene is read
-            made = registry.create("reader", config.reader.name, config.reader.target, config.reader.options, Path(scene.path))
+            made = registry.create("reader", reader.name, reader.target, reader.options, Path(scene.path))
         scene = replace(scene, name=getattr(made, "label", Path(scene.path).name))
-    most = THREADS_A_CORE * (os.cpu_count() or 1)
-    if config.threads is not None and config.threads > most:
-        raise InputError(f"threads: expected 1 to {most} on this machine of {os.cpu_count()} cores, found {config.threads}")
-    threads = config.threads or len(os.sched_getaffinity(0))
-    return replace(config, scene=scene, threads=threads, device=device)
+    cores = os.cpu_count() or 1
+    if config.threads is not None and config.threads > THREADS_A_CORE * cores:
+        most = f"1 to {THREADS_A_CORE * cores} on this machine of {cores} cores"
+        raise InputError(f"threads: expected {most}, found {config.threads}")
+    return replace(
+        config,
+        scene=scene,
+        reader=reader,
+        prior=_prior(config.prior, device),
+        coupling=_coupling(config.coupling),
+        method=_method(config, here),
+        fit=None,
+        device=device,
+        threads=config.threads or len(os.sched_getaffinity(0)),
+    )
 
 
-def method_class(method: MethodConfig) -> Any:  # noqa: ANN401 (a Method, whose contract imports torch)
+def method_class(method: PluginConfig) -> Any:  # noqa: ANN401 (a Method, whose contract imports torch)
     """The class of a method. Raises InputError for one that cannot be used, PluginError for one that declares something else."""
     kind = registry.load(registry.named("method", method.name, method.target))
     check_declarations(method.name, kind)
-    return kind
-
-
-def options_class(method: MethodConfig) -> type:
-    """The dataclass of a method's options."""
-    kind: type = method_class(method).Options
     return kind
 
 
@@ -222,11 +219,7 @@ def slug(text: str) -> str:
 
 
 def _prior(prior: PriorConfig, device: str) -> PriorConfig:
-    """The prior with its options checked against its class, and made explicit where they depend on this machine.
-
-    ``device``: of the run.
-    """
-    _check_finite("prior.options", prior.options)
+    """The prior with its options checked against its class, and made explicit where they depend on this machine."""
     kind = registry.load(registry.named("prior", prior.name, prior.target))
     check_arguments(kind, prior.options, "prior.options")
     resolve = getattr(kind, "resolved_options", None)
@@ -247,7 +240,6 @@ def _coupling(coupling: CouplingConfig) -> CouplingConfig:
                 f"{', '.join(coupling.options)}; name the coupling, as coupling=targets"
             )
         return coupling
-    _check_finite("coupling.options", coupling.options)
     kind: type = registry.load(registry.named("coupling", coupling.name, coupling.target))
     if is_dataclass(kind):
         return replace(coupling, options=asdict(parsed(kind, coupling.options, "coupling.options")))
@@ -255,7 +247,7 @@ def _coupling(coupling: CouplingConfig) -> CouplingConfig:
     return coupling
 
 
-def _method(config: RunConfig, here: bool) -> MethodConfig:
+def _method(config: RunConfig, here: bool) -> PluginConfig:
     """The method with all its options, those of the preset among them."""
     method = config.method
     kind = method_class(method)
@@ -274,11 +266,11 @@ def _method(config: RunConfig, here: bool) -> MethodConfig:
 
 
 def _check_finite(key: str, value: Any) -> None:  # noqa: ANN401 (an option, whatever it is)
-    """Raise InputError, naming the key, for NaN or infinity anywhere in a table of options."""
+    """Raise InputError, naming the key, for NaN or infinity anywhere in settings."""
     if isinstance(value, Mapping):
         for name, part in value.items():
-            _check_finite(f"{key}.{name}", part)
-    elif isinstance(value, (list, tuple)):
+            _check_finite(f"{key}.{name}" if key else name, part)
+    elif isinstance(value, list | tuple):
         for place, part in enumerate(value):
             _check_finite(f"{key}[{place}]", part)
     elif isinstance(value, float) and not math.isfinite(value):
@@ -286,13 +278,10 @@ def _check_finite(key: str, value: Any) -> None:  # noqa: ANN401 (an option, wha
 
 
 def _device(wanted: str, here: bool) -> Literal["cpu", "cuda"]:
-    if not here:
+    if wanted == "cpu" or not here:
         return "cuda" if wanted == "cuda" else "cpu"
-    if wanted == "cpu":
-        return "cpu"
     import torch  # takes a second or two; a run on the CPU by choice can be told apart without it
 
-    available = torch.cuda.is_available()
-    if wanted == "cuda" and not available:
+    if wanted == "cuda" and not torch.cuda.is_available():
         raise InputError("device=cuda: torch finds no CUDA device here; use device=cpu or device=auto")
-    return "cuda" if available else "cpu"
+    return "cuda" if torch.cuda.is_available() else "cpu"

@@ -23,7 +23,7 @@ def execute(config: RunConfig) -> RunRecord:
     content = identity(config)
     key = hash_of(content)
     place = run_folder(config, key)
-    with Progress() as progress, RunFolder.open(place, content, key, progress.note, setup(config)) as folder:
+    with Progress() as progress, RunFolder(place, content, key, progress.note, setup(config)) as folder:
         record = folder.finished()
         if record is not None:
             progress.note(f"{folder.path}: already finished, nothing to do")

@@ -8,6 +8,8 @@ reader sees the old one, the new one or none.
 from __future__ import annotations
 
 import csv
+import errno
+import fcntl
 import io
 import os
 import traceback
@@ -15,66 +17,53 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 from ia_bench.common.atomic_file import LEFTOVERS, whole_file
 from ia_bench.common.errors import Fault, InputError
-from ia_bench.common.files import read_json
 from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
 from ia_bench.runs.interruption import end_if_asked
-from ia_bench.runs.lock import lock_folder
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup, damaged_file, digest_of, finished_record, json_bytes
 
 CHECKPOINT = "checkpoint.pt"
 CURVE = "curve.csv"
+LOCK = ".lock"
 
 
 class RunFolder:
     """The folder of one run, held under an exclusive lock between entering and leaving the ``with`` block."""
 
-    def __init__(self, path: Path, config_hash: str, lock: BinaryIO, note: Callable[[str], None]) -> None:
-        """Use :meth:`open`."""
-        self.path = path
-        self.config_hash = config_hash
-        self._lock = lock
-        self._note = note
-        self._written: set[str] = set()
-        self._told_unsaved = False
-        self.restoring = False
-        """Whether a checkpoint was handed out and nobody has gone on from it yet: what fails now is the checkpoint's fault."""
-
-    @classmethod
-    def open(
-        cls,
+    def __init__(
+        self,
         path: Path,
         identity: Mapping[str, Any],
         config_hash: str,
         note: Callable[[str], None] = print,
         setup: Mapping[str, Any] | None = None,
-    ) -> RunFolder:
+    ) -> None:
         """Make the folder if need be, wait for its lock, and claim it for this configuration.
 
         ``identity`` is what ``config_hash`` was computed from, ``setup`` what else :class:`RunSetup` keeps; ``note`` receives
         one-line messages. Raises InputError for a folder that holds another configuration's results (naming the keys that
         differ), or that cannot be written. One with nothing but a failed run is used again.
         """
-        lock = lock_folder(path, note)
+        self.path, self.config_hash, self._note = path, config_hash, note
+        self._written: set[str] = set()
+        self._told_unsaved = False
+        self.restoring = False
+        """Whether a checkpoint was handed out and nobody has gone on from it yet: what fails now is the checkpoint's fault."""
+        self._lock = lock_folder(path, note)
         try:
-            folder = cls(path, config_hash, lock, note)
-            folder._claim(identity, setup or {})
+            self._claim(identity, setup or {})
         except BaseException:
-            lock.close()
+            self._lock.close()
             raise
-        return folder
 
     def __enter__(self) -> RunFolder:
         """Return this folder."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Release the lock."""
         self._lock.close()
 
@@ -86,8 +75,6 @@ class RunFolder:
             return record
         self._note(f"{self.path / damaged}: not what the run wrote there, or gone; running again")
         return None
-
-    # ---- checkpoints -------------------------------------------------------------------------------------------------
 
     def save_checkpoint(self, state: dict[str, Any]) -> None:
         """Write a checkpoint of tensors, numbers, texts, lists and dicts, durable once this returns.
@@ -124,16 +111,11 @@ class RunFolder:
         with suppress(OSError):  # of a folder, say, which is nobody's checkpoint
             (self.path / CHECKPOINT).unlink(missing_ok=True)
 
-    # ---- results -----------------------------------------------------------------------------------------------------
-
     @contextmanager
     def path_for(self, name: str) -> Iterator[Path]:
         """A temporary path to write to; it becomes the file ``name`` when the block ends without an exception.
 
         Raises Fault where it cannot be written; what was there before stays.
-
-        >>> with folder.path_for("albedo.exr") as path:  # doctest: +SKIP
-        ...     write_exr(path, albedo)
         """
         try:
             with whole_file(self.path / name) as temporary:
@@ -190,7 +172,7 @@ class RunFolder:
         if held is None and (self.path / METRICS_FILE).exists():
             raise InputError(f"{self.path}: holds a {METRICS_FILE} but no {CONFIG}, so it is not a run's folder")
         if held is not None and held.config_hash != self.config_hash:
-            if not self._holds_a_failure():
+            if not (self.path / METRICS_FILE).exists() or RunRecord.read(self.path).status != "failed":
                 keys = ", ".join(_differing(held.identity, identity)) or "the version of the code"
                 raise InputError(f"{self.path}: holds the results of another configuration; these differ: {keys}")
             self.drop_checkpoint()
@@ -203,11 +185,43 @@ class RunFolder:
             with suppress(OSError):  # a folder is somebody else's
                 leftover.unlink()
 
-    def _holds_a_failure(self) -> bool:
-        try:
-            return RunRecord.read(self.path).status == "failed"
-        except FileNotFoundError:
-            return False
+
+def lock_folder(path: Path, note: Callable[[str], None]) -> BinaryIO:
+    """Make the folder if need be, wait until no other process holds it, and return the file that holds it now.
+
+    Closing the file lets go. It stays in the folder, so that nobody can lock a file that is already gone; it is neither
+    written nor emptied, and not followed where it is a symbolic link. Its time is when it was locked last (:func:`held_since`).
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        lock = os.fdopen(os.open(path / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "rb")
+    except OSError as error:
+        why = f"its {LOCK} is a symbolic link" if error.errno == errno.ELOOP else error.strerror
+        raise InputError(f"{path}: cannot be used as a run's folder ({why})") from None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        note(f"{path}: another process is working on this run; waiting for it to finish")
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    with suppress(OSError):  # a file system that keeps no times
+        os.utime(lock.fileno())
+    return lock
+
+
+def held_since(path: Path) -> float | None:
+    """Since when a process has been working in a run's folder, in seconds of the clock; None where none is.
+
+    Nothing is made or changed; a process that begins just now waits for a moment.
+    """
+    try:
+        with os.fdopen(os.open(path / LOCK, os.O_RDONLY | os.O_NOFOLLOW), "rb") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return os.fstat(lock.fileno()).st_mtime
+    except OSError:  # never locked
+        return None
+    return None
 
 
 def folders_among(paths: Sequence[Path], note: Callable[[str], object]) -> list[Path]:
@@ -228,14 +242,14 @@ def folders_among(paths: Sequence[Path], note: Callable[[str], object]) -> list[
 def find_run_folders(*roots: Path) -> list[Path]:
     """Every folder below ``roots`` that holds a metrics.json, or the config.json of a run that has not finished, sorted."""
     recorded = {path.parent for root in roots for path in root.rglob(METRICS_FILE)}
-    begun = {path.parent for root in roots for path in root.rglob(CONFIG) if path.parent not in recorded and _is_ours(path)}
-    return sorted(recorded | begun)
+    begun = {path.parent for root in roots for path in root.rglob(CONFIG)} - recorded
+    return sorted(recorded | {folder for folder in begun if _is_a_runs(folder)})
 
 
-def _is_ours(path: Path) -> bool:
+def _is_a_runs(folder: Path) -> bool:
     """Whether a config.json is that of a run: weights have one too."""
     try:
-        return "config_hash" in read_json(path)
+        return bool(RunSetup.read(folder).config_hash)
     except InputError:
         return False
 

@@ -20,7 +20,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import hash_of_files, shown
 from ia_bench.common.machine import environment
 from ia_bench.common.ranges import NO_NUMBER
-from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, method_of, options_class, resolve_scene_folder, slug
+from ia_bench.runs.config import ReaderConfig, RunConfig, SceneConfig, method_of, resolve_scene_folder, slug
 
 IDENTITY_VERSION = 10
 """Part of every hash; raised when a change of the code changes the numbers of an unchanged configuration."""
@@ -39,9 +39,10 @@ def identity(config: RunConfig) -> dict[str, Any]:
     that its options name, and with a reader everything below the scene's folder.
     """
     content = {key: value for key, value in _deciding(config).items() if key not in LABELS}
-    hidden = [field.name for field in fields(options_class(config.method)) if field.metadata == NO_NUMBER]
+    method = method_of(config)
+    hidden = [field.name for field in fields(method.Options) if field.metadata == NO_NUMBER]
     content["method"]["options"] = {key: value for key, value in config.method.options.items() if key not in hidden}
-    content["method"]["fingerprint"] = getattr(method_of(config), "fingerprint", None)
+    content["method"]["fingerprint"] = getattr(method, "fingerprint", None)
     if config.capture.geometry != "sdf":
         del content["capture"]["sdf"]  # which then decides nothing
     for plugin, options in _plugins(config):
@@ -55,7 +56,7 @@ def identity(config: RunConfig) -> dict[str, Any]:
     content["protocol"] = config.protocol.describe()
     content["identity_version"] = IDENTITY_VERSION
     named = {path: _content(path) for path in _paths_in(content)}  # of what is no plugin: a protocol, a capture
-    found: dict[str, Any] = _mapped(content, lambda text: named.get(_path_of(text), text))  # type: ignore[arg-type]
+    found: dict[str, Any] = _mapped(content, lambda text: named.get(_path_in(text), text))  # type: ignore[arg-type]
     return found
 
 
@@ -65,10 +66,10 @@ def scene_content(scene: SceneConfig, reader: ReaderConfig) -> str | None:
     made = registry.create("reader", reader.name, reader.target, reader.options, folder)
     if hasattr(made, "files"):
         with registry.at_work("reader", reader.name):
-            return content_of(folder or Path(), map(Path, made.files()))
+            return _content(folder or Path(), map(Path, made.files()))
     if folder is None:
         return None
-    return content_of(folder, [folder, *_paths_in(reader.options)])
+    return _content(folder, [folder, *_paths_in(reader.options)])
 
 
 def labels(config: RunConfig, content: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,11 +90,6 @@ def setup(config: RunConfig) -> dict[str, Any]:
     paths = [path for plugin, options in _plugins(config) for path in _files_of(plugin, options)]
     settings = _mapped(asdict(config), lambda text: str(_path_in(text, paths) or text))
     return {"command": shlex.join(("python", "-m", "ia_bench", *settings.pop("command"))), "config": settings}
-
-
-def config_hash(config: RunConfig) -> str:
-    """The run's identity: SHA-256 (hex) over the canonical JSON of :func:`identity`."""
-    return hash_of(identity(config))
 
 
 def hash_of(content: Mapping[str, Any]) -> str:
@@ -117,7 +113,7 @@ def run_folder(config: RunConfig, key: str) -> Path:
     return folder
 
 
-def content_of(root: Path, paths: Iterable[Path] | None = None) -> str:
+def _content(root: Path, paths: Iterable[Path] | None = None) -> str:
     """SHA-256 (hex) over names below ``root`` and bytes of the files among ``paths``, and in its folders of all but documents.
 
     ``paths``: None for ``root`` itself.
@@ -129,10 +125,6 @@ def content_of(root: Path, paths: Iterable[Path] | None = None) -> str:
         return hash_of_files(root, [path for path in found if path.is_file() and path.suffix != ".md"])
     except OSError as error:
         raise InputError(f"{shown(error.filename or root)}: expected a file that can be read, found: {error.strerror}") from None
-
-
-def _content(path: Path) -> str:
-    return content_of(path, [path])
 
 
 def _plugins(config: RunConfig) -> Iterator[tuple[registry.Plugin, Mapping[str, Any]]]:
@@ -168,37 +160,25 @@ def _mapped(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 (J
     return change(value) if isinstance(value, str) else value
 
 
-def _path_of(text: str) -> Path | None:
-    """The file or folder that a setting names; a word alone, which may be called like one by chance, names none."""
-    path = _resolved(text) if os.sep in text or "." in text else None
-    return path if path is not None and (path.is_file() or (os.sep in text and path.is_dir())) else None
+def _path_in(text: str, paths: Collection[Path] = ()) -> Path | None:
+    """The file or folder that a setting names, or one of ``paths``, be it by a word.
 
-
-def _path_in(text: str, paths: Collection[Path]) -> Path | None:
-    """The same, or that of ``paths`` which a setting names, be it by a word."""
-    path = _resolved(text)
-    return path if path is not None and path in paths else _path_of(text)
+    A word alone, which may be called like a file by chance, names no other.
+    """
+    try:
+        path = Path(text).expanduser().resolve()
+        known = bool(text) and path.exists() and (path in paths or path.is_file() and (os.sep in text or "." in text))
+        return path if known or os.sep in text and path.is_dir() else None
+    except (OSError, ValueError, RuntimeError):  # no name of a file
+        return None
 
 
 def _without_path(paths: Collection[Path], text: str) -> str:
     return CONTENT if _path_in(text, paths) else text
 
 
-def _resolved(text: str) -> Path | None:
-    try:
-        path = Path(text).expanduser().resolve()
-        return path if text and path.exists() else None
-    except (OSError, ValueError, RuntimeError):  # no name of a file
-        return None
-
-
 def _paths_in(options: Mapping[str, Any]) -> list[Path]:
     """The files and folders that options name."""
     found: list[Path | None] = []
-
-    def note(text: str) -> str:
-        found.append(_path_of(text))
-        return text
-
-    _mapped(options, note)
+    _mapped(options, lambda text: found.append(_path_in(text)) or text)  # type: ignore[func-returns-value]
     return [path for path in found if path is not None]

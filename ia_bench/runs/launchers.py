@@ -13,11 +13,9 @@ import socket
 import subprocess
 import sys
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
+from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -36,18 +34,12 @@ ANSWER_SECONDS = 10  # who does not answer in this time is not there
 DELAY_SECONDS = {"local": 0.0, "slurm": 15.0}  # that a file of another machine may take to be seen here
 
 AtLeastOne = Annotated[int, Field(ge=1)]
+Work = tuple[RunConfig, Path]
+"""One run to start: its resolved configuration with its command line, and the file for what it says."""
 
 
 class WorkerDied(RuntimeError):
     """The process that a run was in is gone, and the run has not ended by itself; the message says how in one line."""
-
-
-@dataclass(frozen=True)
-class Work:
-    """One run to start: its resolved configuration with its command line, and the file for what it says."""
-
-    config: RunConfig
-    log: Path
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,40 +61,26 @@ Start = Callable[[Sequence[Work]], Sequence[Job]]
 
 
 @dataclass(frozen=True)
-class Launcher(ABC):
-    """What the settings of every launcher begin with.
+class Local:
+    """Processes of this machine, one a cell, so that one that crashes takes no other with it; what every launcher can.
 
     Attributes:
         attempts: How often a cell is started whose worker dies; each attempt goes on from the last checkpoint.
     """
 
     extra: ClassVar[str | None] = None  # the package that it needs beyond those of ia_bench, and the name of the extra
-    here: ClassVar[bool] = False  # whether cells run on this machine, and may be checked against it
+    here: ClassVar[bool] = True  # whether cells run on this machine, and may be checked against it
     poll_seconds: ClassVar[float] = 0.1  # between two looks whether jobs are done
 
     attempts: AtLeastOne = 3
 
-    @abstractmethod
     def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
         """How many cells are started side by side where ``jobs`` are wanted (None: decide), and on how many threads each.
 
-        Depends on the machine and the settings alone, never on what is left to do: threads are part of a run's identity, and a
-        table that is resumed or extended has to find its finished cells again.
+        One GPU does one cell at a time. Depends on the machine and the settings alone, never on what is left to do: threads are
+        part of a run's identity, and a table that is resumed or extended has to find its finished cells again.
+        Raises InputError for more jobs than cores.
         """
-
-    @abstractmethod
-    def opened(self, folder: Path) -> AbstractContextManager[Start]:
-        """A context that gives a function to start runs with; ``folder`` is for what the launcher has to write."""
-
-
-@dataclass(frozen=True)
-class Local(Launcher):
-    """Processes of this machine, one a cell, so that one that crashes takes no other with it."""
-
-    here: ClassVar[bool] = True
-
-    def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
-        """One GPU does one cell at a time. Raises InputError for more jobs than cores."""
         cores = len(os.sched_getaffinity(0))
         if jobs is not None and jobs > cores:
             raise InputError(f"jobs={jobs}: expected at most {cores}, the cores that this process may use")
@@ -112,16 +90,19 @@ class Local(Launcher):
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:
-        """Nothing to open. Where one of several cannot be started, those before it are ended."""
+        """A context that gives a function to start runs with; ``folder`` is for what the launcher has to write.
+
+        Where one of several runs cannot be started, those before it are ended.
+        """
 
         def start(works: Sequence[Work]) -> list[Job]:
             with ExitStack() as undone:
                 jobs = []
-                for work in works:
-                    with work.log.open("ab") as log:
-                        command = [sys.executable, "-m", "ia_bench", *work.config.command]
+                for config, path in works:
+                    with path.open("ab") as log:
+                        command = [sys.executable, "-m", "ia_bench", *config.command]
                         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT)
-                    jobs.append(Job(partial(_has_ended, process), process.wait, process.terminate))
+                    jobs.append(Job(lambda process=process: process.poll() is not None, process.wait, process.terminate))  # type: ignore[misc]
                     undone.callback(process.terminate)
                 undone.pop_all()
             return jobs
@@ -129,40 +110,28 @@ class Local(Launcher):
         yield start
 
 
-def _has_ended(process: subprocess.Popen[bytes]) -> bool:
-    return process.poll() is not None
-
-
 @dataclass(frozen=True)
-class Remote(Launcher):
-    """What every cell gets that runs elsewhere.
+class Ray(Local):
+    """Tasks of Ray, each in a worker process of its own.
 
     Attributes:
         cpus: CPUs of a cell, which computes on as many threads.
         gpus: GPUs of a cell; with one, cells run with device=cuda unless told otherwise.
         memory_gb: Memory of a cell in GB.
+        address: A running Ray (``auto``: the one on this machine); null starts one here for as long as the table runs.
     """
+
+    extra: ClassVar[str | None] = "ray"
+    here: ClassVar[bool] = False
 
     cpus: AtLeastOne = 1
     gpus: Annotated[int, Field(ge=0)] = 0
     memory_gb: Annotated[float, Field(gt=0)] = 4.0
+    address: str | None = None
 
     def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
         """As many at a time as the cluster has room for, unless fewer are wanted."""
         return jobs or AS_MANY_AS_FIT, self.cpus
-
-
-@dataclass(frozen=True)
-class Ray(Remote):
-    """Tasks of Ray, each in a worker process of its own.
-
-    Attributes:
-        address: A running Ray (``auto``: the one on this machine); null starts one here for as long as the table runs.
-    """
-
-    extra: ClassVar[str] = "ray"
-
-    address: str | None = None
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:
@@ -204,21 +173,27 @@ class Ray(Remote):
 
 
 @dataclass(frozen=True)
-class SubmititLocal(Remote):
+class SubmititLocal(Local):
     """Jobs that submitit runs on this machine, to try what would go to Slurm.
 
     Attributes:
+        cpus: As of :class:`Ray`, with the two after it.
         minutes: A job's time. One that needs longer is ended with its state saved, which costs its cell an attempt.
     """
 
-    extra: ClassVar[str] = "submitit"
+    extra: ClassVar[str | None] = "submitit"
+    here: ClassVar[bool] = False
     cluster: ClassVar[str] = "local"
 
+    cpus: AtLeastOne = 1
+    gpus: Annotated[int, Field(ge=0)] = 0
+    memory_gb: Annotated[float, Field(gt=0)] = 4.0
     minutes: AtLeastOne = 240
 
     def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
-        """As many at a time as there are cores, unless told otherwise: nobody else counts here."""
-        return jobs or max(1, len(os.sched_getaffinity(0)) // self.cpus), self.cpus
+        """As many at a time as there are cores here, or room on the cluster, unless fewer are wanted."""
+        room = max(1, len(os.sched_getaffinity(0)) // self.cpus) if self.cluster == "local" else AS_MANY_AS_FIT
+        return jobs or room, self.cpus
 
     def parameters(self) -> dict[str, Any]:
         """What submitit has to know of a job."""
@@ -249,17 +224,15 @@ class SubmititLocal(Remote):
     def _job(self, job: Any) -> Job:  # noqa: ANN401 (of a package without types)
         ended: list[float] = []
 
-        def has_result() -> bool:
-            return bool(job.paths.result_pickle.exists())
-
         def done() -> bool:
             if not ended and job.done():
                 ended.append(time.monotonic())
-            return bool(ended) and (has_result() or time.monotonic() >= ended[0] + DELAY_SECONDS[self.cluster])
+            delay = DELAY_SECONDS[self.cluster]
+            return bool(ended) and (job.paths.result_pickle.exists() or time.monotonic() >= ended[0] + delay)
 
         def result() -> int:
             with suppress(Exception):  # what submitit raises is the job's whole log
-                if has_result():  # else submitit would wait for it, and nobody else be served
+                if job.paths.result_pickle.exists():  # else submitit would wait for it, and nobody else be served
                     return int(job.result())
             raise WorkerDied(f"job {job.job_id}, see {job.paths.stderr}")
 
@@ -296,7 +269,7 @@ class SubmititSlurm(SubmititLocal):
         return {**super().parameters(), "mem_gb": self.memory_gb, **chosen}
 
 
-LAUNCHERS: dict[str, type[Launcher]] = {
+LAUNCHERS: dict[str, type[Local]] = {
     "local": Local, "ray": Ray, "submitit_slurm": SubmititSlurm, "submitit_local": SubmititLocal,
 }  # fmt: skip
 """By their names on the command line."""
@@ -318,4 +291,4 @@ def run_here(content: Mapping[str, Any], log: str, folder: str, variables: Mappi
 def _arguments(work: Work) -> tuple[dict[str, Any], str, str, dict[str, str]]:
     """What :func:`run_here` is called with."""
     variables = {name: value for name, value in os.environ.items() if name.startswith("IA_BENCH_")}
-    return asdict(work.config), str(work.log.resolve()), os.getcwd(), variables
+    return asdict(work[0]), str(work[1].resolve()), os.getcwd(), variables

@@ -9,14 +9,13 @@ import numpy as np
 import torch
 
 from ia_bench.capture.capture import captured
-from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.settings import parsed
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
-from ia_bench.runs.config import ReaderConfig, RunConfig
+from ia_bench.runs.config import RunConfig
 from ia_bench.runs.identity import scene_content
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup
 from ia_bench.runs.scene import read_scene
@@ -33,6 +32,7 @@ class Recovered:
         record: Its metrics.json.
         setup: Its config.json.
         config: The configuration in it.
+        scene_content: The hash of the files of its scene.
         scale: (3,), what aligned the albedo of its textures in its scores; ones where it cannot be aligned.
     """
 
@@ -49,28 +49,10 @@ class Recovered:
             self.config = parsed(RunConfig, self.setup.config)
         except InputError as error:
             raise InputError(f"{folder / CONFIG}: config: {error}") from None
+        scene = self.setup.identity.get("scene")
+        self.scene_content = scene.get("content") if isinstance(scene, dict) else None
         alignment = str(self.record.protocol_description.get("alignment"))
         self.scale = torch.tensor(drawn_scale(self.record.albedo_scales, alignment) or [1.0] * 3)
-
-    @property
-    def reader(self) -> ReaderConfig:
-        """Which reader read its scene."""
-        return self.config.reader
-
-    @property
-    def capture(self) -> CaptureSettings:
-        """How its scene was photographed."""
-        return self.config.capture
-
-    @property
-    def scene_content(self) -> str | None:
-        """The hash of the files of its scene."""
-        scene = self.setup.identity.get("scene")
-        return scene.get("content") if isinstance(scene, dict) else None
-
-    def score(self, key: str) -> float | None:
-        """A metric by its dotted name, None where it is undefined."""
-        return self.record.score(key)
 
     def check_scene(self, folder: Path | None = None) -> None:
         """Raise InputError unless the scene in ``folder``, or where the run found it, is the run's, to the byte.
@@ -80,7 +62,7 @@ class Recovered:
         scene = self.config.scene
         if folder is not None:
             scene = replace(scene, path=str(user_path("scene.path", str(folder), folder=True)))
-        if scene_content(scene, self.reader) != self.scene_content:
+        if scene_content(scene, self.config.reader) != self.scene_content:
             raise InputError(
                 f"{self.folder / CONFIG}: expected the files of the run's scene, {scene.name}, found other ones in "
                 f"{scene.path or 'the folders of scenes'}: the run was on another scene, or a file of the scene has changed since"
@@ -90,8 +72,8 @@ class Recovered:
         """The run's scene with its truth, as it was captured, or ``whole``. Raises InputError as :meth:`check_scene`."""
         self.check_scene(folder)
         scene = self.config.scene if folder is None else replace(self.config.scene, path=str(folder))
-        found = read_scene(scene, self.reader, truth=True)
-        return found if whole else captured(found, self.capture, lambda line: None)
+        found = read_scene(scene, self.config.reader, truth=True)
+        return found if whole else captured(found, self.config.capture, lambda line: None)
 
     def reconstruction(self, stage: Stage) -> TexturedReconstruction:
         """What the run recovered, on a stage of its scene's mesh; some methods recover no light of the whole scene.

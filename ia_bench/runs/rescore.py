@@ -52,7 +52,7 @@ class Rescorer:
         content = {**run.setup.identity, "protocol": self.protocol.describe(), "rescored_from": record.config_hash}
         key = hash_of(content)
         place = self.out / slug(record.scene) / f"{slug(record.row)}-seed{record.seed}-{key[:8]}"
-        with RunFolder.open(place, content, key, setup={**setup(config), "command": run.setup.command}) as kept:
+        with RunFolder(place, content, key, setup={**setup(config), "command": run.setup.command}) as kept:
             if kept.finished() is not None:
                 return place
             stage, scorer = self._scene_of(run)
@@ -79,7 +79,7 @@ class Rescorer:
         """The stage and the scorer of the run's scene; those of the run before where that is the same."""
         on_gpu = run.config.device == "cuda" and torch.cuda.is_available()  # as the scores of the run itself are
         device = torch.device("cuda" if on_gpu else "cpu")
-        key = (run.scene_content, run.reader, run.capture, device)
+        key = (run.scene_content, run.config.reader, run.config.capture, device)
         if key != self._key:
             scene = run.read_scene(self.scene)
             self._stage, self._scorer = Stage(scene.expect_mesh(), device), Scorer(scene, self.protocol, device)

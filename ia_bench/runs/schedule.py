@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,14 +15,14 @@ from ia_bench.runs.cells import Cell
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import labels, setup
 from ia_bench.runs.interruption import GRACE_SECONDS
-from ia_bench.runs.launchers import ARRAY, Job, Launcher, Work, WorkerDied
+from ia_bench.runs.launchers import ARRAY, Job, Local, WorkerDied
 from ia_bench.runs.record import METRICS_FILE, RunRecord, damaged_file, finished_record
 
 ENDING_SECONDS = GRACE_SECONDS + 5
 """Runs that are cancelled have this time to save their state and end."""
 
 
-def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, progress: Progress) -> int:
+def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, logs: Path, progress: Progress) -> int:
     """Run what is not finished, at most ``jobs`` at a time, and return how many cells failed.
 
     One whose files are not what it wrote is not finished, as a run by itself would say.
@@ -30,7 +30,7 @@ def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, 
     by itself would only fail again, and one whose record cannot be read has failed: it is left as it is.
     """
     finished: list[RunRecord] = []
-    missing: list[Cell] = []
+    waiting: deque[Cell] = deque()
     failed = 0
     for cell in cells:
         try:
@@ -40,34 +40,45 @@ def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, 
             failed += 1
             continue
         if record is None or damaged_file(cell.folder, record) is not None:
-            missing.append(cell)
+            waiting.append(cell)
         else:
             finished.append(record)
     if finished:
         progress.note(f"{len(finished)} of {len(cells)} cells are finished already")
-        _note_other_commits(finished, progress)
-    if not missing:
+        here = commit()
+        others = [record for record in finished if record.environment.get("commit") != here]
+        if here is not None and others:
+            progress.note(f"{len(others)} of them come from another state of the code; delete their folders to repeat them")
+    if not waiting:
         return failed
     logs.mkdir(parents=True, exist_ok=True)
-    task = progress.task("table", total=len(cells), done=len(cells) - len(missing), unit="cell")
-    waiting = deque(_Attempts(cell, logs) for cell in missing)
-    running: dict[Job, _Attempts] = {}
+    task = progress.task("table", total=len(cells), done=len(cells) - len(waiting), unit="cell")
+    before = {cell.folder: _time_of_record(cell) for cell in waiting}
+    for cell in waiting:
+        cell.log(logs).unlink(missing_ok=True)
+    attempts: Counter[Path] = Counter()
+    running: dict[Job, Cell] = {}
     with launcher.opened(logs) as start:
         try:
             while waiting or running:
                 chosen = [waiting.popleft() for _ in range(min(len(waiting), jobs - len(running), ARRAY))]
                 if chosen:
-                    running |= zip(start([attempts.work for attempts in chosen]), chosen, strict=True)
+                    running |= zip(start([(cell.config, cell.log(logs)) for cell in chosen]), chosen, strict=True)
                 ended = [job for job in running if job.done()]
                 for job in ended:
-                    attempts = running.pop(job)
-                    problem, died = attempts.end_of(job)
-                    if died and attempts.made < launcher.attempts:
-                        progress.note(f"{attempts.cell.name}: {problem}; attempt {attempts.made + 1} of {launcher.attempts}")
-                        waiting.append(attempts)
+                    cell = running.pop(job)
+                    attempts[cell.folder] += 1
+                    made = attempts[cell.folder]
+                    problem, died = _end_of(job, cell.log(logs))
+                    if died and made < launcher.attempts:
+                        progress.note(f"{cell.name}: {problem}; attempt {made + 1} of {launcher.attempts}")
+                        waiting.append(cell)
                         continue
-                    failed += problem is not None
-                    progress.note(f"{attempts.cell.name}: {'ok' if problem is None else attempts.failed(problem)}")
+                    if problem is not None:
+                        failed += 1
+                        problem += f"; {made} attempts" if made > 1 else ""
+                        told = _failed(cell, problem, cell.log(logs), before[cell.folder])
+                    progress.note(f"{cell.name}: {'ok' if problem is None else told}")
                     task.advance(1, failed=failed)
                 if not ended:
                     time.sleep(launcher.poll_seconds)
@@ -77,42 +88,30 @@ def run_cells(cells: Sequence[Cell], launcher: Launcher, jobs: int, logs: Path, 
     return failed
 
 
-class _Attempts:
-    """The attempts at one cell: ``made`` of them have ended. All write into one log."""
+def _end_of(job: Job, log: Path) -> tuple[str | None, bool]:
+    """What went wrong with an attempt in one line, or None; and whether its worker died, so that another may succeed."""
+    try:
+        status = job.result()
+    except WorkerDied as death:
+        return f"worker died: {death}", True
+    if status == OK:
+        return None, False
+    if status < 0:
+        return f"worker died: killed by signal {-status}", True
+    lines = log.read_text(encoding="utf-8", errors="replace").split("\n") if log.exists() else []
+    last = next((line.strip() for line in reversed(lines) if line.strip()), "no output")
+    return f"exit status {status}: {last}", status in (INTERRUPTED, TERMINATED)
 
-    def __init__(self, cell: Cell, logs: Path) -> None:
-        self.cell, self.made = cell, 0
-        self.work = Work(cell.config, cell.log(logs))
-        self.work.log.unlink(missing_ok=True)
-        self._before = _time_of_record(cell)
 
-    def end_of(self, job: Job) -> tuple[str | None, bool]:
-        """What went wrong with an attempt in one line, or None; and whether its worker died, so that another may succeed."""
-        self.made += 1
-        try:
-            status = job.result()
-        except WorkerDied as death:
-            return f"worker died: {death}", True
-        if status == OK:
-            return None, False
-        if status < 0:
-            return f"worker died: killed by signal {-status}", True
-        lines = self.work.log.read_text(encoding="utf-8", errors="replace").split("\n") if self.work.log.exists() else []
-        last = next((line.strip() for line in reversed(lines) if line.strip()), "no output")
-        return f"exit status {status}: {last}", status in (INTERRUPTED, TERMINATED)
-
-    def failed(self, problem: str) -> str:
-        """Record the failure, unless the run has; the cell's last word."""
-        if self.made > 1:
-            problem += f"; {self.made} attempts"
-        try:
-            cell = self.cell
-            with RunFolder.open(cell.folder, cell.content, cell.config_hash, setup=setup(cell.config)) as folder:
-                if _time_of_record(self.cell) == self._before:  # it could not say why, and nobody else has finished it since
-                    folder.write_failure(problem, labels(cell.config, cell.content))
-        except (InputError, Fault, OSError) as error:  # of this cell; the others go on
-            return f"FAILED ({error})"
-        return f"FAILED ({problem}), see {self.work.log}"
+def _failed(cell: Cell, problem: str, log: Path, before: int | None) -> str:
+    """Record the failure, unless the run has (its record was written at ``before``); the cell's last word."""
+    try:
+        with RunFolder(cell.folder, cell.content, cell.config_hash, setup=setup(cell.config)) as folder:
+            if _time_of_record(cell) == before:  # it could not say why, and nobody else has finished it since
+                folder.write_failure(problem, labels(cell.config, cell.content))
+    except (InputError, Fault, OSError) as error:  # of this cell; the others go on
+        return f"FAILED ({error})"
+    return f"FAILED ({problem}), see {log}"
 
 
 def _end(jobs: Sequence[Job], progress: Progress) -> None:
@@ -130,10 +129,3 @@ def _time_of_record(cell: Cell) -> int | None:
     """When the cell's metrics were written, in ns; None if they never were."""
     record = cell.folder / METRICS_FILE
     return record.stat().st_mtime_ns if record.exists() else None
-
-
-def _note_other_commits(finished: Sequence[RunRecord], progress: Progress) -> None:
-    here = commit()
-    others = [record for record in finished if record.environment.get("commit") != here]
-    if here is not None and others:
-        progress.note(f"{len(others)} of them come from another state of the code; delete their folders to repeat them")

@@ -109,12 +109,12 @@ class Table:
     @property
     def scene_names(self) -> list[str]:
         """What the table calls its scenes."""
-        return [_entry(scene).name for scene in self.scenes]
+        return [scene if isinstance(scene, str) else scene.name for scene in self.scenes]
 
     def entries(self, names: Sequence[str] | None) -> list[SceneEntry]:
         """Its scenes, or those that are called ``names``, of which those that it does not list are shipped ones."""
-        own = {entry.name: entry for entry in map(_entry, self.scenes)}
-        return list(own.values()) if names is None else [own.get(name, SceneEntry(name)) for name in names]
+        own = {scene.name: scene for scene in self.scenes if isinstance(scene, SceneEntry)}
+        return [own.get(name, SceneEntry(name)) for name in (self.scene_names if names is None else names)]
 
     @property
     def crossed_rows(self) -> list[Row]:
@@ -173,32 +173,26 @@ def _check(table: Table) -> None:
     """Raise InputError for the first name that stands for nothing, or twice."""
     labels = [capture_of(settings).label for settings in table.captures]
     names, rows = [row.name for row in table.crossed_rows], [row.name for row in table.rows]
+    wanted = [(f"rows: {row.name}: captures", "capture", label, labels) for row in table.rows for label in row.captures or []]
+    wanted += [("reference", "row", table.reference, rows)] if table.reference is not None else []
+    for claim in table.claims:
+        wanted += [("claims", "row", name, names) for name in (claim.better, claim.worse)]
+        wanted += [("claims", "metric", metric, list(METRIC_OF)) for metric in claim.metrics]
+    for where, what, found, known in wanted:
+        if found not in known:
+            raise InputError(f"{where}: {unknown(what, found, known)}")
     for row in table.rows:
-        for label in row.captures or []:
-            _expect_known(f"rows: {row.name}: captures", "capture", label, labels)
         for override in row.overrides:
             try:
                 refuse_own(override, "threads", "reader.", "hydra")
             except InputError as error:
                 raise InputError(f"rows: {row.name}: overrides: {error}") from None
-    for what, found in (("rows", names), ("scenes", table.scene_names)):
-        if len(set(found)) != len(found):
-            raise InputError(f"{what}: expected different names, found {', '.join(found)}")
+    for what, several in (("rows", names), ("scenes", table.scene_names)):
+        if len(set(several)) != len(several):
+            raise InputError(f"{what}: expected different names, found {', '.join(several)}")
     for entry in table.entries(None):
         if entry.capture is not None and table.captures:
             raise InputError(f"scenes: {entry.name}: capture: expected none in a table that has captures, found {entry.capture}")
-    if table.reference is not None:
-        _expect_known("reference", "row", table.reference, rows)
-    for claim in table.claims:
-        for row_name in (claim.better, claim.worse):
-            _expect_known("claims", "row", row_name, names)
-        for metric in claim.metrics:
-            _expect_known("claims", "metric", metric, list(METRIC_OF))
-
-
-def _expect_known(where: str, what: str, found: str, known: list[str]) -> None:
-    if found not in known:
-        raise InputError(f"{where}: {unknown(what, found, known)}")
 
 
 def refuse_own(override: str, *others: str) -> None:
@@ -273,7 +267,3 @@ def _written(value: Any) -> str:  # noqa: ANN401 (an option of a reader)
     if isinstance(value, list):
         return f"[{', '.join(map(_written, value))}]"
     return quoted(value) if isinstance(value, str) else json.dumps(value)
-
-
-def _entry(scene: str | SceneEntry) -> SceneEntry:
-    return SceneEntry(scene) if isinstance(scene, str) else scene

@@ -64,12 +64,12 @@ def test_a_scene_without_a_part_still_runs(
     strip(tiny_copy)
     words = ["device=cpu", "threads=1", "preset=smoke", "fit.stage1_steps=2", "fit.stage2_steps=1", f"out={tmp_path / 'out'}"]
     metrics = execute(compose([*words, f"scene.path={tiny_copy}"]))
-    assert metrics["status"] == "ok"
-    for component, values in metrics["metrics"].items():
+    assert metrics.status == "ok"
+    for component, values in metrics.metrics.items():
         for name, value in values.items():
             if component in lacking:
                 assert value is None
-                assert metrics["reasons"][f"{component}.{name}"]
+                assert metrics.reasons[f"{component}.{name}"]
             else:
                 assert math.isfinite(value)
     told = {line.partition(" will")[0] for line in capfd.readouterr().err.splitlines() if " will not be scored: " in line}

@@ -49,7 +49,7 @@ def make_problem(scene: Scene) -> Problem:
 
 
 def oracle(scene: Scene, **dials: Any) -> ToldPrior:
-    return ToldPrior(OraclePrior(**dials), scene.train)
+    return ToldPrior(OraclePrior(**dials), lambda: scene.train)
 
 
 def altered(problem: Problem, **parts: Any) -> Problem:

@@ -47,7 +47,7 @@ def tensors(views: tuple[View, ...]) -> tuple[Tensor, Tensor]:
 
 def told(prior: OraclePrior, views: tuple[View, ...]) -> Observations:
     """What a run shows the prior of these views."""
-    return ToldPrior(prior, views).shown(Observations(*tensors(views), tuple(range(len(views)))))
+    return ToldPrior(prior, lambda: views).shown(Observations(*tensors(views), tuple(range(len(views)))))
 
 
 def draw(prior: OraclePrior, views: tuple[View, ...], seed: int = 0, **guidance: Tensor) -> Mapping[str, Tensor]:

@@ -30,7 +30,7 @@ def finished(tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest
     files = ["scene.path=tiny", "reader.options.lights=./maps", "reader.options.mesh=mesh.ply"]
     config = compose(["reader=nerfactor", *files, "prior=none", "device=cpu", "capture=phone"])
     content = identity(config)
-    with RunFolder.open(tmp_path / "run", content, hash_of(content), setup=setup(config)) as folder:
+    with RunFolder(tmp_path / "run", content, hash_of(content), setup=setup(config)) as folder:
         folder.write_record(RECORD)
     monkeypatch.chdir(tmp_path)
     return tmp_path / "run"
@@ -42,7 +42,7 @@ def test_it_is_read_from_where_the_run_found_it(finished: Path) -> None:
     assert scene.truth is not None
     assert "train" in scene.truth.lights
     assert len(scene.expect_mesh().vertices) > 0
-    assert run.capture.label == "phone"
+    assert run.config.capture.label == "phone"
 
 
 def test_what_has_changed_or_gone_since_is_named(finished: Path) -> None:

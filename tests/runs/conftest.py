@@ -14,7 +14,7 @@ from ia_bench.runs.folder import RunFolder
 
 @pytest.fixture
 def folder(tmp_path: Path):
-    with RunFolder.open(tmp_path / "runs" / "hat" / "none", CONFIG, HASH) as opened:
+    with RunFolder(tmp_path / "runs" / "hat" / "none", CONFIG, HASH) as opened:
         yield opened
 
 

@@ -72,7 +72,7 @@ def texture(description: dict, data: bytes, index: int) -> np.ndarray:
 
 
 def test_exr_maps_are_the_textures(tmp_path: Path, mesh: Mesh, fitted: TexturedReconstruction) -> None:
-    with RunFolder.open(tmp_path / "run", {"a": 1}, "0") as folder:
+    with RunFolder(tmp_path / "run", {"a": 1}, "0") as folder:
         write_assets(folder, fitted)
     channels = {"albedo": 3, "roughness": 1, "light": 3}
     read = {name: read_exr(tmp_path / "run" / f"{name}.exr", count) for name, count in channels.items()}
@@ -135,7 +135,7 @@ def test_out_of_range_albedo_is_shown_at_the_limit(mesh: Mesh) -> None:
 
 def test_metal_has_a_map_and_the_blue_channel(tmp_path: Path, mesh: Mesh, fitted: TexturedReconstruction) -> None:
     metallic = torch.linspace(0, 1, 256).reshape(16, 16, 1)
-    with RunFolder.open(tmp_path / "run", {"a": 1}, "0") as folder:
+    with RunFolder(tmp_path / "run", {"a": 1}, "0") as folder:
         fitted.material = replace(fitted.material, metallic=metallic)
         write_assets(folder, fitted)
     np.testing.assert_array_equal(read_exr(tmp_path / "run" / "metallic.exr", 1), metallic)

@@ -12,8 +12,7 @@ import pytest
 from ia_bench.common.errors import InputError
 from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, WAITING, look
 from ia_bench.runs.cells import read_cells
-from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.lock import held_since, lock_folder
+from ia_bench.runs.folder import find_run_folders, held_since, lock_folder
 
 HASH = "0" * 64
 

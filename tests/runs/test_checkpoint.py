@@ -32,7 +32,7 @@ def test_checkpoint_returns_what_it_was_given(folder: RunFolder) -> None:
 
 def test_checkpoint_of_other_code_is_reported_and_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     notes: list[str] = []
-    with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
+    with RunFolder(tmp_path, CONFIG, HASH, notes.append) as folder:
         folder.save_checkpoint({"step": 3})
         monkeypatch.setattr(checkpoint, "_code", lambda: "of yesterday")
         assert folder.load_checkpoint() is None
@@ -64,7 +64,7 @@ DAMAGE = {
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_no_bit_of_a_damaged_checkpoint_is_believed(tmp_path: Path, damage: str) -> None:
     notes: list[str] = []
-    with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
+    with RunFolder(tmp_path, CONFIG, HASH, notes.append) as folder:
         folder.save_checkpoint({"weights": torch.zeros(1000)})
         assert folder.load_checkpoint() is not None
         _checkpoint_with(tmp_path / "checkpoint.pt", DAMAGE[damage])
@@ -77,7 +77,7 @@ def test_no_bit_of_a_damaged_checkpoint_is_believed(tmp_path: Path, damage: str)
 def test_a_checkpoint_of_another_shape_starts_over(tmp_path: Path, held: object) -> None:
     """Whole, of this code and configuration, and yet no state of a run."""
     notes: list[str] = []
-    with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
+    with RunFolder(tmp_path, CONFIG, HASH, notes.append) as folder:
         (tmp_path / "checkpoint.pt").write_bytes(checkpoint.pack(held, HASH))  # type: ignore[arg-type]
         assert folder.load_checkpoint() is None
     assert "checkpoint ignored, starting over (it " in notes[0]

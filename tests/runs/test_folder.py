@@ -76,30 +76,30 @@ def test_another_configuration_is_refused_by_key(folder: RunFolder) -> None:
     other = {"seed": 1, "fit": {"pixels": 4096, "rates": {"light": 0.3}}}
     expected = r"these differ: seed \(0 there, 1 here\), fit\.rates\.light \(0\.1 there, 0\.3 here\)$"
     with pytest.raises(InputError, match=f"holds the results of another configuration; {expected}"):
-        RunFolder.open(path, other, "b" * 64)
-    RunFolder.open(path, CONFIG, HASH).__exit__(None, None, None)  # the refusal left the lock free and the folder whole
+        RunFolder(path, other, "b" * 64)
+    RunFolder(path, CONFIG, HASH).__exit__(None, None, None)  # the refusal left the lock free and the folder whole
 
 
 def test_folder_that_cannot_be_used_is_a_plain_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be used as a run's folder"):
-        RunFolder.open(tmp_path / "file" / "run", CONFIG, HASH)
+        RunFolder(tmp_path / "file" / "run", CONFIG, HASH)
     (tmp_path / METRICS_FILE).write_text("{}")
     with pytest.raises(InputError, match=r"holds a metrics\.json but no config\.json"):
-        RunFolder.open(tmp_path, CONFIG, HASH)
+        RunFolder(tmp_path, CONFIG, HASH)
 
 
 def test_leftovers_of_a_killed_writer_are_removed(folder: RunFolder) -> None:
     (folder.path / ".tmp-albedo.exr").write_bytes(b"ha")
     path = folder.path
     folder.__exit__(None, None, None)
-    with RunFolder.open(path, CONFIG, HASH):
+    with RunFolder(path, CONFIG, HASH):
         assert not list(path.glob(".tmp-*"))
 
 
 def test_a_finished_run_that_lost_a_file_is_none(tmp_path: Path) -> None:
     notes: list[str] = []
-    with RunFolder.open(tmp_path, CONFIG, HASH, notes.append) as folder:
+    with RunFolder(tmp_path, CONFIG, HASH, notes.append) as folder:
         folder.write_bytes("albedo.exr", b"red")
         folder.write_record(good_record())
         assert folder.finished() is not None
@@ -120,7 +120,7 @@ def test_no_link_is_written_through(tmp_path: Path, name: str) -> None:
         folder = tmp_path / f"run{number}"
         folder.mkdir()
         (folder / name).symlink_to(target)
-        with suppress(InputError), RunFolder.open(folder, CONFIG, HASH) as opened:
+        with suppress(InputError), RunFolder(folder, CONFIG, HASH) as opened:
             assert opened.finished() is None
             assert opened.load_checkpoint() is None
             opened.save_checkpoint({"step": 3})
@@ -131,7 +131,7 @@ def test_no_link_is_written_through(tmp_path: Path, name: str) -> None:
 
 
 def _use(path: Path) -> None:
-    with RunFolder.open(path, CONFIG, HASH) as folder:
+    with RunFolder(path, CONFIG, HASH) as folder:
         folder.finished()
         folder.write_bytes("albedo.exr", b"red")
 
@@ -139,13 +139,13 @@ def _use(path: Path) -> None:
 def test_folders_where_files_are_expected_are_plain_errors_or_in_nobodys_way(tmp_path: Path) -> None:
     for name in (".lock", "config.json", "metrics.json", "albedo.exr"):
         if name == METRICS_FILE:
-            RunFolder.open(tmp_path / name, CONFIG, HASH).__exit__(None, None, None)
+            RunFolder(tmp_path / name, CONFIG, HASH).__exit__(None, None, None)
         (tmp_path / name / name).mkdir(parents=True)
         with pytest.raises((InputError, Fault), match=rf"{name}: .*(Is a directory|found a folder)"):
             _use(tmp_path / name)
     for name in ("checkpoint.pt", ".tmp-albedo.exr"):
         (tmp_path / name / name).mkdir(parents=True)
-        with RunFolder.open(tmp_path / name, CONFIG, HASH) as folder:
+        with RunFolder(tmp_path / name, CONFIG, HASH) as folder:
             assert folder.load_checkpoint() is None
             folder.save_checkpoint({"step": 3})
             folder.write_bytes("albedo.exr", b"red")
@@ -160,7 +160,7 @@ from ia_bench.runs.folder import RunFolder
 import numpy as np, torch
 from ia_bench.scenes.exr import write_exr
 from ia_bench.common.errors import Fault
-with RunFolder.open(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
+with RunFolder(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
     folder.save_checkpoint({"step": 3, "weights": torch.zeros(10)})
     folder.write_bytes("albedo.exr", b"old")
     resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
@@ -201,10 +201,10 @@ def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> No
     for path in (mine, below):
         path.write_bytes(b"half")
     folder.__exit__(None, None, None)
-    RunFolder.open(folder.path, CONFIG, HASH).__exit__(None, None, None)
+    RunFolder(folder.path, CONFIG, HASH).__exit__(None, None, None)
     (tmp_path / METRICS_FILE).write_text("{}")
     with pytest.raises(InputError, match="not a run's folder"):
-        RunFolder.open(tmp_path, CONFIG, HASH)
+        RunFolder(tmp_path, CONFIG, HASH)
     assert mine.exists()
     assert below.exists()
 
@@ -216,7 +216,7 @@ NO_SETUP = ["{", "[]", "{}", '{"config_hash": 1, "identity": {}}', '{"config_has
 def test_a_configuration_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str) -> None:
     (tmp_path / "config.json").write_text(content)
     with pytest.raises(InputError, match=r"config\.json: (not valid JSON|expected )"):
-        RunFolder.open(tmp_path, CONFIG, HASH)
+        RunFolder(tmp_path, CONFIG, HASH)
 
 
 def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder) -> None:
@@ -224,18 +224,18 @@ def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder)
     folder.save_checkpoint({"step": 3})
     folder.write_failure("the scene is broken", LABELS)
     folder.__exit__(None, None, None)
-    with RunFolder.open(folder.path, {"seed": 1}, "b" * 64) as again:
+    with RunFolder(folder.path, {"seed": 1}, "b" * 64) as again:
         assert again.load_checkpoint() is None
         again.write_record(good_record())
     with pytest.raises(InputError, match="holds the results of another configuration"):
-        RunFolder.open(folder.path, CONFIG, HASH)
+        RunFolder(folder.path, CONFIG, HASH)
 
 
 WRITER = """
 import json, sys
 from ia_bench.runs.folder import RunFolder
 from pathlib import Path
-with RunFolder.open(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
+with RunFolder(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
     print("ready", flush=True)
     for number in range(10**9):
         folder.write_bytes("big.json", json.dumps({"number": number, "filler": list(range(20000))}).encode())
@@ -266,7 +266,7 @@ def test_second_process_waits_for_the_first(tmp_path: Path) -> None:
         notes.append(text)
         process.kill()  # the kernel releases the lock of a process that is gone
 
-    with RunFolder.open(tmp_path, {"seed": 0}, HASH, note_and_release):
+    with RunFolder(tmp_path, {"seed": 0}, HASH, note_and_release):
         pass
     process.wait()
     process.stdout.close()

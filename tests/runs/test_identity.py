@@ -23,7 +23,7 @@ from ia_bench.runs import identity as identities
 from ia_bench.runs.checkpoint import BadCheckpoint, pack, unpack
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug
-from ia_bench.runs.identity import config_hash, identity, run_folder, setup
+from ia_bench.runs.identity import hash_of, identity, run_folder, setup
 
 pytestmark = pytest.mark.usefixtures("scenes")
 
@@ -36,6 +36,10 @@ class Silent:
 class Says(Silent):
     def files(self): return [self.folder / "mine" / "0.png"]
 """
+
+
+def config_hash(config: RunConfig) -> str:
+    return hash_of(identity(config))
 
 
 def hash_with(*overrides: str) -> str:

@@ -27,7 +27,7 @@ from ia_bench.runs import launchers
 from ia_bench.runs.cells import Cell, make_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolved
-from ia_bench.runs.launchers import LAUNCHERS, Local, Ray, SubmititLocal, SubmititSlurm, Work
+from ia_bench.runs.launchers import LAUNCHERS, Local, Ray, SubmititLocal, SubmititSlurm
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Row, Table
 
@@ -78,7 +78,7 @@ def test_where_one_of_several_cannot_be_started_none_goes_on(tmp_path: Path, mon
 
     monkeypatch.setattr(launchers.subprocess, "Popen", one)
     config = compose(["scene=hat", "device=cpu"])
-    works = [Work(config, tmp_path / name) for name in ("a", "b")]
+    works = [(config, tmp_path / name) for name in ("a", "b")]
     with Local().opened(tmp_path) as begin, pytest.raises(OSError, match="Too many"):
         begin(works)
     assert started[0].wait(timeout=1200) == -signal.SIGTERM

@@ -24,7 +24,7 @@ def targets_of(problem: Problem, sample: Mapping[str, Tensor], asked: tuple[int,
 
 
 def oracle_sample(scene: Scene, **dials: float) -> Mapping[str, Tensor]:
-    prior = ToldPrior(OraclePrior(**dials), scene.train)  # type: ignore[arg-type]
+    prior = ToldPrior(OraclePrior(**dials), lambda: scene.train)  # type: ignore[arg-type]
     images, masks = (torch.from_numpy(np.stack([getattr(v, name) for v in scene.train])) for name in ("image", "mask"))
     return prior.sample(Observations(images, masks, ALL), seed=0).values
 

@@ -75,7 +75,7 @@ class Spying(Ceiling):
 
 def test_run_hands_a_method_a_blind_scene(tmp_path: Path) -> None:
     config = compose(["scene=tiny", "preset=smoke", "device=cpu", "threads=1", f"method={__name__}:Spying"])
-    folder, progress = RunFolder.open(tmp_path / "run", {}, "0"), Progress(io.StringIO())
+    folder, progress = RunFolder(tmp_path / "run", {}, "0"), Progress(io.StringIO())
     with folder, progress, pytest.raises(Reached) as reached:
         run(config, folder, progress, labels(config, identity(config)))
     (problem,) = reached.value.args
@@ -138,11 +138,11 @@ def test_a_resumed_run_costs_what_both_parts_did(tmp_path: Path, monkeypatch: py
             if state["method"]["step"] == 7:
                 raise Killed
 
-    with RunFolder.open(tmp_path / "whole", {}, "0") as folder:
+    with RunFolder(tmp_path / "whole", {}, "0") as folder:
         rays, points, _ = costs(folder)
     with Dying.open(tmp_path / "killed", {}, "0") as folder, pytest.raises(Killed):
         costs(folder)
-    with RunFolder.open(tmp_path / "killed", {}, "0") as folder:
+    with RunFolder(tmp_path / "killed", {}, "0") as folder:
         assert costs(folder) == (rays, points, True)
 
 

@@ -74,7 +74,7 @@ class Noisy(OraclePrior):
 def noisy(scene: Scene, **members: object) -> tuple[Noisy, ToldPrior]:
     prior = Noisy()
     prior.info = replace(prior.info, **members)  # type: ignore[arg-type]
-    return prior, ToldPrior(prior, scene.train)
+    return prior, ToldPrior(prior, lambda: scene.train)
 
 
 def questions(prior: Noisy) -> list[tuple[str, int]]:
@@ -171,7 +171,7 @@ def test_components_can_be_switched_off(problem: Problem, scene: Scene, kind: ty
     for weight in (0.0, 1.0):
         changed = coupled(problem, kind(**{"albedo": 1.0, "specular": 1.0, name: weight}))
         exact = fit(changed, noisy(scene)[1], settings, Record())
-        assert same(exact, fit(changed, ToldPrior(Noisy(), views), settings, Record())) == (not weight)
+        assert same(exact, fit(changed, ToldPrior(Noisy(), lambda: views), settings, Record())) == (not weight)
 
 
 def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None:
@@ -227,7 +227,7 @@ def test_kernel_does_not_mind_the_scale_of_a_view(problem: Problem, scene: Scene
         random = np.random.default_rng(0)
         scales = np.exp(0.3 * random.standard_normal(6) - 1.0).astype(np.float32) if factor < 1 else np.ones(6, np.float32)
         views = tuple(replace(view, albedo=s * view.albedo) for view, s in zip(scene.train, scales, strict=True))
-        prior = ToldPrior(OraclePrior(components=["albedo"]), views)
+        prior = ToldPrior(OraclePrior(components=["albedo"]), lambda views=views: views)
         found = fit(coupled(problem, Kernel(albedo=1.0)), prior, settings, Record())
         errors.append(albedo_error(problem, scene, found.material.albedo))
     assert errors[1] == pytest.approx(errors[0], rel=0.01)

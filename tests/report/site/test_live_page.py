@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from ia_bench.cli.watch import main
-from ia_bench.runs.lock import lock_folder
+from ia_bench.runs.folder import lock_folder
 
 CELLS = [("none", 0), ("none", 1), ("kernel", 0), ("kernel", 1)]
 CURVE = "fit,1,1.5,10,11,12,13,0.2\nfit,2,3,11,12,13,14,0.1\n"
