@@ -61,25 +61,6 @@ def test_a_file_beside_the_runs_that_a_shell_has_named_is_passed_over(tmp_path: 
     assert "nowhere: expected a folder with runs, found none" in capsys.readouterr().err
 
 
-def test_a_table_gives_order_reference_and_claims(tmp_path: Path) -> None:
-    write(tmp_path / "runs" / "a", "none", 20.0)
-    write(tmp_path / "runs" / "b", "diffusion, kernel", 22.0)
-    assert main([str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--table", "paper"]) == 0
-    text = (tmp_path / "out" / "report.md").read_text()
-    assert text.index("| none |") < text.index("| diffusion, kernel |")
-    assert "| diffusion, kernel above none | Albedo PSNR ↑ | +2.00 (1/4) | undecided | – | +2.00 |" in text
-
-
-def test_only_takes_the_rows_of_the_table_from_a_runs_csv(tmp_path: Path) -> None:
-    write(tmp_path / "runs" / "a", "none", 20.0)
-    write(tmp_path / "runs" / "b", "somebody's", 22.0)
-    assert main([str(tmp_path / "runs"), "--out", str(tmp_path / "both")]) == 0
-    arguments = [str(tmp_path / "both" / "runs.csv"), "--out", str(tmp_path / "one"), "--table", "value", "--only"]
-    assert main(arguments) == 0
-    rows = {line["row"] for line in csv.DictReader((tmp_path / "one" / "runs.csv").open())}
-    assert rows == {"none"}
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -7,6 +7,10 @@ from pathlib import Path
 
 from ia_bench.cli.report import main
 from ia_bench.report.collect import SCORES, Record
+<<<<<<< HEAD
+=======
+from ia_bench.report.gains import gains
+>>>>>>> 6fd37d5c (Tests around a run say each thing once)
 from ia_bench.report.value import FILES, write_value
 from ia_bench.report.worth import gains
 from ia_bench.report.write import Report, write_report
@@ -42,14 +46,6 @@ def test_what_a_prior_was_worth_goes_where_no_table_says_so_any_more(tmp_path: P
     assert not (tmp_path / "photographs.csv").exists()
     assert value_of(fewer, Table(), tmp_path) == set()
     assert not any((tmp_path / name).exists() for name in FILES)
-
-
-def test_files_of_somebody_else_stay(tmp_path: Path) -> None:
-    (tmp_path / "curves").mkdir()
-    for name in ("value.md", "value.csv", "curves/mine.png"):
-        (tmp_path / name).write_text("mine")
-    value_of(reported(runs_of(WAYS, [""]), tmp_path), Table(), tmp_path)
-    assert all((tmp_path / name).read_text() == "mine" for name in ("value.md", "value.csv", "curves/mine.png"))
 
 
 def test_curves_of_scenes_that_are_no_longer_asked_for_go(tmp_path: Path) -> None:

@@ -29,15 +29,6 @@ def without_albedo(folder: Path) -> None:
         edit(folder / f"transforms_{split}.json", lambda content: [frame.pop("albedo_path") for frame in content["frames"]])
 
 
-def without_lights(folder: Path) -> None:
-    edit(folder / "scene.json", lambda scene: scene.pop("lights"))
-
-
-def without_test_views(folder: Path) -> None:
-    edit(folder / "scene.json", lambda scene: scene["splits"].pop("test"))
-    (folder / "transforms_test.json").unlink()
-
-
 def without_anything(folder: Path) -> None:
     edit(folder / "scene.json", lambda scene: [scene.pop(key) for key in ("lights", "truth_textures", "splits")])
     for split in ("test", "novel"):
@@ -52,8 +43,6 @@ def without_anything(folder: Path) -> None:
     ("strip", "lacking"),
     [
         (without_albedo, {"albedo", "aligned_albedo", "relighting"}),
-        (without_lights, {"relighting"}),
-        (without_test_views, {"albedo", "aligned_albedo", "relighting", "roughness"}),
         (without_anything, {"albedo", "aligned_albedo", "relighting", "roughness", "view_synthesis"}),
     ],
     ids=lambda value: getattr(value, "__name__", ""),

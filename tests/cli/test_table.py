@@ -7,20 +7,14 @@ from __future__ import annotations
 
 import json
 import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from ia_bench.cli.table import main, parse
 from ia_bench.common.errors import Fault, InputError
-from ia_bench.common.exit_codes import TERMINATED
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.progress import Progress
-from ia_bench.report.table import counterparts
 from ia_bench.runs import cells as module
 from ia_bench.runs import launchers
 from ia_bench.runs.cells import TableRequest, make_cells
@@ -91,17 +85,6 @@ def test_the_ablations_are_configuration() -> None:
     assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}
 
 
-def test_the_papers_table_is_the_ablations_and_then_every_other_method_of_the_paper() -> None:
-    table, ablations = load_table("paper"), load_table("ablations")
-    assert table.rows[: len(ablations.rows)] == ablations.rows
-    assert (table.scenes, table.reference) == (ablations.scenes, ablations.reference)
-    others = [cell.config for cell in cells_of(table, scenes=("hat",)) if cell.row not in ablations.rows]
-    ours = {cell.config.prior.name for cell in cells_of(ablations, scenes=("hat",))}
-    assert others
-    assert all(config.method.name != "two_stage" or config.prior.name not in ours for config in others)
-    counterparts(table.papers)  # raises for a row that the paper has not
-
-
 def test_a_row_whose_plugin_is_broken_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [Row("fine", ["prior=none"]), Row("broken", ["method=json:loads"])]
     told: list[str] = []
@@ -115,12 +98,6 @@ def test_a_row_whose_plugin_is_broken_leaves_the_others(monkeypatch: pytest.Monk
         make_cells(Table(scenes=["hat"], rows=rows), request, 1, Path("results/paper"))
 
 
-def test_a_row_may_have_seeds_of_its_own() -> None:
-    rows = [Row("a", ["prior=none"]), Row("b", ["prior=oracle"], seeds=[7])]
-    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=rows), seeds=(0, 1))
-    assert [(cell.row.name, cell.config.seed) for cell in cells] == [("a", 0), ("a", 1), ("b", 7)]
-
-
 def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
     cells = cells_of(load_table("ablations"), scenes=("ship",), seeds=(3,))
     (cell,) = [one for one in cells if one.row.name == "diffusion, targets w/o guided"]
@@ -128,11 +105,6 @@ def test_a_cell_is_the_run_that_its_command_line_makes() -> None:
     assert again == cell.config
     assert (again.seed, again.scene.name, again.threads) == (3, "ship", 1)
     assert str(cell.folder).startswith("results/paper/runs/ship/diffusion-targets-w-o-guided-seed3-")
-
-
-def test_overrides_go_to_every_cell() -> None:
-    cells = cells_of(load_table("ablations"), scenes=("hat",), overrides=("fit.pixels=77",))
-    assert {cell.config.method.options.get("pixels") for cell in cells if cell.row.name not in ("ceiling", "constant")} == {77}
 
 
 def test_command_line_is_told_apart() -> None:
@@ -147,22 +119,14 @@ def test_command_line_is_told_apart() -> None:
     [
         ("table=papper", "unknown table 'papper'; did you mean 'paper'?"),
         ("seeds=0,x", "seeds=x: expected whole numbers with commas between, from 0 on"),
-        ("seeds=[1]", "seeds=[1]: expected whole numbers with commas between, from 0 on"),
         ("jobs=0", "jobs=0: expected a whole number, from 1 on"),
         ("jobs=999999", f"jobs=999999: expected at most {len(os.sched_getaffinity(0))}, the cores that this process may use"),
-        ("preset=smok", "unknown preset 'smok'; did you mean 'smoke'?"),
         ("scenes=hatt", "unknown scene 'hatt'; did you mean 'hat'?"),
-        ("seed=1", "it has scenes=, seeds=, rows= and table="),
-        ("++seed=1", "it has scenes=, seeds=, rows= and table="),
         ("scene.path=/tmp", "it has scenes=, seeds=, rows= and table="),
         ("seeds=0,0", "found hat / ceiling / seed 0 more than once"),
         ("seds=1", "unknown setting 'seds'; did you mean 'seeds'?"),
-        ("fit.pixls=1", "did you mean 'fit.pixels'?"),
-        ("tabel=paper", "unknown setting 'tabel'; did you mean 'table'?"),
         ("seeds=０", "seeds=０: expected whole numbers"),
-        ("rows=none,none", "rows: expected every row once, found none, none"),
         ("reader=dtu", "it has scenes=, seeds=, rows= and table="),
-        ("hydra.verbose=1", "it has scenes=, seeds=, rows= and table="),
         ("paper", "expected SETTING=VALUE, found 'paper'"),
     ],
 )
@@ -185,68 +149,6 @@ def test_threads_share_the_cores_and_depend_on_the_machine_alone(monkeypatch: py
     assert Local().jobs_and_threads(None, "cpu") == (2, 4)
     monkeypatch.setattr(launchers, "total_memory", lambda: 1 << 30)
     assert Local().jobs_and_threads(None, "cpu") == (1, 8)
-
-
-def test_what_is_wrong_in_the_last_row_is_told_before_the_first_starts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    table = Table(scenes=["hat"], rows=[Row("good", ["prior=none"]), Row("bad", ["prior=none", "preset=smok"])])
-    monkeypatch.setattr(module, "load_table", lambda name: table)
-    assert main(["device=cpu"]) == 2
-    assert "unknown preset 'smok'" in capfd.readouterr().err
-    assert started() == []
-
-
-def test_crash_stays_in_its_cell_and_finished_cells_are_skipped(capfd: pytest.CaptureFixture[str]) -> None:
-    rows = [Row("good", ["prior=none"]), Row("crash", ["prior=oracle"]), Row("raise", ["method=ceiling"])]
-    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=rows))
-    logs = Path("results/paper/logs")
-    with Progress() as progress:
-        failed = run_cells(cells, Local(attempts=1), 2, logs, progress)
-    assert failed == 2
-    said = capfd.readouterr().err
-    assert "hat / good / seed 0: ok" in said
-    assert "hat / crash / seed 0: FAILED (worker died: killed by signal 9" in said
-    assert "hat / raise / seed 0: FAILED (exit status 1: RuntimeError: boom)" in said
-    assert "failed 2" in said
-    good, crash, raised = (json.loads((cell.folder / "metrics.json").read_text()) for cell in cells)
-    assert (good["status"], crash["status"], raised["status"]) == ("ok", "failed", "failed")
-    assert crash["error"].startswith("worker died: killed by signal 9")
-    assert raised["error"] == "RuntimeError: boom"
-    assert "RuntimeError: boom" in next(logs.glob("hat-raise-*.log")).read_text()
-
-    with Progress() as progress:
-        run_cells(cells, Local(attempts=1), 2, logs, progress)
-    assert started() == ["hat crash 0", "hat crash 0", "hat good 0", "hat raise 0", "hat raise 0"]
-    assert "1 of 3 cells are finished already" in capfd.readouterr().err
-
-
-def test_an_interrupted_table_records_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FAKE_STEP_SECONDS", "0.2")
-    command = [sys.executable, "-m", "ia_bench.table", "scenes=hat", "jobs=1", "device=cpu"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 1200
-    while time.monotonic() < deadline and not list(Path("results").rglob("checkpoint.pt")):
-        time.sleep(0.05)
-    process.send_signal(signal.SIGTERM)
-    _, said = process.communicate(timeout=1200)
-    assert process.returncode == TERMINATED, said
-    assert "interrupted; the same command resumes" in said
-    assert list(Path("results").rglob("checkpoint.pt"))
-    assert list(Path("results").rglob("metrics.json")) == []
-
-
-def test_a_cell_whose_folder_is_taken_fails_alone(capfd: pytest.CaptureFixture[str]) -> None:
-    cells = cells_of(Table(scenes=["hat"], seeds=[0], rows=[Row("taken", ["method=ceiling"]), Row("good", ["prior=none"])]))
-    taken = cells[0].folder
-    taken.mkdir(parents=True)
-    (taken / "config.json").write_text("{")
-    with Progress() as progress:
-        assert run_cells(cells, Local(), 1, Path("results/paper/logs"), progress) == 1
-    said = capfd.readouterr().err
-    assert "hat / taken / seed 0: FAILED (" in said
-    assert "config.json: not valid JSON" in said
-    assert "hat / good / seed 0: ok" in said
 
 
 def test_a_cell_whose_record_is_damaged_fails_alone_and_keeps_it(capfd: pytest.CaptureFixture[str]) -> None:
@@ -315,9 +217,3 @@ def test_whole_table_on_the_tiny_scene(monkeypatch: pytest.MonkeyPatch, capfd: p
     (folder,) = results.glob("runs/tiny/none-*")
     config_hash = json.loads((folder / "config.json").read_text())["config_hash"]
     assert finished_record(folder, config_hash) is not None
-
-
-def test_help_is_the_module_text(capfd: pytest.CaptureFixture[str]) -> None:
-    assert main(["--help"]) == 0
-    assert "seeds=0,1" in capfd.readouterr().out
-    assert sys.modules["ia_bench.cli.table"].__doc__ is not None

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-import trimesh
 from PIL import Image
 
 from ia_bench.material.textures import Material, fetch
@@ -110,27 +109,6 @@ def test_glb_by_its_specification(mesh: Mesh, fitted: TexturedReconstruction) ->
     centre = torch.from_numpy(np.stack([(column + 0.5) / 16, 1 - (row + 0.5) / 16], 1).astype(np.float32))
     shown = linear_to_srgb(fetch(fitted.material.albedo, centre).numpy())
     np.testing.assert_allclose(base[row, column] / 255, shown, atol=0.6 / 255)
-
-
-def test_glb_read_back_by_trimesh(mesh: Mesh, fitted: TexturedReconstruction) -> None:
-    binary = glb(mesh, fitted.material.albedo.numpy(), fitted.material.roughness.numpy()[..., 0])
-    loaded = trimesh.load(io.BytesIO(binary), file_type="glb", process=False)
-    (solid,) = loaded.geometry.values()
-    np.testing.assert_array_equal(solid.faces, mesh.faces)
-    np.testing.assert_allclose(solid.visual.uv, mesh.uv, atol=1e-6)
-    material = solid.visual.material
-    assert material.metallicFactor == 0
-    assert np.asarray(material.baseColorTexture).shape[:2] == (16, 16)
-    original = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    assert solid.area == pytest.approx(original.area, rel=1e-6)
-    assert loaded.bounds[1][1] == pytest.approx(3)  # the height is along y
-
-
-def test_out_of_range_albedo_is_shown_at_the_limit(mesh: Mesh) -> None:
-    """A method may recover an albedo above 1; an 8-bit texture cannot hold it, while the EXR map does."""
-    description, data = chunks(glb(mesh, np.full((4, 4, 3), 1.7), np.full((4, 4), 0.3)))
-    base = description["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["index"]
-    assert (texture(description, data, base) == 255).all()
 
 
 def test_metal_has_a_map_and_the_blue_channel(tmp_path: Path, mesh: Mesh, fitted: TexturedReconstruction) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,8 @@ import pytest
 from ia_bench.common.errors import InputError
 from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, WAITING, look
 from ia_bench.runs.cells import read_cells
-from ia_bench.runs.folder import find_run_folders, held_since, lock_folder
+from ia_bench.runs.composition import compose
+from ia_bench.runs.folder import find_run_folders, lock_folder
 
 HASH = "0" * 64
 
@@ -87,11 +89,13 @@ def test_the_time_left_is_that_of_the_rows_own_cells_shared_by_the_jobs(tmp_path
         assert look(tmp_path).seconds_left() == pytest.approx(70, abs=2)  # what one cell takes, no job can shorten
 
 
-def test_runs_without_a_table_are_found_and_called_as_their_finished_siblings(tmp_path: Path) -> None:
+def test_runs_without_a_table_are_found_and_called_as_their_configuration_says(tmp_path: Path) -> None:
     cell(tmp_path, "a-b", status="ok", time_s={"total": 1.0}, row="a (b)")
-    cell(tmp_path, "a-b", 1)
+    begun = cell(tmp_path, "a-b", 1)
+    config = asdict(compose(["scene=tiny", "device=cpu", "seed=1", "row='a (b)'"]))
+    (begun / "config.json").write_text(json.dumps({"config_hash": HASH, "identity": {}, "config": config}))
     found = [(one.cell.row, one.cell.scene, one.cell.seed, one.state) for one in look(tmp_path).cells]
-    assert found == [("a (b)", "hat", 0, FINISHED), ("a (b)", "hat", 1, WAITING)]
+    assert found == [("a (b)", "hat", 0, FINISHED), ("a (b)", "tiny", 1, WAITING)]
 
 
 def test_files_of_other_programs_are_no_runs(tmp_path: Path) -> None:
@@ -102,17 +106,6 @@ def test_files_of_other_programs_are_no_runs(tmp_path: Path) -> None:
         (tmp_path / place / f"{name}.json").write_text(json.dumps(content))
     assert [one.cell.row for one in look(tmp_path).cells] == ["a"]
     assert tmp_path / "weights" not in find_run_folders(tmp_path)
-
-
-def test_looking_holds_no_lock_and_makes_no_file(tmp_path: Path) -> None:
-    folder = cell(tmp_path, "a")
-    assert held_since(folder) is None
-    assert held_since(folder) is None
-    assert not (folder / ".lock").exists()
-    with lock_folder(folder, print):
-        assert held_since(folder) is not None
-        assert held_since(folder) == pytest.approx(time.time(), abs=60)
-    assert held_since(folder) is None
 
 
 def test_what_is_no_table_is_one_sentence(tmp_path: Path) -> None:

@@ -13,21 +13,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-import torch
 from run_folders import CONFIG, HASH, LABELS, good_record
 
-from ia_bench.common.errors import Fault, InputError
-from ia_bench.common.machine import environment
+from ia_bench.common.errors import InputError
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.record import METRICS_FILE
-
-
-def test_finished_only_after_metrics(folder: RunFolder) -> None:
-    assert folder.finished() is None
-    folder.save_checkpoint({"step": 3})
-    folder.write_record(good_record())
-    assert folder.finished() == good_record()
-    assert folder.load_checkpoint() is None, "a finished run needs no checkpoint"
 
 
 def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
@@ -42,20 +32,6 @@ def test_failure_is_recorded_and_is_not_finished(folder: RunFolder) -> None:
     assert "test_folder.py" in record["traceback"]
     assert folder.finished() is None
     assert folder.load_checkpoint() == {"step": 3}
-
-
-def test_file_is_replaced_whole_or_not_at_all(folder: RunFolder) -> None:
-    folder.write_bytes("albedo.exr", b"old")
-
-    def write_half() -> None:
-        with folder.path_for("albedo.exr") as path:
-            path.write_bytes(b"ha")
-            raise OSError("disk full")
-
-    with pytest.raises(Fault, match=r"albedo\.exr: cannot be written \(disk full\)"):
-        write_half()
-    assert (folder.path / "albedo.exr").read_bytes() == b"old"
-    assert not list(folder.path.glob(".tmp-*"))
 
 
 def test_curve_is_csv_with_every_column(folder: RunFolder) -> None:
@@ -89,14 +65,6 @@ def test_folder_that_cannot_be_used_is_a_plain_error(tmp_path: Path) -> None:
         RunFolder(tmp_path, CONFIG, HASH)
 
 
-def test_leftovers_of_a_killed_writer_are_removed(folder: RunFolder) -> None:
-    (folder.path / ".tmp-albedo.exr").write_bytes(b"ha")
-    path = folder.path
-    folder.__exit__(None, None, None)
-    with RunFolder(path, CONFIG, HASH):
-        assert not list(path.glob(".tmp-*"))
-
-
 def test_a_finished_run_that_lost_a_file_is_none(tmp_path: Path) -> None:
     notes: list[str] = []
     with RunFolder(tmp_path, CONFIG, HASH, notes.append) as folder:
@@ -128,29 +96,6 @@ def test_no_link_is_written_through(tmp_path: Path, name: str) -> None:
             opened.write_record(good_record())
         assert theirs.read_text() == "precious"
         assert not (tmp_path / "nowhere").exists()
-
-
-def _use(path: Path) -> None:
-    with RunFolder(path, CONFIG, HASH) as folder:
-        folder.finished()
-        folder.write_bytes("albedo.exr", b"red")
-
-
-def test_folders_where_files_are_expected_are_plain_errors_or_in_nobodys_way(tmp_path: Path) -> None:
-    for name in (".lock", "config.json", "metrics.json", "albedo.exr"):
-        if name == METRICS_FILE:
-            RunFolder(tmp_path / name, CONFIG, HASH).__exit__(None, None, None)
-        (tmp_path / name / name).mkdir(parents=True)
-        with pytest.raises((InputError, Fault), match=rf"{name}: .*(Is a directory|found a folder)"):
-            _use(tmp_path / name)
-    for name in ("checkpoint.pt", ".tmp-albedo.exr"):
-        (tmp_path / name / name).mkdir(parents=True)
-        with RunFolder(tmp_path / name, CONFIG, HASH) as folder:
-            assert folder.load_checkpoint() is None
-            folder.save_checkpoint({"step": 3})
-            folder.write_bytes("albedo.exr", b"red")
-            folder.write_record(good_record())
-            assert folder.finished() is not None
 
 
 FULL_DISK = """
@@ -272,10 +217,3 @@ def test_second_process_waits_for_the_first(tmp_path: Path) -> None:
     process.stdout.close()
     assert len(notes) == 1
     assert "another process is working on this run; waiting" in notes[0]
-
-
-def test_environment_is_json_and_names_versions() -> None:
-    found = json.loads(json.dumps(environment("cpu", 2), allow_nan=False))
-    assert found["packages"]["torch"] == torch.__version__
-    assert found["threads"] == 2
-    assert found["memory_bytes"] > 1 << 28

@@ -23,11 +23,10 @@ from ia_bench.cli.table import main, parse
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import INTERRUPTED, TERMINATED
 from ia_bench.common.progress import Progress
-from ia_bench.runs import launchers
 from ia_bench.runs.cells import Cell, make_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import resolved
-from ia_bench.runs.launchers import LAUNCHERS, Local, Ray, SubmititLocal, SubmititSlurm
+from ia_bench.runs.launchers import LAUNCHERS, Ray, SubmititSlurm
 from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Row, Table
 
@@ -65,23 +64,6 @@ def run(*arguments: str, rows: tuple[str, ...] = tuple(ROWS), jobs: int = 2) -> 
 
 def metrics(cell: Cell) -> dict:
     return json.loads((cell.folder / "metrics.json").read_text())
-
-
-def test_where_one_of_several_cannot_be_started_none_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    started, start = [], subprocess.Popen
-
-    def one(command: list[str], **options: object) -> subprocess.Popen:
-        if started:
-            raise OSError("Too many open files")
-        started.append(start([sys.executable, "-c", "import time; time.sleep(60)"]))
-        return started[0]
-
-    monkeypatch.setattr(launchers.subprocess, "Popen", one)
-    config = compose(["scene=hat", "device=cpu"])
-    works = [(config, tmp_path / name) for name in ("a", "b")]
-    with Local().opened(tmp_path) as begin, pytest.raises(OSError, match="Too many"):
-        begin(works)
-    assert started[0].wait(timeout=1200) == -signal.SIGTERM
 
 
 @pytest.mark.parametrize("launcher", EVERY)
@@ -177,14 +159,6 @@ def test_mistake_is_one_message(arguments: list[str], message: str, capfd: pytes
     said = capfd.readouterr().err
     assert message in said
     assert "Traceback" not in said
-
-
-def test_settings_of_the_command_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ia_bench.cli.table.find_spec", lambda name: name)
-    assert parse([]).launcher == Local(attempts=3)
-    assert parse(["launcher=ray", "launcher.address=auto", "launcher.cpus=4"]).launcher == Ray(address="auto", cpus=4)
-    assert parse(["launcher.minutes=5", "launcher=submitit_local"]).launcher == SubmititLocal(minutes=5)
-    assert parse(["launcher=submitit_slurm", "launcher.options.qos=low"]).launcher == SubmititSlurm(options={"qos": "low"})
 
 
 def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import json
 import shutil
-import zipfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
-from PIL import Image
 
 from ia_bench.cli.rescore import main
 from ia_bench.common.errors import InputError
-from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.report.collect import collect
-from ia_bench.report.site.store import write_pictures
-from ia_bench.runs import rescore
-from ia_bench.runs import run as running
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
-from ia_bench.runs.pictures.bundle import bundle
-from ia_bench.runs.pictures.drawing import SceneRenderer
-from ia_bench.runs.recovered import Recovered
 from ia_bench.runs.rescore import Rescorer
 from ia_bench.scores.protocol import Protocol
-from ia_bench.scores.result import Scores
-from ia_bench.scores.scorer import Scorer
 
 SCORES = ("metrics", "variants", "per_image", "reasons", "counts", "albedo_scales", "protocol", "protocol_description", "renderer")
 SMALL = ["protocol.map_points=2", "protocol.render_points=2", "protocol.samples_per_pixel=8"]
@@ -79,23 +66,6 @@ def test_the_same_protocol_gives_the_same_scores(run: Path, tmp_path: Path) -> N
     assert (again / "metrics.json").stat().st_mtime_ns == written  # nothing is scored twice
 
 
-def test_pictures_are_handed_the_scale_of_what_was_exported(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By a run and by its new score: both of a method that is made to have exported textures beside maps of its own."""
-    full, handed = Scorer.full, []
-
-    def with_export(self: Scorer, reconstruction: Reconstruction) -> Scores:
-        scores = full(self, reconstruction)
-        scores.albedo_scales["mean_rgb_reference"] = [2.0, 3.0, 4.0]
-        return scores
-
-    monkeypatch.setattr(Scorer, "full", with_export)
-    for module in (rescore, running):
-        monkeypatch.setattr(module, "write_pictures", lambda *given: handed.append(given[3]))
-    Rescorer(small(), tmp_path / "new").rescore(run)
-    execute(compose(["scene=tiny", "method=ceiling", "device=cpu", "threads=1", *SMALL, f"out={tmp_path / 'run'}"]))
-    assert handed == [[2.0, 3.0, 4.0]] * 2
-
-
 def test_what_cannot_be_scored_is_named(run: Path, old_run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (old_run / "roughness.exr").unlink()
     with pytest.raises(InputError, match="roughness.exr: no such image"):
@@ -125,33 +95,3 @@ def test_a_run_with_a_renderer_of_its_own_is_not_scored_by_another(run: Path, tm
     with pytest.raises(InputError, match="found split sum; .*: its own renderer is gone; run it again with protocol=paper-v2$"):
         Rescorer(small(), tmp_path / "new").rescore(folder)
     assert not list((tmp_path / "new").rglob("metrics.json"))
-
-
-@pytest.mark.slow
-def test_a_report_shows_the_pictures_that_a_run_has_kept(run: Path, tmp_path: Path) -> None:
-    """Of the views that were scored, so that nothing of the run is drawn again; what they show is what drawing it again shows."""
-    of = collect([run]).runs
-    notes: list[str] = []
-    kept = write_pictures(of, tmp_path / "kept", notes.append).scenes["tiny"]
-    assert notes == ["pictures of tiny: the truth"]
-    with zipfile.ZipFile(run / "pictures.zip") as archive:
-        assert (tmp_path / "kept" / "tiny" / "ceiling" / "relit.webp").read_bytes() == archive.read("relit.webp")
-    recovered = Recovered(run)
-    renderer = SceneRenderer(recovered.read_scene(whole=True))
-    drawn = bundle(renderer, renderer.truth(turned=False), recovered.reconstruction(renderer.stage), recovered.scale)
-    assert kept["rows"]["ceiling"]["sheets"] == drawn.shapes
-    for name, sheet in drawn.sheets.items():
-        one, other = (
-            np.asarray(Image.open(file).convert("RGB"), float)
-            for file in (tmp_path / "kept" / "tiny" / "ceiling" / f"{name}.webp", io.BytesIO(sheet))
-        )
-        assert np.abs(one - other).mean() < 6, name  # samples and points differ
-    record = json.loads((run / "metrics.json").read_text())
-    assert record["time_s"]["pictures"] > 0
-    assert of.loc[0, "seconds"] == pytest.approx(
-        sum(record["time_s"][name] for name in record["time_s"].keys() - {"total", "score", "pictures", "capture"})
-    )
-    bare = shutil.copytree(run, tmp_path / "ceiling")
-    (bare / "pictures.zip").write_bytes(b"torn")
-    missing = write_pictures(collect([bare]).runs, tmp_path / "torn", notes.append).missing
-    assert "pictures.zip: expected the pictures of a run, found a damaged file" in missing[0]

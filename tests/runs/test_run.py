@@ -15,7 +15,7 @@ from ia_bench.priors import inputs
 from ia_bench.priors.diffusion import learned
 from ia_bench.readers.contract import NO_MESH
 from ia_bench.runs.composition import compose
-from ia_bench.runs.run import ask_for_the_same_numbers, problem_of
+from ia_bench.runs.run import problem_of
 from ia_bench.runs.scene import tell
 from ia_bench.scenes.scene import Scene
 
@@ -53,18 +53,6 @@ def test_a_method_that_takes_exposures_for_the_same_is_told_of(tiny: Scene, info
     assert [note.startswith("every photograph has an exposure of its own; method=two_stage") for note in notes] == [True] * told
     problem_of(config, tiny, info, note=notes.append, costs=CostTracker())
     assert len(notes) == told
-
-
-@pytest.mark.parametrize(("device", "asked"), [("cpu", True), ("cuda", False)])
-def test_the_same_numbers_are_asked_for_where_they_are_to_be_had(device: str, asked: bool) -> None:
-    before = torch.get_deterministic_debug_mode(), torch.utils.deterministic.fill_uninitialized_memory
-    try:
-        ask_for_the_same_numbers(device)
-        assert torch.are_deterministic_algorithms_enabled() == asked
-        assert not torch.is_deterministic_algorithms_warn_only_enabled()
-    finally:
-        torch.set_deterministic_debug_mode(before[0])
-        torch.utils.deterministic.fill_uninitialized_memory = before[1]
 
 
 @pytest.mark.parametrize(("overrides", "expected"), [

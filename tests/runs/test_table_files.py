@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from ia_bench.cli.table import make_table, parse
+from ia_bench.cli.table import parse
 from ia_bench.common.errors import InputError
 from ia_bench.runs import table as module
-from ia_bench.runs.cells import TableRequest
 from ia_bench.runs.table import Claim, Row, SceneEntry, Table, load_table, some_rows
 
 BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
@@ -26,14 +25,9 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("rows: [{name: a, overrides: []}, {name: a, overrides: []}]", "expected different names, found a, a"),
         ("rows: [{name: a, overrides: []}]\nreference: b", "reference: unknown row 'b'"),
         ("includes: [bad]", "includes: expected tables that do not include each other, found bad in bad"),
-        ("includes: [worse]", "unknown table 'worse'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
         ("rows: [{name: a, overrides: [], seeds: []}]", r"rows.0.seeds: expected at least one, found \[\]"),
-        ("rows: [{name: a, overrides: [], captures: []}]", "rows.0.captures: expected at least one"),
-        ("captures: []", "captures: expected at least one"),
-        ("photographs: 0", "photographs: expected 1 or more, found 0"),
-        ("claims: [{better: a, worse: a, metrics: []}]", "claims.0.metrics: expected at least one"),
         *((f"rows: [{{name: {name}, overrides: []}}]", "rows.0.name: expected a name of 1 to 200 printable") for name in BAD_NAMES),
         ("scenes: [{name: a}, a]", "scenes: expected different names, found a, a"),
         ("scenes: [{name: a, path: 3}]", "scenes.0"),
@@ -45,14 +39,9 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("seeds: []", "seeds: expected at least one"),
         ("rows: [", r"bad\.yaml: not valid YAML"),
         ("[1]", r"bad\.yaml: expected a YAML table, found list"),
-        ("rows: []".encode("utf-16"), r"bad\.yaml: expected YAML as UTF-8 text"),
-        ("note: ü".encode("latin-1"), r"bad\.yaml: expected YAML as UTF-8 text"),
         (bytes(range(256)), r"bad\.yaml: expected YAML as UTF-8 text"),
-        (bytes(9), r"bad\.yaml: not valid YAML"),
         (b"a: " + b"[" * 100_000, r"bad\.yaml: not valid YAML \(nested too deeply\)"),
-        ("seeds: [2001-13-45]", r"bad\.yaml: not valid YAML|seeds"),
         (BOMB, r"bad\.yaml: expected at most 100000 values, aliases written out, found more"),
-        ("a: &a [*a]", r"bad\.yaml: expected at most 100000 values"),
     ]:
         (tmp_path / "table" / "bad.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
         with pytest.raises(InputError, match=f"(?s){message}"):
@@ -114,14 +103,6 @@ def test_a_scene_of_any_format_is_named_by_its_entry() -> None:
         ],
         ["scene=hat"],
     ]
-
-
-def test_a_row_that_the_paper_has_not_is_told_before_anything_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "conf_folder", lambda: tmp_path)
-    (tmp_path / "table").mkdir()
-    (tmp_path / "table" / "bad.yaml").write_text("rows: [{name: a, overrides: [], paper: b}]\nscenes: [tiny]")
-    with pytest.raises(InputError, match="table bad: rows: a: paper: expected a row of the paper's table, some of .* found b"):
-        make_table(TableRequest("bad"))
 
 
 def test_a_table_has_the_rows_of_those_that_it_includes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
