@@ -32,7 +32,7 @@ from ia_bench.readers.native import NativeReader
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
-from ia_bench.runs.truth import tell_truth
+from ia_bench.runs.scene import tell_truth
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 from ia_bench_baselines.mitsuba_adam.method import MitsubaAdam

@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _rescore(wanted: argparse.Namespace) -> int:
     limit_threads(wanted.threads)
     from ia_bench.runs.composition import compose
-    from ia_bench.runs.rescore import Rescorer  # brings in the renderer
+    from ia_bench.runs.recovered import Rescorer  # brings in the renderer
 
     roots = folders_among(wanted.runs, complain)
     found = sorted({path.parent for root in roots for path in root.rglob(METRICS_FILE)})

@@ -21,7 +21,7 @@ from ia_bench.report.site.content import Sources
 from ia_bench.report.site.live import findings_so_far, key_of, write_news
 from ia_bench.report.site.write import PARTS, write_page
 from ia_bench.report.worth import gains, maps
-from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, WAITING, Overview, look
+from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, Overview, look
 from ia_bench.runs.table import Table, load_table, title_of
 
 LIVE = "live"

@@ -31,8 +31,7 @@ from ia_bench.runs.config import RunConfig, method_of
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.pictures.bundle import write_pictures
 from ia_bench.runs.record import RunRecord
-from ia_bench.runs.scene import read_scene, tell
-from ia_bench.runs.truth import tell_truth
+from ia_bench.runs.scene import read_scene, tell, tell_truth
 from ia_bench.scenes.scene import Scene
 from ia_bench.scores.result import drawn_scale
 from ia_bench.scores.scorer import Scorer

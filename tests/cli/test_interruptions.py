@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from command_line import call, command, results, started
 
-from ia_bench.runs.checkpoint import pack
+from ia_bench.runs.folder import pack
 
 pytestmark = pytest.mark.usefixtures("workplace")
 

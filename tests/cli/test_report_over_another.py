@@ -7,10 +7,6 @@ from pathlib import Path
 
 from ia_bench.cli.report import main
 from ia_bench.report.collect import SCORES, Record
-<<<<<<< HEAD
-=======
-from ia_bench.report.gains import gains
->>>>>>> 6fd37d5c (Tests around a run say each thing once)
 from ia_bench.report.value import FILES, write_value
 from ia_bench.report.worth import gains
 from ia_bench.report.write import Report, write_report

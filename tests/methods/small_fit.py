@@ -24,7 +24,7 @@ from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import RenderSettings
-from ia_bench.runs.truth import ToldPrior
+from ia_bench.runs.scene import ToldPrior
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
 

@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.registry import built_in, create
 from ia_bench.priors.contract import Observations
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.runs.truth import ToldPrior
+from ia_bench.runs.scene import ToldPrior
 from ia_bench.scenes.scene import Camera, View
 
 CAMERA = Camera(np.eye(4), (20.0, 20.0), (8.0, 6.0), 16, 12)

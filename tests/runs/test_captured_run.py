@@ -10,7 +10,7 @@ import pytest
 from ia_bench.common.errors import InputError
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
-from ia_bench.runs.rescore import Rescorer
+from ia_bench.runs.recovered import Rescorer
 
 SMALL = ["protocol.map_points=2", "protocol.render_points=2", "protocol.samples_per_pixel=8"]
 PHONE = ["capture.views=12", "capture.radiometry=ldr", "capture.exposure=per_image", "capture.geometry=hull"]

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from ia_bench.common.errors import InputError
-from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, WAITING, look
-from ia_bench.runs.cells import read_cells
+from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, look, read_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import find_run_folders, lock_folder
 

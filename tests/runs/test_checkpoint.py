@@ -9,7 +9,7 @@ import pytest
 import torch
 from run_folders import CONFIG, HASH
 
-from ia_bench.runs import checkpoint
+from ia_bench.runs import folder as checkpoint
 from ia_bench.runs.folder import RunFolder
 
 

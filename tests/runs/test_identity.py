@@ -218,42 +218,6 @@ def test_hash_follows_the_code_of_what_is_not_built_in(
     assert hash_with(*overrides) != before
 
 
-<<<<<<< HEAD
-def test_no_checkpoint_is_resumed_by_other_code_that_a_plugin_shares(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    body = """
-        from ia_bench.methods.truth_seers import NoOptions
-        from ia_bench.methods.info import MethodInfo
-        class Ours:
-            Options, presets, info = NoOptions, {}, MethodInfo(uses_prior=False)
-            def __init__(self, options): ...
-            def fit(self, problem, *, seed, monitor): ...
-    """
-    parts = {"one/method": textwrap.dedent(body), "common/steps": "RATE = 1"}
-    for name, content in (parts | dict.fromkeys(["__init__", "one/__init__", "common/__init__"], "")).items():
-        path = tmp_path / "shares_code" / f"{name}.py"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(content)
-    file = tmp_path / "checkpoint.pt"
-    file.write_bytes(pack({"step": 3}, hash_with("method=shares_code.one.method:Ours")))
-    assert unpack(file, hash_with("method=shares_code.one.method:Ours")) == {"step": 3}
-    (tmp_path / "shares_code/common/steps.py").write_text("RATE = 10")
-    with pytest.raises(BadCheckpoint, match="another configuration"):
-        unpack(file, hash_with("method=shares_code.one.method:Ours"))
-
-
-def test_hash_follows_the_content_of_lpips_weights_and_not_their_place(tmp_path: Path) -> None:
-    hashes = [hash_with()]  # LPIPS from the package's cache, or undefined: giving the weights later is another run
-    for name, content in (("a", b"weights"), ("b", b"weights"), ("c", b"others")):
-        path = tmp_path / f"{name}.safetensors"
-        path.write_bytes(content)
-        hashes.append(hash_with(f"protocol.lpips.weights={path}"))
-    assert hashes[1] == hashes[2]
-    assert len({*hashes}) == 3
-
-
-=======
->>>>>>> 6fd37d5c (Tests around a run say each thing once)
 def test_folder_is_named_by_scene_row_and_hash() -> None:
     config = compose(["device=cpu", "prior=oracle", "row='oracle w/o guided'"])
     assert run_folder(config, "0123456789") == Path("runs", "hat", "oracle-w-o-guided-01234567")

@@ -14,7 +14,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.report.collect import collect
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
-from ia_bench.runs.rescore import Rescorer
+from ia_bench.runs.recovered import Rescorer
 from ia_bench.scores.protocol import Protocol
 
 SCORES = ("metrics", "variants", "per_image", "reasons", "counts", "albedo_scales", "protocol", "protocol_description", "renderer")

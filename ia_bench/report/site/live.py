@@ -17,7 +17,7 @@ from ia_bench.report.curves import read_curve
 from ia_bench.report.findings import Findings, analyse
 from ia_bench.report.site.content import curve_data
 from ia_bench.report.texts import write_text
-from ia_bench.runs.cell_status import FAILED, FINISHED, RUNNING, CellStatus, Overview
+from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, CellStatus, Overview
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.pictures.packing import compact
 from ia_bench.runs.table import Table

@@ -112,7 +112,7 @@ def _write_scene(
 
 def _reading(run: Recovered) -> list[Any]:
     """What decides the scene as it is pictured: its files, and how they were read. What a capture leaves out is no truth."""
-    return [run.scene_content, asdict(run.reader)]
+    return [run.scene_content, asdict(run.config.reader)]
 
 
 def _fitted(kept: Bundle) -> list[str]:

@@ -13,7 +13,7 @@ from ia_bench.methods.contract import PixelSamples, Problem
 from ia_bench.methods.couplings.sampler import pixel_samples
 from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.oracle import OraclePrior
-from ia_bench.runs.truth import ToldPrior
+from ia_bench.runs.scene import ToldPrior
 from ia_bench.scenes.scene import Scene
 
 ALL = tuple(range(16))

@@ -22,7 +22,7 @@ from ia_bench.methods.validation import checked_coupling
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.renderer import texture_images
-from ia_bench.runs.truth import ToldPrior
+from ia_bench.runs.scene import ToldPrior
 from ia_bench.scenes.scene import Scene
 
 SETTINGS = FitSettings(stage1_steps=6, stage2_steps=4, pixels=128)

@@ -24,7 +24,7 @@ from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import PixelRadiance, Renderer
-from ia_bench.runs.checkpoint import unpack
+from ia_bench.runs.folder import unpack
 
 SETTINGS = FitSettings(stage1_steps=20, stage2_steps=10, pixels=64)
 ENTRY = 5  # of the batch, the one that is spoiled
