@@ -176,14 +176,14 @@ def _strength_zero() -> Measured:
 def _in_range(rule: Rule, norm: Norm, steps: int) -> Measured:
     guidance = _pull(1e3, rule, norm)
     found = _draw(guidance, steps, clip=True)
-    return Measured(max(0.0, float(found.abs().max()) - 1), guards=guidance.cost["guided_cut"], finite=all_finite(found))
+    return Measured(max(0.0, float(found.abs().max()) - 1), finite=all_finite(found))
 
 
 def _arrived(norm: Norm) -> Measured:
     """All data are MEAN, and so is the target: the residual is zero throughout, and its norm has no gradient."""
     guidance = _pull(10.0, "paper", norm, torch.full(SHAPE, MEAN))
     found, plain = _draw(guidance, 50, clip=True, variance=0.0), _draw(None, 50, clip=True, variance=0.0)
-    return Measured(deviation(found, plain, 1e-2), guards=guidance.cost["guided_cut"], finite=all_finite(found))
+    return Measured(deviation(found, plain, 1e-2), finite=all_finite(found))
 
 
 def _half_weighted() -> Measured:
