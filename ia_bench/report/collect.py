@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -130,11 +131,14 @@ def read_run(folder: Path) -> Record:
         "config_hash": record.config_hash[:HASH_DIGITS],
         "preset": record.preset,
         "threads": record.threads,
-        "capture": _capture_of(folder),
+        "capture": None,
         "commit": environment.get("commit"),
         "clean": record.clean if environment.get("commit") else None,
         "cpu": environment.get("cpu"),
     }
+    if (setup := setup_of(folder)) is not None:
+        with suppress(InputError):  # of a former version
+            found["capture"] = parsed(CaptureSettings, setup.config.get("capture", {})).label
     if record.status == "failed":
         return {**found, "problem": record.error}
     variants = {**record.variants, "geometry": {name: value for name, value in record.geometry.items() if name != "reasons"}}
@@ -240,14 +244,6 @@ def setup_of(folder: Path) -> RunSetup | None:
     try:
         return RunSetup.read(folder)
     except InputError:
-        return None
-
-
-def _capture_of(folder: Path) -> str | None:
-    setup = setup_of(folder)
-    try:
-        return None if setup is None else parsed(CaptureSettings, setup.config.get("capture", {})).label
-    except InputError:  # of a former version
         return None
 
 

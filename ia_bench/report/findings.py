@@ -11,7 +11,7 @@ from ia_bench.common.settings import flat
 from ia_bench.common.suggestions import listed
 from ia_bench.report.collect import Collection, Runs, finished, name_of, reason_of, setup_of
 from ia_bench.report.statistics import Block, Estimate, Paired, Verdict, block, judge, means, paired, side_by_side
-from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, carried_text, counterparts, paper_rows
+from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, counterparts, paper_rows
 from ia_bench.runs.table import Claim
 from ia_bench.scores.columns import METRICS
 
@@ -75,12 +75,6 @@ class Findings:
     def bounds(self) -> dict[str, str]:
         """Those rows that bound all others -> what they are."""
         return {row: BOUNDS[row] for row in self.rows if row in BOUNDS}
-
-    @property
-    def carried(self) -> list[str]:
-        """A sentence for every difference that one run carries."""
-        every = ((row, metric, values[metric.key]) for row, values in self.differences.items() for metric in METRICS)
-        return [f"{row}, {metric.title}: carried by {carried_text(pairs)}" for row, metric, pairs in every if pairs.carriers]
 
     @property
     def seconds_compare(self) -> bool:

@@ -70,11 +70,16 @@ def write_report(
     if ours:
         remove_all_but(pictures, [*(out / "curves").glob("*.png"), *(out / "curves").glob("*.svg")])
     shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
-    tables = {
-        "table.csv": _summaries(findings),
-        "differences.csv": _differences(findings),
-        "claims.csv": _claims(findings),
-    }
+    differences = (
+        ({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
+        for row, values in findings.differences.items()
+        for metric in METRICS
+    )
+    claimed = (
+        ({"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome}, one.pairs)
+        for one in findings.verdicts
+    )
+    tables = {"table.csv": _summaries(findings), "differences.csv": _paired(differences), "claims.csv": _paired(claimed)}
     texts = {
         "report.md": report_text(findings, shown),
         "table.tex": latex(findings),
@@ -122,27 +127,16 @@ def _summaries(findings: Findings) -> Iterable[Line]:
         yield {"protocol": "the paper's", "scene": "the paper's scenes", "row": row.method, **paper}
 
 
-def _differences(findings: Findings) -> Iterable[Line]:
-    for row, values in findings.differences.items():
-        for metric in METRICS:
-            yield from _paired({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
-
-
-def _claims(findings: Findings) -> Iterable[Line]:
-    for one in findings.verdicts:
-        label = {"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome}
-        yield from _paired(label, one.pairs)
-
-
-def _paired(label: Line, pairs: Paired) -> Iterable[Line]:
-    """The mean of differences with both intervals, then the same scene by scene."""
-    for scene, part in {MEAN: pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
-        seeds, scenes = part.over_seeds, part.over_scenes
-        yield label | {
-            "scene": scene,
-            "difference": seeds and seeds.mean,
-            "half_width_over_seeds": seeds and seeds.half_width,
-            "half_width_over_scenes": scenes and scenes.half_width,
-            "pairs": part.count,
-            "carried_by": carried_text(part),
-        }
+def _paired(found: Iterable[tuple[Line, Paired]]) -> Iterable[Line]:
+    """The mean of differences with both intervals, then the same scene by scene, each below its label."""
+    for label, pairs in found:
+        for scene, part in {MEAN: pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
+            seeds, scenes = part.over_seeds, part.over_scenes
+            yield label | {
+                "scene": scene,
+                "difference": seeds and seeds.mean,
+                "half_width_over_seeds": seeds and seeds.half_width,
+                "half_width_over_scenes": scenes and scenes.half_width,
+                "pairs": part.count,
+                "carried_by": carried_text(part),
+            }

@@ -167,16 +167,8 @@ def data(sources: Sources, page: Path) -> dict[str, Any]:
 
 
 def _metric(metric: Metric) -> dict[str, Any]:
-    return {
-        "key": metric.key,
-        "group": metric.group,
-        "label": metric.label,
-        "title": metric.title,
-        "higher": metric.higher_is_better,
-        "digits": metric.digits,
-        "headline": is_headline(metric),
-        "definition": definition(metric),
-    }
+    own = {name: getattr(metric, name) for name in ("key", "group", "label", "title", "digits")}
+    return own | {"higher": metric.higher_is_better, "headline": is_headline(metric), "definition": definition(metric)}
 
 
 def _row(name: str, sources: Sources) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from scored_runs import put_setup
 
-from ia_bench.cli.report import main
 from ia_bench.report.collect import collect
 from ia_bench.report.findings import MEAN, analyse
 from ia_bench.report.site.content import Sources, scopes
@@ -117,12 +116,3 @@ def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run
     assert [run["command"] for run in found["runs"]] == ["python -m ia_bench seed=0", "python -m ia_bench seed=1"]
     assert [run["files"] for run in found["runs"]] == [{"a.exr": "0123456789ab"}] * 2
     assert found["rows"][0]["command"] == """python -m ia_bench prior=none 'row='"'"'a, b'"'"''"""
-
-
-@pytest.mark.usefixtures("folders")
-def test_the_command_line_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    runs = str(tmp_path / "runs")
-    assert main([runs, "--out", str(tmp_path / "one")]) == 0
-    assert main([str(tmp_path / "one" / "runs.csv"), "--out", str(tmp_path / "two")]) == 0
-    assert f"{tmp_path / 'two' / 'page' / 'index.html'} opens in a browser" in capsys.readouterr().out
-    assert {run["folder"] for run in page_data(tmp_path / "one" / "page" / "index.html")["runs"] if "folder" in run} == set()
