@@ -181,19 +181,15 @@ class _Fit:
         colour = self._appearance(found / safe[:, None], _normals(values, place), rays.directions) * opacity[:, None]
         if len(self._gains):
             colour = colour * self._gains[pixels.view[picked]].exp()[:, None]
-        shown, mask, colour_known, mask_known = self._shown(picked)
+        given = pixels.colour, pixels.mask, pixels.colour_known, pixels.mask_known
+        shown, mask, colour_known, mask_known = (one[picked] for one in given)
+        if self._photographs is not None:
+            shown, mask, colour_known, mask_known = self._photographs.at(pixels.view[picked], pixels.place[picked])
         apart = (torch.log1p(3 * colour) - torch.log1p(3 * shown / self._mean)).abs().mean(-1)
         loss = (colour_known * apart).mean() + MASK * (mask_known * (opacity - mask).abs()).mean()
         if self._photographs is not None:
             loss = loss + OFFSET * (self._photographs.offsets**2).mean()
         return loss if pixels.normal is None else loss + NORMAL * turned_away(values, rays, pixels.normal[picked])
-
-    def _shown(self, picked: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Colour and coverage of some pixels, and whether each is known."""
-        pixels = self._pixels
-        if self._photographs is not None:
-            return self._photographs.at(pixels.view[picked], pixels.place[picked])
-        return pixels.colour[picked], pixels.mask[picked], pixels.colour_known[picked], pixels.mask_known[picked]
 
 
 def turned_away(values: Tensor, rays: Rays, given: Tensor) -> Tensor:

@@ -88,7 +88,9 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     # ---------------------------------------------------------------- planes, and where they are inside of the hull
     along = torch.from_numpy(view.camera.rays(*np.indices(view.mask.shape)[::-1] + 0.5)).float()[rows, columns]
     origin = torch.from_numpy(np.array(view.camera.position, np.float32))
-    depths = _planes(view.camera, hull)
+    box = (torch.tensor(ends) for ends in zip(hull.low.tolist(), hull.high.tolist(), strict=True))
+    corners = view.camera.project(torch.stack(torch.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3))[2]
+    depths = torch.arange(max(float(corners.min()), SPACING * hull.step), float(corners.max()), SPACING * hull.step)
     points = origin + depths[:, None, None, None] * along  # (K, H, W, 3)
     boxed = ((points >= hull.low) & (points <= hull.high)).all(-1)
     inside = boxed & (hull.at(points.reshape(-1, 3)).reshape(boxed.shape) < hull.step)
@@ -99,7 +101,11 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     depths, points, inside = depths[part], points[part], inside[part]
     # ---------------------------------------------------------------- agreement, and the depths that have most of it
     own = picture[:, rows, columns]
-    alike = torch.cat([_agreement(own, others, some) for some in points.split(PLANES_AT_ONCE)])
+    parts = []
+    for some in points.split(PLANES_AT_ONCE):
+        of_others = torch.stack([correlation(own, _projected(*other, some)) for other in others])
+        parts.append(of_others.topk(min(AGREEING, len(others)), 0).values.mean(0))  # of those that agree most
+    alike = torch.cat(parts)
     cost = semi_global(torch.where(inside, 1 - alike, OUTSIDE), SMALL_JUMP, LARGE_JUMP)
     cost = torch.where(inside, cost, NEVER)
     best = cost.argmin(0)
@@ -110,21 +116,6 @@ def _depth_map(view: View, picture: Tensor, others: Sequence[tuple[Camera, Tenso
     empty.depth[rows, columns] = torch.where(sure, depth, 0)
     empty.trust[rows, columns] = torch.where(sure, alike.gather(0, best[None])[0].clamp_min(0), 0)
     return empty
-
-
-def _agreement(own: Tensor, others: Sequence[tuple[Camera, Tensor]], points: Tensor) -> Tensor:
-    """How much the photographs that agree most look like one's own (C, H, W) if its pixels are at the points (K, H, W, 3)."""
-    alike = torch.stack([correlation(own, _projected(*other, points)) for other in others])
-    return alike.topk(min(AGREEING, len(others)), 0).values.mean(0)
-
-
-def _planes(camera: Camera, hull: DistanceGrid) -> Tensor:
-    """Depths (K,) of planes through the box of the hull, in front of the camera."""
-    box = (torch.tensor(ends) for ends in zip(hull.low.tolist(), hull.high.tolist(), strict=True))
-    corners = torch.stack(torch.meshgrid(*box, indexing="ij"), -1).reshape(-1, 3)
-    depth = camera.project(corners)[2]
-    spacing = SPACING * hull.step
-    return torch.arange(max(float(depth.min()), spacing), float(depth.max()), spacing)
 
 
 def _projected(camera: Camera, picture: Tensor, points: Tensor) -> Tensor:

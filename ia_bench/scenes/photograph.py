@@ -55,7 +55,11 @@ def read_photograph(
     ``upright`` turns photograph and mask by the EXIF orientation of each, as viewers do. A photograph with a camera needs False,
     since calibrated cameras, and masks made for them, are of the pixels as they are stored. Raises InputError.
     """
-    radiance, coverage = _read_linear(path, notice) if path.suffix.lower() == ".exr" else _read_encoded(path, upright, notice)
+    if path.suffix.lower() == ".exr":
+        radiance, coverage = _read_linear(path, notice)
+    else:
+        values = _values(path, in_srgb(path, open_picture(path, upright=upright), notice))
+        radiance, coverage = srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
     if mask is not None:
         chosen = read_mask(mask, upright=upright)
         if chosen.shape != coverage.shape:
@@ -80,11 +84,6 @@ def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray,
     if wrong.any():
         raise InputError(f"{path}: expected alpha from 0 to 1, found {image[..., 3][wrong][0]:g} in {int(wrong.sum())} pixel(s)")
     return image[..., :3], image[..., 3].clip(0, 1)
-
-
-def _read_encoded(path: Path, upright: bool, notice: Callable[[str], None]) -> tuple[np.ndarray, np.ndarray]:
-    values = _values(path, in_srgb(path, open_picture(path, upright=upright), notice))
-    return srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
 
 
 def read_values(path: Path) -> np.ndarray:
