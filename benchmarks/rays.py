@@ -20,11 +20,9 @@ from torch import Tensor
 
 from benchmarks.work_precision.precision import time_in_turns
 from ia_bench.light.latlong import SampledLight
-from ia_bench.render.embree import EmbreeRays
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import TracedShadows
-from ia_bench.render.warp_rays import WarpRays
+from ia_bench.render.rays import EmbreeRays, WarpRays
+from ia_bench.render.renderer import Renderer, TracedShadows
 
 PIXELS, SAMPLES, VIEWS, SIZE = 4096, 32, 20, 128  # as in gradient_step.py
 WARM_UP = 2
@@ -40,7 +38,7 @@ class Recorded:
         self.onto_object: tuple[Tensor, Tensor] | None = None
 
     def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
-        """See :class:`ia_bench.render.visibility.Visibility`."""
+        """See :class:`ia_bench.render.renderer.Visibility`."""
         blocked = self._shadows.blocked(points, direction, asked)
         origin = points.position + self._offset * points.geometric
         self.asked = origin, direction.clone(), asked.clone()

@@ -18,8 +18,16 @@ import torch
 from torch import Tensor
 
 from ia_bench.light.latlong import BIN_SIDE, LatLongSampler, SampledLight, direction_to_texel, texel_to_direction
-from ia_bench.material.brdf import F0, MIN_COSINE, dot, microfacets, normalize, sample_visible_ggx, visible_ggx_pdf
-from ia_bench.material.coat import coat_reflectance
+from ia_bench.material.brdf import (
+    F0,
+    MIN_COSINE,
+    coat_reflectance,
+    dot,
+    microfacets,
+    normalize,
+    sample_visible_ggx,
+    visible_ggx_pdf,
+)
 from ia_bench.material.textures import Material, bilinear_taps
 from ia_bench.render import indirect as interreflections
 from ia_bench.render.estimator import FromObject, Shaded

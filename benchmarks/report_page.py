@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.cli.report import main as report
-from ia_bench.runs.pictures.bundle import PICTURES, bundle, read_bundle
 from ia_bench.runs.pictures.drawing import SceneRenderer
+from ia_bench.runs.pictures.packing import PICTURES, bundle, read_bundle
 from ia_bench.runs.recovered import Recovered
 
 

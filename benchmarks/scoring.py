@@ -22,7 +22,7 @@ from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.renderer import Renderer, texture_images
 from ia_bench.render.stage import Stage
 from ia_bench.runs.recovered import Recovered
-from ia_bench.scores import comparison, metrics, perceptual, predictions
+from ia_bench.scores import comparison, metrics
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 
@@ -30,12 +30,12 @@ PARTS: dict[str, Callable[..., object]] = {
     "G-buffers": trace_gbuffer,
     "maps": texture_images,
     "renders": Renderer.render_images,
-    "pairs": predictions.pairs,
+    "pairs": comparison.pairs,
     "encoding": comparison.encode,
     "PSNR, MSE": metrics.squared_error,
     "SSIM": metrics.ssim,
-    "loading LPIPS": perceptual.load,
-    "LPIPS": perceptual.lpips,
+    "loading LPIPS": metrics.load,
+    "LPIPS": metrics.lpips,
 }
 
 

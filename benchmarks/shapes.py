@@ -28,7 +28,7 @@ from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 from ia_bench.scenes.scene import Scene
-from ia_bench.scores.geometry import score_geometry
+from ia_bench.scores.scorer import score_geometry
 
 MASK_THRESHOLD = 0.5  # as in protocol paper-v2
 COLUMNS = ("normals_degrees", "depth", "chamfer", "mask_iou", "missed_share")

@@ -23,8 +23,7 @@ from ia_bench.material.textures import Material
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import TracedShadows
+from ia_bench.render.renderer import Renderer, TracedShadows
 from ia_bench.runs.config import SceneConfig, resolve_scene_folder
 
 SAMPLES = (8, 16, 32, 64, 128, 256, 512)

@@ -20,7 +20,7 @@ from ia_bench.readers.contract import TRUTH_OF_VIEWS, SceneReader, check_scene, 
 from ia_bench.render.agreement import GOOD, check_agreement
 from ia_bench.render.gbuffer import trace_gbuffer
 from ia_bench.render.rays import make_rays
-from ia_bench.runs.pictures.panels import GREY, displayed, exposure
+from ia_bench.runs.pictures.drawing import GREY, displayed, exposure
 from ia_bench.scenes.scene import Scene
 
 AGREEMENT = "mesh, cameras and masks"

@@ -8,14 +8,19 @@ Vectors are unit length with a last axis of 3; roughness and cosines have a last
 
 from __future__ import annotations
 
+import functools
 import math
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from ia_bench.common.cache import Cache, content_key
+
 F0 = 0.04  # reflectance at normal incidence of a dielectric with IOR 1.5
 MIN_ROUGHNESS = 0.03  # alpha = 9e-4: the narrowest lobe that float32 resolves without loss
 MIRROR = 1e-30  # alpha = 0 at the mirror direction itself is 0 / this, not 0 / 0
+GOLDEN = 0.6180339887498949  # fraction of the golden ratio: its multiples fill [0, 1] evenly
 MIN_COSINE = 1e-4  # grazing cosines are held here, where a lobe has no area any more
 
 
@@ -122,3 +127,28 @@ def visible_ggx_pdf(normal: Tensor, view: Tensor, incident: Tensor, roughness: T
     half = normalize(view + incident)
     cos_o = dot(normal, view).clamp_min(MIN_COSINE)
     return ggx_ndf(normal, half, alpha) * smith_g1(cos_o, alpha) / (4 * cos_o)
+
+
+@functools.cache
+def coat_reflectance(size: int = 32, samples: int = 1024) -> Tensor:
+    """The directional albedo of the specular lobe, (size, size): rows are roughness, columns the cosine, both from 0 to 1.
+
+    So much the lobe reflects in all, and keeps from the diffuse one below it. The table is kept in the cache, for this code.
+    """
+    key = content_key("coat", f"{size} {samples}", Path(__file__).read_text(encoding="utf-8"))
+    return Cache().kept(key, lambda: {"table": _tabulated(size, samples)})["table"]
+
+
+def _tabulated(size: int, samples: int) -> Tensor:
+    values = torch.linspace(0, 1, size)
+    roughness, cosine = (grid[..., None, None] for grid in torch.meshgrid(values, values, indexing="ij"))
+    cosine = cosine.clamp_min(MIN_COSINE)
+    normal = torch.tensor([0.0, 0.0, 1.0]).expand(size, size, samples, 3)
+    view = torch.cat([torch.sqrt(1 - cosine * cosine), torch.zeros_like(cosine), cosine], -1).expand(normal.shape)
+    index = torch.arange(samples, dtype=torch.float64)
+    u = torch.stack([(index + 0.5) / samples, torch.remainder((index + 0.5) * GOLDEN, 1)], -1).float()
+    rough = roughness.clamp_min(MIN_ROUGHNESS).expand(size, size, samples, 1)
+    incident = sample_visible_ggx(normal, view, rough, u)
+    density = visible_ggx_pdf(normal, view, incident, rough)
+    value = specular_brdf_cosine(normal, view, incident, rough) / density.clamp_min(1e-12)
+    return torch.where(density > 0, value, torch.zeros_like(value)).mean(2)[..., 0]

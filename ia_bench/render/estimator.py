@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 from ia_bench.common.warp_launch import launch, launch_summing
 from ia_bench.light.latlong import LatLongSampler
 from ia_bench.light.warp_latlong import tables_of
-from ia_bench.material.coat import coat_reflectance
+from ia_bench.material.brdf import coat_reflectance
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.kernels import draw, shade, shade_adjoint
@@ -112,14 +112,14 @@ def shade_samples(
 
     ``coat``: "layered" or "added"; see :class:`ia_bench.render.settings.RenderSettings`.
     """
-    layered = coat_reflectance().to(radiance.device) if coat == "layered" else None
     textures = material.albedo, material.roughness, material.metallic
     arriving, leaving, atlas, seen = of_object or (None, None, None, None)
+    tables = atlas, coat_reflectance().to(radiance.device) if coat == "layered" else None
     fixed = (
-        *(0 if texture is None else len(texture) for texture in textures),
+        *(0 if texture is None else len(texture) for texture in textures),  # a side of 0 stands for none
         surface.normal, surface.view, surface.uv, surface.front[:, 0].float(),
         samples.texel, samples.terms, samples.boost, seen, samples.boost.shape[1],
-        *_table(atlas), *_table(layered),
+        *(part for table in tables for part in ((None, 0) if table is None else (table.reshape(-1), len(table)))),
     )  # fmt: skip
     albedo, roughness = _flat(material.albedo, 3), _flat(material.roughness, 1)
     metallic = None if material.metallic is None else _flat(material.metallic, 1)
@@ -131,11 +131,6 @@ def _flat(texture: Tensor, channels: int) -> Tensor:
     if texture.shape != (len(texture), len(texture), channels):
         raise ValueError(f"texture: expected the shape (T, T, {channels}), found {tuple(texture.shape)}")
     return texture.reshape((-1, channels) if channels > 1 else -1).contiguous()
-
-
-def _table(values: Tensor | None) -> tuple[Tensor | None, int]:
-    """A square table, flat, and its side; 0 stands for none."""
-    return (None, 0) if values is None else (values.reshape(-1), len(values))
 
 
 class _Shade(torch.autograd.Function):

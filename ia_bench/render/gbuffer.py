@@ -15,8 +15,8 @@ from torch import Tensor
 
 from ia_bench.common.warp_launch import launch
 from ia_bench.material.brdf import normalize
+from ia_bench.render.kernels import average, interpolate, land
 from ia_bench.render.rays import RayCaster
-from ia_bench.render.surface_kernels import average, interpolate, land
 from ia_bench.scenes.scene import Camera, Mesh
 
 RAYS_AT_ONCE = 2**18  # primary rays traced together: about 50 MB while they are made
@@ -72,7 +72,7 @@ class GBuffer:
     @property
     def size_bytes(self) -> int:
         """Memory that it takes, about."""
-        return sum(part.numel() * part.element_size() for part in (self.face, self.barycentric, self.pixel))
+        return self.face.nbytes + self.barycentric.nbytes + self.pixel.nbytes
 
     def view(self, entries: Tensor | None = None) -> Tensor:
         """Which of the V views the pixels of N entries belong to, (N,) int64."""
@@ -114,18 +114,12 @@ def primary_rays(camera: Camera, side: int, pixels: np.ndarray | None = None) ->
 
     ``pixels`` (P,): only of these, by their flat indices, (P, S, 3).
     """
-    directions = primary_directions(camera, side, pixels)
-    return np.broadcast_to(camera.position.astype(np.float32), directions.shape).copy(), directions
-
-
-def primary_directions(camera: Camera, side: int, pixels: np.ndarray | None = None) -> np.ndarray:
-    """The directions of :func:`primary_rays`, which all begin at the camera."""
     chosen = np.arange(camera.height * camera.width).reshape(camera.height, -1) if pixels is None else pixels
     row, column = np.divmod(chosen[..., None], camera.width)
     down, across = np.divmod(np.arange(side * side), side)
     directions = camera.rays(column + (across + 0.5) / side, row + (down + 0.5) / side)
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    return directions.astype(np.float32)
+    directions = (directions / np.linalg.norm(directions, axis=-1, keepdims=True)).astype(np.float32)
+    return np.broadcast_to(camera.position.astype(np.float32), directions.shape).copy(), directions
 
 
 def pixels_in_reach(camera: Camera, mesh: Mesh) -> np.ndarray:
@@ -147,28 +141,21 @@ def pixels_in_reach(camera: Camera, mesh: Mesh) -> np.ndarray:
 
 def trace_gbuffer(cameras: list[Camera], rays: RayCaster, side: int, device: torch.device) -> GBuffer:
     """Trace ``side`` x ``side`` points in every pixel of every camera (all of one size)."""
-    faces, barycentrics, pixels = [], [], []
-    height, width = cameras[0].height, cameras[0].width
+    faces, barycentrics, pixels, (height, width) = [], [], [], (cameras[0].height, cameras[0].width)
     centres = torch.from_numpy(np.stack([camera.position for camera in cameras]).astype(np.float32)).to(device)
     for view, camera in enumerate(cameras):
         if (camera.height, camera.width) != (height, width):
             raise ValueError(f"view {view} is {camera.height} x {camera.width}, the first is {height} x {width}")
         reached = pixels_in_reach(camera, rays.mesh)
         for chosen in np.array_split(reached, max(1, -(-len(reached) * side**2 // RAYS_AT_ONCE))):
-            directions = torch.from_numpy(primary_directions(camera, side, chosen)).to(device)
+            directions = torch.from_numpy(primary_rays(camera, side, chosen)[1]).to(device)
             face, barycentric, _ = rays.intersect(centres[view, None], directions.reshape(1, -1, 3), coherent=True)
             face = face.reshape(-1, side * side)
             seen = (face >= 0).any(1)
             faces.append(face[seen].int())
             barycentrics.append(barycentric.reshape(-1, side * side, 2)[seen])
             pixels.append(torch.from_numpy(chosen).to(device)[seen] + view * height * width)
-    return GBuffer(
-        face=torch.cat(faces),
-        barycentric=torch.cat(barycentrics),
-        pixel=torch.cat(pixels),
-        origin=centres,
-        shape=(len(cameras), height, width),
-    )
+    return GBuffer(torch.cat(faces), torch.cat(barycentrics), torch.cat(pixels), centres, (len(cameras), height, width))
 
 
 class SurfaceInterpolator:

@@ -15,22 +15,23 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.common.cache import Cache
+from ia_bench.common.cache import Cache, content_key, made_on
 from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import row_solid_angles, texel_to_direction
 from ia_bench.material.brdf import dot
 from ia_bench.material.textures import fetch
-from ia_bench.render.atlas import Atlas, mesh_key
 from ia_bench.render.gbuffer import SurfaceInterpolator, SurfacePoints
-from ia_bench.render.rays import RayCaster
+from ia_bench.render.rays import EmbreeRays, RayCaster
 from ia_bench.scenes.scene import Mesh
 
 ATLAS_SIZE = 128  # texels along a side of the atlas between whose texels a fit exchanges light
@@ -39,6 +40,63 @@ BAKE_CHUNK = 1024  # texels traced at once
 VERSION = 2  # of what is kept of a bake
 ATLAS_PARTS = ("place", "face", "barycentric", "row")
 BURIED = 0.3  # a texel that sees more backs of triangles than this (cosine-weighted) lies inside the object
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """The N texels of a square atlas whose centres lie on a triangle.
+
+    ``place`` (N,) int64: flat index in the atlas; ``face`` (N,) int64 and ``barycentric`` (N, 2): the point on the mesh.
+    ``row`` (size, size) int32: which of the N stands for a texel of the atlas, the nearest where the texel is none itself.
+    """
+
+    place: Tensor
+    face: Tensor
+    barycentric: Tensor
+    row: Tensor
+
+    @classmethod
+    def of(cls, mesh: Mesh, size: int, device: torch.device) -> Atlas:
+        """The texels that rays through the UV plane find."""
+        flat = np.concatenate([mesh.uv, np.zeros_like(mesh.uv[:, :1])], 1)
+        plane = EmbreeRays(Mesh(flat, mesh.faces, mesh.normals, mesh.uv))
+        centres = (np.arange(size, dtype=np.float32) + 0.5) / size
+        v, u = np.meshgrid(1 - centres, centres, indexing="ij")
+        origins = torch.from_numpy(np.stack([u, v, np.ones_like(u)], -1).reshape(-1, 3).astype(np.float32))
+        face, barycentric, _ = plane.intersect(origins, torch.tensor([0.0, 0.0, -1.0]).expand_as(origins).contiguous())
+        place = torch.nonzero(face >= 0)[:, 0]
+        row = _nearest(place, torch.arange(len(place)), size)
+        return cls(place.to(device), face[place].to(device), barycentric[place].to(device), row.to(device))
+
+    def keeping(self, kept: Tensor) -> Atlas:
+        """The same texels, but only those of ``kept`` (N,) bool are ever found by a lookup; none kept changes nothing."""
+        which = torch.nonzero(kept)[:, 0]
+        if len(which) == 0:
+            return self
+        return replace(self, row=_nearest(self.place[which].cpu(), which.cpu(), len(self.row)).to(self.row.device))
+
+    def nearest(self, uv: Tensor) -> Tensor:
+        """The texel at (..., 2) texture coordinates: (...,) int32 in [0, N)."""
+        size = len(self.row)
+        column = (uv[..., 0] * size).long().clamp(0, size - 1)
+        row = ((1 - uv[..., 1]) * size).long().clamp(0, size - 1)
+        return self.row[row, column]
+
+
+def _nearest(place: Tensor, texel: Tensor, size: int) -> Tensor:
+    """For every texel of the atlas the one of ``texel`` (M,), which lie at ``place`` (M,), that is nearest: (size, size)."""
+    from scipy.ndimage import distance_transform_edt
+
+    row_of = np.zeros(size * size, np.int32)
+    covered = np.zeros(size * size, bool)
+    row_of[place.numpy()], covered[place.numpy()] = texel.numpy(), True
+    nearest = distance_transform_edt(~covered.reshape(size, size), return_distances=False, return_indices=True)
+    return torch.from_numpy(row_of.reshape(size, size)[tuple(nearest)])
+
+
+def mesh_key(kind: str, mesh: Mesh, *sizes: int, device: torch.device) -> str:
+    """The key under which a cache keeps what is baked on the ``device`` for the atlas of a mesh."""
+    return content_key(made_on(device.type, kind), " ".join(map(str, sizes)), mesh.vertices, mesh.faces, mesh.uv)
 
 
 class IndirectLight(NamedTuple):
@@ -60,7 +118,9 @@ class Operator:
         """``matrix`` may be dense or sparse."""
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta state", category=UserWarning)
-            self.matrix = _by_rows(matrix)
+            rows = matrix.to_sparse_csr()
+            indices = rows.crow_indices().int(), rows.col_indices().int()  # others are converted to 32 bits with every product
+            self.matrix = torch.sparse_csr_tensor(*indices, rows.values(), rows.shape, check_invariants=True)
 
     @cached_property
     def transposed(self) -> Operator:
@@ -77,13 +137,7 @@ class Interreflection:
     """The baked operators of one mesh, for ``bounces`` >= 1 reflections between light and the point that is seen."""
 
     def __init__(
-        self,
-        atlas: Atlas,
-        sky: Operator,
-        exchange: Operator,
-        surface: SurfaceInterpolator,
-        rays: RayCaster,
-        bounces: int,
+        self, atlas: Atlas, sky: Operator, exchange: Operator, surface: SurfaceInterpolator, rays: RayCaster, bounces: int
     ) -> None:
         """``sky`` is S, (N, cells), and ``exchange`` X, (N, N); :func:`bake_interreflection` makes them."""
         self.atlas, self.bounces = atlas, bounces
@@ -108,13 +162,6 @@ class Interreflection:
         origin = points.position + self._surface.offset * points.geometric
         face, barycentric, _ = self._rays.intersect(origin, direction, blocked)
         return self._surface.landed(direction, face, barycentric, self.atlas.row)
-
-
-def _by_rows(matrix: Tensor) -> Tensor:
-    """Compressed rows with 32-bit indices: others are converted to these with every product."""
-    rows = matrix.to_sparse_csr()
-    indices = rows.crow_indices().int(), rows.col_indices().int()
-    return torch.sparse_csr_tensor(*indices, rows.values(), rows.shape, check_invariants=True)
 
 
 class _Product(torch.autograd.Function):

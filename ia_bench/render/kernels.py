@@ -12,13 +12,98 @@ the gradient of the albedo. Tests compare it with torch's.
 
 import warp as wp
 
+from ia_bench.common.warp_math import unit
 from ia_bench.light.warp_latlong import Tables, density, direction_to_texel, normal_bin, sample_texel, texel_to_direction
-from ia_bench.material.brdf import F0
+from ia_bench.material.brdf import F0, GOLDEN, MIN_COSINE
 from ia_bench.material.warp_brdf import lobe_towards, sample_visible_ggx, seen_point
 from ia_bench.material.warp_textures import Taps, add_colour, add_scalar, bilinear_taps, fetch_colour, fetch_scalar
-from ia_bench.render.lattice import GOLDEN, PLASTIC
+from ia_bench.render.lattice import PLASTIC
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+_MIN_COSINE = wp.constant(wp.float32(MIN_COSINE))
+
+
+@wp.kernel
+def interpolate(
+    first: int, faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2), cameras: wp.array(dtype=wp.vec3),
+    corners: wp.array2d(dtype=wp.vec3), corner_uvs: wp.array2d(dtype=wp.vec2), geometrics: wp.array(dtype=wp.vec3),
+    positions: wp.array(dtype=wp.vec3), normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
+    turned_geometrics: wp.array(dtype=wp.vec3), uvs: wp.array(dtype=wp.vec2), flags: wp.array2d(dtype=wp.uint8),
+):  # fmt: skip
+    """See :class:`ia_bench.render.gbuffer.SurfaceInterpolator`.
+
+    A triangle's first three ``corners`` are positions, the others normals. A point's first flag says whether its front is seen,
+    its second whether its normal had to be bent.
+    """
+    n = first + wp.tid()
+    face = wp.max(faces[n], 0)
+    b = barycentrics[n]
+    a = 1.0 - b[0] - b[1]
+    position = a * corners[face, 0] + b[0] * corners[face, 1] + b[1] * corners[face, 2]
+    normal = unit(a * corners[face, 3] + b[0] * corners[face, 4] + b[1] * corners[face, 5])
+    view = unit(cameras[n] - position)
+    geometric = geometrics[face]
+    side = wp.where(wp.dot(geometric, view) >= 0.0, 1.0, -1.0)
+    normal = normal * side
+    cosine = wp.dot(normal, view)
+    bent = wp.uint8(0)
+    if cosine < _MIN_COSINE:
+        normal = unit(normal + (10.0 * _MIN_COSINE - cosine) * view)
+        bent = wp.where(faces[n] >= 0, wp.uint8(1), wp.uint8(0))
+    positions[n] = position
+    normals[n] = normal
+    views[n] = view
+    turned_geometrics[n] = side * geometric
+    uvs[n] = uv_at(corner_uvs, face, b)
+    flags[n, 0] = wp.where(side > 0.0, wp.uint8(1), wp.uint8(0))
+    flags[n, 1] = bent
+
+
+@wp.func
+def uv_at(corner_uvs: wp.array2d(dtype=wp.vec2), face: int, b: wp.vec2) -> wp.vec2:
+    """The texture coordinates of a point of a triangle."""
+    return (1.0 - b[0] - b[1]) * corner_uvs[face, 0] + b[0] * corner_uvs[face, 1] + b[1] * corner_uvs[face, 2]
+
+
+@wp.kernel
+def average(
+    first: int, faces: wp.array2d(dtype=int), barycentrics: wp.array2d(dtype=wp.vec2), corner_uvs: wp.array2d(dtype=wp.vec2),
+    texture: wp.array3d(dtype=float), found: wp.array2d(dtype=float),
+):  # fmt: skip
+    """The mean of a texture over the points of a pixel, to which those that miss add nothing; ``found`` holds zeros before."""
+    pixel = first + wp.tid()
+    width = texture.shape[1]
+    for point in range(faces.shape[1]):
+        face = faces[pixel, point]
+        if face >= 0:
+            taps = bilinear_taps(uv_at(corner_uvs, face, barycentrics[pixel, point]), texture.shape[0], width)
+            for t in range(4):
+                row = taps.index[t] // width
+                for c in range(texture.shape[2]):
+                    found[pixel, c] = found[pixel, c] + taps.weight[t] * texture[row, taps.index[t] - row * width, c]
+    for c in range(texture.shape[2]):
+        found[pixel, c] = found[pixel, c] / float(faces.shape[1])
+
+
+@wp.kernel
+def land(
+    first: int, directions: wp.array(dtype=wp.vec3), faces: wp.array(dtype=wp.int64), barycentrics: wp.array(dtype=wp.vec2),
+    geometrics: wp.array(dtype=wp.vec3), corner_uvs: wp.array2d(dtype=wp.vec2), atlas: wp.array(dtype=int), side: int,
+    texels: wp.array(dtype=int),
+):  # fmt: skip
+    """See :meth:`ia_bench.render.gbuffer.SurfaceInterpolator.landed`."""
+    n = first + wp.tid()
+    face = int(faces[n])
+    texel = int(-1)
+    if face >= 0:
+        if wp.dot(geometrics[face], directions[n]) < 0.0:
+            uv = uv_at(corner_uvs, face, barycentrics[n])
+            column = wp.clamp(int(uv[0] * float(side)), 0, side - 1)
+            row = wp.clamp(int((1.0 - uv[1]) * float(side)), 0, side - 1)
+            texel = atlas[row * side + column]
+    texels[n] = texel
+
 
 _GOLDEN = wp.constant(wp.float64(GOLDEN))
 _PLASTIC = wp.constant(wp.float64(PLASTIC))
@@ -35,24 +120,11 @@ def fraction(x: wp.float64) -> wp.float64:
 
 @wp.kernel
 def draw(
-    first: int,
-    hit: wp.array(dtype=wp.uint8),
-    normals: wp.array(dtype=wp.vec3),
-    views: wp.array(dtype=wp.vec3),
-    uvs: wp.array(dtype=wp.vec2),
-    roughness: wp.array(dtype=float),
-    roughness_side: int,
-    rotations: wp.array2d(dtype=wp.vec3d),
-    tables: Tables,
-    points: int,
-    count: int,
-    part: int,
-    parts: int,
-    directions: wp.array2d(dtype=wp.vec3),
-    texels: wp.array2d(dtype=int),
-    terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float),
-):
+    first: int, hit: wp.array(dtype=wp.uint8), normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
+    uvs: wp.array(dtype=wp.vec2), roughness: wp.array(dtype=float), roughness_side: int, rotations: wp.array2d(dtype=wp.vec3d),
+    tables: Tables, points: int, count: int, part: int, parts: int, directions: wp.array2d(dtype=wp.vec3),
+    texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4), boosts: wp.array2d(dtype=float),
+):  # fmt: skip
     """Draw ``count`` directions by each technique for a point of a pixel of ``points``.
 
     ``texels`` says where a direction ends in the light, -1 below the horizon and where the camera sees nothing. ``terms`` holds
@@ -104,41 +176,21 @@ def draw(
 
 @wp.func
 def coat_taps(rough: float, cosine: float, side: int) -> Taps:
-    """Where the table of :func:`ia_bench.material.coat.coat_reflectance` is looked up: its entries are texel centres."""
+    """Where the table of :func:`ia_bench.material.brdf.coat_reflectance` is looked up: its entries are texel centres."""
     last = float(side - 1)
     return bilinear_taps(wp.vec2((cosine * last + 0.5) / float(side), 1.0 - (rough * last + 0.5) / float(side)), side, side)
 
 
 @wp.kernel
 def shade(
-    first: int,
-    radiance: wp.array(dtype=wp.vec3),
-    albedo: wp.array(dtype=wp.vec3),
-    roughness: wp.array(dtype=float),
-    metallic: wp.array(dtype=float),
-    arriving: wp.array(dtype=wp.vec3),
-    leaving: wp.array(dtype=wp.vec3),
-    albedo_side: int,
-    roughness_side: int,
-    metallic_side: int,
-    normals: wp.array(dtype=wp.vec3),
-    views: wp.array(dtype=wp.vec3),
-    uvs: wp.array(dtype=wp.vec2),
-    fronts: wp.array(dtype=float),
-    texels: wp.array2d(dtype=int),
-    terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float),
-    seen: wp.array2d(dtype=int),
-    count: int,
-    atlas: wp.array(dtype=int),
-    atlas_side: int,
-    coat: wp.array(dtype=float),
-    coat_side: int,
-    diffuse: wp.array(dtype=wp.vec3),
-    specular: wp.array(dtype=wp.vec3),
-    mirrored: wp.array(dtype=wp.vec3),
-    albedos: wp.array(dtype=wp.vec3),
-):
+    first: int, radiance: wp.array(dtype=wp.vec3), albedo: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
+    metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3), albedo_side: int,
+    roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
+    uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
+    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), count: int, atlas: wp.array(dtype=int), atlas_side: int,
+    coat: wp.array(dtype=float), coat_side: int, diffuse: wp.array(dtype=wp.vec3), specular: wp.array(dtype=wp.vec3),
+    mirrored: wp.array(dtype=wp.vec3), albedos: wp.array(dtype=wp.vec3),
+):  # fmt: skip
     """Sum the weighted samples of a point. A side of 0 stands for a texture, an atlas or a table that there is not.
 
     ``seen`` says which texel of the atlas each direction by the BRDF ends on, -1 for none.
@@ -186,40 +238,16 @@ def shade(
 
 @wp.kernel
 def shade_adjoint(
-    first: int,
-    radiance: wp.array(dtype=wp.vec3),
-    albedo: wp.array(dtype=wp.vec3),
-    roughness: wp.array(dtype=float),
-    metallic: wp.array(dtype=float),
-    arriving: wp.array(dtype=wp.vec3),
-    leaving: wp.array(dtype=wp.vec3),
-    albedo_side: int,
-    roughness_side: int,
-    metallic_side: int,
-    normals: wp.array(dtype=wp.vec3),
-    views: wp.array(dtype=wp.vec3),
-    uvs: wp.array(dtype=wp.vec2),
-    fronts: wp.array(dtype=float),
-    texels: wp.array2d(dtype=int),
-    terms: wp.array2d(dtype=wp.vec4),
-    boosts: wp.array2d(dtype=float),
-    seen: wp.array2d(dtype=int),
-    count: int,
-    atlas: wp.array(dtype=int),
-    atlas_side: int,
-    coat: wp.array(dtype=float),
-    coat_side: int,
-    of_diffuse: wp.array(dtype=wp.vec3),
-    of_specular: wp.array(dtype=wp.vec3),
-    of_mirrored: wp.array(dtype=wp.vec3),
-    of_albedo: wp.array(dtype=wp.vec3),
-    of_radiance: wp.array(dtype=wp.vec3),
-    of_albedos: wp.array(dtype=wp.vec3),
-    of_roughness: wp.array(dtype=float),
-    of_metallic: wp.array(dtype=float),
-    of_arriving: wp.array(dtype=wp.vec3),
-    of_leaving: wp.array(dtype=wp.vec3),
-):
+    first: int, radiance: wp.array(dtype=wp.vec3), albedo: wp.array(dtype=wp.vec3), roughness: wp.array(dtype=float),
+    metallic: wp.array(dtype=float), arriving: wp.array(dtype=wp.vec3), leaving: wp.array(dtype=wp.vec3), albedo_side: int,
+    roughness_side: int, metallic_side: int, normals: wp.array(dtype=wp.vec3), views: wp.array(dtype=wp.vec3),
+    uvs: wp.array(dtype=wp.vec2), fronts: wp.array(dtype=float), texels: wp.array2d(dtype=int), terms: wp.array2d(dtype=wp.vec4),
+    boosts: wp.array2d(dtype=float), seen: wp.array2d(dtype=int), count: int, atlas: wp.array(dtype=int), atlas_side: int,
+    coat: wp.array(dtype=float), coat_side: int, of_diffuse: wp.array(dtype=wp.vec3), of_specular: wp.array(dtype=wp.vec3),
+    of_mirrored: wp.array(dtype=wp.vec3), of_albedo: wp.array(dtype=wp.vec3), of_radiance: wp.array(dtype=wp.vec3),
+    of_albedos: wp.array(dtype=wp.vec3), of_roughness: wp.array(dtype=float), of_metallic: wp.array(dtype=float),
+    of_arriving: wp.array(dtype=wp.vec3), of_leaving: wp.array(dtype=wp.vec3),
+):  # fmt: skip
     """Add to the gradients of all that :func:`shade` is differentiable in, by the gradients of its results.
 
     Written for results R = colour * irradiance * q + at_normal * base + grazing, with q = (1 - metallic) * passed / pi, of

@@ -8,8 +8,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-GOLDEN = 0.6180339887498949  # the lattice's second generator is the golden ratio's fraction ...
-PLASTIC = 0.7548776662466927  # ... and its third comes from the plastic number (Roberts' R2 sequence)
+from ia_bench.material.brdf import GOLDEN
+
+PLASTIC = 0.7548776662466927  # the third generator, from the plastic number (Roberts' R2 sequence); the second is GOLDEN
 
 
 def lattice(rotation: Tensor, points: int, count: int, part: int = 0, parts: int = 1) -> Tensor:

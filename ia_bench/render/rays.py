@@ -1,21 +1,270 @@
-"""Rays against a fixed mesh: Embree on the CPU, Warp on CUDA."""
+"""Rays against a fixed mesh: Embree on the CPU, Warp on CUDA (it also runs on the CPU, where the tests compare the two)."""
 
 from __future__ import annotations
 
-import torch
+import ctypes
+import weakref
+from abc import ABC, abstractmethod
+from ctypes import c_char_p, c_int, c_size_t, c_uint, c_void_p
+from functools import cache
+from pathlib import Path
 
-from ia_bench.render.ray_caster import RayCaster
+import numpy as np
+import torch
+import warp as wp
+from torch import Tensor
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.warp_launch import launch
 from ia_bench.scenes.scene import Mesh
 
-__all__ = ["RayCaster", "make_rays"]
+BLOCK = 128  # rays of a kernel's item: those of them that are asked for fill its packets
+TRIANGLES, INDICES, VERTICES, UINT3, FLOAT3 = 0, 0, 1, 0x5003, 0x9003  # Embree's enumerations
+FAR = 1e30
 
 
 def make_rays(mesh: Mesh, device: torch.device) -> RayCaster:
-    """The exact tracer of the device: Embree on the CPU, Warp on CUDA."""
-    if device.type == "cpu":
-        from ia_bench.render.embree import EmbreeRays
+    """The exact tracer of the device."""
+    return EmbreeRays(mesh) if device.type == "cpu" else WarpRays(mesh, device)
 
-        return EmbreeRays(mesh)
-    from ia_bench.render.warp_rays import WarpRays
 
-    return WarpRays(mesh, device)
+class RayCaster(ABC):
+    """A ray tracer.
+
+    Attributes:
+        mesh: The triangles that it traces.
+        rays: How many rays it has traced so far.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh, self.rays = mesh, 0
+
+    def intersect(
+        self, origins: Tensor, directions: Tensor, asked: Tensor | None = None, *, coherent: bool = False
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Nearest hits of rays, (N, 3) origins and directions.
+
+        Returns the triangle (N,) int64, -1 for a miss; the barycentrics (N, 2) of corners 1 and 2; the distance (N,), Inf
+        for a miss. Or (N, K) of each for (N, K, 3) directions, K from every origin, of which only those are traced that are
+        ``asked`` (N, K) bool for; the others count as misses.
+
+        ``coherent`` says that rays that follow each other take nearly the same way, which some tracers find sooner.
+        """
+        shape, device = directions.shape[:-1], origins.device
+        face = torch.full(shape, -1, dtype=torch.int32, device=device)
+        barycentric, distance = torch.zeros(*shape, 2, device=device), torch.full(shape, torch.inf, device=device)
+        results = face.reshape(-1), barycentric.reshape(-1, 2), distance.reshape(-1), None
+        self._ask(True, origins, directions, asked, coherent, *results)
+        return face.long(), barycentric, distance
+
+    def occluded(self, origins: Tensor, directions: Tensor, asked: Tensor | None = None) -> Tensor:
+        """Whether rays of infinite length hit anything: (N,) bool for (N, 3) origins and directions.
+
+        Or (N, K) for (N, K, 3) directions, as :meth:`intersect` has them; those that are not asked for count as free.
+        """
+        blocked = torch.zeros(directions.shape[:-1], dtype=torch.uint8, device=origins.device)
+        self._ask(False, origins, directions, asked, False, None, None, None, blocked.reshape(-1))
+        return blocked.bool()
+
+    def _ask(
+        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor | None
+    ) -> None:
+        count = directions.numel() // 3
+        if count:
+            mask = None if asked is None else asked.contiguous().view(torch.uint8).reshape(-1)
+            self._trace(nearest, origins.contiguous(), directions.contiguous().reshape(-1, 3), mask, coherent, *results)
+        self.rays += count if asked is None else int(asked.sum())
+
+    @abstractmethod
+    def _trace(
+        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor | None
+    ) -> None:
+        """Fill ``results`` for (M, 3) directions, as many after another of each origin; ``asked`` (M,) uint8.
+
+        They are triangle, barycentrics and distance of the ``nearest`` hit, and None, or three times None and whether there is any.
+        """
+
+
+# ---------------- Embree ----------------
+
+
+_PACKETS = """
+    const int W = 16;
+    const int BLOCK = %BLOCK%;
+    struct alignas(64) Packet {
+        float ox[W], oy[W], oz[W], near[W], dx[W], dy[W], dz[W], time[W], far[W];
+        unsigned mask[W], id[W], flags[W];
+        float nx[W], ny[W], nz[W], u[W], v[W];
+        unsigned primitive[W], geometry[W], instance[2][W];
+    };
+    struct Arguments { unsigned flags, features; void *context, *filter, *function; };  // RTCIntersectArguments
+    typedef void (*Query)(const int*, void*, void*, Arguments*);
+    Arguments arguments = {coherent ? 1u << 16 : 0u, 0xffffffffu, nullptr, nullptr, nullptr};
+    Packet packet;
+    alignas(64) int valid[W];
+    int which[W];
+    int filled = 0;
+    int end = (item + 1) * BLOCK < count ? (item + 1) * BLOCK : count;
+    for (int i = item * BLOCK; i < end; ++i) {
+        if (!masked || asked[i]) {
+            const int p = i / each;
+            const wp::vec3 o = origins[p];
+            const wp::vec3 d = directions[i];
+            packet.ox[filled] = o[0]; packet.oy[filled] = o[1]; packet.oz[filled] = o[2];
+            packet.dx[filled] = d[0]; packet.dy[filled] = d[1]; packet.dz[filled] = d[2];
+            which[filled++] = i;
+        }
+        if (filled < W && (i + 1 < end || filled == 0)) continue;
+        for (int k = 0; k < W; ++k) {
+            if (k >= filled) {
+                packet.ox[k] = packet.oy[k] = packet.oz[k] = 0.0f;
+                packet.dx[k] = packet.dy[k] = packet.dz[k] = 1.0f;
+            }
+            packet.near[k] = packet.time[k] = 0.0f;
+            packet.far[k] = __builtin_inff();
+            packet.mask[k] = packet.geometry[k] = packet.instance[0][k] = packet.instance[1][k] = packet.primitive[k] = 0xffffffffu;
+            packet.id[k] = packet.flags[k] = 0u;
+            valid[k] = k < filled ? -1 : 0;
+        }
+        ((Query)query)(valid, (void*)scene, &packet, &arguments);
+        for (int k = 0; k < filled; ++k) {
+            const int n = which[k];
+            if (!nearest) {
+                blocked[n] = packet.far[k] < 0.0f ? 1 : 0;
+            } else if (packet.geometry[k] != 0xffffffffu) {
+                faces[n] = packet.primitive[k];
+                barycentrics[n] = wp::vec2(packet.u[k], packet.v[k]);
+                distances[n] = packet.far[k];
+            }
+        }
+        filled = 0;
+    }
+"""
+"""Fills packets of sixteen rays and hands them to Embree's queries, called by their addresses. The layout is that of
+``RTCRayHit16`` of embree4/rtcore_ray.h, of which ``RTCRay16`` is the beginning. ``coherent``: walk with a whole packet."""
+
+
+@wp.func_native(_PACKETS.replace("%BLOCK%", str(BLOCK)))
+def _ask_embree(
+    nearest: int, query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3),
+    each: int, masked: int, asked: wp.array(dtype=wp.uint8), coherent: int, count: int, item: int, faces: wp.array(dtype=int),
+    barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
+): ...  # fmt: skip
+
+
+@wp.kernel(enable_backward=False)
+def _trace_packets(
+    first: int, nearest: int, query: wp.uint64, scene: wp.uint64, origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3), each: int, masked: int, asked: wp.array(dtype=wp.uint8), coherent: int, count: int,
+    faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2), distances: wp.array(dtype=float),
+    blocked: wp.array(dtype=wp.uint8),
+):  # fmt: skip
+    """The nearest hits of ``count`` rays, ``each`` from every origin, or whether they hit anything; if ``masked``, of ``asked``."""
+    _ask_embree(
+        nearest, query, scene, origins, directions, each, masked, asked, coherent, count, first + wp.tid(), faces, barycentrics,
+        distances, blocked,
+    )  # fmt: skip
+
+
+class EmbreeRays(RayCaster):
+    """The tracer of the CPU: Embree 4, the library that ``embreex`` brings, asked for sixteen rays at a time.
+
+    embreex itself asks for one after another, which takes 1.35 times as long for shadow rays (benchmarks/rays.py). So its library
+    is loaded here, the mesh is handed to it, and a Warp kernel calls its packet queries.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        """Raises InputError where the embreex that is installed brings no Embree 4 that can be loaded."""
+        super().__init__(mesh)
+        library, device = _library()
+        self._scene = library.rtcNewScene(device)
+        weakref.finalize(self, library.rtcReleaseScene, self._scene)
+        geometry = library.rtcNewGeometry(device, TRIANGLES)
+        faces, vertices = mesh.faces.astype(np.uint32), np.ascontiguousarray(mesh.vertices, np.float32)
+        for values, kind, form in ((faces, INDICES, UINT3), (vertices, VERTICES, FLOAT3)):
+            buffer = library.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(values))
+            ctypes.memmove(buffer, np.ascontiguousarray(values).ctypes.data, 12 * len(values))
+        library.rtcCommitGeometry(geometry)
+        library.rtcAttachGeometry(self._scene, geometry)
+        library.rtcReleaseGeometry(geometry)
+        library.rtcCommitScene(self._scene)
+        self._queries = [ctypes.cast(getattr(library, name), c_void_p).value for name in ("rtcOccluded16", "rtcIntersect16")]
+
+    def _trace(
+        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor | None
+    ) -> None:
+        count = len(directions)
+        launch(
+            _trace_packets, -(-count // BLOCK), int(nearest), self._queries[nearest], self._scene, origins, directions,
+            count // len(origins), int(asked is not None), asked, int(coherent), count, *results, device=origins.device,
+        )  # fmt: skip
+
+
+@cache
+def _library() -> tuple[ctypes.CDLL, int]:
+    """Embree 4, from where the wheels of embreex have it (beside the package, or inside it on macOS), and its one device.
+
+    The device takes no ``threads``: workers of TBB that it limits and no longer needs would wait for work without sleeping.
+    """
+    import embreex
+
+    package = Path(embreex.__file__).parent
+    found = [*package.parent.glob("embreex.libs/*embree4*"), *package.glob(".dylibs/*embree4*")]
+    if not found:
+        raise InputError(f"{package}: expected the library embree4 that comes with the wheel of embreex 4, found none")
+    library = ctypes.CDLL(str(found[0]))
+    for name, result, *arguments in (
+        ("rtcNewDevice", c_void_p, c_char_p),
+        ("rtcNewScene", c_void_p, c_void_p),
+        ("rtcNewGeometry", c_void_p, c_void_p, c_int),
+        ("rtcSetNewGeometryBuffer", c_void_p, c_void_p, c_int, c_uint, c_int, c_size_t, c_size_t),
+        ("rtcCommitGeometry", None, c_void_p),
+        ("rtcAttachGeometry", c_uint, c_void_p, c_void_p),
+        ("rtcReleaseGeometry", None, c_void_p),
+        ("rtcCommitScene", None, c_void_p),
+        ("rtcReleaseScene", None, c_void_p),
+    ):
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    return library, library.rtcNewDevice(None)
+
+
+# ---------------- Warp ----------------
+
+
+@wp.kernel(enable_backward=False)
+def _trace_mesh(
+    first: int, nearest: int, mesh: wp.uint64, origins: wp.array(dtype=wp.vec3), directions: wp.array(dtype=wp.vec3), each: int,
+    asked: wp.array(dtype=wp.uint8), faces: wp.array(dtype=int), barycentrics: wp.array(dtype=wp.vec2),
+    distances: wp.array(dtype=float), blocked: wp.array(dtype=wp.uint8),
+):  # fmt: skip
+    i = first + wp.tid()
+    if asked[i] == wp.uint8(0):
+        return
+    if nearest == 0:
+        if wp.mesh_query_ray_anyhit(mesh, origins[i // each], directions[i], FAR):
+            blocked[i] = wp.uint8(1)
+        return
+    hit = wp.mesh_query_ray(mesh, origins[i // each], directions[i], FAR)
+    if hit.result:
+        faces[i] = hit.face
+        barycentrics[i] = wp.vec2(hit.v, 1.0 - hit.u - hit.v)  # Warp's u and v weigh corners 0 and 1
+        distances[i] = hit.t
+
+
+class WarpRays(RayCaster):
+    """The tracer of CUDA devices."""
+
+    def __init__(self, mesh: Mesh, device: torch.device) -> None:
+        super().__init__(mesh)
+        where = str(device)  # Warp knows "cuda", a device without a number; wp.device_from_torch does not
+        points = wp.array(mesh.vertices, dtype=wp.vec3, device=where)
+        self._mesh = wp.Mesh(points, wp.array(mesh.faces.reshape(-1), dtype=wp.int32, device=where))
+
+    def _trace(
+        self, nearest: bool, origins: Tensor, directions: Tensor, asked: Tensor | None, coherent: bool, *results: Tensor | None
+    ) -> None:
+        count, device = len(directions), origins.device
+        mask = torch.ones(count, dtype=torch.uint8, device=device) if asked is None else asked
+        of_each = count // len(origins)
+        launch(_trace_mesh, count, int(nearest), self._mesh.id, origins, directions, of_each, mask, *results, device=device)

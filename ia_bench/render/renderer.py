@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,7 +14,7 @@ from ia_bench.material.textures import Material
 from ia_bench.render.estimator import DirectionSamples, FromObject, draw_samples, shade_samples
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints
 from ia_bench.render.indirect import IndirectLight, Interreflection
-from ia_bench.render.visibility import Visibility
+from ia_bench.render.rays import RayCaster
 
 CHUNK = 4096  # pixels at a time where no gradient is needed ...
 PASS_SAMPLES = 128  # ... with at most this many samples, in as many passes as will do
@@ -43,17 +45,34 @@ class PixelRadiance:
 
     def exposed(self, factors: Tensor) -> PixelRadiance:
         """The same light times (P, 1) factors; the albedo stays."""
-        mirrored = None if self.mirrored is None else factors * self.mirrored
-        return PixelRadiance(factors * self.diffuse, factors * self.specular, self.albedo, mirrored)
+        return replace(self._each(lambda values: factors * values), albedo=self.albedo)
 
     def averaged(self, estimates: int) -> PixelRadiance:
         """The mean of several estimates of the same pixels, one after another: (estimates P, 3) to (P, 3)."""
+        return self._each(lambda values: values.unflatten(0, (estimates, -1)).mean(0))
 
-        def mean(values: Tensor) -> Tensor:
-            return values.unflatten(0, (estimates, -1)).mean(0)
+    def _each(self, change: Callable[[Tensor], Tensor]) -> PixelRadiance:
+        changed: dict[str, Any] = {name: None if values is None else change(values) for name, values in vars(self).items()}
+        return PixelRadiance(**changed)
 
-        mirrored = None if self.mirrored is None else mean(self.mirrored)
-        return PixelRadiance(mean(self.diffuse), mean(self.specular), mean(self.albedo), mirrored)
+
+class NoShadows:
+    """For convex objects: nothing ever blocks."""
+
+    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
+        """See :class:`TracedShadows`."""
+        return torch.zeros_like(asked)
+
+
+class TracedShadows:
+    """A ray per question, from a point lifted off its triangle by ``offset``. Exact."""
+
+    def __init__(self, rays: RayCaster, offset: float) -> None:
+        self._rays, self._offset = rays, offset
+
+    def blocked(self, points: SurfacePoints, direction: Tensor, asked: Tensor) -> Tensor:
+        """Whether the mesh is in the way of N points in K directions each, (N, K, 3): (N, K) bool, where it is ``asked`` for."""
+        return self._rays.occluded(points.position + self._offset * points.geometric, direction, asked)
 
 
 class BrdfRayCache:
@@ -98,15 +117,12 @@ class Renderer:
     def __init__(
         self,
         surface: SurfaceInterpolator,
-        visibility: Visibility,
+        visibility: NoShadows | TracedShadows,
         *,
         interreflection: Interreflection | None = None,
         coat: str = "added",
     ) -> None:
-        self.surface = surface
-        self.visibility = visibility
-        self.interreflection = interreflection
-        self.coat = coat
+        self.surface, self.visibility, self.interreflection, self.coat = surface, visibility, interreflection, coat
 
     def render_pixels(
         self, gbuffer: GBuffer, pixels: Tensor, material: Material, light: SampledLight, samples: int, generator: torch.Generator

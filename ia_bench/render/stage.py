@@ -12,8 +12,7 @@ from ia_bench.common.machine import expect_memory
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, trace_gbuffer
 from ia_bench.render.indirect import ATLAS_SIZE, bake_interreflection
 from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import NoShadows, TracedShadows
+from ia_bench.render.renderer import NoShadows, Renderer, TracedShadows
 from ia_bench.scenes.scene import Camera, Mesh
 
 POINT_BYTES, RAY_BYTES = 12, 200  # of a point in a G-buffer, of a primary ray while a row of a view is traced
@@ -36,10 +35,7 @@ class Stage:
 
     @cached_property
     def surface(self) -> SurfaceInterpolator:
-        """What turns (N,) triangles, (N, 2) barycentrics and (N, 3) camera centres into points of the surface.
-
-        ``stage.surface(face, barycentric, centre)`` has their normals and texture coordinates: :class:`SurfacePoints`.
-        """
+        """``stage.surface(face, barycentric, centre)`` gives :class:`SurfacePoints` of (N,), (N, 2) and (N, 3)."""
         return SurfaceInterpolator(self.mesh, self.device)
 
     @cached_property
@@ -84,27 +80,18 @@ class Stage:
             first = last
 
     def renderer(
-        self,
-        *,
-        shadows: str = "traced",
-        bounces: int = 0,
-        coat: str = "layered",
-        atlas_size: int = ATLAS_SIZE,
+        self, *, shadows: str = "traced", bounces: int = 0, coat: str = "layered", atlas_size: int = ATLAS_SIZE
     ) -> Renderer:
         """The renderer of these settings (see :class:`ia_bench.render.settings.RenderSettings`); bakes are kept in the cache.
 
         ``atlas_size``: texels along a side of the atlas between whose texels light is exchanged.
-
-        Raises:
-            InputError: The mesh has no texture coordinates that indirect light could use.
+        Raises InputError where the mesh has no texture coordinates that indirect light could use.
         """
         key = (shadows, bounces, coat, atlas_size)
         if key not in self._renderers:
             visibility = NoShadows() if shadows == "none" else TracedShadows(self.rays, self.surface.offset)
-            indirect = None
-            if bounces:
-                parts = self.mesh, self.surface, self.rays, bounces, cache_folder()
-                indirect = bake_interreflection(*parts, atlas_size=atlas_size)
+            baked = self.mesh, self.surface, self.rays, bounces, cache_folder()
+            indirect = bake_interreflection(*baked, atlas_size=atlas_size) if bounces else None
             self._renderers[key] = Renderer(self.surface, visibility, interreflection=indirect, coat=coat)
         return self._renderers[key]
 

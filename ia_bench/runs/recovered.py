@@ -20,13 +20,13 @@ from ia_bench.render.stage import Stage
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, labels, scene_content, setup
-from ia_bench.runs.pictures.bundle import write_pictures
+from ia_bench.runs.pictures.packing import write_pictures
 from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
+from ia_bench.scores.evaluate import drawn_scale
 from ia_bench.scores.protocol import Protocol
-from ia_bench.scores.result import drawn_scale
 from ia_bench.scores.scorer import Scorer
 
 ASSETS = ("albedo.exr", "roughness.exr", "metallic.exr", "light.exr", "asset.glb")

@@ -29,11 +29,11 @@ from ia_bench.runs import interruption
 from ia_bench.runs.assets import write_assets
 from ia_bench.runs.config import RunConfig, method_of
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.pictures.bundle import write_pictures
+from ia_bench.runs.pictures.packing import write_pictures
 from ia_bench.runs.record import RunRecord
 from ia_bench.runs.scene import read_scene, tell, tell_truth
 from ia_bench.scenes.scene import Scene
-from ia_bench.scores.result import drawn_scale
+from ia_bench.scores.evaluate import drawn_scale
 from ia_bench.scores.scorer import Scorer
 
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ia_bench.scores.metrics import Compared, psnr, squared_error, ssim
-from ia_bench.scores.perceptual import lpips
+from ia_bench.scores.metrics import Compared, lpips, psnr, squared_error, ssim
 
 
 @dataclass(frozen=True)

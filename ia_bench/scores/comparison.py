@@ -16,12 +16,123 @@ one. The first comes first, since it is the same for every prediction: nothing b
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.images import Images, straight
 from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined
-from ia_bench.scores.predictions import Pair
 from ia_bench.scores.protocol import ComparisonSettings, Encoding, Protocol
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Everything that is scored of one scene; ground truth has the same form. None stands for what there is not.
+
+    Attributes:
+        albedo: (H, W, 3) of the test views.
+        roughness: (H, W) of the test views.
+        view_synthesis: (H, W, 3) radiance under the training light.
+        relighting: The same per novel light, rendered with the *aligned* albedo.
+    """
+
+    albedo: Images | None = None
+    roughness: Images | None = None
+    view_synthesis: Images | None = None
+    relighting: Mapping[str, Images] | None = None
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One view, un-premultiplied.
+
+    Attributes:
+        predicted: Linear (H, W[, 3]).
+        true: The same of the truth.
+        mask: (H, W), True where scored: where the object is, and the truth known.
+        known: (H, W), True where the truth is known.
+        coverage: (H, W) each, of prediction and truth. What the prediction does not cover counts as black.
+    """
+
+    predicted: np.ndarray
+    true: np.ndarray
+    mask: np.ndarray
+    known: np.ndarray
+    coverage: tuple[np.ndarray, np.ndarray]
+
+
+def pairs(predicted: Images, true: Images, mask_threshold: float, what: str) -> list[Pair]:
+    """Pair the views by position. ``what`` names the component in errors.
+
+    Raises ValueError where the two sets differ in number or shape, or the truth is not finite in a scored pixel.
+    """
+    if len(predicted) != len(true):
+        raise ValueError(f"{what}: expected {len(true)} views, found {len(predicted)}")
+    result = []
+    for index in range(len(true)):
+        theirs, ours = true.images[index], predicted.images[index]
+        if theirs.shape != ours.shape:
+            raise ValueError(f"{what}, view {index}: expected shape {theirs.shape}, found {ours.shape}")
+        given = None if true.known is None else true.known[index]
+        known = np.ones(theirs.shape[:2], bool) if given is None else given
+        mask = (true.coverage[index] > mask_threshold) & known
+        truth = straight(theirs, true.coverage[index]).astype(np.float64)
+        if not np.isfinite(truth[mask]).all():
+            raise ValueError(f"{what}, view {index}: the ground truth is not finite")
+        guess = straight(ours, predicted.coverage[index]).astype(np.float64)
+        result.append(Pair(guess, truth, mask, known, (predicted.coverage[index], true.coverage[index])))
+    return result
+
+
+def stacked(views: list[Pair]) -> tuple[np.ndarray, np.ndarray]:
+    """All scored pixels of all views, predicted and true, each (N, 3): what an alignment is computed from."""
+    empty = np.zeros((0, 3))
+    predicted = np.concatenate([empty, *(view.predicted[view.mask] for view in views)])
+    return predicted, np.concatenate([empty, *(view.true[view.mask] for view in views)])
+
+
+# ---- the scale that images under unknown light cannot tell: albedo times s under light over s is the same image ----
+
+Quotient = tuple[np.ndarray, np.ndarray]
+ALIGNMENTS: dict[str, Callable[[np.ndarray, np.ndarray], Quotient]] = {
+    # One scale that makes the mean over pixels *and* channels equal (the paper's): a light colour baked in stays visible.
+    "mean_rgb": lambda predicted, true: (np.full(3, true.mean()), np.full(3, predicted.mean())),
+    # One scale per channel, s_c = mean(true_c) / mean(predicted_c). It hides a colour cast, so it is a variant and not the score.
+    "per_channel": lambda predicted, true: (true.mean(axis=0), predicted.mean(axis=0)),
+    # One scale that minimises sum (s predicted - true)^2: s = <predicted, true> / <predicted, predicted>.
+    "least_squares": lambda predicted, true: (np.full(3, (predicted * true).sum()), np.full(3, (predicted * predicted).sum())),
+    # One scale per channel, the median over pixels of true / max(predicted, 1e-6), as TensoIR's evaluation has it; undefined where
+    # half of a channel is predicted black. It hides a colour cast, too.
+    "median_ratio": lambda predicted, true: (
+        np.median(true / np.maximum(predicted, 1e-6), axis=0),
+        (np.median(predicted, axis=0) > 0).astype(float),
+    ),
+    # No scale at all: albedo is compared, and relit, as it is predicted.
+    "none": lambda predicted, true: (np.ones(3), np.ones(3)),
+}
+"""Linear values of the scored pixels of the *whole test set*, predicted and true (N, 3) float64 -> numerator and denominator (3,).
+
+The scale is one for the test set, never one per image.
+"""
+VARIANTS = ("mean_rgb", "per_channel", "least_squares")
+"""Alignments that are recorded beside the protocol's own."""
+
+
+def scale(alignment: str, predicted: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """The factor (3,) float64 that multiplies linear predicted albedo. Raises Undefined where there is none."""
+    if not predicted.size:
+        raise NoScoredPixel
+    if not np.isfinite(predicted).all():
+        raise Undefined("the prediction is not finite")
+    numerator, denominator = ALIGNMENTS[alignment](predicted.astype(np.float64), true.astype(np.float64))
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # judged on the next line
+        found = numerator / denominator
+    if not (np.isfinite(found) & (found > 0)).all():
+        raise Undefined(f"no positive scale: the truth over the prediction is {numerator} / {denominator}")
+    return found
+
 
 BLACK = 1e-6  # sum of squares of a channel that no factor brings to the truth
 GREY = 0.5

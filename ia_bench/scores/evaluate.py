@@ -1,28 +1,109 @@
-"""Score the predictions of one run against the truth under one protocol: all the numbers of metrics.json."""
+"""Score the predictions of one run against the truth under one protocol: all the numbers of metrics.json.
+
+A value per image is a float or the :class:`~ia_bench.scores.metrics.Undefined` that explains its absence. The mean exists only
+where every image has a value: a mean over the images that happened to work would reward failing on the hard ones. Views without
+a scored pixel, which are the same for every method, are left out. An infinite PSNR (identical images) makes the mean infinite.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+import math
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from ia_bench.scenes.images import Images
 from ia_bench.scores import comparison
-from ia_bench.scores.alignment import VARIANTS, scale
-from ia_bench.scores.columns import CURVE_METRICS, METRIC_OF, METRICS, Metric
-from ia_bench.scores.metrics import Undefined
-from ia_bench.scores.predictions import Pair, Predictions, pairs, stacked
+from ia_bench.scores.columns import COMPONENTS, CURVE_METRICS, METRIC_OF, METRICS, Metric
+from ia_bench.scores.comparison import VARIANTS, Pair, Predictions, pairs, scale, stacked
+from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined
 from ia_bench.scores.protocol import Encoding, Protocol
-from ia_bench.scores.result import Scores, Views
 
+REDRAWN = "_reference"
+"""How the names of scores end that are of exported textures, drawn by the reference renderer beside a method's own pictures."""
+
+Value = float | Undefined
+Views = list[Pair] | dict[str, list[Pair]] | str  # of one component (per light for relighting), or why there are none
 NO_TRUTH = {
     "albedo": "the scene has no true albedo in its test views",
     "view_synthesis": "the scene has no held-out view under its training light",
     "relighting": "the scene has no view under a novel light whose map it knows",
     "roughness": "the scene has no true roughness in its test views",
 }
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Numbers of one run, each a number, +inf (PSNR of identical images) or None, with the reason of every non-number.
+
+    Attributes:
+        protocol: What they are computed under.
+        renderer: The name of what drew the pictures.
+        metrics: Component -> metric -> mean.
+        variants: The same under other definitions, each named.
+        per_image: Component (-> light) -> metric -> one value per view.
+        reasons: Dotted path -> why it is null in JSON.
+        counts: Component -> numbers of views, pixels, clipped values; "textures" -> texels, and those drawn rougher than they are.
+        albedo_scales: Alignment -> RGB scale, None where there is none.
+        geometry: The recovered shape against the true one, empty where it was given.
+    """
+
+    protocol: Protocol
+    renderer: str = ""
+    metrics: dict[str, dict[str, float | None]] = field(default_factory=dict)
+    variants: dict[str, dict[str, float | None]] = field(default_factory=dict)
+    per_image: dict[str, Any] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+    counts: dict[str, dict[str, int]] = field(default_factory=dict)
+    albedo_scales: dict[str, list[float] | None] = field(default_factory=dict)
+    geometry: dict[str, Any] = field(default_factory=dict)
+
+    def record(self, component: str, views: Views, compare: Callable[[Pair], Compared], metrics: Sequence[Metric]) -> None:
+        """Measure every view of a component; store means, values per image, reasons and counts."""
+        names = [metric.name for metric in metrics]
+        means = (self.metrics if component in COMPONENTS else self.variants)[component] = dict.fromkeys(names)
+        if isinstance(views, str):
+            self.reasons.update({f"{component}.{name}": views for name in names})
+            return
+
+        groups = views if isinstance(views, dict) else {"": views}
+        measured = {light: [_measured(view, compare, metrics) for view in group] for light, group in groups.items()}
+        by_light = {light: {name: [found[name] for found, _ in group] for name in names} for light, group in measured.items()}
+        self.per_image[component] = by_light.get("", by_light)
+        for name in names:
+            mean = means[name] = mean_over_images([value for values in by_light.values() for value in values[name]])
+            why = {light: reason for light, values in by_light.items() if (reason := explain(values[name]))}
+            if mean is None or math.isinf(mean):
+                text = "; ".join(f"{light}: {reason}" if light else reason for light, reason in why.items())
+                self.reasons[f"{component}.{name}"] = text or "no image"
+            for light, reason in why.items():
+                self.reasons[".".join(filter(None, ("per_image", component, light, name)))] = reason
+
+        seen = [view for group in groups.values() for view in group]
+        everything = [one for group in measured.values() for one in group]
+        empty = [all(isinstance(value, NoScoredPixel) for value in found.values()) for found, _ in everything]
+        self.counts[component] = {
+            "views": len(seen),
+            "views_without_scored_pixel": sum(empty),
+            "scored_pixels": sum(int(view.mask.sum()) for view in seen),
+            "uncovered_pixels": sum(int((view.mask & (view.coverage[0] == 0)).sum()) for view in seen),
+            "clipped_prediction": sum(clipped[0] for _, clipped in everything),
+            "clipped_truth": sum(clipped[1] for _, clipped in everything),
+        }
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what metrics.json stores; what is no finite number becomes null, its reason stands in ``reasons``."""
+        return {
+            "protocol": self.protocol.label,
+            "protocol_description": self.protocol.describe(),
+            "renderer": self.renderer,
+            **{name: finite_or_none(getattr(self, name)) for name in ("metrics", "variants", "per_image")},
+            **{name: deepcopy(getattr(self, name)) for name in ("reasons", "counts", "albedo_scales", "geometry")},
+        }
 
 
 def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, renderer: str = "") -> Scores:
@@ -75,65 +156,44 @@ def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> np.ndar
         return None
 
 
-def not_predicted(component: str) -> str:
-    """The reason why a component of a scene that has its truth is undefined."""
-    return f"the method does not predict {component.replace('_', ' ')}"
-
-
 def _record(
     scores: Scores, predictions: Predictions, truth: Predictions, metrics: tuple[Metric, ...], suffix: str = ""
 ) -> dict[str, Views]:
     """Score the five components by those of ``metrics`` that belong to each; return what was compared."""
     protocol = scores.protocol
-    albedo = _paired(predictions.albedo, truth.albedo, "albedo", protocol)
-    aligned = _aligned(scores, protocol.alignment, albedo, suffix)
-    relit = _paired_by_light(predictions.relighting, truth.relighting, protocol)
+    views: dict[str, Views] = {name: _paired(predictions, truth, name, protocol) for name in NO_TRUTH}
+    views["aligned_albedo"] = aligned = _aligned(scores, protocol.alignment, views["albedo"], suffix)
     if isinstance(aligned, str) and truth.relighting is not None and protocol.alignment != "none":
-        relit = aligned  # what is relit is the aligned albedo: where there is none, its reason is the reason
-    views: dict[str, Views] = {
-        "albedo": albedo,
-        "aligned_albedo": aligned,
-        "view_synthesis": _paired(predictions.view_synthesis, truth.view_synthesis, "view_synthesis", protocol),
-        "relighting": relit,
-        "roughness": _paired(predictions.roughness, truth.roughness, "roughness", protocol),
-    }
-    for component, found in views.items():
-        _record_one(scores, component, found, metrics, suffix)
-    return views
+        views["relighting"] = aligned  # what is relit is the aligned albedo: where there is none, its reason is the reason
+    for component in COMPONENTS:
+        _record_one(scores, component, views[component], metrics, suffix)
+    return {component: views[component] for component in COMPONENTS}
 
 
 def _record_one(scores: Scores, component: str, views: Views, metrics: tuple[Metric, ...], suffix: str) -> None:
     """One component, as the protocol compares it."""
-    mine = [metric for metric in metrics if metric.component == component]
-    if component == "roughness":
-        scores.record(component + suffix, views, partial(comparison.roughness, protocol=scores.protocol), mine)
-    else:
+    compare: Callable[[Pair], Compared] = partial(comparison.roughness, protocol=scores.protocol)
+    if component != "roughness":
         compare = partial(comparison.pictures, protocol=scores.protocol, encoding=_encoding(component, scores.protocol))
-        scores.record(component + suffix, views, compare, mine)
+    scores.record(component + suffix, views, compare, [metric for metric in metrics if metric.component == component])
 
 
 def _encoding(component: str, protocol: Protocol) -> Encoding:
     return protocol.albedo_encoding if "albedo" in component else protocol.radiance_encoding
 
 
-def _paired(predicted: Images | None, true: Images | None, what: str, protocol: Protocol) -> list[Pair] | str:
-    if true is None:
+def _paired(predictions: Predictions, truth: Predictions, what: str, protocol: Protocol) -> Views:
+    """The views of a component (for relighting by light), or why there are none."""
+    predicted, true = getattr(predictions, what), getattr(truth, what)
+    if true is None or true == {}:
         return NO_TRUTH[what]
-    return not_predicted(what) if predicted is None else pairs(predicted, true, protocol.mask_threshold, what)
-
-
-def _paired_by_light(
-    predicted: Mapping[str, Images] | None, true: Mapping[str, Images] | None, protocol: Protocol
-) -> dict[str, list[Pair]] | str:
-    if not true:
-        return NO_TRUTH["relighting"]
     if predicted is None:
-        return not_predicted("relighting")
+        return f"the method does not predict {what.replace('_', ' ')}"
+    if what != "relighting":
+        return pairs(predicted, true, protocol.mask_threshold, what)
     if sorted(predicted) != sorted(true):
         raise ValueError(f"relighting: expected the lights {sorted(true)}, found {sorted(predicted)}")
-    return {
-        light: pairs(predicted[light], true[light], protocol.mask_threshold, f"relighting under {light}") for light in sorted(true)
-    }
+    return {name: pairs(predicted[name], true[name], protocol.mask_threshold, f"relighting under {name}") for name in sorted(true)}
 
 
 def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") -> list[Pair] | str:
@@ -148,3 +208,67 @@ def _aligned(scores: Scores, alignment: str, albedo: Views, suffix: str = "") ->
         return f"albedo cannot be aligned: {reason}"
     scores.albedo_scales[alignment + suffix] = factor.tolist()
     return [replace(view, predicted=view.predicted * factor) for view in albedo]
+
+
+def drawn_scale(scales: Mapping[str, list[float] | None], alignment: str) -> list[float] | None:
+    """The RGB scale (3,) of the textures that pictures show: their own where they were exported, else that of the method's maps.
+
+    ``scales``: ``albedo_scales`` of the scores. None where there is neither: the albedo could not be aligned.
+    """
+    return scales.get(alignment + REDRAWN) or scales.get(alignment)
+
+
+def mean_over_images(values: Sequence[Value]) -> float | None:
+    """Arithmetic mean over the images with scored pixels; None where there is no such image or one has no value."""
+    scored = [value for value in values if not isinstance(value, NoScoredPixel)]
+    numbers = [value for value in scored if not isinstance(value, Undefined)]
+    return math.fsum(numbers) / len(numbers) if numbers and len(numbers) == len(scored) else None
+
+
+def explain(values: Sequence[Value]) -> str | None:
+    """Why some of the values are null in JSON, grouped by reason; None where all are finite numbers.
+
+    >>> explain([20.0, float("inf")])
+    'identical (image 1)'
+    """
+    if not values:
+        return "no image"
+    where: dict[str, list[int]] = {}
+    for index, value in enumerate(values):
+        if isinstance(value, Undefined):
+            where.setdefault(str(value), []).append(index)
+        elif math.isinf(value):
+            where.setdefault("identical", []).append(index)
+    named = {
+        reason: "every image" if len(found) == len(values) else f"image{'s' * (len(found) > 1)} {', '.join(map(str, found))}"
+        for reason, found in where.items()
+    }
+    return "; ".join(f"{reason} ({images})" for reason, images in named.items()) or None
+
+
+def finite_or_none(tree: object) -> object:
+    """Copy nested dicts and lists, with None for every Undefined and every infinity (JSON has neither)."""
+    if isinstance(tree, Mapping):
+        return {key: finite_or_none(value) for key, value in tree.items()}
+    if isinstance(tree, list | tuple):
+        return [finite_or_none(value) for value in tree]
+    if isinstance(tree, Undefined) or (isinstance(tree, float) and math.isinf(tree)):
+        return None
+    return tree
+
+
+def _measured(
+    view: Pair, compare: Callable[[Pair], Compared], metrics: Sequence[Metric]
+) -> tuple[dict[str, Value], tuple[int, int]]:
+    """The value of every metric by its name, or why there is none; and how many values were clipped in prediction and truth."""
+    try:
+        compared = compare(view)
+    except Undefined as reason:
+        return dict.fromkeys((metric.name for metric in metrics), reason), (0, 0)
+    values: dict[str, Value] = {}
+    for metric in metrics:
+        try:
+            values[metric.name] = metric.of(compared)
+        except Undefined as reason:
+            values[metric.name] = reason
+    return values, compared.clipped

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.material.textures import Material, fetch
-from ia_bench.render.atlas import Atlas
 from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.indirect import Atlas
 from ia_bench.render.reconstruction import Quality
 from ia_bench.render.stage import Stage
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, part_of

@@ -12,18 +12,16 @@ from ia_bench.checks.methods import Memory
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.textures import Material
-from ia_bench.render.atlas import Atlas
 from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.indirect import Atlas
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.common.shaded import bake
 from ia_bench_baselines.common.spherical_gaussians import fit
-from ia_bench_baselines.invrender.method import InvRender
-from ia_bench_baselines.invrender.networks import ACTIVE, sparsity
+from ia_bench_baselines.invrender.method import InvRender, InvRenderOptions
+from ia_bench_baselines.invrender.model import ACTIVE, NARROWEST, LobeVisibility, sparsity
 from ia_bench_baselines.invrender.reconstruction import reconstruction
-from ia_bench_baselines.invrender.settings import InvRenderOptions
 from ia_bench_baselines.invrender.transport import Transport
-from ia_bench_baselines.invrender.visibility import NARROWEST, LobeVisibility
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light
 from tests.shapes import bowl
 

@@ -13,9 +13,8 @@ from ia_bench.checks.methods import Memory
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.nvdiffrec.fit import reconstruction
-from ia_bench_baselines.nvdiffrec.method import Nvdiffrec
+from ia_bench_baselines.nvdiffrec.method import Nvdiffrec, NvdiffrecOptions
 from ia_bench_baselines.nvdiffrec.prefilter import PrefilteredLight, lobe_kernel
-from ia_bench_baselines.nvdiffrec.settings import NvdiffrecOptions
 from ia_bench_baselines.nvdiffrec.split_sum import shade
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light, smooth_material
 

@@ -9,8 +9,7 @@ from ia_bench.checks.methods import Memory
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.nvdiffrecmc.denoiser import Guides, denoise
-from ia_bench_baselines.nvdiffrecmc.method import Nvdiffrecmc
-from ia_bench_baselines.nvdiffrecmc.settings import NvdiffrecmcOptions
+from ia_bench_baselines.nvdiffrecmc.method import Nvdiffrecmc, NvdiffrecmcOptions
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_light, smooth_material
 
 HEIGHT, WIDTH = 23, 31

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from ia_bench.checks.conformance import check_prior
-from ia_bench.checks.methods import Killed, Memory, check_method
+from ia_bench.checks.methods import check_method
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
 from ia_bench.methods.contract import Method, Monitor
@@ -22,21 +22,16 @@ from ia_bench.scenes.scene import Scene
 from ia_bench_baselines import usi3d, yi
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.spherical_gaussians import fit as spherical_gaussians
-from ia_bench_baselines.invrender.method import InvRender
-from ia_bench_baselines.invrender.settings import InvRenderOptions
+from ia_bench_baselines.invrender.method import InvRender, InvRenderOptions
 from ia_bench_baselines.mitsuba_adam.loop import Loop
 from ia_bench_baselines.mitsuba_adam.reconstruction import MitsubaReconstruction
 from ia_bench_baselines.mitsuba_adam.scene import import_mitsuba
 from ia_bench_baselines.mitsuba_adam.settings import MitsubaAdamOptions
-from ia_bench_baselines.neilfpp.method import Neilfpp
-from ia_bench_baselines.neilfpp.settings import NeilfppOptions
-from ia_bench_baselines.nvdiffrec.method import Nvdiffrec
-from ia_bench_baselines.nvdiffrec.settings import NvdiffrecOptions
-from ia_bench_baselines.nvdiffrecmc.method import Nvdiffrecmc
-from ia_bench_baselines.nvdiffrecmc.settings import NvdiffrecmcOptions
+from ia_bench_baselines.neilfpp.method import Neilfpp, NeilfppOptions
+from ia_bench_baselines.nvdiffrec.method import Nvdiffrec, NvdiffrecOptions
+from ia_bench_baselines.nvdiffrecmc.method import Nvdiffrecmc, NvdiffrecmcOptions
 from ia_bench_baselines.retinex.prior import RetinexPrior
-from ia_bench_baselines.tensoir.method import Tensoir
-from ia_bench_baselines.tensoir.settings import TensoirOptions
+from ia_bench_baselines.tensoir.method import Tensoir, TensoirOptions
 from ia_bench_baselines.usi3d.prior import Usi3dPrior
 from ia_bench_baselines.yi.prior import YiPrior
 from tests.baselines.home_ground import problem_of
@@ -138,16 +133,3 @@ def test_all_seconds_of_a_fit_are_booked_once(name: str, tiny: Scene, monkeypatc
     assert len(scores) == 1
     assert booked["score"] >= SLOW, "what is recovered to be scored is no cost of the fit"
     assert 0.93 * passed <= sum(seconds.values()) + sum(booked.values()) <= passed * (1 + 1e-6), (seconds, booked, passed)
-
-
-@pytest.mark.parametrize("name", ["nvdiffrec", "nvdiffrecmc"])
-def test_a_resumed_fit_does_not_look_for_a_start(name: str, tiny: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    memory = Memory(deadly=True)
-    with pytest.raises(Killed):
-        METHODS[name](27).fit(problem_of(tiny), seed=0, monitor=memory.monitor())
-    memory.deadly, drawn = False, []
-    draw = TrainingPixels.draw
-    monkeypatch.setattr(TrainingPixels, "draw", lambda *given: drawn.append(1) or draw(*given))
-    METHODS[name](27).fit(problem_of(tiny), seed=0, monitor=memory.monitor())
-    steps_left = {"nvdiffrec": 25, "nvdiffrecmc": 0}  # of 27; those of nvdiffrecmc draw no pixels, but whole photographs
-    assert len(drawn) == steps_left[name]

@@ -14,11 +14,9 @@ from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.scenes.scene import Scene
 from ia_bench_baselines.tensoir.method import Tensoir as TensoirMethod
-from ia_bench_baselines.tensoir.model import Tensoir
-from ia_bench_baselines.tensoir.settings import TensoirOptions
+from ia_bench_baselines.tensoir.method import TensoirOptions
+from ia_bench_baselines.tensoir.model import LINES, PLANES, Tensoir, VectorMatrix, arriving_light
 from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
-from ia_bench_baselines.tensoir.tensor import LINES, PLANES, VectorMatrix
-from ia_bench_baselines.tensoir.transport import arriving_light
 from tests.baselines.home_ground import compare, photographed, problem_of, smooth_material
 from tests.baselines.reflecting import Reflecting
 
@@ -51,19 +49,6 @@ def test_features_are_those_of_the_dense_grid():
         dense = torch.einsum(f"r{plane},r{names[along]}->rzyx", planes[pair], lines[pair, :, :, 0])
         true = grid_sample(dense[None], position[None, :, None, None], align_corners=True)[0, :, :, 0, 0].T
         torch.testing.assert_close(found[:, 3 * pair : 3 * pair + 3], true, rtol=1e-4, atol=1e-6)
-
-
-def test_refining_changes_nothing_at_first():
-    """Nodes of 9 are among those of 17, so that interpolation is exact; then what is trained is added."""
-    generator = torch.Generator().manual_seed(0)
-    tensor = VectorMatrix(2, 9, 17, generator)
-    position = torch.rand(50, 3, generator=generator) * 2 - 1
-    before = tensor(position).detach()
-    tensor.refine()
-    torch.testing.assert_close(tensor(position), before, rtol=1e-4, atol=1e-6)
-    tensor(position).sum().backward()
-    assert all(p.grad is None for p in tensor.coarse())
-    assert all(p.grad is not None and bool(p.grad.any()) for p in tensor.fine())
 
 
 # ---- shading -----------------------------------------------------------------------------------------------------------

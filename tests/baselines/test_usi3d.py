@@ -12,9 +12,7 @@ from ia_bench_baselines.usi3d.data import UnpairedImages
 from ia_bench_baselines.usi3d.losses import discriminator_loss, physical_error, picture_error
 from ia_bench_baselines.usi3d.networks import (
     Discriminator,
-    adaptive_instance_norm,
     instance_normalised,
-    instance_statistics,
 )
 from ia_bench_training.shards import ShardInfo, write_shard
 
@@ -24,18 +22,6 @@ def test_instance_norm_is_torchs_and_forgets_gain_and_offset():
     found = instance_normalised(features)
     torch.testing.assert_close(found, torch.nn.functional.instance_norm(features))
     torch.testing.assert_close(found, instance_normalised(3 * features - 2), rtol=1e-4, atol=1e-4)
-
-
-def test_adaptive_instance_norm_gives_the_statistics_that_are_asked_for():
-    """And a picture's own ones give the picture back."""
-    generator = torch.Generator().manual_seed(1)
-    features, shift = torch.randn(2, 5, 9, 7, generator=generator), torch.randn(2, 5, generator=generator)
-    scale = 0.5 + torch.rand(2, 5, generator=generator)
-    found = adaptive_instance_norm(features, shift, scale)
-    torch.testing.assert_close(found.mean((2, 3)), shift, rtol=1e-4, atol=1e-5)
-    torch.testing.assert_close(found.std((2, 3), correction=0), scale, rtol=1e-3, atol=1e-4)
-    mean, deviation = (values[..., 0, 0] for values in instance_statistics(features))
-    torch.testing.assert_close(adaptive_instance_norm(features, mean, deviation), features, rtol=1e-4, atol=1e-5)
 
 
 def write_images(folder: Path, count: int) -> Path:
@@ -86,7 +72,3 @@ def test_losses_are_zero_where_they_should_be():
         judge.last.bias.fill_(1.0)
     picture = torch.rand(2, 4, 64, 64)
     assert float(discriminator_loss(judge, picture, (picture,)).detach()) == pytest.approx(1)  # true ones right, made ones wrong
-
-
-def mean(losses: list[dict[str, float]], name: str) -> float:
-    return sum(loss[name] for loss in losses) / len(losses)

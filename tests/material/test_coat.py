@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from benchmarks.reference import passed_by_coat
-from ia_bench.material.coat import coat_reflectance
+from ia_bench.material.brdf import coat_reflectance
 
 
 def test_coat_reflects_a_little_head_on_and_much_at_grazing() -> None:

@@ -8,8 +8,7 @@ import torch
 
 from ia_bench.render.gbuffer import GBuffer, SurfaceInterpolator, SurfacePoints, trace_gbuffer
 from ia_bench.render.rays import RayCaster, make_rays
-from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import NoShadows, TracedShadows, Visibility
+from ia_bench.render.renderer import NoShadows, Renderer, TracedShadows
 from ia_bench.scenes.scene import Camera, Mesh
 
 CPU = torch.device("cpu")
@@ -29,9 +28,8 @@ class Stage:
         surface, rays = SurfaceInterpolator(mesh, CPU), make_rays(mesh, CPU)
         return cls(mesh, surface, rays, trace_gbuffer(cameras, rays, side, CPU))
 
-    def renderer(self, *, shadows: bool = True, visibility: Visibility | None = None) -> Renderer:
-        chosen = TracedShadows(self.rays, self.surface.offset) if shadows else NoShadows()
-        return Renderer(self.surface, visibility or chosen)
+    def renderer(self, *, shadows: bool = True) -> Renderer:
+        return Renderer(self.surface, TracedShadows(self.rays, self.surface.offset) if shadows else NoShadows())
 
     def points(self, pixels: torch.Tensor) -> SurfacePoints:
         """The surface at G-buffer entries (P,) that have one point each."""

@@ -23,12 +23,10 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import normalize
 from ia_bench.material.textures import Material, fetch
 from ia_bench.render import indirect
-from ia_bench.render.atlas import Atlas
 from ia_bench.render.estimator import DirectionSamples, FromObject, shade_samples
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench.render.indirect import Interreflection, Operator, bake_interreflection
-from ia_bench.render.renderer import PixelRadiance, Renderer
-from ia_bench.render.visibility import NoShadows, TracedShadows
+from ia_bench.render.indirect import Atlas, Interreflection, Operator, bake_interreflection
+from ia_bench.render.renderer import NoShadows, PixelRadiance, Renderer, TracedShadows
 
 pytestmark = pytest.mark.verify
 WHITE = torch.ones(16, 32, 3)
@@ -191,21 +189,6 @@ def test_a_mesh_without_an_atlas_is_refused(tmp_path: Path) -> None:
     stage = Stage.of(sphere(1), [camera_at((2.0, 1.0, 1.5))])
     with pytest.raises(InputError, match=r"render\.bounces=2: expected texture coordinates .* found none of 128 x 128"):
         bake_interreflection(stage.mesh, stage.surface, stage.rays, 2, tmp_path)
-
-
-def test_the_atlas_knows_its_texels() -> None:
-    """A plate over a quarter of the atlas: every texel's point projects back to the texel's centre."""
-    mesh = plate(1.0, uv_scale=0.5)
-    stage = Stage.of(mesh, [camera_at((0.5, 0.5, 3.0))])
-    texels = Atlas.of(mesh, 16, torch.device("cpu"))
-    uv = stage.surface.uv(texels.face, texels.barycentric)
-    assert len(uv) == 64
-    assert torch.equal(texels.nearest(uv), torch.arange(64, dtype=torch.int32))
-    torch.testing.assert_close(reference.fetch_atlas(uv, texels.row, uv), uv)
-    assert torch.equal(texels.nearest(torch.tensor([[0.9, 0.9]])), texels.nearest(torch.tensor([[0.49, 0.49]])))
-    left = texels.keeping(uv[:, 0] < 0.25)
-    assert set(left.row.reshape(-1).tolist()) == set(torch.nonzero(uv[:, 0] < 0.25)[:, 0].tolist())
-    assert torch.equal(texels.keeping(torch.zeros(64, dtype=torch.bool)).row, texels.row)
 
 
 def test_a_layered_coat_conserves_energy() -> None:

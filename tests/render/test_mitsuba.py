@@ -20,8 +20,7 @@ from shapes import bowl, camera_at
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.render.indirect import bake_interreflection
-from ia_bench.render.renderer import Renderer
-from ia_bench.render.visibility import TracedShadows
+from ia_bench.render.renderer import Renderer, TracedShadows
 
 pytestmark = [pytest.mark.verify, pytest.mark.slow]
 

@@ -7,9 +7,7 @@ import pytest
 import torch
 from shapes import disk, mesh_of, plate, soup, sphere, together
 
-from ia_bench.render.embree import EmbreeRays
-from ia_bench.render.rays import RayCaster
-from ia_bench.render.warp_rays import WarpRays
+from ia_bench.render.rays import EmbreeRays, RayCaster, WarpRays
 from ia_bench.scenes.scene import Mesh
 
 CPU = torch.device("cpu")
@@ -107,21 +105,6 @@ def many() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
     rays = (torch.from_numpy(a[~doubtful]).float() for a in (origins, directions))
     face = torch.from_numpy(face[~doubtful])
     return *rays, face, face >= 0
-
-
-@pytest.mark.parametrize("kind", TRACERS)
-@pytest.mark.parametrize("count", COUNTS)
-def test_any_number_of_rays(kind: str, count: int, many: tuple[torch.Tensor, ...]) -> None:
-    """No ray is left out and none is asked twice, whatever is left of the last packet."""
-    rays = tracer(kind, MESHES["random triangles"])
-    for first in (0, 5):
-        origins, directions, face, hit = (values[first : first + count] for values in many)
-        assert torch.equal(rays.occluded(origins, directions), hit)
-        found, barycentric, distance = rays.intersect(origins, directions)
-        assert torch.equal(found, face)
-        assert torch.equal(torch.isinf(distance), ~hit)
-        assert (barycentric[~hit] == 0).all()
-    assert rays.rays == 4 * count
 
 
 @pytest.mark.parametrize("kind", TRACERS)

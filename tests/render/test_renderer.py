@@ -14,8 +14,7 @@ from stage import Stage
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
-from ia_bench.render.renderer import PixelRadiance, Renderer, texture_images
-from ia_bench.render.visibility import NoShadows
+from ia_bench.render.renderer import NoShadows, PixelRadiance, Renderer, texture_images
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene

@@ -14,8 +14,8 @@ from ia_bench.common.paths import scenes_folder
 from ia_bench.readers.native import NativeReader
 from ia_bench.runs.composition import compose
 from ia_bench.runs.identity import identity, setup
-from ia_bench.runs.pictures.bundle import PICTURES, bundle
 from ia_bench.runs.pictures.drawing import SceneRenderer
+from ia_bench.runs.pictures.packing import PICTURES, bundle
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.exr import write_exr
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ia_bench.runs.pictures.panels import CUT_MARGIN, GREY, cut_out, exposure, extent, on_grey
+from ia_bench.runs.pictures.drawing import CUT_MARGIN, GREY, cut_out, exposure, extent, on_grey
 
 
 def test_exposure_shows_all_but_the_brightest_hundredth_of_the_foreground() -> None:

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from ia_bench.scenes.images import Images
-from ia_bench.scores import perceptual
-from ia_bench.scores.predictions import Predictions
+from ia_bench.scores import metrics as perceptual
+from ia_bench.scores.comparison import Predictions
 
 HEIGHT, WIDTH = 37, 43  # larger than the SSIM window and than the smallest LPIPS image, and not square
 

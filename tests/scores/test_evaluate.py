@@ -12,8 +12,8 @@ import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
 from ia_bench.scenes.images import Images
+from ia_bench.scores.comparison import Predictions
 from ia_bench.scores.evaluate import albedo_scale, score, score_quick
-from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import Protocol
 
 pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")

@@ -16,8 +16,8 @@ from made_up import mapped
 from skimage.metrics import peak_signal_noise_ratio
 
 from ia_bench.scenes.images import Images
+from ia_bench.scores.comparison import Predictions
 from ia_bench.scores.evaluate import score
-from ia_bench.scores.predictions import Predictions
 from ia_bench.scores.protocol import Protocol
 
 pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")

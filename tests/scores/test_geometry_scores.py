@@ -11,7 +11,7 @@ import torch
 from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene, View
-from ia_bench.scores.geometry import score_geometry
+from ia_bench.scores.scorer import score_geometry
 from tests.shapes import sphere
 
 CPU = torch.device("cpu")
@@ -44,11 +44,3 @@ def test_a_smaller_ball(views: list[View]) -> None:
     assert scores["mask_iou"] == pytest.approx(0.4**2 / 0.5**2, abs=0.03)
     assert scores["missed_share"] is not None
     assert 0.2 < scores["missed_share"] < 1 - 0.4**2 / 0.5**2  # pixels that are covered in part are not missed
-
-
-def test_what_there_is_no_truth_for(views: list[View]) -> None:
-    scores = score_geometry(Stage(sphere(3, radius=0.5), CPU), None, views, 0.5)
-    assert set(scores["reasons"]) == {"normals_degrees", "depth", "chamfer"}
-    assert scores["mask_iou"] is not None
-    nothing = score_geometry(Stage(sphere(3, radius=0.5), CPU), None, [], 0.5)
-    assert len(nothing["reasons"]) == 5

@@ -21,7 +21,7 @@ import numpy as np
 from ia_bench.runs.record import RunRecord
 from ia_bench.scenes.images import Images
 from ia_bench.scores.evaluate import score, score_quick
-from ia_bench.scores.predictions import Predictions
+from ia_bench.scores.comparison import Predictions
 from ia_bench.scores.protocol import Protocol
 guess, true = (Predictions(roughness=Images((np.full((4, 5), value),), (np.ones((4, 5)),))) for value in (0.5, 0.25))
 scores = score(guess, true, Protocol())

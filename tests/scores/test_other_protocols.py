@@ -13,10 +13,9 @@ import pytest
 from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
 from ia_bench.scenes.images import Images
-from ia_bench.scores.evaluate import score
-from ia_bench.scores.predictions import Predictions
+from ia_bench.scores.comparison import Predictions
+from ia_bench.scores.evaluate import Scores, score
 from ia_bench.scores.protocol import ComparisonSettings, Protocol, shipped
-from ia_bench.scores.result import Scores
 
 pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
 
@@ -107,30 +106,6 @@ def test_stanford_orb_has_a_grey_object_as_its_floor() -> None:
     assert found.metrics["view_synthesis"]["psnr"] == pytest.approx(floor)
     black = scored("stanford-orb", Predictions(view_synthesis=two_parts(0, 0)), Predictions(view_synthesis=true))
     assert black.metrics["view_synthesis"]["psnr"] == pytest.approx(floor)
-
-
-@pytest.mark.parametrize("name", ["stanford-orb", "tensoir", "synthetic4relight"])
-def test_a_view_of_which_no_pixel_is_scored_is_left_out(name: str) -> None:
-    """The second view has an object of four columns, which erosion by 5 x 5 leaves nothing of, or none at all."""
-    thin = np.zeros((SIDE, SIDE))
-    thin[FROM:TO, FROM : FROM + 4] = 1 if name == "stanford-orb" else 0
-    views = [(two_parts(0.2, 0.6), two_parts(0.1, 0.5)), (two_parts(0.2, 0.6, coverage=thin), two_parts(0.9, 0.0, coverage=thin))]
-    true, guess = (Images(tuple(v[i].images[0] for v in views), tuple(v[i].coverage[0] for v in views)) for i in (0, 1))
-    both = scored(name, Predictions(view_synthesis=guess), Predictions(view_synthesis=true))
-    alone = scored(name, Predictions(view_synthesis=views[0][1]), Predictions(view_synthesis=views[0][0]))
-    assert both.metrics["view_synthesis"] == alone.metrics["view_synthesis"]
-    assert both.counts["view_synthesis"]["views_without_scored_pixel"] == 1
-    assert "no scored pixel (image 1)" in both.reasons["per_image.view_synthesis.ssim"]
-    if name == "stanford-orb":
-        assert both.variants["view_synthesis_hdr"] == alone.variants["view_synthesis_hdr"]
-
-
-def test_stanford_orb_relights_without_true_albedo() -> None:
-    true, guess = two_parts(0.2, 0.6), two_parts(0.1, 0.5)
-    found = scored("stanford-orb", Predictions(relighting={"a": guess}), Predictions(relighting={"a": true}))
-    assert found.metrics["relighting"]["psnr"] is not None
-    paper = score(Predictions(relighting={"a": guess}), Predictions(relighting={"a": true}), Protocol())
-    assert "no true albedo" in paper.reasons["relighting.psnr"]
 
 
 def test_settings_that_mean_nothing_are_refused() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import urllib.error
 from pathlib import Path
 
@@ -13,11 +11,10 @@ from skimage.draw import disk
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.scores import perceptual
+from ia_bench.scores import metrics as perceptual
 from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined
 from ia_bench.scores.protocol import LpipsSettings, Protocol
 
-ROOT = Path(__file__).parents[2]
 WEIGHTS = perceptual.SHIPPED["squeeze"]
 SETTINGS = LpipsSettings()
 
@@ -90,23 +87,3 @@ def test_without_internet_there_is_a_reason_and_it_is_remembered(monkeypatch: py
             distance(GUESS, settings=LpipsSettings(net="alex"))
     assert attempts == [perceptual.DOWNLOAD_SECONDS]
     assert perceptual.socket.getdefaulttimeout() is None
-
-
-def test_a_missing_package_costs_lpips_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "lpips", None)  # makes the import fail
-    with pytest.raises(Undefined, match="the lpips package cannot be imported"):
-        distance(GUESS, settings=LpipsSettings())
-
-
-def run_python(code: str) -> str:
-    """Run code in a fresh interpreter: what is imported there, and in which order, is the test's own."""
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=1200)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def test_scoring_imports_no_network_package_until_it_is_asked_to() -> None:
-    output = run_python(
-        "import sys, ia_bench.scores.evaluate\nprint([name for name in ('torch', 'torchvision', 'lpips') if name in sys.modules])"
-    )
-    assert output.strip() == "[]"

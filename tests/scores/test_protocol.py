@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
@@ -42,12 +41,3 @@ def test_nested_settings_are_read_and_change_the_label() -> None:
 def test_bad_settings_are_named_with_what_was_expected(config: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         parsed(Protocol, config, "protocol")
-
-
-def test_the_description_is_json_and_tells_the_window_and_the_version() -> None:
-    described = json.loads(json.dumps(Protocol().describe()))
-    assert described["ssim"]["window"] == 11
-    assert described["version"] == 2
-    assert described["label"] == "paper-v2 (lpips.net=squeeze)"
-    assert described["reference_renderer"]["bounces"] == 4
-    assert described["lpips"]["net"] == "squeeze"

@@ -12,24 +12,19 @@ import torch
 from made_up import Ball, Gaussian, as_assets
 from shapes import camera_at, plate, sphere
 
-from ia_bench.common.paths import scenes_folder
 from ia_bench.light.environment import LatLongEnvironment
-from ia_bench.material.textures import Material
-from ia_bench.readers.native import NativeReader
 from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
 from ia_bench.render.settings import REFERENCE
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.scene import Scene, Truth, View
 from ia_bench.scores import scorer as scorer_module
 from ia_bench.scores.protocol import Protocol
-from ia_bench.scores.result import Scores
 from ia_bench.scores.scorer import Scorer
 
 pytestmark = pytest.mark.usefixtures("mean_square_as_lpips")
 
 CPU = torch.device("cpu")
 BALL = Ball()
-QUICK = Protocol(name="quick", map_points=2, render_points=1, samples_per_pixel=2)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -39,41 +34,6 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         patch.setenv("IA_BENCH_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setattr("ia_bench.render.reconstruction.REFERENCE_ATLAS", 32)
         yield
-
-
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return NativeReader(scenes_folder() / "tiny").read(truth=True)
-
-
-def scores(scene: Scene, albedo: float) -> Scores:
-    """Of a grey object of one albedo under the true light."""
-    assert scene.truth is not None
-    stage = Stage(scene.mesh, CPU)
-    material = Material(torch.full((8, 8, 3), albedo), torch.full((8, 8, 1), 0.5))
-    light = torch.from_numpy(scene.truth.lights["train"])
-    return Scorer(scene, QUICK, CPU).full(TexturedReconstruction(stage, material, light))
-
-
-def test_a_novel_light_without_a_map_is_left_out_and_named(scene: Scene) -> None:
-    assert scene.truth is not None
-    names = sorted({view.light for view in scene.novel} - {"train"})
-    assert len(names) >= 2
-    unknown = names[0]
-    lights = {name: light for name, light in scene.truth.lights.items() if name != unknown}
-    whole, part = scores(scene, 0.5), scores(replace(scene, truth=replace(scene.truth, lights=lights)), 0.5)
-    key = f"per_image.relighting.{unknown}"
-    assert key not in whole.reasons
-    assert part.reasons[key] == "left out: the scene has no environment map of this light"
-    assert sorted(whole.per_image["relighting"]) == names
-    assert part.per_image["relighting"] == {name: whole.per_image["relighting"][name] for name in names[1:]}
-
-
-def test_without_an_aligned_albedo_relighting_says_why(scene: Scene) -> None:
-    black = scores(scene, 0.0)
-    assert black.metrics["relighting"]["psnr"] is None
-    assert black.reasons["relighting.psnr"] == black.reasons["aligned_albedo.psnr"]
-    assert "cannot be aligned" in black.reasons["relighting.psnr"]
 
 
 # ---- a reconstruction that has no texture ----
@@ -130,23 +90,6 @@ def test_a_reconstruction_without_textures_is_scored_by_what_it_draws(photograph
     assert darker.metrics["relighting"]["psnr"] > 100 > darker.metrics["view_synthesis"]["psnr"]
     quick = scorer.quick(darker_than(BALL))
     assert quick["albedo_psnr"] == pytest.approx(darker.per_image["albedo"]["psnr"][0])
-
-
-def test_what_a_method_does_not_predict_and_what_a_scene_does_not_know_are_two_reasons(photographed: Scene) -> None:
-    scorer = Scorer(photographed, SMALL, CPU)
-    dark = scorer.full(replace(BALL, environment=None))
-    assert dark.reasons == {
-        **{key: value for key, value in scorer.full(BALL).reasons.items() if "view_synthesis" not in key},
-        **{f"view_synthesis.{name}": "the method does not predict view synthesis" for name in ("psnr", "ssim", "lpips")},
-        "view_synthesis_whole_image.psnr": "the method does not predict view synthesis",
-    }
-    assert dark.metrics["relighting"] == scorer.full(BALL).metrics["relighting"]
-    smooth = scorer.full(replace(BALL, roughness=None))
-    assert (smooth.metrics["roughness"]["mse"], smooth.reasons["roughness.mse"]) == (None, "the method does not predict roughness")
-    blank = tuple(replace(view, roughness=None) for view in photographed.test)
-    unknown = Scorer(replace(photographed, test=blank), SMALL, CPU).full(BALL)
-    assert unknown.reasons["roughness.mse"] == "the scene has no true roughness in its test views"
-    assert Scorer(photographed, SMALL, CPU).quick(replace(BALL, roughness=None))["roughness_mse"] is None
 
 
 def stage_of_the_ball() -> Stage:

@@ -19,9 +19,8 @@ from ia_bench.material.brdf import MIN_ROUGHNESS, dot
 from ia_bench.material.textures import Material
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.indirect import bake_interreflection
-from ia_bench.render.renderer import PixelRadiance, Renderer
+from ia_bench.render.renderer import PixelRadiance, Renderer, TracedShadows
 from ia_bench.render.stage import Stage
-from ia_bench.render.visibility import TracedShadows
 from ia_bench.scenes.scene import Camera, Mesh
 
 GROUP = "rendering"

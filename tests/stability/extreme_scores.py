@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from stability.case import Case, Measured, refused
 
-from ia_bench.scores.alignment import scale
+from ia_bench.scores.comparison import scale
 from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined, psnr, ssim
 
 GROUP = "scores"

@@ -6,7 +6,7 @@ from training.test_dataset import shard
 
 from ia_bench.priors.contract import PriorInfo, Samples
 from ia_bench.priors.diffusion.prior import DiffusionPrior
-from ia_bench.scores.alignment import scale
+from ia_bench.scores.comparison import scale
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 from ia_bench_training.single_view import main
 from ia_bench_training.single_view_scores import load_examples, score

@@ -17,10 +17,10 @@ import torch
 from numpy.random import Generator
 from torch import Tensor
 
-from ia_bench.material.brdf import dot, normalize
-from ia_bench.render.embree import EmbreeRays
+from ia_bench.material.brdf import GOLDEN, dot, normalize
 from ia_bench.render.gbuffer import primary_rays
-from ia_bench.render.lattice import GOLDEN, PLASTIC
+from ia_bench.render.lattice import PLASTIC
+from ia_bench.render.rays import EmbreeRays
 from ia_bench.scenes.scene import Camera, Mesh
 from ia_bench_training.cameras import draw_camera
 from ia_bench_training.lights import Light, draw_light

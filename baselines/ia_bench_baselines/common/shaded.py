@@ -11,8 +11,8 @@ from torch import Tensor
 
 from ia_bench.light.environment import Environment
 from ia_bench.material.textures import Material, fill_unobserved
-from ia_bench.render.atlas import Atlas
 from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.indirect import Atlas
 from ia_bench.render.reconstruction import Assets, Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.scenes.images import Images

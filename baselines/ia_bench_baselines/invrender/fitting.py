@@ -11,12 +11,10 @@ from ia_bench.methods.descent import Phase
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, bake
 from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
-from ia_bench_baselines.invrender.model import InvRenderModel, shade
-from ia_bench_baselines.invrender.networks import PERTURBATION, sparsity
+from ia_bench_baselines.invrender.method import InvRenderOptions
+from ia_bench_baselines.invrender.model import PERTURBATION, InvRenderModel, LobeVisibility, shade, sparsity
 from ia_bench_baselines.invrender.reconstruction import reconstruction
-from ia_bench_baselines.invrender.settings import InvRenderOptions
 from ia_bench_baselines.invrender.transport import IndirectLight, Transport
-from ia_bench_baselines.invrender.visibility import LobeVisibility
 
 DIRECTIONS_OF_A_STEP = 32  # that indirect light is compared in; half of them are above the surface
 

@@ -11,12 +11,10 @@ from ia_bench.render.gbuffer import SurfacePoints
 from ia_bench.render.reconstruction import Quality
 from ia_bench.render.stage import Stage
 from ia_bench_baselines.common.shaded import ShadedReconstruction, part_of
-from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment
 from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
-from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
-from ia_bench_baselines.invrender.model import shade
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussianEnvironment, SphericalGaussians
+from ia_bench_baselines.invrender.model import LobeVisibility, shade
 from ia_bench_baselines.invrender.transport import IndirectLight
-from ia_bench_baselines.invrender.visibility import LobeVisibility
 
 SHADED_AT_ONCE = 1024  # points, whose lobes stay in the processor's cache
 

@@ -8,10 +8,9 @@ import torch
 from torch import Tensor
 
 from ia_bench.common.cache import Cache
-from ia_bench.render.atlas import Atlas, mesh_key
+from ia_bench.render.indirect import Atlas, mesh_key
 from ia_bench.render.stage import Stage
-from ia_bench_baselines.common.spherical_gaussians.environment import fibonacci_axes
-from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, fibonacci_axes
 
 TEXELS_AT_ONCE = 1024
 

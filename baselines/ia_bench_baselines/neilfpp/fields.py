@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from ia_bench_baselines.common.networks import Sine, encoded, initialise_siren, positional_encoding
-from ia_bench_baselines.neilfpp.settings import LEAST_ROUGHNESS, NeilfppOptions
+from ia_bench_baselines.neilfpp.method import LEAST_ROUGHNESS, NeilfppOptions
 
 FREQUENCIES = 6  # of the positional encoding of a network's first input
 LAST = 1e-5  # bound of the last layer's weights at the start, so that a field starts constant

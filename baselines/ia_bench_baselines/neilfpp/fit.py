@@ -17,7 +17,7 @@ from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
 from ia_bench_baselines.neilfpp.fields import BRIGHTEST, Neilf
 from ia_bench_baselines.neilfpp.losses import scharr_edges, second_hits, smoothness, trace_loss
-from ia_bench_baselines.neilfpp.settings import NeilfppOptions
+from ia_bench_baselines.neilfpp.method import NeilfppOptions
 from ia_bench_baselines.neilfpp.shading import reflect, sphere_directions
 
 RATE_DROP = 0.2  # of the learning rate, after each third of the joint phase

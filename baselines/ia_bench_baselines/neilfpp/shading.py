@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ia_bench.material.brdf import F0, normalize
 from ia_bench.render.gbuffer import SurfacePoints
-from ia_bench_baselines.common.spherical_gaussians.environment import fibonacci_axes
+from ia_bench_baselines.common.spherical_gaussians.lobes import fibonacci_axes
 
 GRAZING = 1e-8  # added to the square of a half vector's length, which is 0 where light comes from behind
 

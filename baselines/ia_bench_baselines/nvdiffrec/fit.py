@@ -15,8 +15,8 @@ from ia_bench.scenes.color import tone_map
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader
 from ia_bench_baselines.common.textured import TexturedScene
+from ia_bench_baselines.nvdiffrec.method import NvdiffrecOptions
 from ia_bench_baselines.nvdiffrec.prefilter import PrefilteredLight
-from ia_bench_baselines.nvdiffrec.settings import NvdiffrecOptions
 from ia_bench_baselines.nvdiffrec.split_sum import shade
 
 LEAST_ROUGHNESS = 0.08  # below it a lobe is narrower than the texels of the light

@@ -2,20 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
+from ia_bench.light.environment import Environment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
+from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.descent import Descent, Phase
+from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.renderer import PixelRadiance
+from ia_bench.render.stage import Stage
 from ia_bench.scenes.color import tone_map
+from ia_bench.scenes.images import Images
+from ia_bench.scenes.scene import Camera
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.textured import TexturedScene
 from ia_bench_baselines.nvdiffrecmc.denoiser import Guides, denoise
-from ia_bench_baselines.nvdiffrecmc.reconstruction import DirectReconstruction
-from ia_bench_baselines.nvdiffrecmc.settings import NvdiffrecmcOptions
+from ia_bench_baselines.nvdiffrecmc.method import NvdiffrecmcOptions
+
+
+class DirectReconstruction(TexturedReconstruction):
+    """Textures and a light with traced shadows and without interreflection.
+
+    Under a light that it was not fitted with it renders nothing, so that its textures are relit by the reference renderer, as the
+    paper does.
+    """
+
+    def __init__(self, stage: Stage, material: Material, light: Tensor) -> None:
+        """``light`` (H, W, 3) radiance."""
+        super().__init__(stage, material, light, coat="added", bounces=0)
+
+    def render(
+        self, cameras: Sequence[Camera], *, light: Environment | None, albedo_scale: Tensor | None, quality: Quality
+    ) -> Images | None:
+        """See :meth:`ia_bench.render.reconstruction.Reconstruction.render`."""
+        return None if light is not None else super().render(cameras, light=None, albedo_scale=albedo_scale, quality=quality)
+
 
 LEAST = 0.01  # of the base colour, and of what is no metal: light is demodulated by their product
 LUMA = (0.2126, 0.7152, 0.0722)  # Y of linear Rec.709

@@ -16,13 +16,12 @@ from ia_bench.render.reconstruction import Quality
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench_baselines.common.pixels import TrainingPixels
 from ia_bench_baselines.common.shaded import ShadedReconstruction, Shader, bake, part_of
-from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment
 from ia_bench_baselines.common.spherical_gaussians.fit import fit_light
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussianEnvironment
 from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
-from ia_bench_baselines.tensoir.model import Tensoir
-from ia_bench_baselines.tensoir.settings import TensoirOptions
+from ia_bench_baselines.tensoir.method import TensoirOptions
+from ia_bench_baselines.tensoir.model import Tensoir, arriving_light
 from ia_bench_baselines.tensoir.shading import reflect, stratified_directions
-from ia_bench_baselines.tensoir.transport import arriving_light
 
 LAST_RATE = 0.1  # to which all learning rates fall over a phase of both heads
 NEARBY = 0.01  # standard deviation of the distance over which material is to be smooth; the object's box is 2 wide

@@ -3,10 +3,64 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from ia_bench.common.ranges import Count, Number, Rate, Weight
 from ia_bench.methods.info import MethodInfo
-from ia_bench_baselines.tensoir.settings import TensoirOptions
+
+
+@dataclass(frozen=True)
+class TensoirOptions:
+    """Sizes and weights; the size of the exported textures is the plan's, ``render.texture``.
+
+    Attributes:
+        head: Which head draws view synthesis: "brdf", by the recovered material and light, or "radiance", whose pictures know of
+            neither. The fit is the same, and so is everything but view synthesis.
+        radiance_steps: Adam steps of the radiance head alone.
+        coarse_steps: Then steps of both heads on the coarse tensor.
+        fine_steps: Then steps of both on the fine one.
+        radiance_pixels: In every step of the first phase, from all training views.
+        pixels: In every later step.
+        rows: Of the lat-long grid in whose cells the directions of light are drawn, one a cell, twice as many columns. Of steps,
+            and of every point of a render under the recovered light.
+        rendered_directions: Of a pixel of a render under a novel light, drawn in proportion to it; its points share them out.
+        lobes: Spherical Gaussians of the light.
+        coarse: Cells along a side of the tensor at first.
+        fine: And in the last phase.
+        components: Of every plane and line.
+        tensor_rate: Adam rate of the tensor.
+        network_rate: Adam rate of basis and heads.
+        light_rate: Adam rate of the light's axes and of the logarithms of its sharpness and amplitude.
+        brdf_weight: Weight of the image loss of the material's head, beside 1 of the radiance head.
+        smooth_weight: Weight of the relative change of albedo and of roughness between points near by.
+        variation_weight: Weight of the tensor's total variation in the first phase.
+    """
+
+    head: Literal["brdf", "radiance"] = "brdf"
+    radiance_steps: Number = 400
+    coarse_steps: Number = 300
+    fine_steps: Count = 300
+    radiance_pixels: Number = 2048
+    pixels: Number = 256
+    rows: Number = 16
+    rendered_directions: Number = 512
+    lobes: Number = 128
+    coarse: Number = 64
+    fine: Number = 128
+    components: Number = 16
+    tensor_rate: Rate = 0.02
+    network_rate: Rate = 0.003
+    light_rate: Rate = 0.05
+    brdf_weight: Weight = 10.0
+    smooth_weight: Weight = 0.001
+    variation_weight: Weight = 0.005
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where the tensor would shrink."""
+        if self.fine < self.coarse:
+            raise ValueError(f"fine: expected at least coarse ({self.coarse}), found {self.fine}")
+
 
 if TYPE_CHECKING:
     from ia_bench.methods.contract import Monitor, Problem, Result

@@ -6,13 +6,81 @@ import math
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import grid_sample, interpolate
 
 from ia_bench.material.brdf import normalize
+from ia_bench.render.gbuffer import SurfacePoints
+from ia_bench.render.stage import Stage
 from ia_bench_baselines.common.networks import encoded, initialise, perceptron, positional_encoding
-from ia_bench_baselines.common.spherical_gaussians.environment import fibonacci_axes
-from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, lobe_integral
-from ia_bench_baselines.tensoir.settings import TensoirOptions
-from ia_bench_baselines.tensoir.tensor import VectorMatrix
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, fibonacci_axes, lobe_integral
+from ia_bench_baselines.tensoir.method import TensoirOptions
+
+PLANES = ((0, 1), (0, 2), (1, 2))  # the axes of each plane ...
+LINES = (2, 1, 0)  # ... and of the line that it is multiplied by
+START = 0.1  # standard deviation of all values at the start
+
+
+class VectorMatrix(nn.Module):
+    """Features of points in [-1, 1]^3, each the product of a plane's value and a line's: 3 R of them.
+
+    It is refined once. The fine tensor is the coarse one, interpolated and from then on held, plus what is trained, which starts
+    at 0: the same as training interpolated values.
+    """
+
+    def __init__(self, components: int, coarse: int, fine: int, generator: torch.Generator) -> None:
+        """``components`` (R) of each of the three pairs; ``coarse`` and ``fine`` cells along a side."""
+        super().__init__()
+        device = generator.device
+
+        def drawn(*shape: int) -> nn.Parameter:
+            return nn.Parameter(START * torch.randn(shape, generator=generator, device=device))
+
+        self.coarse_planes, self.coarse_lines = drawn(3, components, coarse, coarse), drawn(3, components, coarse, 1)
+        self.fine_planes = nn.Parameter(torch.zeros(3, components, fine, fine, device=device))
+        self.fine_lines = nn.Parameter(torch.zeros(3, components, fine, 1, device=device))
+        self._held: tuple[Tensor, Tensor] | None = None
+
+    def coarse(self) -> list[nn.Parameter]:
+        """What is trained before :meth:`refine`."""
+        return [self.coarse_planes, self.coarse_lines]
+
+    def fine(self) -> list[nn.Parameter]:
+        """What is trained after it."""
+        return [self.fine_planes, self.fine_lines]
+
+    def refine(self) -> None:
+        """Go on with the fine tensor."""
+        pairs = (self.coarse_planes, self.fine_planes), (self.coarse_lines, self.fine_lines)
+        planes, lines = (
+            interpolate(coarse.detach(), list(fine.shape[2:]), mode="bilinear", align_corners=True) for coarse, fine in pairs
+        )
+        self._held = planes, lines
+
+    def values(self) -> tuple[Tensor, Tensor]:
+        """Planes (3, R, G, G), whose columns belong to the first of their axes, and lines (3, R, G, 1), as they are now."""
+        if self._held is None:
+            return self.coarse_planes, self.coarse_lines
+        return self._held[0] + self.fine_planes, self._held[1] + self.fine_lines
+
+    def forward(self, position: Tensor) -> Tensor:
+        """Features (N, 3 R) at positions (N, 3); beyond the cube its border is repeated."""
+        planes, lines = self.values()
+        across = torch.stack([position[:, axes] for axes in PLANES])[:, :, None]  # (3, N, 1, 2)
+        along = torch.stack([position[:, axis] for axis in LINES])[:, :, None]
+        along = torch.stack([torch.zeros_like(along), along], -1)
+        found = _looked_up(planes, across) * _looked_up(lines, along)  # (3, R, N, 1)
+        return found[..., 0].flatten(0, 1).T
+
+    def variation(self) -> Tensor:
+        """Twice the mean squared difference between neighbouring values, summed over planes and lines and their axes."""
+        planes, lines = self.values()
+        steps = planes.diff(dim=2), planes.diff(dim=3), lines.diff(dim=2)
+        return 2 * torch.stack([step.square().mean() for step in steps]).sum()
+
+
+def _looked_up(grid: Tensor, place: Tensor) -> Tensor:
+    return grid_sample(grid, place, mode="bilinear", padding_mode="border", align_corners=True)
+
 
 FEATURES, HIDDEN, FREQUENCIES = 27, 128, 2  # after the basis; of a head's layers; of every encoding
 ROUGHNESS = (0.09, 0.9)  # the least one, and the range above it
@@ -79,3 +147,27 @@ class TrainedLight(nn.Module):
     def lobes(self) -> SphericalGaussians:
         """The light as it is now."""
         return SphericalGaussians(normalize(self.axis), self.log_sharpness.exp(), self.log_amplitude.exp())
+
+
+def arriving_light(
+    stage: Stage, points: SurfacePoints, directions: Tensor, lobes: SphericalGaussians, reflections: Tensoir | None
+) -> Tensor:
+    """Radiance (N, D, 3) from directions (D, 3), through which gradients flow to the ``lobes`` alone.
+
+    ``reflections``: the model whose radiance head tells what other parts of the object send; None for nothing, as under a light
+    that the head was not trained with. What is below a point's horizon is 0.
+    """
+    every = directions.expand(len(points.position), -1, -1).contiguous()
+    above = points.normal @ directions.T > 0
+    face, barycentric, _ = stage.rays.intersect(points.position + stage.surface.offset * points.geometric, every, above)
+    free = above & (face < 0)
+    light = free[..., None] * lobes.radiance(directions)
+    if reflections is None:
+        return light
+    point, direction = torch.nonzero(face >= 0, as_tuple=True)
+    with torch.no_grad():
+        normal, position = stage.surface.geometry(face[point, direction], barycentric[point, direction])
+        away = -directions[direction]
+        sent = reflections.radiance(reflections.features(reflections.local(position)), away)
+        sent = sent * ((normal * away).sum(1, keepdim=True) > 0)  # the back of a triangle sends nothing
+    return light.index_put((point, direction), sent)

@@ -18,8 +18,8 @@ from ia_bench.common.ranges import Count, Number, Rate, Weight
 from ia_bench.priors.diffusion import encoding
 from ia_bench_baselines.common.training import RunSettings, descend, initial_weights, masked_mean, run, training_command
 from ia_bench_baselines.yi.data import LIGHTS, load_objects
-from ia_bench_baselines.yi.losses import chromaticity, low_rank_loss, relative_distance
 from ia_bench_baselines.yi.networks import InverseRendering
+from ia_bench_baselines.yi.shading import chromaticity, low_rank_loss, relative_distance
 
 USAGE = """\
 python -m ia_bench_baselines.yi.train data=FOLDER out=FOLDER [KEY=VALUE ...]

@@ -15,7 +15,7 @@ from ia_bench.common.ranges import UnitInterval
 from ia_bench.material.textures import Material, fill_unobserved
 from ia_bench.methods.contract import FitState, Regulariser
 from ia_bench.methods.regularisers.fusion import OFFSET
-from ia_bench.render.atlas import Atlas
+from ia_bench.render.indirect import Atlas
 
 LENGTH = 0.3
 """Distance at which the covariance exp(-d / LENGTH) has fallen to 1 / e; heights and radii are in diagonals of the object."""

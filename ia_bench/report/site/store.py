@@ -23,8 +23,8 @@ from ia_bench.report.site.content import Gallery
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing
-from ia_bench.runs.pictures.bundle import Bundle, read_bundle, sheets
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, VERSION, VIEW_STRIDE, SceneRenderer
+from ia_bench.runs.pictures.packing import Bundle, read_bundle, sheets
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Truth
 

@@ -27,7 +27,7 @@ INDEX = "index.html"
 PARTS = "parts"
 VIEWER = "model-viewer-umd.min.js"
 PICTURES = "pictures.js"
-KEPT = "pictures.zip"  # of a run folder; runs.pictures.bundle, which writes it, brings in torch
+KEPT = "pictures.zip"  # of a run folder; runs.pictures.packing, which writes it, brings in torch
 STYLES = ("vendor/uPlot.min.css", "vendor/img-comparison-slider.css", "assets/page.css", "assets/parts.css", "assets/print.css")
 SCRIPT_NAMES = (
     *("common", "theme", "tips", "table", "live", "copy", "evidence", "levels", "scales", "curves"),

@@ -7,7 +7,7 @@ coverage, inside the true mask. What a scene has no truth of (photographs of one
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -19,10 +19,10 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction
 from ia_bench.render.stage import Stage
-from ia_bench.runs.pictures.panels import cut_out, exposure, extent, light_exposure, light_map, on_grey
+from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.images import Images, display, straight
 from ia_bench.scenes.scene import Scene, Truth, View
-from ia_bench.scores.predictions import Predictions
+from ia_bench.scores.comparison import Predictions
 
 QUALITY = Quality(points=2, samples=64)
 MAP_POINTS = 2
@@ -32,19 +32,56 @@ FITTED = 6  # training views that stand for a scene that holds none out
 VERSION = 3
 """Part of what a drawing is known by; raised when a change of the code changes pictures of unchanged runs."""
 
+GREY = 0.5  # behind objects, display-encoded: white paint and sails are seen on it, and black ones
+CUT_MARGIN = 2  # pixels around an object that is cut out
+
+
+def exposure(images: Iterable[np.ndarray], masks: Iterable[np.ndarray]) -> float:
+    """The factor that brings all but the brightest hundredth of the foreground into [0, 1]; 1 without a foreground.
+
+    One for all ``images`` (H, W, 3) with their ``masks`` (H, W), which may differ in size.
+    """
+    parts = [image[mask > 0.5].max(-1, initial=0.0) for image, mask in zip(images, masks, strict=True)]
+    if not any(map(len, parts)):
+        return 1.0
+    return 1 / max(float(np.quantile(np.concatenate(parts), 0.99)), 1e-12)
+
+
+def on_grey(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    """A picture (H, W, C) in [0, 1] over GREY, (H, W, 3)."""
+    alpha = coverage[..., None].clip(0, 1)
+    return np.broadcast_to(alpha * picture + (1 - alpha) * GREY, (*coverage.shape, 3))
+
+
+def displayed(image: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    """What covers each pixel of a linear premultiplied image (H, W, 3), as on a display, over GREY."""
+    return on_grey(display(image, coverage), coverage)
+
+
+def extent(mask: np.ndarray) -> int:
+    """Side in pixels of the smallest square around what ``mask`` (H, W) covers, with a margin; 1 where it covers nothing."""
+    lengths = [np.ptp(found) + 1 + 2 * CUT_MARGIN for found in np.nonzero(mask > 0) if len(found)]
+    return int(max(lengths, default=1))
+
+
+def cut_out(picture: np.ndarray, mask: np.ndarray, side: int, beyond: float = GREY) -> np.ndarray:
+    """The square (side, side, C) of ``picture`` (H, W, C) around what ``mask`` (H, W) covers; ``beyond`` is past its edges."""
+    padded = np.pad(picture, ((side, side), (side, side), (0, 0)), constant_values=beyond)
+    starts = [(found.min() + found.max() + 1 - side) // 2 + side if len(found) else side for found in np.nonzero(mask > 0)]
+    return padded[starts[0] : starts[0] + side, starts[1] : starts[1] + side]
+
+
+def light_map(radiance: np.ndarray, exposed_for: np.ndarray) -> np.ndarray:
+    """A lat-long light (H, W, 3) as on a display, at the exposure that brings nine tenths of another below mid-grey."""
+    gain = 0.5 / max(float(np.quantile(exposed_for.mean(-1), 0.9)), 1e-12)
+    return linear_to_srgb((gain * radiance).clip(0, 1))
+
 
 def views_of_maps(scene: Scene) -> list[View]:
-    """The views in which albedo and roughness are shown.
-
-    These are the held-out ones whose albedo and roughness are both known; where there are none, those with one of them; where
-    there are none of these either, all held-out ones; and of a scene without any, FITTED training views, evenly spread.
-    """
-    known = [[getattr(view, name) is not None for name in ("albedo", "roughness")] for view in scene.test]
-    for enough in (all, any):
-        if found := [view for view, has in zip(scene.test, known, strict=True) if enough(has)]:
-            return found
+    """The held-out views of which the most is known of albedo and roughness; without any, FITTED training views, evenly spread."""
     if scene.test or not scene.train:
-        return list(scene.test)
+        known = [(view.albedo is not None) + (view.roughness is not None) for view in scene.test]
+        return [view for view, parts in zip(scene.test, known, strict=True) if parts == max(known)]
     places = np.linspace(0, len(scene.train) - 1, min(FITTED, len(scene.train))).round().astype(int)
     return [scene.train[place] for place in places]
 
@@ -92,9 +129,8 @@ class SceneRenderer:
         seen = [view for view in scene.novel if view.light == "train"][::VIEW_STRIDE]
         self.fitted = [] if scene.test or seen else [view.name for view in self.test]
         self.views = seen or self.test
-        self.lights = [
-            name for name in dict.fromkeys(view.light for view in scene.novel) if name != "train" and name in self._truth.lights
-        ]
+        novel_lights = dict.fromkeys(view.light for view in scene.novel if view.light != "train")
+        self.lights = [name for name in novel_lights if name in self._truth.lights]
         self.relit = {name: [view for view in scene.novel if view.light == name][::RELIT_STRIDE] for name in self.lights}
         novel = [view for name in self.lights for view in self.relit[name]]
         self.turned = self.relit[self.lights[0]][len(self.relit[self.lights[0]]) // 2] if self.lights else None
@@ -131,7 +167,7 @@ class SceneRenderer:
             self._add_turns(pictures, TexturedReconstruction(self.stage, material, None), None)
         if "train" in self._truth.lights:
             true_light = self._truth.lights["train"]
-            pictures.sheets["light"] = [light_map(true_light, light_exposure(true_light))]
+            pictures.sheets["light"] = [light_map(true_light, true_light)]
         return pictures
 
     def recovered(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None) -> Pictures:
@@ -145,7 +181,7 @@ class SceneRenderer:
             true_light = self._truth.lights.get("train")
             rows = found.environment.texels.shape[0] if true_light is None else true_light.shape[0]
             radiance = (found.environment.latlong(rows).cpu() / scale.cpu()).numpy()
-            pictures.sheets["light"] = [light_map(radiance, light_exposure(radiance if true_light is None else true_light))]
+            pictures.sheets["light"] = [light_map(radiance, radiance if true_light is None else true_light)]
         return pictures
 
     def drawn(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None) -> Predictions:

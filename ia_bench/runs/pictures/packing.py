@@ -1,4 +1,7 @@
-"""Pack pictures into what a page from disk can use: sheets as WebP, errors as numbers within a script, the object for a viewer."""
+"""Pack pictures into what a page from disk can use: sheets as WebP, errors as numbers within a script, the object for a viewer.
+
+``pictures.zip`` of a run folder holds them, with textures and numbers of views.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,26 @@ import base64
 import gzip
 import io
 import json
-from collections.abc import Sequence
-from dataclasses import replace
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
+from torch import Tensor
 
+from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.runs.assets import glb
+from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.pictures.drawing import VERSION, Pictures, SceneRenderer
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.scene import Mesh
+from ia_bench.scenes.scene import Mesh, Scene
+from ia_bench.scores.comparison import Predictions
 
 TILE = 128  # pixels along a side of a picture on a sheet, at most
 ERROR_TILE = 64  # the same of an error, which is a mean over what a pixel of it covers
@@ -30,6 +42,10 @@ SMALL = 64  # pixels along a side of a picture that would lose its colours, whic
 TEXTURE, TEXTURE_QUALITY = 256, 50  # texels along a side
 STEPS = {"vertices": 2**13, "normals": 2**7, "uv": 2**12}  # a unit is divided into that many: finer than a pixel of the viewer
 LIGHT_ROWS = 32
+PICTURES = "pictures.zip"
+EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file within: the same run gives the same bytes
+COMPARED = {"albedo": "albedo", "aligned": "albedo", "roughness": "roughness", "view": "view", "relit": "relit"}
+"""What is compared with the truth -> under which name the truth has it."""
 
 
 # ---- pictures and errors ----
@@ -37,7 +53,9 @@ LIGHT_ROWS = 32
 
 def sheet(pictures: Sequence[np.ndarray]) -> bytes:
     """Pictures of one shape (H, W, 3) in [0, 1], in rows of COLUMNS, as one WebP; a picture is at most TILE pixels high."""
-    tiles = [_smaller(Image.fromarray(np.round(255 * picture).astype(np.uint8))) for picture in pictures]
+    tiles = [Image.fromarray(np.round(255 * picture).astype(np.uint8)) for picture in pictures]
+    for tile in tiles:
+        tile.thumbnail((tile.width, TILE), Image.Resampling.LANCZOS, reducing_gap=None)
     width, height = tiles[0].size
     columns = min(COLUMNS, len(tiles))
     whole = Image.new("RGB", (columns * width, -(-len(tiles) // columns) * height))
@@ -49,14 +67,8 @@ def sheet(pictures: Sequence[np.ndarray]) -> bytes:
 def error_map(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Root of the mean squared difference over channels and over the scored pixels that a coarser pixel covers.
 
-    Args:
-        predicted: (S, S, C) in [0, 1].
-        true: The same.
-        mask: (S, S), True where scored.
-
-    Returns:
-        (s, s) levels from 0 to LEVELS - 1, OUTSIDE where nothing is scored; s is S over the least whole number that
-        makes it no more than ERROR_TILE.
+    Of ``predicted`` and ``true`` (S, S, C) in [0, 1] with ``mask`` (S, S), True where scored: (s, s) levels from 0 to LEVELS - 1,
+    OUTSIDE where nothing is scored; s is S over the least whole number that makes it no more than ERROR_TILE.
     """
     squares = ((predicted - true) ** 2).mean(-1) * mask
     step = -(-len(mask) // ERROR_TILE)
@@ -98,17 +110,8 @@ def textures(albedo: np.ndarray, roughness: np.ndarray) -> dict[str, str]:
 
 
 def light(environment: LatLongEnvironment) -> str:
-    """A light as a Radiance HDR picture in base 64, laid out as glTF viewers do: y is up, and +x lies in the middle."""
-    import torch
-
-    rows, columns = LIGHT_ROWS, 2 * LIGHT_ROWS
-    up = np.pi * (0.5 - (np.arange(rows) + 0.5) / rows)
-    around = 2 * np.pi * ((np.arange(columns) + 0.5) / columns - 0.5)
-    elevation, azimuth = np.meshgrid(up, around, indexing="ij")
-    x, y, z = np.cos(elevation) * np.cos(azimuth), np.sin(elevation), np.cos(elevation) * np.sin(azimuth)
-    directions = torch.from_numpy(np.stack([x, -z, y], -1).reshape(-1, 3)).float()  # the viewer's y is our z
-    small = LatLongEnvironment(environment.latlong(min(LIGHT_ROWS, environment.texels.shape[0])))
-    return base64.b64encode(hdr(small.radiance(directions).reshape(rows, columns, 3).numpy())).decode()
+    """A light as a Radiance HDR picture in base 64. Viewers of glTF lay maps out as we do; their y is our z."""
+    return base64.b64encode(hdr(environment.latlong(LIGHT_ROWS).numpy())).decode()
 
 
 def hdr(image: np.ndarray) -> bytes:
@@ -151,8 +154,113 @@ def _texture(shown: np.ndarray) -> str:
     return _data_url(webp(picture, quality=TEXTURE_QUALITY))
 
 
-def _smaller(picture: Image.Image) -> Image.Image:
-    """At most TILE pixels high; a wide one keeps its shape."""
-    if picture.height <= TILE:
-        return picture
-    return picture.resize((round(picture.width * TILE / picture.height), TILE), Image.Resampling.LANCZOS)
+# ---- pictures.zip ----
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """The pictures of one run.
+
+    Attributes:
+        sheets: Name -> a WebP with its pictures in rows.
+        shapes: Name -> number of pictures and of columns on its sheet.
+        errors: What the page's error maps are read from (JSON types).
+        solid: Textures for the 3-D viewer, the mesh where it is not the scene's, and the recovered light where no true one is known
+            (JSON types).
+        views: How many there are of "test", of "view", and "relit" by light; "fitted": the names of those that are no held-out
+            ones, if they are not.
+    """
+
+    sheets: dict[str, bytes]
+    shapes: dict[str, list[int]]
+    errors: dict[str, Any]
+    solid: dict[str, str]
+    views: dict[str, Any]
+
+    def zipped(self) -> bytes:
+        """The file."""
+        buffer = io.BytesIO()
+        about = {"version": VERSION, **{name: part for name, part in vars(self).items() if name != "sheets"}}
+        files = {f"{name}.webp": sheet for name, sheet in self.sheets.items()} | {"about.json": compact(about).encode()}
+        with zipfile.ZipFile(buffer, "w") as archive:
+            for name, content in files.items():
+                archive.writestr(zipfile.ZipInfo(name, EPOCH), content)
+        return buffer.getvalue()
+
+
+def bundle(
+    scene_renderer: SceneRenderer, true: Pictures, found: TexturedReconstruction, scale: Tensor, scored: Predictions | None = None
+) -> Bundle:
+    """Draw and pack what was recovered. ``true``: the same views of the truth; ``scored`` as in :meth:`SceneRenderer.drawn`."""
+    pictures = scene_renderer.recovered(found, scale, scored)
+    errors, tile = {}, 0
+    for name, original in COMPARED.items():
+        if name in pictures.values and original in true.values:
+            compared = zip(pictures.values[name], true.values[original], scene_renderer.masks[original], strict=True)
+            maps = [error_map(*three) for three in compared]
+            errors[name], tile = error_sheet(maps), len(maps[0])
+    albedo, roughness = (part.detach().cpu().numpy() for part in (found.material.albedo, found.material.roughness[..., 0]))
+    relit = {name: len(views) for name, views in scene_renderer.relit.items()}
+    views: dict[str, Any] = {"test": len(scene_renderer.test), "view": len(scene_renderer.views), "relit": relit}
+    if scene_renderer.fitted:
+        views["fitted"] = scene_renderer.fitted
+    packed = Bundle(
+        *sheets(pictures),
+        errors={"tile": tile, "sheets": errors, "levels": LEVELS, "largest": LARGEST},
+        solid=textures(albedo, roughness),
+        views=views,
+    )
+    if "light" not in true.sheets and found.environment is not None:
+        packed.solid["light"] = light(LatLongEnvironment(found.environment.texels.detach().cpu()))
+    return packed
+
+
+def sheets(pictures: Pictures) -> tuple[dict[str, bytes], dict[str, list[int]]]:
+    """Every sheet, and its number of pictures and of columns, by name."""
+    shapes = {name: [len(tiles), min(COLUMNS, len(tiles))] for name, tiles in pictures.sheets.items()}
+    return {name: sheet(tiles) for name, tiles in pictures.sheets.items()}, shapes
+
+
+def write_pictures(
+    folder: RunFolder,
+    scene: Scene,
+    drawn: tuple[TexturedReconstruction, Predictions] | None,
+    scale: list[float] | None,
+    note: Callable[[str], None],
+) -> None:
+    """Write pictures.zip: what a report shows of the run, of the views that were drawn for its scores.
+
+    ``scale`` aligns the albedo. A reconstruction without textures has nothing to show, and a scene that cannot be pictured is told
+    to ``note``.
+    """
+    if drawn is None:
+        return
+    found, predictions = drawn
+    try:
+        scene_renderer = SceneRenderer(scene)
+        packed = bundle(scene_renderer, scene_renderer.truth(turned=False), found, torch.tensor(scale or [1.0] * 3), predictions)
+    except InputError as error:
+        note(f"no pictures for the report: {error}")
+    else:
+        if scene.mesh_is_made:
+            packed.solid["mesh"] = solid(scene.expect_mesh())
+        folder.write_bytes(PICTURES, packed.zipped())
+
+
+def read_bundle(folder: Path) -> Bundle | None:
+    """The pictures in a run folder; None where there are none, or of another version of the drawing.
+
+    Raises InputError for a file that is damaged.
+    """
+    path = folder / PICTURES
+    if not path.is_file():
+        return None
+    try:
+        with zipfile.ZipFile(path) as archive:
+            about = json.loads(archive.read("about.json"))
+            if about["version"] != VERSION:
+                return None
+            del about["version"]
+            return Bundle({name: archive.read(f"{name}.webp") for name in about["shapes"]}, **about)
+    except (zipfile.BadZipFile, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: expected the pictures of a run, found a damaged file ({error})") from None

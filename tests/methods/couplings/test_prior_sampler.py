@@ -17,8 +17,7 @@ from ia_bench.methods.couplings.sampler import PriorSampler
 from ia_bench.methods.views import evenly_spread, restrict, view_geometry
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.validation import beyond_a_material
-from ia_bench.render.renderer import Renderer, texture_images
-from ia_bench.render.visibility import NoShadows
+from ia_bench.render.renderer import NoShadows, Renderer, texture_images
 from ia_bench.scenes.scene import Scene
 
 

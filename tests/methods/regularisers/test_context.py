@@ -13,7 +13,7 @@ from ia_bench.methods.contract import FitState, Problem
 from ia_bench.methods.regularisers import context
 from ia_bench.methods.regularisers.context import Context, effective_view_count
 from ia_bench.methods.views import sees
-from ia_bench.render.atlas import Atlas
+from ia_bench.render.indirect import Atlas
 
 SIDE = 64
 PLENTY = 1e6

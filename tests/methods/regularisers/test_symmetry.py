@@ -12,7 +12,7 @@ from torch import Tensor
 from ia_bench.material.textures import Material, fill_unobserved
 from ia_bench.methods.contract import FitState, Problem
 from ia_bench.methods.regularisers.symmetry import LENGTH, NOISE, SLOPE, Symmetry, around_the_axis, expected
-from ia_bench.render.atlas import Atlas
+from ia_bench.render.indirect import Atlas
 
 SIDE = 64
 

@@ -25,8 +25,8 @@ from ia_bench.report.collect import Runs, as_table
 from ia_bench.report.site.store import folder_names, write_pictures
 from ia_bench.report.site.write import draw_pictures
 from ia_bench.runs.pictures import packing
-from ia_bench.runs.pictures.bundle import bundle
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Pictures, SceneRenderer
+from ia_bench.runs.pictures.packing import bundle
 from ia_bench.runs.recovered import Recovered
 from ia_bench.scenes.scene import Scene, Truth
 

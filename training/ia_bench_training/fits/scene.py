@@ -20,7 +20,7 @@ from ia_bench.geometry.mesh import unwrap
 from ia_bench.light.latlong import SampledLight, direction_to_texel, row_solid_angles
 from ia_bench.material.brdf import tangent_frame
 from ia_bench.material.textures import Material, fill_unobserved
-from ia_bench.render.atlas import Atlas
+from ia_bench.render.indirect import Atlas
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import REFERENCE_BOUNCES
 from ia_bench.render.stage import Stage

@@ -19,8 +19,7 @@ from ia_bench.common.cache import Cache, content_key, made_on
 from ia_bench.light.environment import Environment
 from ia_bench.light.latlong import row_solid_angles, texel_centres
 from ia_bench.material.brdf import normalize
-from ia_bench_baselines.common.spherical_gaussians.environment import SphericalGaussianEnvironment, fibonacci_axes
-from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussianEnvironment, SphericalGaussians, fibonacci_axes
 
 ROWS = 64  # of the map that is fitted
 LOBES, STEPS, RATE = 128, 400, 0.05

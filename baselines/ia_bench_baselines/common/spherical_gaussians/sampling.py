@@ -8,8 +8,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.brdf import tangent_frame
-from ia_bench_baselines.common.spherical_gaussians.environment import fibonacci_axes
-from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, fibonacci_axes
 
 
 def draw_directions(lobes: SphericalGaussians, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:

@@ -13,8 +13,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.material.brdf import dot
-from ia_bench_baselines.common.spherical_gaussians.integrals import clamped_cosine_integral
-from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, product
+from ia_bench_baselines.common.spherical_gaussians.lobes import SphericalGaussians, clamped_cosine_integral, product
 
 GRAZING = 1e-6  # beside 4 n . v, where the view lies in the surface
 
