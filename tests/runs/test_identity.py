@@ -8,6 +8,7 @@ import shlex
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from shipped_choices import _variations
@@ -96,7 +97,7 @@ def test_hash_changes_with_what_decides_numbers(override: str) -> None:
 
 
 def test_hash_changes_with_every_setting_of_fit_and_render(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(identities, "method_of", lambda config: None)  # which some of these texts would be refused by
+    monkeypatch.setattr(identities, "method_of", lambda config: SimpleNamespace(Options=FitSettings))  # which some of these texts would be refused by
     config = compose(["device=cpu"])
     hashes = [config_hash(config)]
     for changed in _variations(config.render):
