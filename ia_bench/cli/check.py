@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import yaml
 from rich.console import Console
@@ -84,7 +84,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _check(given: Sequence[str]) -> int:
     arguments = [text for text in given if text != "--json"]
     what, findings = CHECKS[_kind(arguments)](arguments)
-    return _told_as_json(findings) if "--json" in given else _told(what, findings, Console(highlight=False, soft_wrap=True))
+    if "--json" not in given:
+        return _told(what, findings, Console(highlight=False, soft_wrap=True))
+    rows = [asdict(finding) for finding in findings]
+    print(json.dumps(rows, indent=1))
+    return FAULT if any(row["status"] == "fail" for row in rows) else OK
 
 
 def _told(what: str, findings: Iterable[Finding], console: Console) -> int:
@@ -104,12 +108,6 @@ def _told(what: str, findings: Iterable[Finding], console: Console) -> int:
     return FAULT if counts["fail"] else OK
 
 
-def _told_as_json(findings: Iterable[Finding]) -> int:
-    rows = [asdict(finding) for finding in findings]
-    print(json.dumps(rows, indent=1))
-    return FAULT if any(row["status"] == "fail" for row in rows) else OK
-
-
 def _kind(arguments: Sequence[str]) -> str:
     """What is to be checked. Raises InputError for nothing, and for a setting that does not bear on it."""
     keys = [text.partition("=")[0] for text in arguments]
@@ -123,16 +121,22 @@ def _kind(arguments: Sequence[str]) -> str:
     return kind
 
 
+def _maker(kind: registry.Kind, name: str, target: str, options: Mapping[str, Any]) -> Callable[[], object]:
+    """What makes the plugin, once it has: a mistake in its name or options is the user's, not a broken contract."""
+
+    def make() -> object:
+        return registry.create(kind, name, target, options)
+
+    make()
+    return make
+
+
 def _check_prior(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     from ia_bench.checks.conformance import check_prior  # brings in torch
     from ia_bench.checks.stack import painted_ball
 
     config = compose(arguments).prior
-
-    def make() -> object:
-        return registry.create("prior", config.name, config.target, config.options)
-
-    make()  # a mistake in its name or options is the user's, not a broken contract
+    make = _maker("prior", config.name, config.target, config.options)
     what = f"prior {config.name} ({config.target}) on {BALL[2]} computed views of a painted ball, {BALL[0]} x {BALL[1]}"
     return what, check_prior(make, painted_ball(*BALL))
 
@@ -170,11 +174,7 @@ def _check_coupling(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]]:
     from ia_bench.checks.fit_parts import check_coupling
 
     plugin = registry.find("coupling", config.coupling.name)
-
-    def make() -> object:
-        return registry.create("coupling", plugin.name, plugin.target, config.coupling.options)
-
-    make()
+    make = _maker("coupling", plugin.name, plugin.target, config.coupling.options)
     return f"coupling {plugin.name} ({plugin.target}) on scene {scene.name}", check_coupling(make, make_problem(scene))
 
 
@@ -186,11 +186,7 @@ def _check_regulariser(arguments: Sequence[str]) -> tuple[str, Iterable[Finding]
 
     plugin = registry.find("regulariser", own.pop("regulariser"))
     options = {key.removeprefix("regulariser.options."): yaml.safe_load(value) for key, value in own.items()}
-
-    def make() -> object:
-        return registry.create("regulariser", plugin.name, plugin.target, options)
-
-    make()
+    make = _maker("regulariser", plugin.name, plugin.target, options)
     return f"regulariser {plugin.name} ({plugin.target}) on scene {scene.name}", check_regulariser(make, make_problem(scene))
 
 

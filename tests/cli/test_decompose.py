@@ -63,22 +63,6 @@ def test_from_python_in_three_lines(tmp_path, weights, picture):
     assert bool((parts.mean["albedo"][parts.mask == 0] == 0).all())
 
 
-@pytest.mark.parametrize(
-    ("wanted", "message"),
-    [
-        ({"samples": 0}, "^samples: expected at least 1, found 0"),
-        ({"seed": -1}, "^seed: expected at least 0, found -1"),
-        ({"options": {"stepz": 3}}, "did you mean 'prior.options.steps'"),
-        ({"options": {"steps": "many"}}, "prior.options.steps: expected a whole number, found 'many'"),
-        ({"options": {"weights": "Gewichte (für später)"}}, r"Gewichte \(für später\)/prior.json: no such file"),
-    ],
-)
-def test_mistakes_in_python_are_named(tmp_path, picture, wanted, message):
-    Image.fromarray(picture).save(tmp_path / "disc.png")
-    with pytest.raises(InputError, match=message):
-        decompose(tmp_path / "disc.png", **wanted)
-
-
 def test_results_that_cannot_be_written_are_said_before_sampling(tmp_path, weights, picture, capsys):
     Image.fromarray(picture).save(tmp_path / "disc.png")
     (tmp_path / "out").touch()
@@ -95,18 +79,6 @@ def test_large_pictures_are_reduced_in_linear_light(tmp_path, weights):
     parts = decompose(tmp_path / "stripes.png", options={"weights": weights, "steps": 1}, samples=1, size=32)
     assert parts.image.shape == (16, 32, 3)
     np.testing.assert_allclose(parts.image, 0.5, atol=1e-6)
-
-
-def test_the_command_takes_a_mask(tmp_path, weights, picture):
-    Image.fromarray(picture[..., :3]).save(tmp_path / "disc.png")
-    half = np.zeros((24, 30), np.uint8)
-    half[:, :15] = 255
-    Image.fromarray(half).save(tmp_path / "half.png")
-    out = tmp_path / "out"
-    assert main([str(tmp_path / "disc.png"), "--mask", str(tmp_path / "half.png"), *arguments(weights, out)]) == 0
-    linear = read_exr(out / "disc_albedo.exr", 4)
-    np.testing.assert_allclose(linear[..., 3], half / 255)
-    assert linear[:, 15:].max() == 0 < linear[:, :15, :3].max()
 
 
 @pytest.mark.parametrize(

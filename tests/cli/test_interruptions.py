@@ -12,8 +12,6 @@ from pathlib import Path
 import pytest
 from command_line import call, command, results, started
 
-from ia_bench.runs.folder import pack
-
 pytestmark = pytest.mark.usefixtures("workplace")
 
 
@@ -90,19 +88,6 @@ def test_a_spoiled_checkpoint_costs_time_and_no_number(spoil, capfd: pytest.Capt
     assert stopped == whole
     names = sorted(path.name for path in Path("stopped").iterdir())
     assert names == [".lock", "config.json", "curve.csv", "metrics.json", "notes.txt"]
-
-
-def test_a_state_that_the_run_cannot_go_on_from_is_no_checkpoint(capfd: pytest.CaptureFixture[str]) -> None:
-    """As whole as a checkpoint can be, of this code and configuration, and yet nothing that it could have written."""
-    assert call("out=whole") == 0
-    capfd.readouterr()
-    assert call("out=odd", "row=raise") == 1
-    held = json.loads(Path("odd/config.json").read_text())
-    Path("odd/checkpoint.pt").write_bytes(pack({"value": 3}, held["config_hash"]))
-    assert call("out=odd") == 0
-    assert "checkpoint ignored, starting over (KeyError: 'step')" in capfd.readouterr().err
-    whole, odd = (json.loads(Path(name, "metrics.json").read_text()) for name in ("whole", "odd"))
-    assert odd == whole
 
 
 @pytest.mark.parametrize("redirect", ["> /dev/full", "| head -c 1", ">&-", "2> /dev/full", "2>&-", "> /dev/full 2>&1"])

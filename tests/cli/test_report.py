@@ -126,12 +126,3 @@ def test_another_reference_is_that_of_every_part_of_the_report(tmp_path: Path, r
     page = (tmp_path / "out" / "page" / "index.html").read_text()
     assert "A row minus the row longer of the same scene" in page
     assert "ours, 8 views: +2.00 dB over longer, 8 views" in page
-
-
-def test_a_reference_that_is_no_row_of_a_table_with_captures_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "ways.yaml").write_text(SEVERAL_WAYS)
-    write(tmp_path / "runs" / "a", "others", 20.0)
-    arguments = [str(tmp_path / "runs"), "--out", str(tmp_path / "out"), "--table", str(tmp_path / "ways.yaml")]
-    assert main([*arguments, "--reference", "others"]) == 2
-    assert "--reference: unknown row 'others'; did you mean 'ours'? There are: none, longer, ours" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()

@@ -44,15 +44,6 @@ def test_what_a_prior_was_worth_goes_where_no_table_says_so_any_more(tmp_path: P
     assert not any((tmp_path / name).exists() for name in FILES)
 
 
-def test_curves_of_scenes_that_are_no_longer_asked_for_go(tmp_path: Path) -> None:
-    reported(runs_of(WAYS, [""]), tmp_path)
-    (tmp_path / "curves").mkdir()
-    for name in ("hat.png", "hat.svg", "notes.txt"):
-        (tmp_path / "curves" / name).write_text("of before")
-    reported(runs_of(WAYS, [""]), tmp_path)
-    assert [path.name for path in (tmp_path / "curves").iterdir()] == ["notes.txt"]
-
-
 def test_a_page_without_pictures_keeps_none(tmp_path: Path) -> None:
     reported(runs_of(WAYS, [""]), tmp_path / "first")
     parts = tmp_path / "out" / "page" / "parts"

@@ -26,11 +26,6 @@ from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Row, Table, load_table
 
 HERE = Path(__file__).parent
-ABLATIONS = [f"diffusion, targets{part}" for part in ("", ", weight .01", " w/o specular", " w/o albedo", " w/o guided")]
-KERNELS = ["diffusion, kernel", "refiner", "parsimony", "combined"]
-ROWS = ["ceiling", "constant", "none", "oracle", *KERNELS, *ABLATIONS, "diffusion, distilled", "regressor, targets"]
-
-
 @pytest.fixture(autouse=True)
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for scene in ("hat", "ship", "console", "figurine"):
@@ -62,27 +57,6 @@ def test_shipped_table_is_well_formed(path: Path) -> None:
     assert len(cells) == len(table.crossed_rows) * len(scenes) * len(table.seeds)
     assert len({cell.config_hash for cell in cells}) == len(cells), "two rows with one configuration say nothing"
     assert len({cell.folder for cell in cells}) == len(cells)
-
-
-def test_the_ablations_are_configuration() -> None:
-    table = load_table("ablations")
-    assert [row.name for row in table.rows] == ROWS
-    cells = {cell.row.name: cell.config for cell in cells_of(table, scenes=("hat",))}
-    assert cells["ceiling"].method.name == "ceiling"
-    assert cells["none"].prior.name == "none"
-    assert cells["refiner"].prior.name == "refiner"
-    regularisers = {name: cell.method.options.get("regularise", []) for name, cell in cells.items()}
-    assert {name for name, names in regularisers.items() if "parsimony" in names} == {"parsimony", "combined"}
-    assert cells["diffusion, targets w/o specular"].coupling.options["specular"] == 0
-    assert cells["diffusion, targets w/o albedo"].coupling.options["albedo"] == 0
-    assert not cells["diffusion, targets w/o guided"].method.options["guided"]
-    kinds = {name: cell.coupling.name for name, cell in cells.items() if cell.prior.name in ("diffusion", "regressor")}
-    assert kinds == {
-        "diffusion, kernel": "auto", **dict.fromkeys([*ABLATIONS, "regressor, targets"], "targets"),
-        "diffusion, distilled": "distilled",
-    }  # fmt: skip
-    assert cells["oracle"].method == compose(["device=cpu"]).method
-    assert {name: cell.row for name, cell in cells.items()} == {name: name for name in ROWS}
 
 
 def test_a_row_whose_plugin_is_broken_leaves_the_others(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,6 +36,6 @@ def test_two_readers_make_one_table(tiny: Scene, tiny_folder: Path, tmp_path: Pa
     assert found["view_synthesis_psnr"].notna().all()
     assert pd.isna(found["roughness_mse"]["their tiny"]), "photographs have no true roughness"
     (record,) = (json.loads(path.read_text()) for path in Path("results").rglob("runs/their-tiny/*/metrics.json"))
-    assert record["reasons"]["roughness.mse"]
+    assert record["reasons"]["roughness.mse"] in Path("results/mine/report.md").read_text(), "its column says why"
     command = json.loads(next(Path("results").rglob("runs/their-tiny/*/config.json")).read_text())["command"]
     assert "reader='nerfstudio'" in command.replace("'\"'\"'", "'")

@@ -85,12 +85,3 @@ def test_a_plugin_that_fails_is_named_in_one_line(outcome, name: str, message: s
     assert record["status"] == "failed"
     assert record["error"].startswith(f"method shaky_plugin:{name} raised {message} (")
     assert "shaky_plugin.py" in record["traceback"]
-
-
-def test_debugging_shows_where_a_plugin_failed(outcome, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("IA_BENCH_DEBUG", "1")
-    status, said, _ = outcome("Raises")
-    assert status == 1
-    assert "Traceback" in said
-    assert "in fit\n" in said
-    assert "method shaky_plugin:Raises raised KeyError: 'no such view' (shaky_plugin.py:" in said.splitlines()[-1]

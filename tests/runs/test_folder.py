@@ -154,16 +154,6 @@ def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> No
     assert below.exists()
 
 
-NO_SETUP = ["{", "[]", "{}", '{"config_hash": 1, "identity": {}}', '{"config_hash": "a", "identity": null}']
-
-
-@pytest.mark.parametrize("content", NO_SETUP)
-def test_a_configuration_that_is_no_runs_is_a_plain_error(tmp_path: Path, content: str) -> None:
-    (tmp_path / "config.json").write_text(content)
-    with pytest.raises(InputError, match=r"config\.json: (not valid JSON|expected )"):
-        RunFolder(tmp_path, CONFIG, HASH)
-
-
 def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder) -> None:
     """After the scene was mended, which makes it another configuration."""
     folder.save_checkpoint({"step": 3})

@@ -13,7 +13,6 @@ from types import SimpleNamespace
 import pytest
 from shipped_choices import _variations
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.settings import parsed
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.priors.diffusion import learned
@@ -59,19 +58,6 @@ def test_hash_ignores_what_decides_no_number(overrides: tuple[str, ...]) -> None
     assert hash_with(*overrides) == hash_with()
 
 
-def test_given_normals_count_by_their_content(tmp_path: Path) -> None:
-    assert hash_with("capture.geometry=sdf", "capture.sdf.align=true") != hash_with("capture.geometry=sdf")
-    hashes = []
-    for name, content in (("a", b"1"), ("b", b"1"), ("c", b"2")):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "0000.npy").write_bytes(content)
-        hashes.append(hash_with("capture.geometry=sdf", f"capture.sdf.normals={tmp_path / name}"))
-    assert hashes[0] == hashes[1]
-    assert len({*hashes, hash_with("capture.geometry=sdf")}) == 3
-    with pytest.raises(InputError, match="capture.sdf.normals=nowhere: no such folder"):
-        hash_with("capture.geometry=sdf", "capture.sdf.normals=nowhere")
-
-
 @pytest.mark.parametrize(
     "override",
     [
@@ -97,7 +83,7 @@ def test_hash_changes_with_what_decides_numbers(override: str) -> None:
 
 
 def test_hash_changes_with_every_setting_of_fit_and_render(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(identities, "method_of", lambda config: SimpleNamespace(Options=FitSettings))  # which some of these texts would be refused by
+    monkeypatch.setattr(identities, "method_of", lambda config: SimpleNamespace(Options=FitSettings))  # which refuses some of these
     config = compose(["device=cpu"])
     hashes = [config_hash(config)]
     for changed in _variations(config.render):
