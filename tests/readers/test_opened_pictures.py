@@ -14,7 +14,7 @@ from PIL import Image
 from written import STEP, scene_to_write, unlit
 
 from ia_bench.common.errors import InputError
-from ia_bench.readers.multiview import DtuReader
+from ia_bench.readers.dtu import DtuReader
 from ia_bench.readers.nerfstudio import NerfstudioReader
 from ia_bench.readers.pictures import picture_below, pictures_in
 from ia_bench.scenes.photograph import read_mask

@@ -1,11 +1,4 @@
-"""Readers of photographs with calibrated cameras and nothing else: DTU's layout and COLMAP's.
-
-Reader of DTU scans, and of any capture, in the layout of IDR (Yariv et al., NeurIPS 2020): image/, mask/ and cameras.npz.
-
-``world_mat_i`` (4, 4) holds K [R | t] of the i-th photograph by name, with OpenCV's axes and pixels counted from the centre of the
-first; ``scale_mat_i`` maps the unit sphere to where the object is. The scene is read in units of that sphere.
-
-Reader of COLMAP's sparse models (Schoenberger and Frahm, CVPR 2016), text or binary, by the package ``pycolmap``.
+"""Reader of COLMAP's sparse models (Schoenberger and Frahm, CVPR 2016), text or binary, by the package ``pycolmap``.
 
 ``sparse/0`` (or ``sparse``, or the folder itself) holds cameras, images and points; photographs lie in ``images/``, masks, white
 where the object is, in ``masks/``. Poses are world-to-camera with OpenCV's axes; the first pixel's centre is at (0.5, 0.5).
@@ -23,67 +16,9 @@ import numpy as np
 from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.files import file_below
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import Lens, expect_each_once, from_projection, from_world_to_camera, rigid, undistorted
-from ia_bench.readers.pictures import expect_size, mask_beside, photograph, pictures_in
-from ia_bench.scenes.photograph import read_arrays
+from ia_bench.readers.cameras import Lens, expect_each_once, from_world_to_camera, rigid, undistorted
+from ia_bench.readers.pictures import expect_size, mask_beside, photograph
 from ia_bench.scenes.scene import Camera, Scene, View
-
-CAMERAS = "cameras.npz"
-
-
-@dataclass(frozen=True, kw_only=True)
-class DtuReader(FolderReader):
-    """Reads the folder of one scan. A ``mesh`` is in the units of world_mat (millimetres in DTU).
-
-    Attributes:
-        every: Every so many-th photograph is held out.
-    """
-
-    format = "dtu"
-    every: int = 8
-
-    def read(self, truth: bool) -> Scene:
-        """The scene; the dataset has no truth of material or light. Raises InputError."""
-        notes, folder = list[str](), self.folder
-        photos = pictures_in(folder / "image")
-        matrices = _matrices(file_below(folder, CAMERAS, str(folder)), len(photos))
-        scale = matrices[0][1]
-
-        def view(place: int) -> View:
-            path, (world, _) = photos[place], matrices[place]
-            photo = photograph(path, mask_beside(folder / "mask", path), notes)
-            height, width = photo.mask.shape
-            where = f"{folder / CAMERAS}: world_mat_{place} @ scale_mat_{place}"
-            return photo.view(path.stem, from_projection(where, (world @ scale)[:3], width, height))
-
-        train, test = self.divided(len(photos), self.every, view)
-        notes.append("photographs are decoded as sRGB: the tone curve of DTU's camera is not known")
-        return self.scene(train=train, test=test, novel=test, notes=notes, place=np.linalg.inv(scale))
-
-
-def _matrices(path: Path, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """world_mat_i and scale_mat_i of every photograph, ``count`` in all.
-
-    Raises InputError for anything else, and for another number of cameras: photographs belong to cameras by their order, so where
-    one is missing, or one too many, all that follow would have a wrong camera.
-    """
-    stored = read_arrays(path, lambda key: key.split("_mat_")[0] in ("world", "scale"))
-    cameras = sum(name.removeprefix("world_mat_").isdecimal() for name in stored)
-    if cameras != count:
-        raise InputError(f"{path}: expected as many photographs in image/ as cameras ({cameras}), found {count}")
-    pairs = []
-    for place in range(count):
-        names = f"world_mat_{place}", f"scale_mat_{place}"
-        for key in names:
-            if (shape := stored.get(key, np.zeros(0)).shape) != (4, 4):
-                raise InputError(f"{path}: {key}: expected 4 x 4 numbers for each photograph in image/, found shape {shape}")
-        pairs.append((stored[names[0]], stored[names[1]]))
-    scale = pairs[0][1]
-    same = all(np.allclose(one, scale) for _, one in pairs)
-    if not (same and scale[0, 0] > 0 and np.allclose(scale[:3, :3], scale[0, 0] * np.eye(3), rtol=1e-5, atol=1e-5 * scale[0, 0])):
-        raise InputError(f"{path}: scale_mat_i: expected one positive scale and a translation, all alike, found other ones")
-    return pairs
-
 
 MODELS: Mapping[str, tuple[str, ...]] = {
     "SIMPLE_PINHOLE": ("f", "cx", "cy"),

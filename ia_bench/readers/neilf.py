@@ -1,22 +1,13 @@
-"""Readers of rendered scenes with true material: NeILF's and Synthetic4Relight.
-
-Reader of NeILF's synthetic scenes (Yao et al., ECCV 2022): inputs/{images, position_maps, model/mesh.obj, sfm_scene.json}.
+"""Reader of NeILF's synthetic scenes (Yao et al., ECCV 2022): inputs/{images, position_maps, model/mesh.obj, sfm_scene.json}.
 
 sfm_scene.json holds, by the number of a photograph, ``camera.extrinsic`` (16 numbers, world-to-camera, OpenCV's axes) and
 ``camera.intrinsic.focal`` and ``ppt`` in pixels; where ``flg`` is not 2 the photograph has no pose. Pixels at which position_maps
 (or depth_maps) are 0 show no object. The scene is read in units of its bounding box, ``bbox.transform``.
-
-Reader of Synthetic4Relight (InvRender, Zhang et al., CVPR 2022): transforms_train.json and transforms_test.json.
-
-Training photographs are FILE_rgb.exr (linear) with FILE_mask.png. Held-out views are FILE_rgba.png (8-bit sRGB), FILE_albedo.png
-(8-bit *linear*) and FILE_rough.png; under novel lights test_rli/LIGHT_NNN.png. The maps envmap3 (training), envmap6 and
-envmap12 lie in InvRender's repository: ``lights``. The pictures are Blender's: the first pixel's centre is at (0.5, 0.5), and
-InvRender's halving of all translations is no part of the data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,8 +17,8 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, read_json
 from ia_bench.readers.base import FolderReader
-from ia_bench.readers.cameras import camera, frames_of, from_world_to_camera, numbers, rigid, text
-from ia_bench.readers.pictures import Encoding, Photo, expect_size, maps_below, photograph, true_map
+from ia_bench.readers.cameras import from_world_to_camera, numbers, rigid
+from ia_bench.readers.pictures import Encoding, Photo, expect_size, true_map
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import read_exr, refuse_negative
 from ia_bench.scenes.photograph import read_values
@@ -133,53 +124,3 @@ class _Described:
         if values.size != count or not np.isfinite(values).all():
             raise InputError(f"{self.path}: {'.'.join(keys)}: expected {count} finite numbers, found {self.at(*keys)!r:.100}")
         return values
-
-
-RELIT = "test_rli"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Synthetic4RelightReader(FolderReader):
-    """Reads the folder of one object.
-
-    Attributes:
-        lights: The folder of the environment maps, LIGHT.hdr or LIGHT.exr; None relights nothing.
-        light: The name of the training light's map.
-        albedo: How albedo is stored.
-    """
-
-    format = "synthetic4relight"
-    lights: str | None = None
-    light: str = "envmap3"
-    albedo: Encoding = "linear"
-
-    def read(self, truth: bool) -> Scene:
-        """The scene; material of held-out views, and maps of lights, only with ``truth``. Raises InputError."""
-        notes, folder = list[str](), self.folder
-        train = [self.view(self._view(*frame, "_rgb.exr", notes)) for frame in frames_of(folder / "transforms_train.json")]
-        test, novel = list[View](), list[View]()
-        held_out = frames_of(folder / "transforms_test.json") if (folder / "transforms_test.json").is_file() else []
-        for where, frame in self.kept(held_out):
-            view = self._view(where, frame, "_rgba.png", notes)
-            test.append(self.view(self._with_truth(where, frame, view) if truth else view))
-            novel.append(self.view(view))
-            for path in sorted((folder / RELIT).glob(f"*_{view.name}.png")):
-                photo, light = photograph(path, None, notes), path.stem.removesuffix(f"_{view.name}")
-                expect_size(path, photo.mask.shape, view.mask.shape, "the view under the training light")
-                novel.append(self.view(photo.view(f"{view.name}_{light}", view.camera, light)))
-        known = maps_below(self.lights, novel, notes, self.light) if truth else None
-        return self.scene(train=train, test=test, novel=novel, truth=known, notes=notes)
-
-    def _file(self, where: str, frame: Mapping[str, Any], suffix: str) -> Path:
-        return file_below(self.folder, text(where, frame, "file_path", "") + suffix, f"{where}: file_path")
-
-    def _view(self, where: str, frame: Mapping[str, Any], suffix: str, notes: list[str]) -> View:
-        path = self._file(where, frame, suffix)
-        photo = photograph(path, self._file(where, frame, "_mask.png") if suffix == "_rgb.exr" else None, notes)
-        height, width = photo.mask.shape
-        return photo.view(path.name.removesuffix(suffix), camera(where, frame, width, height))
-
-    def _with_truth(self, where: str, frame: Mapping[str, Any], view: View) -> View:
-        beside = self._file(where, frame, "_rgba.png").with_name
-        albedo = true_map(beside(f"{view.name}_albedo.png"), view.mask, self.albedo)
-        return replace(view, albedo=albedo, roughness=true_map(beside(f"{view.name}_rough.png"), view.mask, "linear", channels=1))
