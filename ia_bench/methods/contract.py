@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import torch
@@ -70,8 +71,8 @@ class Problem:
         """The settings that were left to be chosen, measured on the scene; they are told as they are chosen."""
         with self.costs.exclude("bake"):
             plan = make_plan(self.scene, self.stage, self.render)
-            for line in plan.lines():
-                self.note(line)
+            for decision in plan.decisions:
+                self.note(decision.line)
             return plan
 
     @cached_property
@@ -281,13 +282,6 @@ class ProgressBar(Protocol):
         ...
 
 
-class NoProgressBar:
-    """A bar that nobody sees."""
-
-    def advance(self, amount: int = 1, **values: float) -> None:
-        """See :class:`ProgressBar`."""
-
-
 @dataclass(frozen=True)
 class Monitor:
     """How a method talks to the outside: progress, off-the-clock scoring, checkpoints.
@@ -316,7 +310,7 @@ class Monitor:
     def silent(cls, **parts: Any) -> Monitor:  # noqa: ANN401 (what the attributes are)
         """A monitor that shows and keeps nothing, but for the ``parts`` that are given."""
         nothing = {name: lambda *_: None for name in ("note", "score", "save", "load")}
-        return cls(**{"task": lambda *_: NoProgressBar(), **nothing, **parts})
+        return cls(**{"task": lambda *_: SimpleNamespace(advance=lambda *_, **__: None), **nothing, **parts})
 
 
 @runtime_checkable

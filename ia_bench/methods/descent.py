@@ -22,6 +22,7 @@ from typing import Any, Protocol
 
 import torch
 from torch import Tensor, nn
+from torch.optim import Optimizer
 
 from ia_bench.methods.contract import Monitor, Result
 from ia_bench.render.reconstruction import Reconstruction
@@ -40,20 +41,6 @@ class Stateful(Protocol):
 
     def load_state_dict(self, state: Any) -> Any:  # noqa: ANN401 (as torch has it)
         """Go on from a :meth:`state_dict`; raises whatever it likes for one of something else."""
-        ...
-
-
-class Optimizer(Stateful, Protocol):
-    """What Descent asks of an optimiser; those of torch have it."""
-
-    param_groups: list[dict[str, Any]]
-
-    def zero_grad(self) -> None:
-        """Forget the gradients of its parameters."""
-        ...
-
-    def step(self) -> Any:  # noqa: ANN401 (as torch has it)
-        """Change the parameters along their gradients."""
         ...
 
 
@@ -96,6 +83,7 @@ class Descent:
     the fit with a FloatingPointError, after the last good state was saved, and so does a fit whose steps were all of this kind.
 
     Attributes:
+        steps: How many all phases take.
         seconds: By phase, and by whatever else was booked.
         counters: What a reader of the results should know; "skipped_steps" are those that were taken back.
     """
@@ -131,6 +119,7 @@ class Descent:
             self._parts["parameters"] = Tensors(self._parameters)
         device = next((parameter.device for parameter in self._parameters.values()), torch.device("cpu"))
         self.generator = torch.Generator(device=device).manual_seed(seed)
+        self.steps = sum(phase.steps for phase in phases)
         self.seconds = {phase.name: 0.0 for phase in phases}
         self.counters = {"skipped_steps": 0}
         self._in_a_row = 0  # steps that were taken back since the last good one
@@ -141,24 +130,15 @@ class Descent:
         self._inner = 0.0  # seconds that blocks inside the current one have booked
 
     @property
-    def steps(self) -> int:
-        """How many steps all phases take."""
-        return sum(phase.steps for phase in self._phases)
-
-    @property
     def done(self) -> int:
         """How many steps have been taken."""
         return sum(phase.steps for phase in self._phases[: self._place]) + self._step
 
-    def run(self, recovered: Callable[[], Reconstruction], final: Callable[[], Reconstruction] | None = None) -> Result:
-        """Take the steps that are left and give back what was found.
-
-        ``recovered``: what there is so far, for scores off the clock, and at the end unless there is a ``final``, whose seconds
-        are booked with the last phase.
-        """
+    def run(self, recovered: Callable[[], Reconstruction]) -> Result:
+        """Take the steps that are left and give back what was found: what is ``recovered``, which is also scored on the way."""
         self.descend(recovered)
         with self.book(self._phases[-1].name):
-            found = (final or recovered)()
+            found = recovered()
         return Result(found, dict(self.seconds), dict(self.counters), self.steps)
 
     def descend(self, recovered: Callable[[], Reconstruction] | None = None) -> None:

@@ -76,10 +76,6 @@ class Plan:
     metallic: bool = False
     decisions: list[Decision] = field(default_factory=list)
 
-    def lines(self) -> list[str]:
-        """One printable line per decision."""
-        return [decision.line for decision in self.decisions]
-
     def record(self) -> dict[str, list[Any]]:
         """The ``plan`` entry of metrics.json."""
         needed = [{"what": d.what, "value": d.value, "why": d.why, "measured": d.measured} for d in self.decisions]

@@ -14,6 +14,7 @@ from torch import Tensor
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, Monitor, Problem
 from ia_bench.methods.couplings.targets import Targets
+from ia_bench.methods.plan import Plan, make_plan
 from ia_bench.methods.two_stage.losses import Losses
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.prior import PriorLoss
@@ -24,9 +25,10 @@ from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.renderer import texture_images
 from ia_bench.render.settings import RenderSettings
+from ia_bench.render.stage import Stage
 from ia_bench.runs.scene import ToldPrior
 from ia_bench.scenes.color import linear_to_srgb
-from ia_bench.scenes.scene import Scene
+from ia_bench.scenes.scene import Camera, Mesh, Scene, View
 
 RENDER = RenderSettings(
     samples=16,
@@ -46,6 +48,17 @@ OF_THE_PRIOR = ("prior",)
 def make_problem(scene: Scene) -> Problem:
     """Coupled as in the paper."""
     return Problem(scene, RENDER, make_coupling=lambda _: Targets(), prior_views="all", note=lambda _: None)
+
+
+def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
+    """A made-up scene, whose photographs are black."""
+    blank = [np.zeros((camera.height, camera.width, 3)) for camera in cameras]
+    views = (View(str(n), camera, black, 1 + black[..., 0]) for n, (camera, black) in enumerate(zip(cameras, blank, strict=True)))
+    return Scene("made-up", "made-up", mesh, tuple(views))
+
+
+def plan_of(mesh: Mesh, *cameras: Camera, **settings: Any) -> Plan:
+    return make_plan(scene_of(mesh, *cameras), Stage(mesh, torch.device("cpu")), RenderSettings(**settings))
 
 
 def oracle(scene: Scene, **dials: Any) -> ToldPrior:
@@ -133,7 +146,6 @@ def fit(problem: Problem, prior: Prior, settings: FitSettings, record: Record, s
     result = TwoStage(settings).fit(asked, seed=seed, monitor=record.monitor(**resume))
     found = result.reconstruction
     assert isinstance(found, TexturedReconstruction)
-    assert found.environment is not None
     return Found(found.material, found.environment.texels, result.seconds, result.counters, result.steps)
 
 

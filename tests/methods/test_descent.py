@@ -176,27 +176,10 @@ def test_too_many_in_a_row_end_the_fit_with_the_last_good_state():
     assert bool(torch.isfinite(mended.slope))
 
 
-def test_bad_steps_with_a_good_one_between_do_not_end_it():
-    _, descent = fitted(Memory(), lambda step, line: nan_loss(step, line) if step % 10 else None)
-    assert descent.counters["skipped_steps"] == 45
-
-
 def test_a_short_fit_of_bad_steps_alone_has_no_result():
     phase = Phase("fit", PATIENCE - 2, step=lambda number, generator: math.nan)
     with pytest.raises(FloatingPointError, match=f"^all {PATIENCE - 2} steps were skipped because of NaN or Inf"):
         Descent({"albedo": torch.ones(2)}, [phase], seed=0, monitor=Memory().monitor()).descend()
-
-
-def test_a_resumed_fit_counts_what_was_skipped_before():
-    def spoil(step: int, line: Line) -> Tensor | None:
-        return nan_loss(step, line) if step in (3, 4, 33) else None
-
-    whole, memory = fitted(Memory(), spoil)[0], Memory(stop=10)
-    with pytest.raises(Stopped):
-        fitted(memory, spoil)
-    resumed, descent = fitted(memory, spoil)
-    assert descent.counters["skipped_steps"] == 3
-    assert same(resumed, whole)
 
 
 def test_scores_come_at_doubling_steps_off_the_clock():

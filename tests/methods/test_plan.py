@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from shapes import bowl, camera_at, disk, plate, sphere, together
+from small_fit import plan_of, scene_of
 
 from ia_bench.common.errors import InputError
 from ia_bench.methods.plan import (
@@ -16,16 +17,12 @@ from ia_bench.methods.plan import (
     TEXTURE_SIZES,
     VIEWS_A_POINT,
     Decision,
-    Plan,
-    _closest_quarter,
     _normal_errors,
     _Probe,
     choose_prior_views,
-    make_plan,
 )
-from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage
-from ia_bench.scenes.scene import Camera, Mesh, Scene, View
+from ia_bench.scenes.scene import Camera, Mesh, Scene
 
 CPU = torch.device("cpu")
 FROM_ABOVE = camera_at((0, 0, 5), pixels=32)
@@ -33,100 +30,73 @@ VIEW_WIDTH = 2 * 5 * math.tan(math.radians(20))  # of FROM_ABOVE, at the origin
 FILLING = VIEW_WIDTH / 2 * 1.05  # half a side of a plate that fills FROM_ABOVE
 
 
-def scene_of(mesh: Mesh, *cameras: Camera) -> Scene:
-    views = tuple(
-        View(str(i), camera, np.zeros((camera.height, camera.width, 3)), np.ones((camera.height, camera.width)))
-        for i, camera in enumerate(cameras)
-    )
-    return Scene("made-up", "made-up", mesh, views)
-
-
-def plan_of(mesh: Mesh, *cameras: Camera, **settings: object) -> Plan:
-    scene, wanted = scene_of(mesh, *cameras), RenderSettings(**settings)  # type: ignore[arg-type]
-    return make_plan(scene, Stage(mesh, CPU), wanted)
-
-
-def decision(plan: Plan, what: str) -> Decision:
-    (found,) = [d for d in plan.decisions if d.what == what]
+def decided(name: str, mesh: Mesh, *cameras: Camera) -> Decision:
+    """What the plan says of one of the renderer's settings."""
+    (found,) = [d for d in plan_of(mesh, *cameras).decisions if d.what == f"render.{name}"]
     return found
 
 
-# ---------------------------------------------------------------- shadows
+# ---------------------------------------------------------------- shadows, indirect light
 @pytest.mark.parametrize("smooth", [True, False])
 def test_a_convex_sphere_needs_no_shadow_rays(smooth: bool) -> None:
-    plan = plan_of(sphere(3, smooth=smooth), camera_at((3, 2, 1)), camera_at((-3, 2, 1)))
-    assert plan.shadows == "none"
-    found = decision(plan, "render.shadows")
-    assert found.measured is not None
-    assert found.measured["occluded_share"] == 0
-    assert found.left_out == "shadow rays"
+    found = decided("shadows", sphere(3, smooth=smooth), camera_at((3, 2, 1)), camera_at((-3, 2, 1)))
+    assert (found.value, found.measured["occluded_share"], found.left_out) == ("none", 0, "shadow rays")
 
 
 def test_a_plate_under_a_disk_needs_them() -> None:
     """The disk hides R^2 / (R^2 + h^2) of the cosine-weighted sky of a small plate; the camera sees only the plate."""
     radius, height = 0.7, 0.6
-    mesh = together(plate(0.01), disk(radius, height=height))
     camera = camera_at((0.3, 0.0, 0.05), pixels=16, field_of_view=1.0)
-    plan = plan_of(mesh, camera)
-    assert plan.shadows == "traced"
-    found = decision(plan, "render.shadows")
-    assert found.measured is not None
+    found = decided("shadows", together(plate(0.01), disk(radius, height=height)), camera)
+    assert (found.value, found.left_out) == ("traced", None)
     share = radius**2 / (radius**2 + height**2)
     assert found.measured["occluded_share"] == pytest.approx(share, abs=5 * math.sqrt(0.25 / found.measured["probe_rays"]))
-    assert found.left_out is None
 
 
-def test_a_rare_shadow_is_a_shadow() -> None:
-    """A small disk far above a plate hides one in a thousand directions: no longer none."""
-    mesh = together(plate(0.01), disk(0.05, height=1.5))
-    plan = plan_of(mesh, camera_at((0.3, 0.0, 0.05), pixels=16, field_of_view=1.0))
-    assert plan.shadows == "traced"
-
-
-# ---------------------------------------------------------------- indirect light
-
-
-def test_a_convex_mesh_needs_no_bounces() -> None:
-    plan = plan_of(sphere(3), camera_at((3.0, 1.0, 1.0)))
-    found = decision(plan, "render.bounces")
-    assert plan.bounces == 0
-    assert found.left_out == "indirect light"
-    assert found.measured is not None
-    assert found.measured["indirect_share"] < 0.001
-
-
-def test_a_hemisphere_needs_bounces() -> None:
-    """Half of the rays from its inside meet it again, each time: with albedo 1/2 the share of bounced light is 1/4.
+def test_bounces() -> None:
+    """None on a ball. Half of the rays from the inside of a hemisphere meet it again, each time: with albedo 1/2 the share is 1/4.
 
     Of 20 000 paths the share's standard error is 0.3 %; below 0.5 % are left after three bounces (1/4^4 = 0.4 %).
     """
-    plan = plan_of(bowl(), camera_at((0.0, 0.0, 4.0)))
-    found = decision(plan, "render.bounces")
-    assert found.measured is not None
+    found = decided("bounces", sphere(3), camera_at((3.0, 1.0, 1.0)))
+    assert (found.value, found.left_out) == (0, "indirect light")
+    assert found.measured["indirect_share"] < 0.001
+    found = decided("bounces", bowl(), camera_at((0.0, 0.0, 4.0)))
+    assert (found.value, found.left_out) == (3, "more than 3 bounces")
     assert found.measured["indirect_share"] == pytest.approx(0.25, abs=0.012)
     assert found.measured["share_beyond_one"] == pytest.approx(1 / 16, abs=0.008)
-    assert plan.bounces == 3
-    assert found.left_out == "more than 3 bounces"
+
+
+def test_a_mesh_that_no_light_reaches_is_named() -> None:
+    """A camera inside a ball whose triangles face inward: no path from what it sees leaves the ball."""
+    ball = sphere(2)
+    inward = replace(ball, faces=ball.faces[:, ::-1].copy(), normals=-ball.normals)
+    with pytest.raises(InputError, match="mesh: expected light from outside to reach what the cameras see.*render.bounces=0"):
+        plan_of(inward, camera_at((0, 0, 0.5), pixels=32))
 
 
 # ---------------------------------------------------------------- sub-samples
-def test_a_flat_plate_that_fills_the_view_needs_one_point_a_pixel() -> None:
-    plan = plan_of(plate(FILLING), FROM_ABOVE)
-    assert plan.subsamples == 1
-    found = decision(plan, "render.subsamples")
-    assert set(found.measured or {}) == {"edge_pixel_share", "mean_normal_change_degrees", "normal_error_of_2_x_2"}
-    assert not any((found.measured or {}).values())
-    assert found.left_out == "pixel sub-samples"
-
-
-def test_edges_need_more() -> None:
-    """A flat plate of 7 by 7 pixels plus half a pixel all around: 32 of its 81 pixels are partly covered."""
-    plan = plan_of(plate(VIEW_WIDTH / 2 * 8 / 32), camera_at((0, 0, 5), pixels=31))
-    assert plan.subsamples == 3
-    measured = decision(plan, "render.subsamples").measured
-    assert measured is not None
-    assert measured["edge_pixel_share"] > 0.2
-    assert measured["mean_normal_change_degrees"] == 0
+def test_points_of_a_pixel() -> None:
+    """One on a flat plate that fills the view; more at edges, of thin parts, and where the surface bends within a pixel."""
+    found = decided("subsamples", plate(FILLING), FROM_ABOVE)
+    assert (found.value, found.left_out) == (1, "pixel sub-samples")
+    assert found.measured == {"edge_pixel_share": 0, "mean_normal_change_degrees": 0, "normal_error_of_2_x_2": 0}
+    # A flat plate of 7 by 7 pixels plus half a pixel all around: 32 of its 81 pixels are partly covered.
+    found = decided("subsamples", plate(VIEW_WIDTH / 2 * 8 / 32), camera_at((0, 0, 5), pixels=31))
+    assert found.value == 3
+    assert found.measured["edge_pixel_share"] > 0.2
+    assert found.measured["mean_normal_change_degrees"] == 0
+    # Plates of two thirds of a pixel, a pixel apart: every pixel is an edge. Coarse edges take no more than 2 x 2.
+    pixel = VIEW_WIDTH / 32
+    thin = plate(pixel / 3)
+    strips = [replace(thin, vertices=thin.vertices + np.array([2 * x * pixel, 0, 0], np.float32)) for x in range(-4, 5)]
+    assert decided("subsamples", together(*strips), FROM_ABOVE).value >= 3
+    assert decided("subsamples", plate(FILLING / 2), camera_at((0, 0, 5), pixels=128)).value == 2
+    # A sphere that fills the view: no edges, but a pixel spans 2.6 degrees of it in the middle, more outside.
+    found = decided("subsamples", sphere(4), camera_at((0, 2, 0), pixels=16))
+    assert (found.value, found.measured["edge_pixel_share"]) == (2, 0)
+    smallest = math.degrees(1 * 2 * math.tan(math.radians(20)) / 16)
+    assert smallest < found.measured["mean_normal_change_degrees"] < 3 * smallest
 
 
 def test_the_expected_error_of_a_mean_normal_is_the_one_against_many_points(tiny: Scene) -> None:
@@ -150,48 +120,16 @@ def test_the_expected_error_of_a_mean_normal_is_the_one_against_many_points(tiny
         assert true / 1.5 < _normal_errors(_Probe(tiny, stage, two))[side] < 1.5 * true
 
 
-def test_thin_parts_need_more_still() -> None:
-    """Plates of two thirds of a pixel, a pixel apart: every pixel is an edge. Coarse edges take no more than 2 x 2."""
-    pixel = VIEW_WIDTH / 32
-    thin = plate(pixel / 3)
-    strips = [replace(thin, vertices=thin.vertices + np.array([2 * x * pixel, 0, 0], np.float32)) for x in range(-4, 5)]
-    assert plan_of(together(*strips), FROM_ABOVE).subsamples >= 3
-    big = plan_of(plate(FILLING / 2), camera_at((0, 0, 5), pixels=128))
-    assert big.subsamples == 2
-
-
-def test_curvature_needs_more() -> None:
-    """A sphere that fills the view: no edges, but a pixel spans 2.6 degrees of it in the middle, more outside."""
-    near = camera_at((0, 2, 0), pixels=16)
-    plan = plan_of(sphere(4), near)
-    assert plan.subsamples == 2
-    measured = decision(plan, "render.subsamples").measured
-    assert measured is not None
-    assert measured["edge_pixel_share"] == 0
-    smallest = math.degrees(1 * 2 * math.tan(math.radians(20)) / 16)
-    assert smallest < measured["mean_normal_change_degrees"] < 3 * smallest
-
-
-# ---------------------------------------------------------------- texture
+# ---------------------------------------------------------------- texture and light
 @pytest.mark.parametrize(
     ("uv_scale", "pixels", "size"),
     [(1.0, 32, 64), (0.25, 32, 256), (0.1, 32, 512), (1.0, 200, 256), (1e-3, 32, 2048), (1.0, 8, 64)],
 )
 def test_texture_follows_the_footprint_of_a_pixel(uv_scale: float, pixels: int, size: int) -> None:
     """A plate's pixel spans uv_scale / pixels of the texture (a little less: it fills more than the view)."""
-    plan = plan_of(plate(FILLING, uv_scale=uv_scale), camera_at((0, 0, 5), pixels=pixels))
-    found = decision(plan, "render.texture")
-    assert found.measured is not None
+    found = decided("texture", plate(FILLING, uv_scale=uv_scale), camera_at((0, 0, 5), pixels=pixels))
     assert found.measured["pixel_footprint_uv"] == pytest.approx(uv_scale / 1.05 / pixels, rel=1e-3)
-    assert plan.texture == size
-    assert found.left_out == (f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None)
-
-
-def test_footprints_of_many_large_images() -> None:
-    """Fifteen probed views of 2048 x 2048 have more pixels than torch.quantile takes."""
-    footprint = torch.arange(17_000_000, dtype=torch.float32).flip(0)
-    assert _closest_quarter(footprint) == pytest.approx(4_250_000, rel=1e-6)
-    assert _closest_quarter(torch.tensor([3.0])) == 3
+    assert (found.value, found.left_out) == (size, f"textures above {size} texels" if size < TEXTURE_SIZES[-1] else None)
 
 
 def test_jumps_to_another_island_are_no_footprint() -> None:
@@ -200,41 +138,22 @@ def test_jumps_to_another_island_are_no_footprint() -> None:
     shift = np.array([FILLING / 2, 0, 0], np.float32)
     left = replace(left, vertices=left.vertices - shift)
     right = replace(right, vertices=right.vertices + shift, uv=right.uv + 0.9)
-    one = plan_of(left, FROM_ABOVE)
-    both = plan_of(together(left, right), FROM_ABOVE)
-    footprints = [decision(p, "render.texture").measured for p in (one, both)]
-    assert footprints[0] is not None
-    assert footprints[1] is not None
-    assert footprints[1]["pixel_footprint_uv"] == pytest.approx(footprints[0]["pixel_footprint_uv"], rel=1e-3)
-    assert both.texture == one.texture == 256
+    one, both = (decided("texture", mesh, FROM_ABOVE) for mesh in (left, together(left, right)))
+    assert both.measured["pixel_footprint_uv"] == pytest.approx(one.measured["pixel_footprint_uv"], rel=1e-3)
+    assert both.value == one.value == 256
 
 
-def test_a_mesh_that_no_light_reaches_is_named() -> None:
-    """A camera inside a ball whose triangles face inward: no path from what it sees leaves the ball."""
-    ball = sphere(2)
-    inward = replace(ball, faces=ball.faces[:, ::-1].copy(), normals=-ball.normals)
-    with pytest.raises(InputError, match="mesh: expected light from outside to reach what the cameras see.*render.bounces=0"):
-        plan_of(inward, camera_at((0, 0, 0.5), pixels=32))
+def test_light() -> None:
+    """On a plate, mirror directions turn by as much as view directions do, 40 degrees over 32 pixels: 150 rows would be seen.
 
-
-# ---------------------------------------------------------------- light
-def test_light_of_a_flat_mirror() -> None:
-    """On a plate, mirror directions turn by as much as view directions do: 40 degrees over 32 pixels."""
-    plan = plan_of(plate(FILLING), FROM_ABOVE)
-    found = decision(plan, "render.light_height")
-    assert found.measured is not None
+    A ball that is 10 pixels wide reflects half of the sphere in a few pixels: the coarsest light will do.
+    """
+    found = decided("light_height", plate(FILLING), FROM_ABOVE)
     middle = math.degrees(VIEW_WIDTH / 32 / 5)  # 1.30 degrees in the middle, less toward the corners
     assert 0.8 * middle < found.measured["mirror_footprint_degrees"] < middle
-    assert plan.light_height == LIGHT_HEIGHTS[-1]  # 180 / 1.2 = 150 rows would be seen
-    assert found.left_out == f"light rows above {LIGHT_HEIGHTS[-1]}"
+    assert (found.value, found.left_out) == (LIGHT_HEIGHTS[-1], f"light rows above {LIGHT_HEIGHTS[-1]}")
     assert "worse with finer lights" in found.why
-
-
-def test_light_of_a_small_ball() -> None:
-    """A ball that is 10 pixels wide reflects half of the sphere in a few pixels: the coarsest light will do."""
-    plan = plan_of(sphere(3), camera_at((0, 18, 0), pixels=32))
-    assert plan.light_height == LIGHT_HEIGHTS[0]
-    assert decision(plan, "render.light_height").left_out == f"light rows above {LIGHT_HEIGHTS[0]}"
+    assert decided("light_height", sphere(3), camera_at((0, 18, 0), pixels=32)).value == LIGHT_HEIGHTS[0]
 
 
 # ---------------------------------------------------------------- the whole
@@ -247,14 +166,10 @@ def test_a_users_setting_is_taken_and_recorded_as_such(name: str) -> None:
     usual = plan_of(plate(FILLING), FROM_ABOVE)
     plan = plan_of(plate(FILLING), FROM_ABOVE, **{name: USERS[name]})
     assert getattr(plan, name) == USERS[name] != getattr(usual, name)
-    found = decision(plan, f"render.{name}")
+    (found,) = [d for d in plan.decisions if d.what == f"render.{name}"]
     assert (found.value, found.why, found.measured, found.left_out) == (USERS[name], "set by the user", None, None)
     others = [d for d in plan.decisions if d.what != found.what]
     assert others == [d for d in usual.decisions if d.what != found.what]
-
-
-def test_samples_are_passed_on() -> None:
-    assert plan_of(plate(FILLING), FROM_ABOVE, samples=17).samples == 17
 
 
 def test_every_decision_is_printed_and_recorded_with_its_measurement() -> None:
@@ -262,8 +177,8 @@ def test_every_decision_is_printed_and_recorded_with_its_measurement() -> None:
     renderer = ["shadows", "bounces", "subsamples", "texture", "light_height", "metallic"]
     whats = [f"render.{name}" for name in renderer]
     assert [d.what for d in plan.decisions] == whats
-    for line, found in zip(plan.lines(), plan.decisions, strict=True):
-        assert line == f"plan: {found.what} = {found.value}: {found.why}"
+    for found in plan.decisions:
+        assert found.line == f"plan: {found.what} = {found.value}: {found.why}"
     record = plan.record()
     assert [entry["what"] for entry in record["needed"]] == whats
     assert all(entry["measured"] for entry in record["needed"])
@@ -306,7 +221,6 @@ def test_a_prior_is_asked_about_as_many_views_as_show_the_surface() -> None:
     """Sixty views around a ball show it far more often than is wanted; with four, each is needed."""
     many, few = (views_chosen(count, "auto") for count in (60, 4))
     assert 8 <= many.value < 60
-    assert many.measured is not None
     assert many.measured["seen_by_chosen_views"] >= 0.9 * VIEWS_A_POINT
     assert many.left_out == f"the prior's look at {60 - many.value} views"
     assert (few.value, few.left_out) == (4, None)

@@ -1,13 +1,108 @@
-"""Which cameras see a point, against geometry that can be told by hand."""
+"""Which cameras see a point, and the geometry that views show, against closed forms."""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 import torch
-from shapes import camera_at, plate, together
+from shapes import camera_at, disk, plate, sphere, together
 
-from ia_bench.methods.views import sees, views_needed
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.views import sees, view_geometry, views_needed
+from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.rays import make_rays
+from ia_bench.render.settings import RenderSettings
+from ia_bench.scenes.scene import Camera, Mesh, Scene, View
+
+CPU = torch.device("cpu")
+
+
+def problem_of(mesh: Mesh, cameras: list[Camera], side: int = 2, *, shadows: bool = True) -> Problem:
+    nothing = np.zeros((cameras[0].height, cameras[0].width, 3), np.float32)
+    views = tuple(View(str(n), camera, nothing, nothing[..., 0]) for n, camera in enumerate(cameras))
+    settings = RenderSettings(
+        samples=8, subsamples=side, texture=64, light_height=16, shadows="traced" if shadows else "none", bounces=0
+    )
+    return Problem(Scene("shape", "shape", mesh, views), settings, note=lambda _: None)
+
+
+def test_normals_of_a_sphere() -> None:
+    """From wherever it is seen, a sphere at the image's middle has the same camera-space normals: the mirror of its rays."""
+    cameras = [camera_at(place, pixels=24) for place in ((0.0, -4.0, 0.0), (3.0, 2.0, 1.5), (0.0, 0.0, 4.0))]
+    problem = problem_of(sphere(4), cameras, side=1)
+    normals, visibility = view_geometry(problem, (0, 1, 2))
+    assert normals.shape == (3, 24, 24, 3)
+    assert visibility.shape == (3, 24, 24, 1)
+    coverage = problem.gbuffer.coverage()
+    for view, camera in enumerate(cameras):
+        origins, directions = (array[:, :, 0].astype(np.float64) for array in primary_rays(camera, 1))
+        middle = (origins * directions).sum(-1)
+        inside = middle**2 - (origins**2).sum(-1) + 1
+        closest = np.abs(normals[view].numpy()).sum(-1) > 0
+        certain = (inside > 0.02) & closest  # at the very rim the polygons of the mesh decide
+        point = origins + (-middle - np.sqrt(inside.clip(0)))[..., None] * directions
+        expected = point @ camera.to_world[:3, :3]
+        np.testing.assert_allclose(normals[view].numpy()[certain], expected[certain], atol=0.01)
+    lengths = normals.norm(dim=-1)
+    torch.testing.assert_close(lengths, coverage, rtol=1e-4, atol=1e-5)  # one point a pixel: nothing is averaged
+    middle = normals[0, 11:13, 11:13].mean((0, 1))
+    torch.testing.assert_close(middle, torch.tensor([0.0, 0.0, 1.0]), rtol=0, atol=0.01)  # toward the camera
+    assert float(normals[0, 12, 18, 0]) > 0.3  # x to the right
+    assert float(normals[0, 5, 12, 1]) > 0.3  # y up, row 0 is the top
+
+
+def test_partly_covered_pixels_are_premultiplied() -> None:
+    problem = problem_of(sphere(3), [camera_at((0.0, -4.0, 0.0), pixels=16)], side=2)
+    normals, visibility = view_geometry(problem, (0,))
+    coverage = problem.gbuffer.coverage()[0]
+    edge = (coverage > 0) & (coverage < 1)
+    assert int(edge.sum()) > 5
+    length = normals[0].norm(dim=-1)
+    assert bool((length <= coverage + 1e-5).all())
+    assert bool((length >= 0.9 * coverage).all())  # the mean of normals that hardly differ within a pixel
+    torch.testing.assert_close(visibility[0, ..., 0], coverage, rtol=0, atol=0.05)  # convex: open all around
+    assert bool((visibility[0][coverage == 0] == 0).all())
+
+
+def test_visibility_under_a_lid() -> None:
+    """A disk of radius r at height h above a floor hides r^2 / (r^2 + h^2) of the point below its centre."""
+    radius, height = 1.0, 0.8
+    lid = together(plate(4.0), disk(radius, height=height))
+    camera = camera_at((0.0, -3.0, 0.5), pixels=48, field_of_view=8)
+    visibility = view_geometry(problem_of(lid, [camera]), (0,))[1][0, ..., 0]
+    # The camera looks under the lid at the origin. 48 x 2 pixels around it, 32 stratified rays each: the standard error is
+    # below 0.01 even without stratification; 0.03 leaves room for the pixels' extent.
+    found = float(visibility[23:25].mean())
+    assert abs(found - (1 - radius**2 / (radius**2 + height**2))) < 0.03
+
+
+def test_visibility_between_two_facing_walls() -> None:
+    """Halfway up between two long walls: the open share of the cosine-weighted hemisphere is a difference of sines."""
+
+    def wall(x: float, facing: float) -> Mesh:
+        flat = plate(50.0)
+        vertices = np.stack([np.full(4, x), flat.vertices[:, 0], flat.vertices[:, 1].clip(-1, 1)], 1).astype(np.float32)
+        normals = np.tile(np.array([facing, 0, 0], np.float32), (4, 1))
+        return Mesh(vertices, flat.faces, normals, flat.uv)
+
+    gap = 1.5
+    problem = problem_of(together(wall(0.0, 1.0), wall(gap, -1.0)), [camera_at((1.2, 0.001, 0.0), pixels=32, field_of_view=6)])
+    visibility = view_geometry(problem, (0,))[1][0, ..., 0]
+    # A strip that is long in y takes the angles |theta| < atan(1 / gap) of the plane across: (sin - -sin) / 2 is hidden.
+    expected = 1 - math.sin(math.atan(1 / gap))
+    assert abs(float(visibility.mean()) - expected) < 0.01
+
+
+def test_views_are_chosen_and_repeatable() -> None:
+    cameras = [camera_at(place, pixels=16) for place in ((0.0, -4.0, 0.0), (3.0, 2.0, 1.5), (0.0, 0.0, 4.0))]
+    problem = problem_of(together(sphere(2), plate(2.0, height=-1.0)), cameras)
+    normals, visibility = view_geometry(problem, (0, 2))
+    again, seen_again = view_geometry(problem, (0, 2))
+    assert torch.equal(normals, again)
+    assert torch.equal(visibility, seen_again)
+    assert torch.equal(normals, view_geometry(problem, (0, 1, 2))[0][[0, 2]])
 
 
 def test_a_point_is_seen_from_in_front_and_not_through_a_roof() -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -26,6 +25,7 @@ from ia_bench.priors.validation import (
 )
 
 GEOMETRY = ("normals", "visibility")
+PARTS = ("values/", "ceilings/")  # of samples that are kept
 NEAR_CEILING = 0.8
 """Share of the largest value that a prior can say from which a sample means "at least": a mean of draws stays below it."""
 Images = dict[str, Tensor]  # component -> (V, H, W, 3)
@@ -64,14 +64,20 @@ class PriorSampler:
         key = self._key(observations) if self._cache is not None and guidance is None else None
         stored = self._cache.get(key) if self._cache is not None and key is not None else None
         if stored is not None:
-            samples, seconds = _unpacked(*stored)
+            tensors, about = stored
+            values, ceilings = (
+                {key.removeprefix(part): value for key, value in tensors.items() if key.startswith(part)} for part in PARTS
+            )
+            samples = Samples(values, ceilings, about["cost"])
             self.counters["prior_cached"] += 1
-            self.kept_seconds += seconds
+            self.kept_seconds += about["seconds"]
         else:
             started = time.perf_counter()
             samples = ask(self._prior, observations, seed=self._seed, guidance=guidance)
             if self._cache is not None and key is not None:
-                self._cache.put(key, *_packed(samples, time.perf_counter() - started))
+                parts = zip(PARTS, (samples.values, samples.ceilings), strict=True)
+                tensors = {part + name: value for part, of in parts for name, value in of.items()}
+                self._cache.put(key, tensors, {"seconds": time.perf_counter() - started, "cost": dict(samples.cost)})
         wrong = None if self._told else beyond_a_material(samples, observations.masks)
         if wrong is not None:
             self._told = True
@@ -115,20 +121,6 @@ class PriorSampler:
         rounding = f"torch {torch.__version__}, {torch.get_num_threads()} threads"  # the last bits depend on both
         geometry = [tensor for tensor in (shown.normals, shown.visibility, shown.view_count) if tensor is not None]
         return content_key("samples", prior.fingerprint, rounding, str(self._seed), shown.images, shown.masks, *geometry)
-
-
-def _packed(samples: Samples, seconds: float) -> tuple[Images, dict[str, Any]]:
-    """Samples as a cache keeps them."""
-    tensors = {f"{part}/{name}": value for part in ("values", "ceilings") for name, value in getattr(samples, part).items()}
-    return tensors, {"seconds": seconds, "cost": dict(samples.cost)}
-
-
-def _unpacked(tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> tuple[Samples, float]:
-    parts: dict[str, Images] = {"values": {}, "ceilings": {}}
-    for key, value in tensors.items():
-        part, _, name = key.partition("/")
-        parts[part][name] = value
-    return Samples(parts["values"], parts["ceilings"], about["cost"]), about["seconds"]
 
 
 def pixel_samples(problem: Problem, samples: Samples, views: tuple[int, ...]) -> PixelSamples:

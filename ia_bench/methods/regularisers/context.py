@@ -48,17 +48,13 @@ def effective_view_count(problem: Problem, size: int) -> Tensor:
     gbuffer = gbuffer.at(torch.nonzero(gbuffer.filled & ~problem.photographs.left_out)[:, 0])
     face = gbuffer.face.long()
     _, position = surface.geometry(face[:, 0], gbuffer.barycentric[:, 0])
-    share = pixel_area(problem, gbuffer.view(), position) * size**2 / surface.area_per_uv[face[:, 0]].clamp_min(1e-20)
+    cameras, view = [each.camera for each in problem.scene.train], gbuffer.view()
+    to_world = torch.stack([torch.from_numpy(camera.to_world).float() for camera in cameras]).to(position)
+    focal = torch.tensor([camera.focal[0] * camera.focal[1] for camera in cameras]).to(position)
+    depth = -((position - to_world[view, :3, 3]) * to_world[view, :3, 2]).sum(1)
+    pixel_area = depth.square() / focal[view]  # parallel to the image
+    share = pixel_area * size**2 / surface.area_per_uv[face[:, 0]].clamp_min(1e-20)
     points = gbuffer.subsamples
     uv = surface.uv(face, gbuffer.barycentric).reshape(-1, 2)
     mean, count = splat(uv, (share / points).repeat_interleave(points)[:, None], size)
     return mean[..., 0] * count
-
-
-def pixel_area(problem: Problem, view: Tensor, position: Tensor) -> Tensor:
-    """Of a pixel of training views (P,), parallel to the image at the depth of (P, 3) ``position``: (P,), scene units squared."""
-    cameras = [each.camera for each in problem.scene.train]
-    to_world = torch.stack([torch.from_numpy(camera.to_world).float() for camera in cameras]).to(position)
-    focal = torch.tensor([camera.focal[0] * camera.focal[1] for camera in cameras]).to(position)
-    depth = -((position - to_world[view, :3, 3]) * to_world[view, :3, 2]).sum(1)
-    return depth.square() / focal[view]

@@ -76,7 +76,7 @@ class Fit:
         start_light(self.parameters, problem, self.descent.generator)
 
     def _begin_stage2(self, done: int) -> None:
-        if not done and self.settings.guided and self.prior.guidable:
+        if not done and self.settings.guided and self.problem.prior.info.guidable:
             self._ask(guided=True)
 
     def _ask(self, *, guided: bool) -> None:

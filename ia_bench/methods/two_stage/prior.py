@@ -48,11 +48,6 @@ class PriorLoss:
         """The samples that say where the albedo starts; None if there are none. A prior switched off must not leak in here."""
         return self.samples if self._coupling.sets_albedo and "albedo" in self._used else None
 
-    @property
-    def guidable(self) -> bool:
-        """Whether samples can be drawn toward renders."""
-        return self._prior.info.guidable and not self._coupling.period
-
     def draw(self, parameters: Parameters | None, generator: torch.Generator) -> None:
         """Sample the prior, toward the current renders of ``parameters`` if they are given; not one that has no weight."""
         if self._coupling.period or not self._used:

@@ -39,9 +39,7 @@ class LearningRates:
     """Adam's rates; over the run they fall exponentially to ``final`` times their value.
 
     Attributes:
-        albedo: In units of albedo, which is in [0, 1].
-        roughness: Likewise.
-        metallic: Likewise.
+        albedo, roughness, metallic: In units of albedo, which is in [0, 1].
         light: In units of log radiance.
         scale_ambiguity: Of the log factor per channel that light and albedo exchange; 0 leaves that step out.
         final: Share of every rate that is left at the end.
@@ -57,14 +55,7 @@ class LearningRates:
 
 @dataclass(frozen=True)
 class MultigridRates:
-    """Adam's rates of steps at coarser scales (``multigrid.MultigridSteps``), the same at each; 0 leaves them out.
-
-    Attributes:
-        albedo: In units of albedo, which is in [0, 1].
-        roughness: Likewise.
-        metallic: Likewise.
-        light: In units of log radiance.
-    """
+    """Adam's rates of steps at coarser scales (``steps.MultigridSteps``), the same at each, units as above; 0 leaves them out."""
 
     albedo: Rate = 0.02
     roughness: Rate = 0.01

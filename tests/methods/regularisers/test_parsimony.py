@@ -50,20 +50,6 @@ def test_means_are_those_of_the_formula() -> None:
     np.testing.assert_allclose(found[1], weights @ rough, atol=1e-5)
 
 
-def test_noise_of_two_materials_goes_and_their_difference_stays() -> None:
-    random, count = torch.Generator().manual_seed(1), 3 * PARTNERS
-    second = (torch.arange(count) % 2 == 1)[:, None]
-    albedo = torch.where(second, torch.tensor([0.5, 0.2, 0.1]), torch.tensor([0.2, 0.3, 0.4]))
-    roughness = torch.where(second, 0.3, 0.7)
-    _, _, position = places(count)
-    noisy = (albedo * torch.exp(0.08 * torch.randn(count, 1, generator=random))).clamp(0, 1)
-    rough = roughness + 0.05 * torch.randn(count, 1, generator=random)
-    found = pooled(noisy, rough, position, torch.Generator().manual_seed(0))
-    for before, after, true in ((noisy, found[0], albedo), (rough, found[1], roughness)):
-        assert float((after - true).square().mean()) < 0.3 * float((before - true).square().mean())
-        assert float((after - true).mean(0).abs().max()) < 0.01
-
-
 def test_what_nothing_resembles_stays() -> None:
     albedo, roughness, position = torch.full((5 * PARTNERS, 3), 0.2), torch.full((5 * PARTNERS, 1), 0.5), places(5 * PARTNERS)[2]
     albedo[7], roughness[7] = torch.tensor([0.9, 0.1, 0.1]), 0.1
@@ -105,21 +91,6 @@ def test_a_pass_at_the_end_moves_the_material_by_the_share(problem: Problem, mon
         assert deviations[2] < deviations[0]
 
 
-def test_the_light_follows_passes_between_steps(problem: Problem) -> None:
-    """What one material shows in many places is then closer to one colour than where it is pooled at the end alone."""
-    found = {}
-    inside, surface = problem.gbuffer.coverage() == 1, problem.renderer.surface
-    for name, shares in (("end", (1.0,)), ("all", parsimony.PASSES)):
-        with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(parsimony, "PASSES", shares)
-            found[name] = fit(problem, NoPrior(), regularised(SETTINGS, parsimony={}), Record())
-    assert not torch.equal(found["all"].light, found["end"].light)
-    spread = {
-        name: texture_images(surface, problem.gbuffer, one.material.albedo)[inside].log().std(0) for name, one in found.items()
-    }
-    assert float(spread["all"].mean()) < float(spread["end"].mean())
-
-
 def test_it_looks_at_the_views_that_are_asked_for(problem: Problem) -> None:
     """And the plan says so; without a prior and without it, nobody wants to know."""
     few, nobody = (altered(problem, prior_views=3, plan=replace(problem.plan, decisions=[])) for _ in range(2))
@@ -144,11 +115,3 @@ def test_of_too_many_pixels_some_are_drawn(problem: Problem) -> None:
 def _shown(fusion: Fusion) -> Tensor:
     """A texture of which each texel has a colour of its own."""
     return fusion.looked_up(torch.linspace(0, 1, 64 * 64 * 3).reshape(64, 64, 3))
-
-
-def test_where_no_pixel_is_wholly_covered_nothing_is_pooled(problem: Problem) -> None:
-    face = problem.gbuffer.face.clone()
-    face[:, 0] = -1
-    holes = altered(problem, gbuffer=replace(problem.gbuffer, face=face))
-    both = QUICK, regularised(QUICK, parsimony={})
-    assert torch.equal(*(fit(holes, NoPrior(), settings, Record()).material.albedo for settings in both))

@@ -77,8 +77,6 @@ def test_a_bad_pixel_costs_one_step_and_is_named(problem: Problem, record: Recor
     ]
     assert [step for step, loss in enumerate(record.losses) if math.isnan(loss)] == [7]
     before, after = (record.monitor(record.states[step]).load() for step in (7, 8))
-    assert before is not None
-    assert after is not None
     for name, kept in before["parts"]["parameters"].items():
         assert torch.equal(kept, after["parts"]["parameters"][name])
     moments = [state["parts"]["optimisers"]["texels"]["state"] for state in (before, after)]
@@ -98,7 +96,6 @@ def test_a_gradient_whose_square_overflows_does_not_reach_adam(problem: Problem,
     assert finite(found)
     assert found.counters["skipped_steps"] == 1
     state = record.monitor(record.states[29]).load()
-    assert state is not None
     assert all(
         bool(torch.isfinite(moment["exp_avg_sq"]).all()) for moment in state["parts"]["optimisers"]["texels"]["state"].values()
     )
@@ -110,7 +107,6 @@ def test_a_light_that_overflows_is_taken_back(problem: Problem, record: Record) 
     with pytest.raises(FloatingPointError, match=r"^step 9: the light's radiance became NaN or Inf in \d+ of 1536 values"):
         fit(problem, NoPrior(), settings, record)
     state = record.monitor(record.states[9]).load()
-    assert state is not None
     assert bool(torch.isfinite(torch.exp(state["parts"]["parameters"]["log_light"])).all())
 
 

@@ -1,4 +1,4 @@
-"""How the prior is asked, what of its answers is refused, and what is kept of them between runs."""
+"""How the prior is asked, what is kept of its answers between runs, and what they say of each pixel."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ import torch
 from small_fit import altered
 from torch import Tensor
 
-from ia_bench.methods.contract import Problem
-from ia_bench.methods.couplings.sampler import PriorSampler
+from ia_bench.methods.contract import PixelSamples, Problem
+from ia_bench.methods.couplings.sampler import PriorSampler, pixel_samples
 from ia_bench.methods.views import evenly_spread, restrict, view_geometry
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
+from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import beyond_a_material
 from ia_bench.render.renderer import NoShadows, Renderer, texture_images
+from ia_bench.runs.scene import ToldPrior
 from ia_bench.scenes.scene import Scene
 
 
@@ -77,14 +79,6 @@ def test_prior_is_shown_the_training_images_alone(problem: Problem) -> None:
     assert torch.equal(samples.values["albedo"], 0.5 * shown.images)
 
 
-def test_guidance_is_handed_through(problem: Problem) -> None:
-    spy, guide = Spy(), {"albedo": torch.rand(16, 32, 32, 3)}
-    sampler(problem, spy).draw(guide)
-    handed = spy.asked[0][2]
-    assert handed is not None
-    assert torch.equal(handed["albedo"], guide["albedo"])
-
-
 def test_absurd_values_are_counted_and_told_once(problem: Problem) -> None:
     notes: list[str] = []
     spy = Spy()
@@ -140,17 +134,6 @@ def test_few_views_are_spread_evenly(scene: Scene) -> None:
     assert evenly_spread(scene, "all") == evenly_spread(scene, 16) == evenly_spread(scene, 99) == everything
 
 
-def test_only_the_chosen_views_are_asked_about(problem: Problem) -> None:
-    spy = Spy()
-    asking = sampler(problem, spy, prior_views=3)
-    asking.draw(None)
-    shown = spy.asked[0][0]
-    expected = np.stack([problem.scene.train[view].image for view in asking.views])
-    assert len(expected) == 3
-    assert shown.views == asking.views
-    np.testing.assert_array_equal(shown.images, expected)
-
-
 def test_restricted_gbuffer_sees_the_same(problem: Problem) -> None:
     texture = torch.rand(64, 64, 3, generator=torch.Generator().manual_seed(0))
     whole = texture_images(problem.renderer.surface, problem.gbuffer, texture)
@@ -170,9 +153,6 @@ def test_geometry_is_that_of_the_views_asked_about(problem: Problem) -> None:
     asking.distill({name: torch.zeros(2, 32, 32, 3) for name in ("albedo", "specular")}, (0, 4), seed=1)
     asking.draw(None)
     for shown, *_ in reader.asked:
-        assert shown.views is not None
-        assert shown.normals is not None
-        assert shown.visibility is not None
         normals, visibility = view_geometry(problem, shown.views)
         assert torch.equal(shown.normals, normals)
         assert torch.equal(shown.visibility, visibility)
@@ -223,18 +203,6 @@ def test_geometry_decides_too(problem: Problem) -> None:
     assert [one.counters["prior_cached"] for one in asking] == [0, 1, 0]
 
 
-def test_view_counts_decide_too(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    counts = iter((1.0, 1.0, 2.0))  # photographs of each place, of which the same views are asked about
-    seen = "ia_bench.methods.couplings.sampler.count_views"
-    monkeypatch.setattr(seen, lambda _, views: torch.full((len(views), 32, 32, 1), next(counts)))
-    prior, cached = kept(), []
-    prior.info = replace(prior.info, wants=frozenset({"view_count"}))
-    for asking in (sampler(problem, prior) for _ in range(3)):
-        asking.draw(None)
-        cached.append(asking.counters["prior_cached"])
-    assert cached == [0, 1, 0]
-
-
 def test_another_number_of_threads_is_another_draw(problem: Problem) -> None:
     """The last bits of a sample depend on it, and the same configuration must give the same numbers."""
     threads = torch.get_num_threads()
@@ -246,3 +214,52 @@ def test_another_number_of_threads_is_another_draw(problem: Problem) -> None:
     finally:
         torch.set_num_threads(threads)
     assert other.counters["prior_cached"] == 0
+
+
+ALL = tuple(range(16))
+
+
+def targets_of(problem: Problem, sample: Mapping[str, Tensor], asked: tuple[int, ...] = ALL) -> PixelSamples:
+    return pixel_samples(problem, Samples(sample), asked)
+
+
+def oracle_sample(scene: Scene, **dials: float) -> Mapping[str, Tensor]:
+    prior = ToldPrior(OraclePrior(**dials), lambda: scene.train)  # type: ignore[arg-type]
+    images, masks = (torch.from_numpy(np.stack([getattr(v, name) for v in scene.train])) for name in ("image", "mask"))
+    return prior.sample(Observations(images, masks, ALL), seed=0).values
+
+
+def test_targets_are_the_sample(problem: Problem, scene: Scene) -> None:
+    sample = oracle_sample(scene, noise=0.1)
+    targets = targets_of(problem, sample)
+    for name in ("albedo", "specular"):
+        assert torch.equal(targets.values[name], problem.pixels_of(sample[name]))
+    assert bool((targets.weight == 1).all())
+
+
+def test_few_views_keep_the_loss_at_its_weight(problem: Problem, scene: Scene) -> None:
+    exact = oracle_sample(scene)
+    views = (1, 6, 9)
+    targets = targets_of(problem, {name: value[list(views)] for name, value in exact.items()}, views)
+    asked = torch.isin(problem.gbuffer.pixel // (32 * 32), torch.tensor(views))
+    assert float(targets.weight.mean()) == pytest.approx(1, rel=1e-5)
+    assert bool(((targets.weight[:, 0] > 0) == asked).all())
+    for name in ("albedo", "specular"):
+        assert torch.equal(targets.values[name][asked], problem.pixels_of(exact[name])[asked])
+        assert bool((targets.values[name][~asked] == 0).all())
+
+
+def test_pixels_near_the_ceiling_are_marked(problem: Problem, scene: Scene) -> None:
+    """Of the views asked only, each by its own ceiling; without one nothing is marked."""
+    asked = (2, 5)
+    shape = (2, *problem.gbuffer.shape[1:], 3)
+    specular = torch.full(shape, 0.5)
+    specular[0, ::2] = 0.9
+    drawn = {"albedo": torch.full(shape, 0.5), "specular": specular}
+    targets = pixel_samples(problem, Samples(drawn, {"specular": torch.tensor([1.0, 0.6])}), asked)
+    height, width = shape[1:3]
+    view, row = problem.gbuffer.pixel // (height * width), problem.gbuffer.pixel // width % height
+    expected = (view == 5) | ((view == 2) & (row % 2 == 0))
+    assert torch.equal(targets.at_least["specular"][:, 0], expected)
+    assert "albedo" not in targets.at_least
+    assert not targets_of(problem, drawn, asked).at_least

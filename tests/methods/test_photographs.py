@@ -1,0 +1,216 @@
+"""Bounds, pixels that a mask leaves out, and the unit of radiance: what photographs do not say pulls a fit nowhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from small_fit import SETTINGS, Record, altered, fit, losses_of, make_problem
+from torch import Tensor
+
+from ia_bench.capture.capture import captured
+from ia_bench.capture.settings import CaptureSettings
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
+from ia_bench.methods import photographs
+from ia_bench.methods.contract import Monitor, Problem
+from ia_bench.methods.couplings.sampler import pixel_samples
+from ia_bench.methods.photographs import one_sided
+from ia_bench.methods.regularisers.context import effective_view_count
+from ia_bench.methods.regularisers.fusion import Fusion
+from ia_bench.methods.regularisers.refiner import fitted_views
+from ia_bench.methods.truth_seers import Constant, NoOptions
+from ia_bench.methods.two_stage.losses import dual_buffer_loss
+from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.start import start_albedo
+from ia_bench.priors.contract import Samples
+from ia_bench.priors.none import NoPrior
+from ia_bench.render.renderer import texture_images
+from ia_bench.scenes.scene import Scene, View
+
+CLIP = torch.full((3, 3), 0.5)
+KNOWN = torch.tensor([[True], [False], [False]])
+BRIGHTER, DARKER = 0.8, 0.2
+
+
+def gradients(value: torch.Tensor, of: torch.Tensor) -> torch.Tensor:
+    return torch.autograd.grad(value, of)[0].abs().sum(1)
+
+
+def test_one_sided_targets() -> None:
+    rendered = torch.tensor([[BRIGHTER] * 3, [BRIGHTER] * 3, [DARKER] * 3], requires_grad=True)
+    error = (rendered - one_sided(CLIP, rendered, KNOWN)).abs()
+    torch.testing.assert_close(error.detach()[:, 0], torch.tensor([0.3, 0.0, 0.3]))
+    torch.testing.assert_close(gradients(error.sum(), rendered), torch.tensor([3.0, 0.0, 3.0]))
+
+
+def test_the_crossed_loss_is_one_sided_in_both_halves() -> None:
+    first = torch.tensor([[BRIGHTER] * 3, [BRIGHTER] * 3, [DARKER] * 3], requires_grad=True)
+    second = first.detach().clone().requires_grad_(True)
+    one_sidedly, as_ever = (dual_buffer_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
+    for half in (first, second):
+        given, usual = (gradients(loss, half) for loss in (one_sidedly, as_ever))
+        assert usual.min() > 0
+        assert given.tolist() == [usual[0], 0, usual[2]]
+        one_sidedly, as_ever = (dual_buffer_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
+
+
+def test_a_loss_of_unknown_pixels_pulls_nothing(tiny: Scene) -> None:
+    """Black and unknown everywhere: no render is too bright. Known and black: every texture and the light are pulled down."""
+    found = {}
+    for known in (True, False):
+        valid = np.full((32, 32), known)
+        black = replace(tiny, train=tuple(replace(v, image=0 * v.image, valid=valid) for v in tiny.train))
+        problem = make_problem(black.blind())
+        settings = replace(SETTINGS, weights=replace(SETTINGS.weights, smooth_albedo=0, smooth_roughness=0, smooth_light=0))
+        parameters, generator = Parameters(problem, settings), torch.Generator().manual_seed(0)
+        losses, _ = losses_of(problem, settings)(torch.arange(200), parameters, 50, 100, generator)
+        sum(losses.values()).backward()
+        found[known] = float(parameters.tensors["log_light"].grad.abs().sum()), float(parameters.tensors["albedo"].grad.abs().sum())
+    assert min(found[True]) > 0
+    assert found[False] == (0, 0)
+
+
+def cut_off(problem: Problem) -> Problem:
+    """The problem with what lies within two pixels of every silhouette cut off."""
+    scene = captured(problem.scene, CaptureSettings(margin=2.0), lambda line: None)
+    return altered(problem, scene=scene)
+
+
+def masks(problem: Problem) -> Tensor:
+    return torch.from_numpy(np.stack([view.mask for view in problem.scene.train]))[..., None]
+
+
+def test_pixels_that_the_mesh_fills_and_a_mask_leaves_out(problem: Problem) -> None:
+    whole, cut = problem.photographs, cut_off(problem).photographs
+    assert not whole.left_out.any()
+    assert whole.known is None
+    filled = problem.gbuffer.filled
+    assert torch.equal(cut.left_out, filled & (cut.mask[:, 0] == 0))
+    assert 0.05 < float(cut.left_out[filled].float().mean()) < 0.7
+    kept = filled & ~cut.left_out & (whole.mask[:, 0] == 1)
+    torch.testing.assert_close(cut.radiance[kept], whole.radiance[kept])
+
+
+def test_a_prior_that_is_right_corrects_nothing_and_targets_nothing_there(problem: Problem, scene: Scene) -> None:
+    """Its answer is premultiplied by the mask, so that it is black where the mask is."""
+    cut = cut_off(problem)
+    texture = torch.from_numpy(scene.truth.albedo).float()
+    shown = texture_images(problem.renderer.surface, problem.gbuffer, texture)
+    answer, views = shown * (masks(cut) > 0), tuple(range(len(cut.scene.train)))
+    fusion = Fusion(cut, views)
+    material, nothing = Material(texture, texture[..., :1]), fusion.pixels(shown[..., :1])
+    moved = fusion.moved(material, (fusion.pixels(shown), fusion.pixels(answer), 1.0), (nothing, nothing, 1.0))
+    torch.testing.assert_close(moved.albedo, texture, rtol=0, atol=1e-5)
+    targets = pixel_samples(cut, Samples({"albedo": answer}), views)
+    black = problem.gbuffer.filled & (targets.values["albedo"].amax(-1) == 0)
+    assert black.any()
+    assert not targets.weight[black].any()
+    assert float(targets.weight.mean()) == pytest.approx(1, rel=1e-5)
+
+
+def test_texels_that_are_seen_in_such_pixels_alone_are_not_seen(problem: Problem) -> None:
+    few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]))
+    vars(few).pop("gbuffer")
+    cut = cut_off(few)
+    whole_sees, cut_sees = (Parameters(one, SETTINGS).observed for one in (few, cut))
+    assert not (cut_sees & ~whole_sees).any()
+    assert 0.05 < float((whole_sees & ~cut_sees).float().sum() / whole_sees.float().sum()) < 0.7
+    assert float(effective_view_count(cut, 64).sum()) < 0.95 * float(effective_view_count(few, 64).sum())
+
+
+def test_the_constants_light_is_that_of_the_pixels_that_are_known(problem: Problem, scene: Scene) -> None:
+    """The mean of what lies inside is about that of all; black in a third of the pixels would be a third less."""
+    lights = []
+    for one in (problem, cut_off(problem)):
+        found = Constant(NoOptions()).fit(altered(one, truth=scene), seed=0, monitor=Monitor.silent())
+        assets = found.reconstruction.assets()
+        lights.append(assets.light[0, 0])
+    np.testing.assert_allclose(lights[1], lights[0], rtol=0.2)
+
+
+def test_what_a_prior_is_shown_of_a_fit_is_exposed_as_the_photographs_are(problem: Problem, scene: Scene) -> None:
+    """A fit that is right is as far off as before where the photographs' factors are known, and by these where they are not."""
+    factors = torch.linspace(-1, 1, len(problem.scene.train)).exp()
+    views = tuple(range(1, len(factors)))
+    exposed = altered(problem, scene=replace(problem.scene, train=tuple(
+        replace(view, image=float(factor) * view.image) for view, factor in zip(problem.scene.train, factors, strict=True)
+    )))  # fmt: skip
+    material = Material(*(torch.from_numpy(one).float() for one in (scene.truth.albedo, scene.truth.roughness[..., None])))
+    light = SampledLight.of(torch.from_numpy(scene.truth.lights["train"]).float())
+
+    def off(one: Problem, exposures: Tensor | None) -> float:
+        generator = torch.Generator().manual_seed(0)
+        shown = fitted_views(one, Fusion(one, views), views, material, light, generator, exposures)
+        return float(shown["evidence"][..., 0].square().mean().sqrt())
+
+    before, known, unknown = off(problem, None), off(exposed, factors), off(exposed, None)
+    assert known == pytest.approx(before, rel=0.1)
+    assert unknown > 1.5 * known
+
+
+LONGER = replace(SETTINGS, stage1_steps=60, stage2_steps=30, pixels=512)
+
+
+def exposed(problem: Problem, factor: float) -> Problem:
+    """The problem with all photographs multiplied by ``factor``."""
+    views = tuple(replace(view, image=view.image * np.float32(factor)) for view in problem.scene.train)
+    return altered(problem, scene=replace(problem.scene, train=views))
+
+
+def eroded(view: View) -> View:
+    """The view with a mask that is a pixel too tight on each side, and black outside."""
+    inside = view.mask > 0
+    kept = inside.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            kept &= np.roll(inside, step, axis)
+    return replace(view, image=view.image * kept[..., None], mask=view.mask * kept)
+
+
+def tight(scene: Scene) -> Scene:
+    return replace(scene, train=tuple(map(eroded, scene.train)))
+
+
+def albedo_of(problem: Problem) -> Tensor:
+    return fit(problem, NoPrior(), LONGER, Record()).material.albedo
+
+
+@pytest.mark.parametrize("factor", [1e-4, 1e5])
+def test_photographs_of_another_unit_give_the_same_albedo(problem: Problem, factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As photographs of the mean that others are brought to; compared as they are, dim ones give another albedo."""
+    mean = float(exposed(problem, factor).photographs.radiance[problem.photographs.mask[:, 0] > 0.5].mean())
+    usual = exposed(problem, factor * photographs.LEVEL / mean)
+    assert usual.photographs.unit == 1
+    expected, found = albedo_of(usual), albedo_of(exposed(problem, factor))
+    assert float((found - expected).abs().mean()) < 0.02  # roundings differ, and steps enlarge them
+    if factor < 1:
+        monkeypatch.setattr(photographs, "_unit", lambda inside: 1.0)
+        assert float((albedo_of(exposed(problem, factor)) - expected).abs().mean()) > 0.06
+
+
+def test_pixels_that_are_left_out_pull_nowhere(problem: Problem) -> None:
+    """Their photograph is black, and the loss has a gradient in none of them, where the same pixels pull in whole masks."""
+    plain = replace(SETTINGS, weights=replace(SETTINGS.weights, smooth_albedo=0, smooth_roughness=0, smooth_light=0))
+    cut = altered(problem, scene=tight(problem.scene))
+    pixels = torch.nonzero(cut.photographs.left_out)[:, 0]
+    assert 100 < len(pixels) < 0.5 * len(cut.photographs.left_out)
+    pulls = []
+    for one in (problem, cut):
+        parameters = Parameters(one, plain)
+        losses, _ = losses_of(one, plain)(pixels, parameters, 50, 100, torch.Generator().manual_seed(0))
+        sum(losses.values()).backward()
+        pulls.append(float(parameters.tensors["albedo"].grad.abs().sum()))
+    assert pulls[0] > 0
+    assert pulls[1] == 0
+
+
+def test_a_fit_starts_from_the_colour_of_what_is_not_left_out(problem: Problem) -> None:
+    colours = []
+    for one in (problem, altered(problem, scene=tight(problem.scene))):
+        parameters = Parameters(one, SETTINGS)
+        start_albedo(parameters, one, 0.5, None)
+        colours.append(parameters.tensors["albedo"][0, 0].detach())
+    torch.testing.assert_close(colours[1], colours[0], rtol=0.05, atol=0)

@@ -1,0 +1,275 @@
+"""The steps beside those of single texels: at coarser scales, along the scale ambiguity, of exposures."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from small_fit import SETTINGS, TEXELS_ALONE, Record, altered, fit
+from torch import Tensor
+
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.light.latlong import SampledLight
+from ia_bench.material.textures import Material
+from ia_bench.methods.contract import Problem
+from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.settings import FitSettings
+from ia_bench.methods.two_stage.steps import MAX_WHITE, Exposures, MultigridSteps, ScaleAmbiguityStep
+from ia_bench.priors.none import NoPrior
+from ia_bench.render.renderer import texture_images
+from ia_bench.scenes.scene import Scene
+
+BETAS = 0.9, 0.99
+STEP, STEPS = 6, 30
+
+
+def doubled(image: np.ndarray) -> np.ndarray:
+    """Bilinear by its definition: a texel's centre lies a quarter of a coarse texel beside the nearest coarse centre."""
+    for axis in (0, 1):
+        side = image.shape[axis]
+        nearest = np.arange(2 * side) // 2
+        other = (nearest + np.where(np.arange(2 * side) % 2, 1, -1)).clip(0, side - 1)
+        image = 0.75 * image.take(nearest, axis) + 0.25 * image.take(other, axis)
+    return image
+
+
+def expected_move(gradients: list[np.ndarray], factor: int, rate: float) -> np.ndarray:
+    """What Adam makes of the sums over blocks of ``factor`` x ``factor`` texels, brought back to the texels."""
+    first = second = moved = np.zeros(())
+    for step, gradient in enumerate(gradients, 1):
+        height, width, channels = gradient.shape
+        total = gradient.reshape(height // factor, factor, width // factor, factor, channels).sum((1, 3))
+        first, second = BETAS[0] * first + (1 - BETAS[0]) * total, BETAS[1] * second + (1 - BETAS[1]) * total**2
+        corrected = np.sqrt(second / (1 - BETAS[1] ** step)) + 1e-8
+        moved = moved - rate * first / (1 - BETAS[0] ** step) / corrected
+    for _ in range(int(math.log2(factor))):
+        moved = doubled(moved)
+    return moved
+
+
+def test_steps_add_up_to_those_of_every_level() -> None:
+    """Against Adam and bilinear interpolation in numpy's float64; 24 x 48 texels have levels of 12 and 6 rows, and none of 3."""
+    random = np.random.default_rng(0)
+    start = random.random((24, 48, 3))
+    gradients = [random.normal(size=start.shape) for _ in range(4)]
+    image = torch.from_numpy(start).float().requires_grad_()
+    steps = MultigridSteps({"light": image}, BETAS)
+    for gradient in gradients:
+        steps({"light": 0.1}, {"light": torch.from_numpy(gradient).float()})
+    expected = start + sum(expected_move(gradients, factor, 0.1) for factor in (2, 4))
+    np.testing.assert_allclose(image.detach().numpy(), expected, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("rates", [{}, {"still": 0.0}])
+def test_what_has_no_rate_or_no_gradient_stays(rates: dict[str, float]) -> None:
+    still, moved, frozen = (torch.ones(16, 16, 1, requires_grad=True) for _ in range(3))
+    steps = MultigridSteps({"still": still, "moved": moved, "frozen": frozen}, BETAS)
+    steps({**rates, "moved": 0.1, "frozen": 0.1}, {"still": torch.ones(16, 16, 1), "moved": torch.ones(16, 16, 1), "frozen": None})
+    assert torch.equal(still, torch.ones_like(still))
+    assert torch.equal(frozen, torch.ones_like(frozen))
+    torch.testing.assert_close(moved, torch.full_like(moved, 1 - 2 * 0.1))  # Adam's first step is its rate, at 8 and 4 rows
+
+
+@pytest.mark.parametrize("shape", [(7, 14, 3), (4, 8, 3), (6, 12, 1)])
+def test_an_image_without_coarser_levels_is_left_alone(shape: tuple[int, int, int]) -> None:
+    image = torch.ones(shape, requires_grad=True)
+    steps = MultigridSteps({"light": image}, BETAS)
+    steps({"light": 0.1}, {"light": torch.ones(shape)})
+    assert torch.equal(image, torch.ones(shape))
+    steps.load_state_dict(steps.state_dict())
+    assert steps.state_dict() == {}
+
+
+def distance_left(coarse: float, steps: int = 60) -> float:
+    """Root mean square distance from a smooth image of 64 x 64 texels, of which each step has a noisy glance at 2 %.
+
+    Of means over 8 x 8 texels: the noise that steps of single texels leave behind is the same with and without coarser ones.
+    """
+    random = torch.Generator().manual_seed(0)
+    line = torch.linspace(0, 2 * math.pi, 64)
+    wanted = (0.5 + 0.2 * torch.sin(line)[:, None] * torch.cos(line))[..., None]
+    image = torch.full((64, 64, 1), 0.5, requires_grad=True)
+    adam, beside = torch.optim.Adam([image], betas=BETAS), MultigridSteps({"albedo": image}, BETAS)
+
+    def glance() -> Tensor:
+        seen = torch.rand(wanted.shape, generator=random) < 0.02
+        return seen * (image.detach() - wanted + 0.2 * torch.randn(wanted.shape, generator=random))
+
+    for step in range(steps):
+        fall = 0.05 ** (step / steps)
+        image.grad = gradient = glance()
+        adam.param_groups[0]["lr"] = 0.03 * fall
+        adam.step()
+        beside({"albedo": coarse * fall}, {"albedo": gradient})
+    off = (image.detach() - wanted)[..., 0].reshape(8, 8, 8, 8).mean((1, 3))
+    return float(off.square().mean().sqrt())
+
+
+def test_they_find_a_smooth_image_that_single_texels_do_not() -> None:
+    assert distance_left(0.02) < 0.5 * distance_left(0.0)
+
+
+def test_a_loss_of_single_texels_moves_nothing_at_coarser_scales(problem: Problem) -> None:
+    """The first step of Adam is its rate: alone that of texels, else those of all scales together."""
+    settings, moved = FitSettings(), {}
+    for alone in (True, False):
+        parameters = Parameters(problem, settings)
+        before = parameters.tensors["albedo"].detach().clone()
+        texture = parameters.alone("albedo") if alone else parameters.tensors["albedo"]
+        (texture.sum() + parameters.tensors["log_light"].sum() * 0).backward()
+        assert float(parameters.gradients["albedo"].mean()) == 1
+        parameters.descend(STEP, STEPS)  # albedo moves, roughness and the exchange do not yet
+        moved[alone] = before - parameters.tensors["albedo"].detach()
+        parameters.clear()
+        assert parameters.gradients == {}
+    fall = settings.rates.final ** (STEP / (STEPS - 1))
+    torch.testing.assert_close(moved[True], torch.full_like(moved[True], settings.rates.albedo * fall), rtol=1e-3, atol=1e-6)
+    assert float(moved[False].mean()) > 2 * float(moved[True].mean())
+
+
+OBSERVED = torch.ones(16, 16, dtype=torch.bool)
+
+
+def render(albedo: Tensor, log_light: Tensor) -> Tensor:
+    """Eight views (8, 16, 16, 3) of a glossy plane in closed form: a diffuse part, and a mirror image of half of the light each."""
+    light = torch.exp(log_light)
+    mirrored = torch.cat([light.roll(shift, (0, 1)).reshape(2, *albedo.shape) for shift in ((0, 0), (3, 5), (7, 2), (11, 9))])
+    return albedo * light.mean((0, 1)) + 0.05 * mirrored
+
+
+def loss_of(albedo: Tensor, log_light: Tensor, images: Tensor) -> Tensor:
+    return (render(albedo, log_light) - images).abs().mean()
+
+
+def tensors() -> tuple[Tensor, Tensor, Tensor]:
+    """Albedo (16, 16, 3) up to 0.6, log radiance (16, 32, 3) over four units, and the images of both."""
+    random = torch.Generator().manual_seed(0)
+    albedo = 0.1 + 0.5 * torch.rand(16, 16, 3, generator=random)
+    log_light = 4 * torch.rand(16, 32, 3, generator=random)
+    return albedo, log_light, render(albedo, log_light)
+
+
+def test_gradient_is_that_of_the_factor() -> None:
+    albedo, log_light, images = (tensor.double() for tensor in tensors())
+    albedo, log_light = (1.1 * albedo).requires_grad_(), (log_light - 0.2).requires_grad_()
+    loss_of(albedo, log_light, images).backward()
+    step = 1e-6
+    slopes = []
+    for channel in range(3):
+        c = torch.zeros(3, dtype=torch.float64)
+        c[channel] = step
+        with torch.no_grad():
+            up, down = (loss_of(albedo * torch.exp(-s * c), log_light + s * c, images) for s in (1, -1))
+        slopes.append((up - down) / (2 * step))
+    torch.testing.assert_close(
+        ScaleAmbiguityStep(albedo, log_light, OBSERVED).gradient(), torch.stack(slopes), rtol=1e-6, atol=1e-12
+    )
+
+
+def test_diffuse_images_stay_as_they_are() -> None:
+    albedo, log_light, images = tensors()
+    albedo.requires_grad_(), log_light.requires_grad_()
+    loss_of(albedo, log_light, 0.5 * images).backward()
+    before = (albedo * torch.exp(log_light).mean((0, 1))).detach().clone()
+    start = log_light.detach().clone()
+    ScaleAmbiguityStep(albedo, log_light, OBSERVED)(0.05)
+    moved = (log_light.detach() - start).reshape(-1, 3)
+    torch.testing.assert_close(moved, moved[:1].expand_as(moved), rtol=0, atol=1e-6)
+    torch.testing.assert_close(moved[0].abs(), torch.full((3,), 0.05), rtol=1e-4, atol=0)  # Adam's first step is its rate
+    torch.testing.assert_close((albedo * torch.exp(log_light).mean((0, 1))).detach(), before)
+
+
+def test_it_finds_the_cast_that_rates_of_their_own_do_not() -> None:
+    """Start: the truth under a cast of (1.5, 1, 0.7), whose diffuse part is already right."""
+    left = {}
+    for rate in (0.0, 0.05):
+        true_albedo, true_light, images = tensors()
+        wrong = torch.log(torch.tensor([1.5, 1.0, 0.7]))
+        albedo, log_light = (true_albedo * torch.exp(-wrong)).requires_grad_(), (true_light + wrong).requires_grad_()
+        optimizer = torch.optim.Adam([{"params": [albedo], "lr": 0.01}, {"params": [log_light], "lr": 0.05}], betas=(0.9, 0.99))
+        exchange = ScaleAmbiguityStep(albedo, log_light, OBSERVED)
+        for step in range(300):
+            decay = 0.05 ** (step / 299)
+            optimizer.zero_grad()
+            loss_of(albedo, log_light, images).backward()
+            if rate:
+                exchange(rate * decay)
+            for group, base in zip(optimizer.param_groups, (0.01, 0.05), strict=True):
+                group["lr"] = base * decay
+            optimizer.step()
+        left[rate] = float(torch.log(albedo.detach().mean((0, 1)) / true_albedo.mean((0, 1))).abs().max())
+    assert left[0.05] < 0.06
+    assert left[0.05] < 0.3 * left[0.0]
+
+
+def test_white_texels_are_not_pushed_further() -> None:
+    albedo, log_light, images = tensors()
+    albedo[0] = 1.0  # 16 of 256 texels, more than MAX_WHITE of them
+    assert MAX_WHITE < 16 / 256
+    albedo.requires_grad_(), log_light.requires_grad_()
+    (loss_of(albedo, log_light, images) + 10 * log_light.sum()).backward()  # darker light, brighter paint
+    start = albedo.detach().clone()
+    exchange = ScaleAmbiguityStep(albedo, log_light, OBSERVED)
+    exchange(0.05)
+    torch.testing.assert_close(albedo.detach(), start)
+    assert exchange.blocked == 1
+    again = ScaleAmbiguityStep(albedo, log_light, OBSERVED)
+    again.load_state_dict(exchange.state_dict())
+    assert again.blocked == 1
+    unseen = OBSERVED.clone()
+    unseen[0] = False
+    ScaleAmbiguityStep(albedo, log_light, unseen)(0.05)
+    torch.testing.assert_close(albedo.detach(), start * torch.exp(torch.tensor(0.05)))
+
+
+def test_a_fit_gets_the_level_of_the_albedo_right(problem: Problem, scene: Scene) -> None:
+    """Images of our own renderer, so that nothing but the start is wrong: no alignment, no prior, a coloured light."""
+    truth = Material(torch.from_numpy(scene.truth.albedo).float(), torch.from_numpy(scene.truth.roughness).float()[..., None])
+    light = SampledLight.of(LatLongEnvironment(torch.from_numpy(scene.truth.lights["sunset"])).latlong(16))
+    images = problem.renderer.render_images(problem.gbuffer, truth, light, 256, torch.Generator().manual_seed(1))
+    coverage = problem.gbuffer.coverage().numpy()
+    views = tuple(
+        replace(view, image=image, mask=mask)
+        for view, image, mask in zip(problem.scene.train, images["radiance"].numpy(), coverage, strict=True)
+    )
+    problem = altered(problem, scene=replace(problem.scene, train=views), plan=replace(problem.plan, samples=32))
+    settings = FitSettings(stage1_steps=400, stage2_steps=0, pixels=1024, multigrid_rates=TEXELS_ALONE)
+    inside = coverage > 0.99
+    wanted = images["albedo"].numpy()[inside].mean(0)
+    off = {}
+    for rate in (0.0, 0.05):
+        one = fit(problem, NoPrior(), replace(settings, rates=replace(settings.rates, scale_ambiguity=rate)), Record())
+        picture = texture_images(problem.renderer.surface, problem.gbuffer, one.material.albedo).numpy()[inside]
+        off[rate] = float(np.abs(np.log(picture.mean(0) / wanted)).max())
+    assert off[0.05] < 0.2 < 0.3 < off[0.0]
+
+
+def test_factors_that_the_images_tell() -> None:
+    """Three views of the same light, photographed at 1/2, 1 and 2 of it, each in four pixels."""
+    true = torch.tensor([0.5, 1.0, 2.0])
+    pixel = torch.arange(12)
+    photographs = (0.7 * true)[pixel // 4][:, None].expand(-1, 3)
+    exposures = Exposures(3, 4, torch.device("cpu"))
+    for step in range(300):
+        (exposures.factors(pixel) * 0.7 - photographs).abs().mean().backward()
+        exposures.descend(0.02 ** (step / 299))
+        assert abs(float(exposures.recovered.log().sum())) < 1e-5
+    torch.testing.assert_close(exposures.recovered, true, rtol=0.02, atol=0)
+
+
+def test_a_gradient_that_is_not_finite_moves_nothing() -> None:
+    exposures = Exposures(2, 2, torch.device("cpu"))
+    (exposures.factors(torch.arange(4)) * torch.inf).sum().backward()
+    exposures.descend(1.0)
+    assert exposures.recovered.tolist() == [1, 1]
+
+
+def test_the_gradient_of_a_step_that_is_skipped_is_forgotten(problem: Problem) -> None:
+    parameters = Parameters(altered(problem, scene=replace(problem.scene, exposures_differ=True)), SETTINGS)
+    parameters.exposures.factors(torch.tensor([0])).sum().backward()
+    parameters.clear()  # as the next step begins
+    parameters.exposures.descend(1.0)
+    assert parameters.exposures.recovered.tolist() == [1] * len(problem.scene.train)
