@@ -22,9 +22,9 @@ from ia_bench.methods.regularisers.context import effective_view_count
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import fitted_views
 from ia_bench.methods.truth_seers import Constant, NoOptions
+from ia_bench.methods.two_stage.fit import start_albedo
 from ia_bench.methods.two_stage.losses import dual_buffer_loss
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.methods.two_stage.start import start_albedo
 from ia_bench.priors.contract import Samples
 from ia_bench.priors.none import NoPrior
 from ia_bench.render.renderer import texture_images

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 import torch
+from torch import Tensor
 
-from ia_bench.methods.contract import Monitor, Problem, Result
+from ia_bench.material.textures import Material, fill_unobserved, splat
+from ia_bench.methods.contract import FitState, Monitor, PixelSamples, Problem, Regulariser, Result
 from ia_bench.methods.descent import Descent, Phase, Stateful, check_finite, check_gradients
+from ia_bench.methods.photographs import light_of_the_mean_image
+from ia_bench.methods.regularisers.choice import regularisers_of
 from ia_bench.methods.two_stage.least_squares import solved_albedo
 from ia_bench.methods.two_stage.losses import Losses
-from ia_bench.methods.two_stage.parameters import Parameters
+from ia_bench.methods.two_stage.parameters import LEAST, Parameters
 from ia_bench.methods.two_stage.prior import PriorLoss
-from ia_bench.methods.two_stage.regularise import Regularisation
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.two_stage.start import start_albedo, start_light
+from ia_bench.priors.contract import Samples
 from ia_bench.render.reconstruction import TexturedReconstruction
+
+ROUNDING = 1e-6
+"""A value so little out of its range is one that was rounded."""
 
 
 class Fit:
@@ -122,3 +130,103 @@ class Fit:
             with self.descent.book("prior"):
                 material = self.regularisation.completed(material, self.descent.generator)
         return TexturedReconstruction(self.problem.stage, material, light, coat=self.problem.render.coat)
+
+
+# ---- where it starts: an albedo that the prior or the images suggest, an even light that explains the images' mean ----
+
+
+@torch.no_grad()
+def start_albedo(parameters: Parameters, problem: Problem, mean: float, targets: PixelSamples | None) -> None:
+    """Set the albedo to the targets averaged over the views in texture space; without any, to the images' mean colour.
+
+    Args:
+        parameters: Whose albedo is set.
+        problem: Of the fit.
+        mean: Over the channels, of the albedo that has the images' colour.
+        targets: Of the albedo, None where they do not say which albedo a pixel has.
+    """
+    albedo, colour = parameters.tensors["albedo"], problem.photographs.mean_radiance
+    colour = mean * colour / colour.mean().clamp_min(1e-30)
+    albedo.copy_((colour / colour.max().clamp_min(1.0)).clamp(0, 1).expand_as(albedo))
+    if targets is None or not bool(targets.weight.any()):  # none, or of views that do not show the mesh
+        return
+    gbuffer = problem.gbuffer
+    hit = (gbuffer.face >= 0) & (targets.weight > 0)
+    uv = problem.renderer.surface.uv(gbuffer.face[hit].long(), gbuffer.barycentric[hit])
+    covered = (hit.float().mean(1, keepdim=True)).clamp_min(1e-6)
+    values = (targets.values["albedo"] / covered)[:, None].expand(-1, gbuffer.subsamples, -1)[hit]
+    average, weight = splat(uv, values, problem.plan.texture)
+    albedo.copy_(fill_unobserved(average, weight > 0).clamp(0, 1))
+
+
+@torch.no_grad()
+def start_light(parameters: Parameters, problem: Problem, generator: torch.Generator) -> None:
+    """Set the light to the even one that gives the albedo at the start the images' mean colour.
+
+    Of all pixels that no mask leaves out, clipped ones among them: a start that is off is left behind, and those that are known
+    alone would be too dark.
+    """
+    log_light, material = parameters.tensors["log_light"], parameters.material()
+    believed = torch.nonzero(~problem.photographs.left_out)[:, 0]
+    entries = believed if len(believed) else torch.arange(len(problem.gbuffer.pixel), device=problem.device)
+    radiance, rendered = light_of_the_mean_image(problem, entries, material, len(log_light), generator)
+    check_finite("the rendered {} is NaN or Inf", {"radiance of the start": rendered})
+    log_light += torch.log(radiance)
+
+
+# ---- the regularisers of ``fit.regularise`` at work ----
+
+
+class Regularisation:
+    """All regularisers of one fit, applied one after the other.
+
+    Attributes:
+        clamped: How many values of texels had to be brought back into their range, by more than ROUNDING.
+    """
+
+    def __init__(
+        self, problem: Problem, settings: FitSettings, parameters: Parameters, refine: Callable[[dict[str, Tensor]], Samples]
+    ) -> None:
+        """``refine``: asks the prior to correct a fit's renders. Raises InputError for one that cannot be applied."""
+        self._problem, self._parameters, self._refine = problem, parameters, refine
+        self._regularisers = regularisers_of(settings.regularise, settings.regulariser_options)
+        for regulariser in self._regularisers:
+            regulariser.prepare(problem)
+        self.clamped = 0
+
+    @torch.no_grad()
+    def between(self, step: int, steps: int, generator: torch.Generator) -> None:
+        """Change the textures of the fit after ``step`` of ``steps`` where that is due, once the albedo is optimised at all."""
+        due = [one for one in self._regularisers if not one.completes and one.due(step, steps)]
+        if due and "albedo" not in self._parameters.frozen(step, steps):
+            material = self._applied(due, self._parameters.material(detached=True), generator)
+            for name in ("albedo", "roughness"):
+                self._parameters.tensors[name].copy_(getattr(material, name))
+
+    @torch.no_grad()
+    def completed(self, material: Material, generator: torch.Generator) -> Material:
+        """The finished ``material``, its unseen texels filled, in which what photographs hardly show is guessed."""
+        return self._applied([one for one in self._regularisers if one.completes], material, generator)
+
+    def state_dict(self) -> dict[str, int]:
+        """For a checkpoint."""
+        return {"clamped": self.clamped}
+
+    def load_state_dict(self, state: Mapping[str, int]) -> None:
+        """Take over a :meth:`state_dict`."""
+        self.clamped = state["clamped"]
+
+    def _applied(self, regularisers: list[Regulariser], material: Material, generator: torch.Generator) -> Material:
+        parameters = self._parameters
+        exposures = None if parameters.exposures is None else parameters.exposures.recovered
+        state = FitState(self._problem, parameters.light(), exposures, parameters.observed, generator, self._refine)
+        for regulariser in regularisers:
+            moved = regulariser.apply(material, state)
+            material = Material(self._in_range("albedo", moved), self._in_range("roughness", moved), moved.metallic)
+        return material
+
+    def _in_range(self, name: str, material: Material) -> Tensor:
+        texture: Tensor = getattr(material, name)
+        allowed = texture.clamp(LEAST[name], 1)
+        self.clamped += int(((texture - allowed).abs() > ROUNDING).sum())
+        return allowed

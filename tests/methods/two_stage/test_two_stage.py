@@ -13,10 +13,9 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material, fetch
 from ia_bench.methods.contract import Monitor, PixelSamples, Problem
-from ia_bench.methods.two_stage.fit import Fit
+from ia_bench.methods.two_stage.fit import Fit, start_albedo
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.two_stage.start import start_albedo
 from ia_bench.priors.none import NoPrior
 from ia_bench.scenes.scene import Scene
 
