@@ -97,3 +97,15 @@ def test_gradients_against_finite_differences(roughness: float) -> None:
         predicted = (gradient * move * step).sum(-1, keepdim=True) / value.detach()  # relative changes of the value
         measured = (ends[0] - ends[1]) / (2 * value.detach())
         torch.testing.assert_close(measured, predicted, rtol=2e-3, atol=1e-7 + 3 * rounding(roughness))
+
+
+@pytest.mark.parametrize("roughness", ROUGHNESS)
+def test_reciprocity(roughness: float) -> None:
+    """f(o, i) = f(i, o), where f is the value over the incident cosine."""
+    view, incident = random_pairs(400, 8, roughness)
+    both = incident[:, 2] > 3e-4
+    assert both.sum() > 200
+    view, incident = view[both], incident[both]
+    forth = specular_brdf_cosine(UP, view, incident, rough(roughness))[:, 0] / incident[:, 2]
+    back = specular_brdf_cosine(UP, incident, view, rough(roughness))[:, 0] / view[:, 2]
+    torch.testing.assert_close(forth, back, rtol=rounding(roughness), atol=0)
