@@ -97,20 +97,32 @@ def carried_text(pairs: Paired) -> str:
     return ", or ".join(f"seed {seed} on {scene}" for scene, seed in pairs.carriers)
 
 
-def results_table(block: Block, notes: Mapping[str, int]) -> Printed:
-    """Every metric and cost of every row; ``notes`` numbers the reasons of what is undefined."""
+def measured(block: Block) -> list[Metric]:
+    """The metrics that some row has; a column without a number is left out."""
+    return [metric for metric in METRICS if any(one.values[metric.key] is not None for one in block.lines)]
+
+
+def left_out(block: Block) -> list[str]:
+    """A sentence for every column that is left out, with its reasons: "Roughness MSE: no true roughness"."""
+    missing = [metric for metric in METRICS if metric not in measured(block)]
+    reasons = {m: dict.fromkeys(reason for one in block.lines for reason in one.reasons[m.key]) for m in missing}
+    return [f"{metric.title}: {'; '.join(reasons[metric]) or 'every run failed'}" for metric in missing]
+
+
+def results_table(block: Block, notes: Mapping[str, int], metrics: Sequence[Metric] = METRICS) -> Printed:
+    """The ``metrics`` and costs of every row; ``notes`` numbers the reasons of what is undefined."""
     body = []
     for one in block.lines:
         bound = f" ({BOUNDS[one.row]})" if BOUNDS.get(one.row, one.row) != one.row else ""
         cells: list[Entry | str] = [f"{one.row}{bound}{' †' if one.sees_truth else ''}"]
-        for metric in METRICS:
+        for metric in metrics:
             text = estimate_text(one.values[metric.key], metric, block.scenes)
             why = tuple(notes[reason] for reason in one.reasons[metric.key])
             cells.append(Entry(text, block.is_best(one.row, metric), why))
         seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}"
         memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
         body.append([*cells, seconds, memory, f"{one.failed}/{one.runs}"])
-    return Printed(["Row", *(metric.title for metric in METRICS), *COSTS], body)
+    return Printed(["Row", *(metric.title for metric in metrics), *COSTS], body)
 
 
 def paper_table(rows: Sequence[PaperRow]) -> Printed:

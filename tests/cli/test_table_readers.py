@@ -36,6 +36,9 @@ def test_two_readers_make_one_table(tiny: Scene, tiny_folder: Path, tmp_path: Pa
     assert found["view_synthesis_psnr"].notna().all()
     assert pd.isna(found["roughness_mse"]["their tiny"]), "photographs have no true roughness"
     (record,) = (json.loads(path.read_text()) for path in Path("results").rglob("runs/their-tiny/*/metrics.json"))
-    assert record["reasons"]["roughness.mse"] in Path("results/mine/report.md").read_text(), "its column says why"
+    report = Path("results/mine/report.md").read_text()
+    own = report.split("## Scene their tiny")[1].split("\n## ")[0]
+    assert f"Left out, for no run has it: Roughness MSE ↓: {record['reasons']['roughness.mse']}" in own, "its column is left out"
+    assert "Roughness MSE" in report.split("## Mean over")[1].split("\n## ")[0], "the other scene has it"
     command = json.loads(next(Path("results").rglob("runs/their-tiny/*/config.json")).read_text())["command"]
     assert "reader='nerfstudio'" in command.replace("'\"'\"'", "'")
