@@ -4,7 +4,7 @@ Nothing is read from a checkpoint whose checksum is another one, or that other c
 numbers, and a state means what the code that wrote it meant. That is the code of this package, of which the file has a hash, and
 of plugins, which is part of the configuration's hash (:func:`ia_bench.common.registry.foreign_code`).
 
-Files: ``config.json`` (identity, its hash, and what it leaves out), ``checkpoint*.pt`` while unfinished, ``curve.csv``,
+Files: ``config.json`` (identity, its hash, and what it leaves out), ``checkpoint.pt`` while unfinished, ``curve.csv``,
 whatever the run saves, and ``metrics.json``, written last. Every file is written beside its place and moved there, so a
 reader sees the old one, the new one or none.
 """

@@ -79,7 +79,6 @@ def test_a_spoiled_checkpoint_costs_time_and_no_number(spoil, capfd: pytest.Capt
     path = Path("stopped/checkpoint.pt")
     path.write_bytes(spoil(path.read_bytes()))
     Path("stopped/.tmp-1-albedo.exr").write_bytes(b"half")
-    Path("stopped/checkpoint-0123.pt").write_bytes(b"of another run")
     Path("stopped/notes.txt").write_text("of somebody else")
     capfd.readouterr()
     assert call("out=stopped") == 0

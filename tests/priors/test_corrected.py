@@ -35,7 +35,7 @@ def corrected(weights: str, share: float, **options: object) -> CorrectedPrior:
 
 
 def truth(stack: Stack, component: str) -> torch.Tensor:
-    return torch.stack([torch.from_numpy(getattr(view, component)) for view in stack.views])
+    return stack.truth(component)
 
 
 @pytest.mark.parametrize("guided", [False, True])
