@@ -1,0 +1,46 @@
+"""``ia-bench COMMAND ...``: every command of the package behind one name; each does its work in a module of its own."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from ia_bench.common.exit_codes import complain
+from ia_bench.common.output import say
+from ia_bench.common.suggestions import unknown
+
+COMMANDS = {
+    "run": ("ia_bench.cli.run", "reconstruct one scene and score what was recovered (python -m ia_bench)"),
+    "table": ("ia_bench.cli.table", "every row x scene x seed of a table, then its report"),
+    "report": ("ia_bench.cli.report", "the tables, curves and page of runs that are there already"),
+    "rescore": ("ia_bench.cli.rescore", "scores of finished runs under another protocol"),
+    "check": ("ia_bench.cli.check", "whether a plug-in keeps its contract, and whether a capture is read well"),
+    "decompose": ("ia_bench.cli.decompose", "albedo and specular shading behind a picture, by a prior alone"),
+    "watch": ("ia_bench.cli.watch", "the page of a table while it is being made"),
+}
+"""Name of a command -> the module whose ``main`` does it, and what it is for."""
+
+USAGE = """\
+ia-bench COMMAND ...
+
+{commands}
+
+ia-bench COMMAND --help says what a command takes; ia-bench --version says which code this is.
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Do the command that the first argument names, with the others, and return its exit status."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if not given or given[0] in ("-h", "--help"):
+        width = max(map(len, COMMANDS))
+        say(USAGE.format(commands="\n".join(f"  {name:<{width}}  {line}" for name, (_, line) in COMMANDS.items())), sys.stdout)
+        return 0
+    name, *rest = given
+    if name == "--version":
+        name, rest = "run", ["--version"]
+    if name not in COMMANDS:
+        return complain(unknown("command", name, COMMANDS))
+    status: int = import_module(COMMANDS[name][0]).main(rest)
+    return status
