@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +26,27 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
 
     Raises InputError for a file without triangles, with NaN or Inf vertices, or (with "mesh") without UV, or UV outside [0, 1].
     """
+    import trimesh
+
+    loaded = parsed_by_trimesh(path)
+    stored = _stored_normals(loaded) if isinstance(loaded, trimesh.Trimesh) else None
+    if isinstance(loaded, trimesh.Scene):  # a file of several parts, or a glTF
+        stored = joined_normals(placed_parts(loaded))
+        try:
+            loaded = loaded.to_mesh()
+        except Exception as error:  # trimesh raises whatever it meets
+            raise _unreadable(path, error) from None
+    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+        raise InputError(f"{path}: expected triangles, found none")
+    texture_uv = getattr(loaded.visual, "uv", None)
+    return sound_mesh(path, loaded.vertices, loaded.faces, stored, texture_uv, uv=uv)
+
+
+def parsed_by_trimesh(path: Path, content: bytes | None = None) -> Any:  # noqa: ANN401 (a trimesh.Trimesh or Scene)
+    """What trimesh makes of a file, or of ``content`` in its place: parts, materials and places as they are stored.
+
+    Raises InputError for what is no readable mesh.
+    """
     if not is_file(path):
         raise InputError(f"{shown(path)}: no such mesh")
     import trimesh
@@ -40,24 +62,38 @@ def load_mesh(path: Path, *, uv: str = "mesh") -> tuple[Mesh, tuple[str, ...]]:
 
     if path.suffix.lower() == ".obj" and re.search(rb"^f\b[^\n]*\s0+(?![0-9])", path.read_bytes(), re.MULTILINE):
         raise InputError(f"{path}: expected faces of vertices that are counted from 1, found vertex 0")
+    source = path if content is None else io.BytesIO(content)
+    kind = path.suffix.lower().removeprefix(".")
     try:
-        loaded = trimesh.load(path, process=False, fix_texture=_uv_per_face(path), resolver=Beside(str(path)))
-        stored = _stored_normals(loaded) if isinstance(loaded, trimesh.Trimesh) else None
-        if isinstance(loaded, trimesh.Scene):  # a file of several parts, or a glTF
-            stored = _normals_of_parts(loaded)
-            loaded = loaded.to_mesh()
+        return trimesh.load(source, file_type=kind, process=False, fix_texture=_uv_per_face(path), resolver=Beside(str(path)))
     except Exception as error:  # trimesh raises whatever its parsers raise
-        raise InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})") from None
-    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
-        raise InputError(f"{path}: expected triangles, found none")
-    vertices, faces = np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int64)
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    return InputError(f"{path}: not a readable mesh ({type(error).__name__}: {error})")
+
+
+def sound_mesh(
+    path: Path,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    stored: np.ndarray | None,
+    texture_uv: np.ndarray | None,
+    *,
+    uv: str = "mesh",
+) -> tuple[Mesh, tuple[str, ...]]:
+    """The mesh of vertices (V, 3), faces (F, 3), ``stored`` normals (V, 3) and ``texture_uv`` (V, 2); see :func:`load_mesh`.
+
+    ``path`` names it in messages. None stands for what the file does not have.
+    """
+    vertices, faces = np.asarray(vertices, np.float64), np.asarray(faces, np.int64)
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices).all(axis=1)).sum())
         raise InputError(f"{path}: {bad} of {len(vertices)} vertices are NaN or Inf")
     if faces.min() < 0 or faces.max() >= len(vertices):
         found = f"{faces.min()} to {faces.max()}"
         raise InputError(f"{path}: expected faces of vertices 0 to {len(vertices) - 1}, found {found}")
-    texture_uv = getattr(loaded.visual, "uv", None)
     if texture_uv is not None and len(texture_uv) != len(vertices):
         raise InputError(f"{path}: expected one UV per vertex ({len(vertices)}), found {len(texture_uv)}")
     notes: list[str] = []
@@ -88,24 +124,34 @@ def _stored_normals(part: trimesh.Trimesh) -> np.ndarray | None:
     return stored
 
 
-def _normals_of_parts(parts: trimesh.Scene) -> np.ndarray | None:
-    """The stored normals (V, 3) of all parts of a file, turned to where each part is placed, in the order of ``to_mesh``.
+def placed_parts(parts: trimesh.Scene) -> list[tuple[trimesh.Trimesh, np.ndarray, np.ndarray | None]]:
+    """Every mesh of a file, in the order of ``to_mesh``, with the matrix (4, 4) that places it, and its stored normals (V, 3).
 
-    NaN for parts that have none, and None if no part has any: trimesh itself drops the normals of parts that it moves.
+    Those are placed, too; None for a part without normals: trimesh itself drops the normals of parts that it moves.
     """
     import trimesh
 
-    found, any_stored = [], False
+    found = []
     for node in parts.graph.nodes_geometry:
         matrix, name = parts.graph[node]
         part = parts.geometry[name]
-        if not isinstance(part, trimesh.Trimesh):  # points or lines, which are no part of the mesh
-            continue
-        stored = _stored_normals(part)
-        any_stored |= stored is not None
-        normals = np.full(part.vertices.shape, np.nan) if stored is None else np.asarray(stored) @ np.linalg.pinv(matrix[:3, :3])
-        found.append(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
-    return np.concatenate(found) if any_stored else None
+        if isinstance(part, trimesh.Trimesh):  # not points or lines, which are no part of the mesh
+            stored = _stored_normals(part)
+            found.append((part, matrix, None if stored is None else turned_normals(stored, matrix)))
+    return found
+
+
+def turned_normals(normals: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Unit normals (V, 3) where a matrix (4, 4) moves their surface."""
+    turned = np.asarray(normals) @ np.linalg.pinv(matrix[:3, :3])
+    return turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-12)
+
+
+def joined_normals(parts: list[tuple[trimesh.Trimesh, np.ndarray, np.ndarray | None]]) -> np.ndarray | None:
+    """The stored normals of all parts, NaN for parts that have none, and None if no part has any."""
+    if all(stored is None for _, _, stored in parts):
+        return None
+    return np.concatenate([np.full(part.vertices.shape, np.nan) if stored is None else stored for part, _, stored in parts])
 
 
 def _uv_per_face(path: Path) -> bool:

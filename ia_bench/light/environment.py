@@ -6,10 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from ia_bench.light.latlong import direction_to_texel
+from ia_bench.light.latlong import direction_to_texel, texel_centres
 
 
 @runtime_checkable
@@ -57,3 +58,21 @@ def _shares(new: Tensor, old: Tensor) -> Tensor:
     low = torch.maximum(new[:, None, 0], old[:, 0])
     high = torch.minimum(new[:, None, 1], old[:, 1])
     return (high - low).clamp_min(0) / (new[:, 1] - new[:, 0])[:, None]
+
+
+def turned(radiance: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """A lat-long map (H, W, 3), turned by a ``rotation`` (3, 3): new(d) = old(rotation^T d). It keeps its size.
+
+    Whole columns about the vertical axis are exact. All else is bilinear between the centres of texels, which keeps no sun's power.
+    """
+    height, width = radiance.shape[:2]
+    columns = math.atan2(rotation[1, 0], rotation[0, 0]) * width / (2 * math.pi)
+    if abs(rotation[2, 2] - 1) < 1e-9 and abs(columns - round(columns)) < 1e-6:
+        return np.roll(radiance, -round(columns), axis=1)  # the azimuth falls from left to right
+    from scipy.ndimage import map_coordinates
+
+    x, y, z = np.moveaxis(texel_centres(height, width).double().numpy() @ rotation, -1, 0)
+    rows = (np.arccos(z.clip(-1, 1)) * (height / math.pi) - 0.5).clip(0, height - 1)
+    places = [rows, ((math.pi - np.arctan2(y, x)) * (width / (2 * math.pi)) - 0.5) % width + 1]
+    padded = np.concatenate([radiance[:, -1:], radiance, radiance[:, :1]], 1)  # around the sphere
+    return np.stack([map_coordinates(padded[..., c], places, order=1, mode="nearest") for c in range(3)], -1).astype(np.float32)

@@ -19,7 +19,8 @@ from ia_bench.readers.cameras import (
     from_world_to_camera,
     rigid,
 )
-from ia_bench.readers.pictures import expect_size, read_light, tone_mapped
+from ia_bench.readers.pictures import expect_size, tone_mapped
+from ia_bench.scenes.exr import read_light
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
 GAMMA = 2.2

@@ -16,7 +16,7 @@ import numpy as np
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, user_path
 from ia_bench.scenes.color import srgb_to_linear
-from ia_bench.scenes.exr import read_exr, read_rgbe, refuse_negative
+from ia_bench.scenes.exr import read_light
 from ia_bench.scenes.photograph import IGNORED, read_mask, read_photograph, read_values
 from ia_bench.scenes.scene import Camera, Truth, View
 
@@ -133,16 +133,6 @@ def true_normal(path: Path, mask: np.ndarray) -> np.ndarray | None:
 
 
 # ---------------------------------------------------------------- lights
-def read_light(path: Path) -> np.ndarray:
-    """The map (H, 2H, 3) float32 of an OpenEXR or Radiance file; what rounding left below 0 is set to 0. Raises InputError."""
-    radiance = read_rgbe(path) if path.suffix.lower() == ".hdr" else read_exr(path, 3)
-    height, width = radiance.shape[:2]
-    if width != 2 * height:
-        raise InputError(f"{path}: expected a lat-long map, twice as wide as high, found {width} x {height}")
-    refuse_negative(path, radiance)
-    return radiance.clip(min=0)
-
-
 def maps_below(folder: str | None, novel: Sequence[View], notes: list[str], own: str, strength: float = 1.0) -> Truth:
     """The maps of all lights that ``reader.options.lights`` holds as NAME.exr or NAME.hdr; ``notes`` are told of the rest.
 

@@ -14,16 +14,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below
 from ia_bench.common.suggestions import unknown
-from ia_bench.light.latlong import texel_centres
+from ia_bench.light.environment import turned
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import Frame, camera, frames_of, text
 from ia_bench.readers.contract import MESHES
-from ia_bench.readers.pictures import photograph, read_light, true_map
+from ia_bench.readers.pictures import photograph, true_map
+from ia_bench.scenes.exr import read_light
 from ia_bench.scenes.photograph import read_array
 from ia_bench.scenes.scene import Camera, Scene, Truth, View
 
@@ -149,16 +149,10 @@ class StanfordOrbReader(FolderReader):
         return values.repeat(block, 0).repeat(block, 1)
 
 
-def from_camera_frame(radiance: np.ndarray, camera: Camera) -> np.ndarray:
-    """A map whose middle column is where the camera looks, +y up and +x three quarters to the right, in the world's layout.
+CAMERA_LAYOUT = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
+"""From a camera's axes to those that our layout would have of a map whose middle column is where the camera looks, +y up."""
 
-    It keeps its size; values are bilinear between the centres of its texels.
-    """
-    height, width = radiance.shape[:2]
-    directions = texel_centres(height, width).double().numpy()
-    x, y, z = np.moveaxis(directions @ camera.to_world[:3, :3], -1, 0)  # rows of R are the world's axes in the camera
-    u, v = (np.arctan2(x, -z) + np.pi) / (2 * np.pi), np.arccos(y.clip(-1, 1)) / np.pi
-    places = [(v * height - 0.5).clip(0, height - 1), (u * width - 0.5) % width + 1]
-    padded = np.concatenate([radiance[:, -1:], radiance, radiance[:, :1]], 1)  # around the sphere
-    channels = [map_coordinates(padded[..., c], places, order=1, mode="nearest") for c in range(3)]
-    return np.stack(channels, -1).astype(np.float32)
+
+def from_camera_frame(radiance: np.ndarray, camera: Camera) -> np.ndarray:
+    """A map whose middle column is where the camera looks, +y up and +x three quarters to the right, in the world's layout."""
+    return turned(radiance, camera.to_world[:3, :3] @ CAMERA_LAYOUT.T)

@@ -31,6 +31,7 @@ class Assets:
         roughness: (T, T) in [0, 1], perceptual.
         metallic: (T, T), None for a dielectric.
         light: (H, W, 3) lat-long radiance, None where no light was recovered.
+        assumed: Names of textures that nobody has recovered: they are there for the sake of renders alone, and are not scored.
     """
 
     mesh: Mesh
@@ -38,6 +39,7 @@ class Assets:
     roughness: np.ndarray
     metallic: np.ndarray | None = None
     light: np.ndarray | None = None
+    assumed: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -106,17 +108,25 @@ class TexturedReconstruction:
     """
 
     def __init__(
-        self, stage: Stage, material: Material, light: Tensor | None, *, coat: str = "layered", bounces: int = REFERENCE_BOUNCES
+        self,
+        stage: Stage,
+        material: Material,
+        light: Tensor | None,
+        *,
+        coat: str = "layered",
+        bounces: int = REFERENCE_BOUNCES,
+        assumed: frozenset[str] = frozenset(),
     ) -> None:
         """``light`` (H, W, 3) radiance, None where none was recovered; all tensors on the stage's device.
 
-        What is drawn is drawn on :attr:`Stage.apart`, so that the stage itself counts the rays and points of a fit alone.
+        Maps of what is ``assumed`` are left out. What is drawn is drawn on :attr:`Stage.apart`, so that the stage itself counts the
+        rays and points of a fit alone.
         """
         self.material = material
         self.environment = None if light is None else LatLongEnvironment(light)
         unlike = {f"coat {coat}": coat != "layered", f"{bounces} bounces": bounces != REFERENCE_BOUNCES}
         self.renderer = ", ".join([REFERENCE, *(name for name, it_is in unlike.items() if it_is)])
-        self._stage, self._coat, self._bounces = stage.apart, coat, bounces
+        self._stage, self._coat, self._bounces, self._assumed = stage.apart, coat, bounces, assumed
         self._last: tuple[object, BrdfRayCache] | None = None
 
     @property
@@ -133,11 +143,13 @@ class TexturedReconstruction:
 
         metallic = None if assets.metallic is None else texture(assets.metallic)
         light = None if assets.light is None else texture(assets.light)
-        return cls(stage, Material(texture(assets.albedo), texture(assets.roughness), metallic), light)
+        material = Material(texture(assets.albedo), texture(assets.roughness), metallic)
+        return cls(stage, material, light, assumed=assets.assumed)
 
     def maps(self, cameras: Sequence[Camera], names: Collection[str], *, points: int) -> dict[str, Images]:
         """See :meth:`Reconstruction.maps`."""
-        found = {name: texture for name in names if (texture := getattr(self.material, name)) is not None}
+        recovered = [name for name in names if name not in self._assumed]
+        found = {name: texture for name in recovered if (texture := getattr(self.material, name)) is not None}
         pictures: dict[str, list[np.ndarray]] = {name: [] for name in found}
         coverage: list[np.ndarray] = []
         for gbuffer in self._stage.gbuffers(cameras, points):
@@ -192,6 +204,7 @@ class TexturedReconstruction:
             roughness=self.material.roughness[..., 0].cpu().numpy(),
             metallic=None if metallic is None else metallic[..., 0].cpu().numpy(),
             light=None if self.environment is None else self.environment.texels.cpu().numpy(),
+            assumed=self._assumed,
         )
 
 

@@ -77,6 +77,16 @@ def refuse_negative(path: Path, radiance: np.ndarray) -> None:
         raise InputError(f"{path}: expected radiance, found the negative value {radiance.min():g}")
 
 
+def read_light(path: Path) -> np.ndarray:
+    """The map (H, 2H, 3) float32 of an OpenEXR or Radiance file; what rounding left below 0 is set to 0. Raises InputError."""
+    radiance = read_rgbe(path) if path.suffix.lower() == ".hdr" else read_exr(path, 3)
+    height, width = radiance.shape[:2]
+    if width != 2 * height:
+        raise InputError(f"{path}: expected a lat-long map, twice as wide as high, found {width} x {height}")
+    refuse_negative(path, radiance)
+    return radiance.clip(min=0)
+
+
 def write_exr(path: Path, image: np.ndarray, *, half: bool = True) -> None:
     """Write (H, W), (H, W, 1), (H, W, 3) or (H, W, 4) values; the file appears whole or not at all.
 

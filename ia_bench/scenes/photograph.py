@@ -58,7 +58,7 @@ def read_photograph(
     if path.suffix.lower() == ".exr":
         radiance, coverage = _read_linear(path, notice)
     else:
-        values = _values(path, in_srgb(path, open_picture(path, upright=upright), notice))
+        values = picture_values(path, in_srgb(path, open_picture(path, upright=upright), notice))
         radiance, coverage = srgb_to_linear(values[..., :3]) * values[..., 3:], values[..., 3]
     if mask is not None:
         chosen = read_mask(mask, upright=upright)
@@ -88,10 +88,11 @@ def _read_linear(path: Path, notice: Callable[[str], None]) -> tuple[np.ndarray,
 
 def read_values(path: Path) -> np.ndarray:
     """A picture as it is stored, (H, W, 4) float32 from 0 to 1, opaque where it has no alpha. Raises InputError."""
-    return _values(path, open_picture(path))
+    return picture_values(path, open_picture(path))
 
 
-def _values(path: Path, picture: Image.Image) -> np.ndarray:
+def picture_values(path: Path, picture: Image.Image) -> np.ndarray:
+    """A picture of Pillow as :func:`read_values` has it; ``path`` names it in messages."""
     if picture.mode in HIGH_BIT_MODES:
         grey = greyscale(path, picture)
         return np.dstack([grey, grey, grey, np.ones_like(grey)])

@@ -14,7 +14,7 @@ from trimesh.visual import TextureVisuals
 
 from ia_bench.common.errors import InputError
 from ia_bench.geometry.mesh import load_mesh
-from ia_bench.runs.assets import glb
+from ia_bench.render.asset_files import glb
 from ia_bench.scenes.scene import Mesh, Scene
 
 

@@ -22,8 +22,8 @@ from torch import Tensor
 
 from ia_bench.common.errors import InputError
 from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.render.asset_files import glb
 from ia_bench.render.reconstruction import TexturedReconstruction
-from ia_bench.runs.assets import glb
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.pictures.drawing import VERSION, Pictures, SceneRenderer
 from ia_bench.scenes.color import linear_to_srgb

@@ -1,0 +1,252 @@
+"""Textured meshes of other programs, glTF (.glb, .gltf) and OBJ with MTL, read as :class:`Assets`; and ``asset.glb``, written.
+
+What the formats say, and how their values are taken: :mod:`ia_bench.render.asset_parts`. One material keeps its textures and its
+texture coordinates. Of several, the textures are laid side by side into one square, each with a border of one texel that repeats
+its edge, and coordinates follow. Where nobody knows the roughness, renders take ROUGHNESS, and it is not scored.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from PIL import Image
+
+from ia_bench.common.errors import InputError
+from ia_bench.geometry.mesh import sound_mesh, turned_normals, unwrap
+from ia_bench.light.environment import turned
+from ia_bench.render.asset_parts import Note, Part, Surface, read_parts, wound
+from ia_bench.render.reconstruction import Assets
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.exr import read_light
+from ia_bench.scenes.scene import Mesh
+
+Up = Literal["y", "z"]
+TO_Z_UP: dict[Up, np.ndarray] = {"z": np.eye(4), "y": np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])}
+"""By the axis of a file that points up: what turns it into ours, a rotation about +x."""
+ROUGHNESS = 0.5
+"""What renders take where nobody knows the roughness."""
+LARGEST_SIDE = 8192  # texels of what several textures make
+OUTSIDE = 1e-5  # by which texture coordinates may pass [0, 1]
+
+
+def read_asset(
+    path: Path,
+    *,
+    note: Note,
+    up: Up = "y",
+    matrix: np.ndarray | None = None,
+    light: Path | None = None,
+    light_turn: float = 0.0,
+    texture_size: int | None = None,
+) -> Assets:
+    """Read a textured mesh, and the light that was recovered with it.
+
+    Args:
+        path: A .glb, .gltf or .obj file.
+        note: Takes one line for each thing that was mended, assumed or left out.
+        up: The axis of the file that points up; the asset has z up.
+        matrix: (4, 4), moves the asset after that to where the scene has it; its light turns with it.
+        light: A lat-long map, OpenEXR or Radiance. Row 0 is up, the middle column is +x of the asset, and +y (z being up) lies a
+            quarter to its left, as Blender and three.js have it.
+        light_turn: Degrees by which the light is turned about the vertical, counter-clockwise from above: 90 for nvdiffrec's maps.
+        texture_size: Texels along a side; larger textures are reduced to that. None for as many as there are.
+
+    Raises:
+        InputError: The file, one that it names, or what it asks for cannot be read as one mesh with textures.
+    """
+    parts, surfaces = read_parts(path, note)
+    if not parts:
+        raise InputError(f"{path}: expected triangles, found none")
+    surfaces = {name: _reduced(surfaces[name], texture_size) for name in dict.fromkeys(part.material for part in parts)}
+    whole = (np.eye(4) if matrix is None else np.asarray(matrix, np.float64)) @ TO_Z_UP[up]
+    parts, surface, assumed = _as_one(path, [_with_uv(path, part, surfaces) for part in parts], surfaces, note)
+    mesh = _joined(path, parts, whole, note)
+    radiance = None
+    if light is not None:
+        radiance = turned(read_light(light), _rotation(whole @ TO_Z_UP[up].T) @ _about_z(light_turn))
+    assert surface.roughness is not None
+    return Assets(mesh, surface.albedo, surface.roughness, surface.metallic, radiance, assumed)
+
+
+# ---- one mesh with one set of textures -----------------------------------------------------------------------------
+
+
+def _with_uv(path: Path, part: Part, surfaces: Mapping[str, Surface]) -> Part:
+    """The part with texture coordinates in [0, 1]: its own, or new ones where one value is all that its maps hold."""
+    large = [name for name, image in surfaces[part.material].maps.items() if image.shape[:2] != (1, 1)]
+    found = "none"
+    if part.uv is not None:
+        uv = np.asarray(part.uv, np.float64)
+        uv = uv - np.floor(uv.min(0) + OUTSIDE)  # textures repeat: a whole texture further is the same place
+        if np.isfinite(uv).all() and uv.max() <= 1 + OUTSIDE:
+            return replace(part, uv=uv.clip(0, 1))
+        found = f"{np.nanmin(part.uv):.4g} ... {np.nanmax(part.uv):.4g}: bake textures that repeat"
+    if large:
+        raise InputError(f"{path}: expected texture coordinates within 0 ... 1 for its texture of {large[0]}, found {found}")
+    import trimesh
+
+    normals = part.normals
+    if normals is None:
+        normals = np.asarray(trimesh.Trimesh(part.vertices, part.faces, process=False).vertex_normals)
+    made = unwrap(np.asarray(part.vertices), np.asarray(part.faces), normals)
+    return Part(made.vertices, made.faces, None if part.normals is None else made.normals, made.uv, part.material)
+
+
+def _as_one(
+    path: Path, parts: Sequence[Part], surfaces: Mapping[str, Surface], note: Note
+) -> tuple[list[Part], Surface, frozenset[str]]:
+    """All parts over one set of square textures, and which of these nobody knows."""
+    assumed = frozenset({"roughness"} if any(surface.roughness is None for surface in surfaces.values()) else ())
+    if assumed:
+        names = ", ".join(name for name, surface in surfaces.items() if surface.roughness is None)
+        note(f"{path.name}: roughness of {names or 'its material'} is unknown; renders take {ROUGHNESS}, and it is not scored")
+    metal = any(surface.metallic is not None for surface in surfaces.values())
+    absent = {"roughness": ROUGHNESS, **({"metallic": 0.0} if metal else {})}
+    full = {
+        name: Surface(**{what: np.full((1, 1), value, np.float32) for what, value in absent.items()} | surface.maps)
+        for name, surface in surfaces.items()
+    }
+    sizes = [image.shape[:2] for surface in full.values() for image in surface.maps.values()]
+    if len(full) == 1 and all(height == width for height, width in sizes):
+        (surface,) = full.values()
+        if surface.metallic is not None:  # a glTF has both in one picture
+            side = max(len(surface.maps["roughness"]), len(surface.metallic))
+            both = {what: _enlarged(surface.maps[what], side, side) for what in ("roughness", "metallic")}
+            surface = replace(surface, **both)
+        return list(parts), surface, assumed
+    size_of = {name: tuple(np.max([image.shape[:2] for image in surface.maps.values()], 0)) for name, surface in full.items()}
+    corners, side = _shelves({name: (height + 2, width + 2) for name, (height, width) in size_of.items()})
+    if side > LARGEST_SIDE:
+        most = f"at most {LARGEST_SIDE} x {LARGEST_SIDE} texels"
+        raise InputError(f"{path}: expected {most} for all textures side by side, found {side} x {side}; make them smaller")
+    if len(full) > 1:
+        note(f"{path.name}: textures of {len(full)} materials are laid side by side into one of {side} x {side} texels")
+    sheets: dict[str, np.ndarray] = {}
+    for name, surface in full.items():
+        (top, left), (height, width) = corners[name], size_of[name]
+        for what, image in surface.maps.items():
+            sheet = sheets.setdefault(what, np.zeros((side, side, *image.shape[2:]), np.float32))
+            edges = ((1, 1), (1, 1), (0, 0))[: image.ndim]
+            sheet[top : top + height + 2, left : left + width + 2] = np.pad(_enlarged(image, height, width), edges, mode="edge")
+    moved = []
+    for part in parts:
+        (top, left), (height, width) = corners[part.material], size_of[part.material]
+        assert part.uv is not None
+        u, v = part.uv.T
+        uv = np.stack([(left + 1 + u * width) / side, 1 - (top + 1 + (1 - v) * height) / side], -1)
+        moved.append(replace(part, uv=uv))
+    return moved, Surface(**sheets), assumed
+
+
+def _shelves(sizes: Mapping[str, tuple[int, int]]) -> tuple[dict[str, tuple[int, int]], int]:
+    """Where rectangles (height, width) lie in one square, row and column of each, tallest first in rows; and the square's side."""
+    area = sum(height * width for height, width in sizes.values())
+    limit = max(math.isqrt(area), *(width for _, width in sizes.values()))
+    corners, top, left, tall, wide = dict[str, tuple[int, int]](), 0, 0, 0, 0
+    for name, (height, width) in sorted(sizes.items(), key=lambda item: -item[1][0]):
+        if left and left + width > limit:
+            top, left, tall = top + tall, 0, 0
+        corners[name] = (top, left)
+        left, tall = left + width, max(tall, height)
+        wide = max(wide, left)
+    return corners, max(wide, top + tall)
+
+
+def _enlarged(image: np.ndarray, height: int, width: int) -> np.ndarray:
+    """An image (H, W[, 3]) looked up bilinearly at the centres of more texels, as a renderer looks it up."""
+    if image.shape[:2] == (height, width):
+        return image
+    if image.shape[:2] == (1, 1):
+        return np.broadcast_to(image, (height, width, *image.shape[2:]))
+    from scipy.ndimage import map_coordinates
+
+    places = [(np.arange(new) + 0.5) * old / new - 0.5 for new, old in zip((height, width), image.shape, strict=False)]
+    grid = np.meshgrid(*places, indexing="ij")
+    channels = [map_coordinates(one, grid, order=1, mode="nearest") for one in np.moveaxis(np.atleast_3d(image), -1, 0)]
+    return np.stack(channels, -1).reshape(height, width, *image.shape[2:]).astype(np.float32)
+
+
+def _reduced(surface: Surface, size: int | None) -> Surface:
+    """The maps with at most ``size`` texels along a side, each the mean of what it covers."""
+
+    def smaller(image: np.ndarray) -> np.ndarray:
+        scale = (size or max(image.shape[:2])) / max(image.shape[:2])
+        if scale >= 1:
+            return image
+        shape = max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1)
+        channels = np.moveaxis(np.atleast_3d(image).astype(np.float32), -1, 0)
+        box = [np.asarray(Image.fromarray(np.ascontiguousarray(one)).resize(shape, Image.Resampling.BOX)) for one in channels]
+        return np.stack(box, -1).reshape(shape[1], shape[0], *image.shape[2:])
+
+    return Surface(**{name: smaller(image) for name, image in surface.maps.items()})
+
+
+def _joined(path: Path, parts: Sequence[Part], matrix: np.ndarray, note: Note) -> Mesh:
+    """One mesh of all parts, moved by a ``matrix`` (4, 4)."""
+    vertices, faces, normals, uv, count = [], [], [], [], 0
+    for part in parts:
+        vertices.append(part.vertices)
+        faces.append(part.faces + count)
+        normals.append(np.full(part.vertices.shape, np.nan) if part.normals is None else part.normals)
+        uv.append(part.uv)
+        count += len(part.vertices)
+    stored = turned_normals(np.concatenate(normals), matrix)
+    placed = np.concatenate(vertices) @ matrix[:3, :3].T + matrix[:3, 3]
+    known = None if np.isnan(stored).all() else stored
+    mesh, notes = sound_mesh(path, placed, wound(np.concatenate(faces), matrix), known, np.concatenate(uv))  # type: ignore[arg-type]
+    for line in notes:
+        note(line)
+    return mesh
+
+
+def _rotation(matrix: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) that is nearest to what a matrix (4, 4) does."""
+    if np.array_equal(matrix[:3, :3], np.eye(3)):
+        return np.eye(3)
+    left, _, right = np.linalg.svd(matrix[:3, :3])
+    found: np.ndarray = left @ right
+    return found
+
+
+def _about_z(degrees: float) -> np.ndarray:
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+
+
+# ---- writing -------------------------------------------------------------------------------------------------------
+
+
+def glb(mesh: Mesh, albedo: np.ndarray, roughness: np.ndarray, metallic: np.ndarray | None = None) -> bytes:
+    """A glTF 2.0 binary: metallic-roughness material, sRGB base colour, roughness in green, metallic in blue; y-up axes.
+
+    ``albedo`` (T, T, 3); ``roughness`` and ``metallic`` (T', T'), None for a dielectric.
+    """
+    import trimesh  # most of a second, at the end of a run
+    from trimesh.visual.material import PBRMaterial
+
+    base_colour = np.round(255 * linear_to_srgb(albedo.clip(0, 1))).astype(np.uint8)
+    packed = np.zeros((*roughness.shape, 3), np.uint8)
+    packed[..., 1] = np.round(255 * roughness.clip(0, 1))
+    if metallic is not None:
+        packed[..., 2] = np.round(255 * metallic.clip(0, 1))
+    material = PBRMaterial(
+        name="recovered",
+        baseColorTexture=Image.fromarray(base_colour),
+        metallicRoughnessTexture=Image.fromarray(packed),
+        metallicFactor=0.0 if metallic is None else 1.0,
+        roughnessFactor=1.0,
+    )
+    to_y_up = TO_Z_UP["y"][:3, :3]
+    solid = trimesh.Trimesh(
+        vertices=mesh.vertices @ to_y_up,
+        faces=mesh.faces,
+        vertex_normals=mesh.normals @ to_y_up,
+        visual=trimesh.visual.TextureVisuals(uv=mesh.uv, material=material),
+        process=False,
+    )
+    return bytes(trimesh.Scene(solid).export(file_type="glb"))

@@ -1,0 +1,312 @@
+"""Materials and triangles of glTF (.glb, .gltf) and of OBJ with MTL, part by part; :mod:`ia_bench.render.asset_files` joins them.
+
+Values are those of the files, to rounding: base colour is decoded from sRGB texel by texel (OpenEXR is linear), roughness and
+metallic are linear, and in glTF each is its factor times its texture.
+
+What an OBJ says of a material: ``map_Kd`` or ``Kd`` (albedo), ``map_Pr`` or ``Pr`` (roughness), ``map_Pm`` or ``Pm`` (metallic); a
+map replaces the number. Where the material has a line ``bsdf``, as nvdiffrec writes it, ``map_Ks`` holds roughness in green and
+metallic in blue. Else, without a roughness, the Phong exponent ``Ns`` stands for one: roughness^4 = alpha^2 = 2 / (Ns + 2)
+(Walter et al. 2007, section 5.2).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import numpy as np
+from PIL import Image
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import file_below, is_file, read_json, shown
+from ia_bench.geometry.mesh import parsed_by_trimesh, placed_parts
+from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import expect_size_to_read, read_exr
+from ia_bench.scenes.photograph import picture_values, read_values
+
+Note = Callable[[str], None]
+Parts = tuple[list["Part"], dict[str, "Surface"]]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One material: linear maps, (1, 1) where it is a number; None where the file says nothing."""
+
+    albedo: np.ndarray
+    roughness: np.ndarray | None = None
+    metallic: np.ndarray | None = None
+
+    @property
+    def maps(self) -> dict[str, np.ndarray]:
+        """The maps that there are, by name."""
+        return {name: image for name, image in vars(self).items() if image is not None}
+
+
+@dataclass(frozen=True)
+class Part:
+    """Triangles of one material, in the axes of the file; ``material`` names it."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray | None
+    uv: np.ndarray | None
+    material: str
+
+
+def read_parts(path: Path, note: Note) -> Parts:
+    """The parts of a file, and its materials by name. Raises InputError; ``note`` takes one line for each thing left out."""
+    if not is_file(path):
+        raise InputError(f"{shown(path)}: no such mesh")
+    kind = path.suffix.lower()
+    if kind not in (".glb", ".gltf", ".obj"):
+        raise InputError(f"{path}: expected a mesh with textures (.glb, .gltf or .obj), found {kind or 'no suffix'}")
+    return (_obj if kind == ".obj" else _gltf)(path, note)
+
+
+def asset_files(path: Path) -> list[Path]:
+    """The file and those that it names: materials, textures and buffers; of a file that cannot be read, it alone."""
+    try:
+        if path.suffix.lower() == ".obj":
+            materials = _material_file(path)
+            values = _mtl(materials).values() if materials else ()
+            names = {name for lines in values for key, name in lines.items() if key.startswith("map_")}
+            beside = [materials.parent / _texture_name(materials, name) for name in names] if materials else []
+            return [path, *([materials] if materials else []), *sorted(file for file in beside if file.is_file())]
+        if path.suffix.lower() == ".gltf":
+            listed = [*read_json(path).get("buffers", []), *read_json(path).get("images", [])]
+            return [path, *(path.parent / name for one in listed if (name := _uri(one)) and (path.parent / name).is_file())]
+    except (InputError, OSError, TypeError, AttributeError, ValueError):  # told when it is read
+        pass
+    return [path]
+
+
+def wound(faces: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """The faces with the order of their corners turned round where a matrix mirrors them."""
+    return np.asarray(faces)[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else np.asarray(faces)
+
+
+# ---- glTF 2.0 ------------------------------------------------------------------------------------------------------
+IGNORED = {"normalTexture": "a normal map", "emissiveTexture": "light of its own", "occlusionTexture": "an occlusion map"}
+
+
+def _gltf(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
+    """Parts and materials of a glTF file; trimesh reads geometry and pictures, factors are taken from the file, unrounded."""
+    header, rest = _header(path)
+    materials = header.setdefault("materials", [])
+    for number, material in enumerate(materials):  # so that trimesh says which one it means
+        material["name"], material["_name"] = str(number), material.get("name", f"material {number}")
+    for primitive in (one for mesh in header.get("meshes", []) for one in mesh.get("primitives", [])):
+        if "COLOR_0" in primitive.get("attributes", {}):
+            raise InputError(f"{path}: expected colours in textures or factors, found those of vertices (COLOR_0); bake a texture")
+    text = json.dumps(header).encode()
+    if path.suffix.lower() == ".glb":
+        text += b" " * (-len(text) % 4)
+        text = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON") + text + rest
+    parts, surfaces = [], {"": _surface_of({}, None, None)}
+    if used := sorted({IGNORED[key] for material in materials for key in IGNORED if key in material}):
+        note(f"{path.name}: {', '.join(used)} left out: materials here have base colour, roughness and metallic")
+    for mesh, matrix, normals in placed_parts(parsed_by_trimesh(path, text)):
+        material = getattr(mesh.visual, "material", None)
+        name = getattr(material, "name", None) or ""
+        if name and name not in surfaces:
+            pictures = getattr(material, "baseColorTexture", None), getattr(material, "metallicRoughnessTexture", None)
+            surfaces[name] = _gltf_surface(path, header, int(name), *pictures)
+        uv = getattr(mesh.visual, "uv", None)
+        vertices = np.asarray(mesh.vertices) @ matrix[:3, :3].T + matrix[:3, 3]
+        parts.append(Part(vertices, wound(mesh.faces, matrix), normals, uv, name))
+    return parts, surfaces
+
+
+def _header(path: Path) -> tuple[dict[str, Any], bytes]:
+    """The JSON of a file, and the chunks behind it in a .glb."""
+    if path.suffix.lower() == ".gltf":
+        return read_json(path), b""
+    content = path.read_bytes()
+    try:
+        magic, version, _, size, kind = struct.unpack_from("<4sIII4s", content)
+        if (magic, version, kind) != (b"glTF", 2, b"JSON"):
+            raise ValueError
+        header = json.loads(content[20 : 20 + size])
+        if not isinstance(header, dict):
+            raise ValueError
+    except (struct.error, ValueError, RecursionError):
+        raise InputError(f"{path}: expected a binary glTF 2.0 file, found another or a damaged one") from None
+    return header, content[20 + size :]
+
+
+def _gltf_surface(path: Path, header: Mapping[str, Any], number: int, base: Any, packed: Any) -> Surface:  # noqa: ANN401
+    """One material, from its pictures as trimesh has them; raises InputError for what it asks for and is not done here."""
+    material = header["materials"][number]
+    where = f"{path}: material {shown(material['_name'])}"
+    found = material.get("pbrMetallicRoughness", {})
+    for key, picture in (("baseColorTexture", base), ("metallicRoughnessTexture", packed)):
+        said = found.get(key)
+        if said is None:
+            continue
+        if said.get("texCoord", 0) != 0 or "KHR_texture_transform" in said.get("extensions", {}):
+            raise InputError(
+                f"{where}: {key}: expected the first texture coordinates as they are, found others or a transform of them"
+            )
+        if picture is None:
+            raise InputError(f"{where}: {key}: expected a picture (PNG, JPEG), found none that can be read")
+    if "pbrMetallicRoughness" not in material and "KHR_materials_pbrSpecularGlossiness" in material.get("extensions", {}):
+        raise InputError(f"{where}: expected the metallic-roughness model, found specular-glossiness")
+    pictures = [None if one is None else _picture(path, one) for one in (base, packed)]
+    return _surface_of(found, *pictures)
+
+
+def _surface_of(factors: Mapping[str, Any], base: np.ndarray | None, packed: np.ndarray | None) -> Surface:
+    """Factor times texture (glTF 2.0, section 3.9.2); ``base`` and ``packed`` (H, W, 4) as stored."""
+    colour = np.asarray(factors.get("baseColorFactor", [1.0] * 4), np.float32)[:3]
+    ones = np.ones((1, 1, 4), np.float32)
+    roughness, metallic = (np.float32(factors.get(f"{name}Factor", 1.0)) for name in ("roughness", "metallic"))
+    albedo = colour * (ones[..., :3] if base is None else srgb_to_linear(base[..., :3]))
+    packed = ones if packed is None else packed
+    return Surface(albedo, roughness * packed[..., 1], metallic * packed[..., 2] if metallic > 0 else None)
+
+
+def _picture(path: Path, picture: Image.Image) -> np.ndarray:
+    expect_size_to_read(path, *picture.size)
+    try:
+        return picture_values(path, picture)
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{path}: expected pictures that can be read, found one that cannot ({error})") from None
+
+
+def _uri(entry: Mapping[str, Any]) -> str:
+    uri = str(entry.get("uri", ""))
+    return "" if uri.startswith("data:") else unquote(uri)
+
+
+# ---- OBJ with MTL --------------------------------------------------------------------------------------------------
+
+
+def _obj(path: Path, note: Note) -> tuple[list[Part], dict[str, Surface]]:
+    """Parts and materials of an OBJ file; trimesh reads the geometry."""
+    loaded: Any = parsed_by_trimesh(path)
+    materials = _material_file(path)
+    if materials is None:
+        raise InputError(f"{path}: expected mtllib FILE.mtl, which says where the textures are, found none")
+    said = _mtl(materials)
+    meshes = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
+    parts, surfaces = [], dict[str, Surface]()
+    for mesh in (one for one in meshes if hasattr(one, "faces")):
+        name = getattr(getattr(mesh.visual, "material", None), "name", None)
+        if name not in said:
+            if len(said) != 1:
+                raise InputError(f"{path}: expected usemtl before every face, with a material of {materials.name}, found none")
+            (name,) = said
+        if name not in surfaces:
+            surfaces[name] = _mtl_surface(materials, name, said[name], note)
+        stored = mesh._cache.cache.get("vertex_normals")
+        parts.append(Part(np.asarray(mesh.vertices), np.asarray(mesh.faces), stored, getattr(mesh.visual, "uv", None), name))
+    return parts, surfaces
+
+
+def _material_file(path: Path) -> Path | None:
+    """The file that ``mtllib`` names; None without such a line. Raises InputError where it is not there."""
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        name = next((line.strip()[7:].strip() for line in lines if line.startswith("mtllib ")), None)
+    return None if name is None else file_below(path.parent, name, f"{path}: mtllib")
+
+
+def _mtl(path: Path) -> dict[str, dict[str, str]]:
+    """Material -> key, in lower case -> the rest of its line."""
+    found: dict[str, dict[str, str]] = {}
+    lines: dict[str, str] = {}
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        key, _, rest = line.strip().partition(" ")
+        if key == "newmtl":
+            lines = found.setdefault(" ".join(rest.split()), {})
+        elif key and not key.startswith("#"):
+            lines[key.lower()] = rest.strip()
+    if not found:
+        raise InputError(f"{path}: expected newmtl NAME, found none")
+    return found
+
+
+def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> Surface:
+    where = f"{path}: {name}"
+
+    def numbers(key: str, count: int) -> np.ndarray | None:
+        if key not in said:
+            return None
+        try:
+            values = np.array([float(word) for word in said[key].split()], np.float32)[:count]
+        except ValueError:
+            values = np.zeros(0, np.float32)
+        if len(values) != count or not (values >= 0).all() or not np.isfinite(values).all():
+            raise InputError(f"{where}: {key.capitalize()}: expected {count} number(s) >= 0, found {shown(repr(said[key]))}")
+        return values
+
+    def image(key: str, *, srgb: bool = False) -> np.ndarray | None:
+        if key not in said:
+            return None
+        file = file_below(path.parent, _texture_name(path, said[key]), f"{where}: map_{key[4:].capitalize()}")
+        if file.suffix.lower() == ".exr":
+            return _grey_as_colour(file)
+        stored = read_values(file)[..., :3]
+        return srgb_to_linear(stored) if srgb else stored
+
+    def number(key: str) -> np.ndarray | None:
+        found = numbers(key, 1)
+        return None if found is None else found.reshape(1, 1)
+
+    def first(*maps: np.ndarray | None) -> np.ndarray | None:
+        return next((one for one in maps if one is not None), None)
+
+    colour, albedo = numbers("kd", 3), image("map_kd", srgb=True)
+    if albedo is None and colour is None:
+        raise InputError(f"{where}: expected an albedo, map_Kd or Kd, found neither")
+    if albedo is not None and colour is not None and (colour != 1).any():
+        note(f"{where}: map_Kd is taken for the albedo as it is, and Kd {said['kd']} beside it left out")
+    for key, what in (("norm", "normal map"), ("bump", "normal or bump map"), ("map_bump", "normal or bump map")):
+        if key in said:
+            note(f"{where}: its {what} ({key}) is left out: materials here have albedo, roughness and metallic")
+    packed = image("map_ks") if "bsdf" in said else None
+    maps = {what: image(f"map_{key}") for what, key in (("roughness", "pr"), ("metallic", "pm"))}
+    one = {what: None if values is None else values[..., 0] for what, values in maps.items()}
+    green, blue = (None, None) if packed is None else (packed[..., 1], packed[..., 2])
+    roughness, metallic = first(one["roughness"], green, number("pr")), first(one["metallic"], blue, number("pm"))
+    exponent = numbers("ns", 1)
+    if roughness is None and exponent is not None and exponent[0] > 0:
+        roughness = ((2 / (exponent + 2)) ** 0.25).reshape(1, 1).astype(np.float32)
+        note(f"{where}: roughness {float(roughness[0, 0]):.3f} from Ns {said['ns']}: roughness^4 = 2 / (Ns + 2)")
+    flat = colour.reshape(1, 1, 3) if colour is not None else None
+    return Surface(first(albedo, flat), roughness, metallic)  # type: ignore[arg-type]
+
+
+def _texture_name(path: Path, line: str) -> str:
+    """The file of a map's line. Raises InputError for options that move the texture."""
+    words = line.split()
+    while words and words[0].startswith("-"):
+        option = words.pop(0)
+        count = {"-mm": 2, "-o": 3, "-s": 3, "-t": 3}.get(option, 1)
+        values = words[:count]
+        while option in ("-o", "-s", "-t") and values and not _is_number(values[-1]):  # the last ones may be left out
+            values.pop()
+        stays = ["0", "1"][option == "-s"]
+        if option in ("-o", "-s", "-t") and any(float(value) != float(stays) for value in values):
+            raise InputError(f"{path}: expected textures where their coordinates are, found one that is moved: {shown(line)}")
+        words = words[len(values) :]
+    return " ".join(words).replace("\\", "/")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
+
+
+def _grey_as_colour(path: Path) -> np.ndarray:
+    try:
+        return read_exr(path, 3)
+    except InputError:
+        return np.repeat(read_exr(path, 1), 3, -1)

@@ -1,0 +1,261 @@
+"""Meshes with textures of other programs: what is read is what was written, to rounding, and what cannot be read is one sentence.
+
+Expected values are computed from the numbers that the files are written from, by the formats' own definitions.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from PIL import Image
+from trimesh.visual.material import PBRMaterial, SimpleMaterial
+
+from ia_bench.common.errors import InputError
+from ia_bench.material.textures import fetch
+from ia_bench.render.asset_files import ROUGHNESS, glb, read_asset
+from ia_bench.render.asset_parts import asset_files
+from ia_bench.render.reconstruction import Assets
+from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.scene import Mesh
+
+VERTICES = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 3.0]])
+FACES = np.array([[0, 1, 2], [1, 3, 2]])
+UV = np.array([[0.05, 0.1], [0.9, 0.1], [0.05, 0.95], [0.8, 0.9]])
+HALF = np.float32(0.5 / 255 + 1e-6)
+
+
+def read(path: Path, **options: Any) -> tuple[Assets, list[str]]:
+    notes = list[str]()
+    return read_asset(path, note=notes.append, **options), notes
+
+
+def picture(seed: int, height: int = 8, width: int = 8) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
+
+
+def at(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """What a renderer finds in a texture (H, W[, C]) at UV (N, 2)."""
+    return fetch(torch.from_numpy(np.atleast_3d(texture)).float(), torch.from_numpy(uv).float()).numpy()
+
+
+def at_corner(asset: Assets, texture: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """What the asset's texture holds at the vertex that lies at ``place``."""
+    nearest = np.abs(asset.mesh.vertices - place).sum(-1).argmin()
+    return at(texture, asset.mesh.uv[nearest : nearest + 1])[0]
+
+
+def gltf(path: Path, change: Callable[[dict[str, Any]], None], **material: Any) -> Path:
+    """A .glb by trimesh of one square with ``material``, whose JSON is then changed."""
+    visual = trimesh.visual.TextureVisuals(uv=UV, material=PBRMaterial(**material))
+    content = trimesh.Scene(trimesh.Trimesh(VERTICES, FACES, visual=visual, process=False)).export(file_type="glb")
+    size = struct.unpack_from("<I", content, 12)[0]
+    header = json.loads(content[20 : 20 + size])
+    change(header)
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    start = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(content) - 20 - size, len(text), b"JSON")
+    path.write_bytes(start + text + content[20 + size :])
+    return path
+
+
+def obj(folder: Path, mtl: str, faces: str = "usemtl one\nf 1/1 2/2 3/3\nf 2/2 4/4 3/3\n", **pictures: np.ndarray) -> Path:
+    """An OBJ of the square with that text as its materials, and pictures NAME.png beside it."""
+    for name, values in pictures.items():
+        Image.fromarray(values).save(folder / f"{name}.png")
+    lines = ["mtllib my materials.mtl", *(f"v {x} {y} {z}" for x, y, z in VERTICES), *(f"vt {u} {v}" for u, v in UV)]
+    (folder / "my materials.mtl").write_text(mtl)
+    (folder / "mesh.obj").write_text("\n".join(lines) + "\n" + faces)
+    return folder / "mesh.obj"
+
+
+@pytest.fixture
+def square() -> Mesh:
+    normals = np.tile(np.array([0, 0, 1], np.float32), (4, 1))
+    return Mesh(VERTICES.astype(np.float32), FACES.astype(np.int32), normals, UV.astype(np.float32))
+
+
+def test_our_own_file_comes_back(tmp_path: Path, square: Mesh) -> None:
+    albedo, roughness, metallic = (np.random.default_rng(n).random((16, 16, c), np.float32) for n, c in ((0, 3), (1, 1), (2, 1)))
+    (tmp_path / "a.glb").write_bytes(glb(square, albedo, roughness[..., 0], metallic[..., 0]))
+    light = np.random.default_rng(3).random((4, 8, 3), np.float32)
+    write_exr(tmp_path / "light.exr", light, half=False)
+    asset, _ = read(tmp_path / "a.glb", light=tmp_path / "light.exr")
+    for part in ("vertices", "faces", "normals"):
+        np.testing.assert_array_equal(getattr(asset.mesh, part), getattr(square, part))
+    np.testing.assert_allclose(asset.mesh.uv, square.uv, atol=1e-7)
+    assert np.abs(asset.albedo - albedo).max() < 0.5 / 255 * 2.3  # the steepest that the decoding of sRGB is
+    assert np.abs(asset.roughness - roughness[..., 0]).max() <= HALF
+    assert asset.metallic is not None
+    assert np.abs(asset.metallic - metallic[..., 0]).max() <= HALF
+    np.testing.assert_array_equal(asset.light, light)
+
+
+def test_factors_are_not_rounded_and_multiply_textures(tmp_path: Path) -> None:
+    base, packed = picture(0), picture(1, 4, 4)
+    factors = {"baseColorFactor": [0.013, 0.5, 0.25, 1], "roughnessFactor": 0.3, "metallicFactor": 0.7}
+
+    def change(header: dict[str, Any]) -> None:
+        header["materials"][0].setdefault("pbrMetallicRoughness", {}).update(factors)
+
+    pictures = {"baseColorTexture": Image.fromarray(base), "metallicRoughnessTexture": Image.fromarray(packed)}
+    asset, _ = read(gltf(tmp_path / "a.glb", change, **pictures))
+    np.testing.assert_allclose(asset.albedo, [0.013, 0.5, 0.25] * srgb_to_linear(base / 255), rtol=1e-5)
+    np.testing.assert_allclose(asset.roughness, 0.3 * packed[..., 1] / 255, rtol=1e-5)
+    np.testing.assert_allclose(asset.metallic, 0.7 * packed[..., 2] / 255, rtol=1e-5)
+    flat, _ = read(gltf(tmp_path / "b.glb", change))
+    np.testing.assert_allclose(flat.albedo, np.reshape([0.013, 0.5, 0.25], (1, 1, 3)), rtol=1e-6)
+
+
+def test_up_matrix_and_turned_light(tmp_path: Path) -> None:
+    path = gltf(tmp_path / "a.glb", lambda header: None)
+    x, y, z = VERTICES.T
+    light = np.random.default_rng(0).random((4, 8, 3), np.float32)
+    write_exr(tmp_path / "l.exr", light, half=False)
+    asset, _ = read(path, light=tmp_path / "l.exr")
+    np.testing.assert_allclose(asset.mesh.vertices, np.stack([x, -z, y], -1), atol=1e-6)
+    np.testing.assert_array_equal(asset.light, light)
+    as_it_is, _ = read(path, up="z", light=tmp_path / "l.exr", light_turn=90)
+    np.testing.assert_allclose(as_it_is.mesh.vertices, VERTICES, atol=1e-6)
+    np.testing.assert_array_equal(as_it_is.light[:, 2], light[:, 4])  # what was at +x is now at +y, a quarter to the left
+    quarter = np.array([[0, -2.0, 0, 5], [2, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]])  # larger, turned by 90 degrees, moved
+    moved, _ = read(path, up="z", matrix=quarter, light=tmp_path / "l.exr")
+    np.testing.assert_allclose(moved.mesh.vertices, np.stack([5 - 2 * y, 2 * x, 2 * z], -1), atol=1e-6)
+    np.testing.assert_array_equal(moved.light, as_it_is.light)
+
+
+def test_obj_by_trimesh(tmp_path: Path) -> None:
+    base = picture(0, 8, 8)
+    visual = trimesh.visual.TextureVisuals(uv=UV, material=SimpleMaterial(image=Image.fromarray(base), glossiness=30.0))
+    trimesh.Trimesh(VERTICES, FACES, visual=visual, process=False).export(tmp_path / "mesh.obj")
+    asset, notes = read(tmp_path / "mesh.obj", up="z")
+    np.testing.assert_allclose(asset.albedo, srgb_to_linear(base / np.float32(255)), atol=1e-6)
+    np.testing.assert_allclose(asset.roughness, (2 / 32) ** 0.25)
+    assert any("from Ns 30" in note for note in notes)
+    for place, uv in zip(VERTICES, UV, strict=True):
+        np.testing.assert_allclose(at_corner(asset, asset.albedo, place), at(asset.albedo, uv[None])[0], atol=1e-5)
+    assert {path.name for path in asset_files(tmp_path / "mesh.obj")} == {"mesh.obj", "material.mtl", "material_0.png"}
+
+
+def test_obj_of_nvdiffrec(tmp_path: Path) -> None:
+    kd, ks = picture(0), picture(1)
+    mtl = "newmtl one\nbsdf   pbr\nmap_Kd texture_kd.png\nmap_Ks texture_ks.png\nbump texture_n.png\n"
+    asset, notes = read(obj(tmp_path, mtl, texture_kd=kd, texture_ks=ks, texture_n=kd))
+    np.testing.assert_allclose(asset.albedo, srgb_to_linear(kd / np.float32(255)), atol=1e-6)
+    np.testing.assert_allclose(asset.roughness, ks[..., 1] / np.float32(255))
+    np.testing.assert_allclose(asset.metallic, ks[..., 2] / np.float32(255))
+    assert any("bump" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("mtl", "roughness", "metallic"),
+    [
+        ("Kd .5 .5 .5\nPr .3", 0.3, None),
+        ("Kd .5 .5 .5\nPr .3\nPm .25\nNs 10", 0.3, 0.25),
+        ("Kd .5 .5 .5\nNs 0", ROUGHNESS, None),
+        ("Kd .5 .5 .5\nmap_Ks rough.png", ROUGHNESS, None),  # a specular colour, in plain MTL
+    ],
+)
+def test_numbers_of_mtl(tmp_path: Path, mtl: str, roughness: float, metallic: float | None) -> None:
+    asset, notes = read(obj(tmp_path, f"newmtl one\n{mtl}\n"))
+    assert (asset.roughness == np.float32(roughness)).all()
+    assert asset.metallic is None if metallic is None else bool((asset.metallic == metallic).all())
+    assert asset.assumed == ({"roughness"} if roughness == ROUGHNESS else set())
+    assert any("unknown" in note for note in notes) == (roughness == ROUGHNESS)
+
+
+def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Path) -> None:
+    wide, tall = picture(0, 4, 16), picture(1, 8, 2)
+    mtl = "newmtl one\nmap_Kd wide.png\nPr .25\nnewmtl two\nmap_Kd tall.png\nmap_Pr tall.png\nnewmtl three\nKd .1 .2 .3\nPr 1\n"
+    faces = "usemtl one\nf 1/1 2/2 3/3\nusemtl two\nf 2/2 4/4 3/3\nusemtl three\nf 1 4 3\n"
+    asset, notes = read(obj(tmp_path, mtl, faces, wide=wide, tall=tall), up="z")
+    assert asset.albedo.shape[0] == asset.albedo.shape[1]
+    assert any("side by side" in note for note in notes)
+    rng = np.random.default_rng(0)
+    corners, uv = asset.mesh.vertices[asset.mesh.faces], asset.mesh.uv[asset.mesh.faces]
+    expected = {0: (wide, 0.25), 1: (tall, None), 2: (None, 1.0)}
+    for triangle in range(3):
+        which = [np.abs(VERTICES - corner).sum(-1).argmin() for corner in corners[triangle]]
+        number = {frozenset((0, 1, 2)): 0, frozenset((1, 2, 3)): 1, frozenset((0, 2, 3)): 2}[frozenset(which)]
+        weights = rng.dirichlet(np.ones(3), 200)
+        there, before = weights @ uv[triangle], weights @ UV[which]
+        image, roughness = expected[number]
+        albedo = np.full((200, 3), [0.1, 0.2, 0.3]) if image is None else at(srgb_to_linear(image / np.float32(255)), before)
+        np.testing.assert_allclose(at(asset.albedo, there), albedo, atol=1e-5)
+        rough = at(image[..., 0] / np.float32(255), before)[:, 0] if roughness is None else roughness
+        np.testing.assert_allclose(at(asset.roughness, there)[:, 0], rough, atol=1e-5)
+
+
+def test_a_large_texture_is_reduced(tmp_path: Path) -> None:
+    values = picture(0, 8, 8)
+    path = gltf(tmp_path / "a.glb", lambda header: None, baseColorTexture=Image.fromarray(values))
+    mean = srgb_to_linear(values / 255).reshape(4, 2, 4, 2, 3).mean((1, 3))
+    np.testing.assert_allclose(read(path, texture_size=4)[0].albedo, mean, atol=1e-5)
+
+
+def set_in(*keys: str | int, value: Any) -> Callable[[dict[str, Any]], None]:
+    def change(header: dict[str, Any]) -> None:
+        place: Any = header
+        for key in keys[:-1]:
+            place = place[key]
+        place[keys[-1]] = value
+
+    return change
+
+
+BASE = ("materials", 0, "pbrMetallicRoughness", "baseColorTexture")
+GLTF_MISTAKES = {
+    "second texture coordinates": (set_in(*BASE, "texCoord", value=1), "baseColorTexture: expected the first texture coordinates"),
+    "moved texture": (set_in(*BASE, "extensions", value={"KHR_texture_transform": {}}), "or a transform of them"),
+    "vertex colours": (set_in("meshes", 0, "primitives", 0, "attributes", "COLOR_0", value=0), "COLOR_0"),
+    "texture absent": (set_in("images", 0, value={"uri": "gone.png"}), "expected a picture"),
+    "other model": (
+        set_in("materials", 0, value={"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}),
+        "found specular-glossiness",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", GLTF_MISTAKES)
+def test_what_is_not_done_of_gltf_is_refused(tmp_path: Path, case: str) -> None:
+    change, said = GLTF_MISTAKES[case]
+    with pytest.raises(InputError, match=re.escape(said)):
+        read(gltf(tmp_path / "a.glb", change, baseColorTexture=Image.fromarray(picture(0))))
+
+
+OBJ_MISTAKES = {
+    "no albedo": ("newmtl one\nPr .5", "expected an albedo, map_Kd or Kd"),
+    "texture absent": ("newmtl one\nmap_Kd gone.png", "map_Kd: gone.png: no such file"),
+    "moved texture": ("newmtl one\nmap_Kd -s 2 2 1 kd.png", "found one that is moved"),
+    "no number": ("newmtl one\nKd a b c", "Kd: expected 3 number(s) >= 0"),
+    "other name": ("newmtl two\nKd 1 1 1\nnewmtl three\nKd 1 1 1", "expected usemtl before every face"),
+    "empty": ("", "expected newmtl NAME, found none"),
+}
+
+
+@pytest.mark.parametrize("case", OBJ_MISTAKES)
+def test_what_is_wrong_with_an_obj_is_said(tmp_path: Path, case: str) -> None:
+    mtl, said = OBJ_MISTAKES[case]
+    with pytest.raises(InputError, match=re.escape(said)):
+        read(obj(tmp_path, mtl, kd=picture(0)))
+
+
+def test_other_files_are_refused_by_name(tmp_path: Path, square: Mesh) -> None:
+    (tmp_path / "a.ply").write_text("ply\n")
+    (tmp_path / "b.glb").write_bytes(b"no glTF at all, but long enough")
+    for name, said in (("a.ply", "expected a mesh with textures"), ("b.glb", "binary glTF 2.0"), ("c.obj", "no such mesh")):
+        with pytest.raises(InputError, match=said):
+            read(tmp_path / name)
+    (tmp_path / "d.glb").write_bytes(glb(square, np.ones((1, 1, 3), np.float32), np.ones((1, 1), np.float32)))
+    write_exr(tmp_path / "dark.exr", np.full((2, 4, 3), -1.0), half=False)
+    with pytest.raises(InputError, match="expected radiance, found the negative value -1"):
+        read(tmp_path / "d.glb", light=tmp_path / "dark.exr")
