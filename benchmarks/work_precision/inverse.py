@@ -119,7 +119,7 @@ def measure_one(setting: Setting, budget: int, folder: Path, threads: int) -> di
     out = folder / f"{setting.prior}-{setting.pixels}-{setting.samples}-{budget}"
     wall, cpu = time.perf_counter(), time.process_time()
     try:
-        metrics = execute(compose(setting.overrides(out, threads))).metrics
+        metrics = execute(compose(setting.overrides(out, threads)))[0].metrics
     except Exception as error:  # a failure is a row of the table
         return row | {"failure": f"{type(error).__name__}: {error}"}
     share = (time.process_time() - cpu) / (time.perf_counter() - wall)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, command
 from ia_bench.common.output import say
-
-if TYPE_CHECKING:
-    from ia_bench.runs.record import RunRecord
 
 SHOW = ["--cfg", "job"]
 """What shows every setting and runs nothing, as with any program of Hydra."""
@@ -48,7 +45,8 @@ def _work(arguments: list[str]) -> int:
         return OK
     from ia_bench.runs.execute import execute
 
-    say(summary(execute(config)), sys.stdout)
+    record, folder = execute(config)
+    say(f"{record.summary()}\n{folder}: ia-bench report {shlex.quote(str(folder))} --open shows it", sys.stdout)
     return OK
 
 
@@ -71,12 +69,3 @@ def _expect_setting(text: str, after: Sequence[str]) -> None:
     if "=" not in text or text.startswith("-"):
         value = next((word for word in after if "=" not in word), "VALUE")
         raise InputError(f"{text}: expected SETTING=VALUE, such as {name.partition('=')[0]}={value}; --help lists them")
-
-
-def summary(record: RunRecord) -> str:
-    """The means of a run, one line per component, under the protocol that decides what they mean."""
-    lines = [f"{record.row}, scene {record.scene}, seed {record.seed}, protocol {record.protocol}:"]
-    for component, values in record.metrics.items():
-        shown = [f"{name} {'undefined' if value is None else format(value, '.4g')}" for name, value in values.items()]
-        lines.append(f"  {component:<16}{', '.join(shown)}")
-    return "\n".join(lines)

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TaskID, TextColumn
 from rich.progress import Progress as RichProgress
 
-from ia_bench.common.output import say
+from ia_bench.common.output import log, say
 
 LINE_SECONDS = 5.0
 """At most one line of progress in this time where the output is no terminal."""
@@ -54,13 +54,14 @@ class Progress:
     ...     task.advance(1, loss=0.123)
     """
 
-    def __init__(self, stream: TextIO | None = None) -> None:
-        """Bars if ``stream`` is a terminal, else lines."""
+    def __init__(self, stream: TextIO | None = None, *, quiet: bool = False) -> None:
+        """Bars if ``stream`` is a terminal, else lines; ``quiet``: neither, and notes are logged."""
+        self._quiet = quiet
         self._stream: TextIO | None = sys.stderr if stream is None else stream
         self._rich: RichProgress | None = None
         self._bars: dict[ProgressBar, TaskID] = {}
         self._last_line = -LINE_SECONDS
-        if self._stream is not None and self._stream.isatty():
+        if not quiet and self._stream is not None and self._stream.isatty():
             name, status = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[status]}"))
             columns = (SpinnerColumn(), name, BarColumn(), MofNCompleteColumn(), status)
             self._rich = RichProgress(*columns, console=Console(file=self._stream), refresh_per_second=4)
@@ -86,6 +87,9 @@ class Progress:
 
     def note(self, text: str) -> None:
         """Say something in one line: a decision of the plan, a fallback."""
+        if self._quiet:
+            log.info("%s", text)
+            return
         if self._rich is None:
             say(text, self._stream)
             return
@@ -95,7 +99,7 @@ class Progress:
     def _show(self, task: ProgressBar) -> None:
         if self._rich is not None:
             self._rich.update(self._bars[task], completed=task.done, status=task.status)
-        elif task.done >= task.total or time.monotonic() - self._last_line >= LINE_SECONDS:
+        elif not self._quiet and (task.done >= task.total or time.monotonic() - self._last_line >= LINE_SECONDS):
             self._last_line = time.monotonic()
             self.note(f"{task.name}: {task.done}/{task.total}, {task.status}")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
+from pathlib import Path
 from typing import Any
 
 from ia_bench.common.errors import Fault
@@ -12,22 +14,25 @@ from ia_bench.runs.config import RunConfig
 from ia_bench.runs.folder import CHECKPOINT, RunFolder
 from ia_bench.runs.identity import hash_of, identity, labels, run_folder, setup
 from ia_bench.runs.interruption import deferred
-from ia_bench.runs.record import METRICS_FILE, RunRecord
+from ia_bench.runs.record import RunRecord
 
 
-def execute(config: RunConfig) -> RunRecord:
-    """Run one resolved configuration in its folder and return its record; that of a finished run is read.
+def execute(config: RunConfig, progress: Progress | None = None) -> tuple[RunRecord, Path]:
+    """Run one resolved configuration and return its record and its folder; the record of a finished run is read.
+
+    ``progress``: what shows the work, None for one of its own.
 
     Whatever goes wrong is recorded in the folder as a failed run, and raised; what a plugin raised as a PluginError that names it.
     """
     content = identity(config)
     key = hash_of(content)
     place = run_folder(config, key)
-    with Progress() as progress, RunFolder(place, content, key, progress.note, setup(config)) as folder:
+    showing = Progress() if progress is None else nullcontext(progress)
+    with showing as progress, RunFolder(place, content, key, progress.note, setup(config)) as folder:
         record = folder.finished()
         if record is not None:
             progress.note(f"{folder.path}: already finished, nothing to do")
-            return record
+            return record, place
         progress.note(f"{folder.path}: scene {config.scene.name}, row {config.row_name}, seed {config.seed}")
         try:
             with deferred():
@@ -43,8 +48,7 @@ def execute(config: RunConfig) -> RunRecord:
             except Fault as problem:
                 progress.note(str(problem))
             raise
-        progress.note(f"{folder.path / METRICS_FILE}: done")
-        return record
+        return record, place
 
 
 def _resume_or_start(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping[str, Any]) -> RunRecord:

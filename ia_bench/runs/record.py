@@ -133,6 +133,14 @@ class RunRecord:
             raise Fault(f"{METRICS_FILE}: {error}") from None
         return json_bytes(METRICS_FILE, content)
 
+    def summary(self) -> str:
+        """The means, one line per component, under the protocol that decides what they mean."""
+        lines = [f"{self.row}, scene {self.scene}, seed {self.seed}, protocol {self.protocol}:"]
+        for component, values in self.metrics.items():
+            shown = [f"{name} {'undefined' if value is None else format(value, '.4g')}" for name, value in values.items()]
+            lines.append(f"  {component:<16}{', '.join(shown)}")
+        return "\n".join(lines)
+
     @property
     def commit(self) -> str | None:
         """The commit of the code that made the run, None where it was no checkout."""

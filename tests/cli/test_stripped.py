@@ -52,7 +52,7 @@ def test_a_scene_without_a_part_still_runs(
 ) -> None:
     strip(tiny_copy)
     words = ["device=cpu", "threads=1", "preset=smoke", "fit.stage1_steps=2", "fit.stage2_steps=1", f"out={tmp_path / 'out'}"]
-    metrics = execute(compose([*words, f"scene.path={tiny_copy}"]))
+    metrics, _ = execute(compose([*words, f"scene.path={tiny_copy}"]))
     assert metrics.status == "ok"
     for component, values in metrics.metrics.items():
         for name, value in values.items():

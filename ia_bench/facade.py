@@ -1,0 +1,278 @@
+"""The front door for Python, ``import ia_bench as ib``: a scene, a fit of it, its scores, and a table of several.
+
+Everything here goes the way of ``ia-bench run``: settings have the same names, results lie in the same folders, numbers are equal.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from PIL import Image
+
+from ia_bench.capture.capture import captured
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import user_path
+from ia_bench.common.output import log
+from ia_bench.common.paths import make_writable
+from ia_bench.common.process_state import process_state_kept
+from ia_bench.common.progress import Progress
+from ia_bench.light.environment import LatLongEnvironment
+from ia_bench.readers.pictures import read_light
+from ia_bench.render.reconstruction import Quality, TexturedReconstruction
+from ia_bench.render.stage import Stage
+from ia_bench.report.collect import collect
+from ia_bench.runs.composition import compose
+from ia_bench.runs.execute import execute
+from ia_bench.runs.folder import find_run_folders
+from ia_bench.runs.pictures.drawing import exposure
+from ia_bench.runs.recovered import Recovered
+from ia_bench.runs.scene import read_scene
+from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.images import Images, display
+from ia_bench.scenes.scene import Camera, Scene
+from ia_bench.scores.columns import METRICS
+from ia_bench.scores.scorer import Scorer
+
+PLAIN = "_./:-+~"
+"""What a text may hold beside letters and digits that Hydra reads as it stands."""
+SHOWN = ("row", "scene", "seed", "protocol", "capture", *(metric.column for metric in METRICS), "seconds", "problem")
+"""Columns of :func:`table`, in their order."""
+
+
+@dataclass(frozen=True)
+class LoadedScene(Scene):
+    """A scene as :func:`load` has read it.
+
+    Attributes:
+        settings: What makes a run read it again; empty for one that was made of another by ``dataclasses.replace``, and is in no
+            file.
+    """
+
+    settings: tuple[str, ...] = field(default=(), init=False, compare=False)
+
+    def __repr__(self) -> str:
+        """What it is, in a line."""
+        counts = f"{len(self.train)} training, {len(self.test)} test and {len(self.novel)} novel views"
+        return f"<scene {self.name}: {counts}, from {self.source}>"
+
+
+def load(scene: str | Path, *, reader: str = "native", **settings: Any) -> LoadedScene:  # noqa: ANN401 (values of settings)
+    """Read a scene with its truth: ``load("hat")``, ``load("captures/mug", reader="nerfstudio")``.
+
+    Args:
+        scene: The name of a shipped scene, or a folder. A word alone is a name for the native reader, and a folder for any other.
+        reader: The format of the folder's files: a reader's name, or ``"module:Class"``.
+        **settings: Other settings of the scene, for example ``**{"reader.options.every": 8}``.
+
+    Raises:
+        InputError: There is no such scene, or something is wrong with it.
+    """
+    is_name = reader == "native" and isinstance(scene, str) and Path(scene).name == scene != ".."
+    place = {"scene": scene} if is_name else {"scene.path": Path(scene).expanduser().resolve()}
+    given = tuple(_overrides({**place, "reader": reader, **settings}))
+    with process_state_kept():
+        config = compose(given)
+        found = read_scene(config.scene, config.reader, truth=True)
+    for line in found.notes:
+        log.info("%s: %s", found.name, line)
+    loaded = LoadedScene(**{part.name: getattr(found, part.name) for part in fields(Scene)})
+    object.__setattr__(loaded, "settings", given)
+    return loaded
+
+
+class Fit(Recovered):
+    """What was recovered of a scene: a finished run, which may as well be one of the command line: ``Fit("runs/hat/none-1a2b")``.
+
+    ``repr(fit)`` is its scores.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        """Raises InputError for a folder that holds no finished run."""
+        super().__init__(Path(folder))
+
+    def __repr__(self) -> str:
+        """The scores, as the command prints them."""
+        return self.record.summary()
+
+    @property
+    def metrics(self) -> dict[str, dict[str, float | None]]:
+        """Component -> metric -> mean, None where the scene has no truth of it; ``record.reasons`` says why."""
+        return self.record.metrics
+
+    @cached_property
+    def albedo(self) -> np.ndarray | None:
+        """The texture (T, T, 3) in [0, 1], linear. None, as the next three, where the method recovers none."""
+        return self._map("albedo", 3)
+
+    @cached_property
+    def roughness(self) -> np.ndarray | None:
+        """The texture (T, T) in [0, 1], perceptual."""
+        return self._map("roughness", 1)
+
+    @cached_property
+    def metallic(self) -> np.ndarray | None:
+        """The texture (T, T) in [0, 1]."""
+        return self._map("metallic", 1)
+
+    @cached_property
+    def light(self) -> np.ndarray | None:
+        """The light as a lat-long map (H, W, 3) of linear radiance."""
+        return self._map("light", 3)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene that was fitted, as the run's capture left it, with its truth. Raises InputError if its files have changed."""
+        return self.read_scene()
+
+    @cached_property
+    def _textured(self) -> TexturedReconstruction:
+        """What was recovered, for the reference renderer, where the run was made. Raises InputError where it has no textures."""
+        on_gpu = self.config.device == "cuda" and torch.cuda.is_available()
+        return self.reconstruction(Stage(self.scene.expect_mesh(), torch.device("cuda" if on_gpu else "cpu")))
+
+    def render(self, camera: Camera, light: str | Path | np.ndarray | None = None, *, samples: int = 64) -> np.ndarray:
+        """Linear radiance (H, W, 3) that a camera sees, premultiplied by coverage, by the reference renderer.
+
+        Args:
+            camera: For example ``scene.test[0].camera``.
+            light: None for the recovered one; else the name of a light of the scene, a lat-long map as a file (EXR, HDR), or as
+                an array (H, 2 H, 3) of linear radiance.
+            samples: Directions of light a pixel.
+
+        Raises:
+            InputError: There is no such light, or none was recovered.
+        """
+        return self._drawn(camera, light, samples).images[0]
+
+    def relight(self, light: str | Path | np.ndarray, camera: Camera | None = None, *, samples: int = 64) -> Image.Image:
+        """The object under another light as a picture with transparent background, exposed for the object.
+
+        ``light`` and ``samples`` as in :meth:`render`; ``camera``: None for that of the first held-out view.
+        """
+        views = (*self.scene.test, *self.scene.novel, *self.scene.train)
+        drawn = self._drawn(camera or views[0].camera, light, samples)
+        coverage = drawn.coverage[0]
+        shown = display(drawn.images[0], coverage, exposure(drawn.images, drawn.coverage))
+        return Image.fromarray(np.round(255 * np.dstack([shown, coverage.clip(0, 1)])).astype(np.uint8))
+
+    def save(self, path: str | Path) -> Path:
+        """Write the object with its textures as a glTF binary, which any viewer opens. Raises InputError for another suffix."""
+        path, asset = Path(path), self.folder / "asset.glb"
+        if path.suffix.lower() != ".glb":
+            raise InputError(f"{path}: expected a name that ends with .glb, found {path.suffix or 'none'}")
+        if not asset.is_file():
+            raise InputError(f"{asset}: expected the textures of the run, found none: method={self.config.method.name} leaves none")
+        make_writable(path.parent, str(path))
+        shutil.copyfile(asset, path)
+        return path
+
+    def _map(self, name: str, channels: int) -> np.ndarray | None:
+        path = self.folder / f"{name}.exr"
+        if not path.is_file():
+            return None
+        image: np.ndarray = read_exr(path, channels)
+        return image[..., 0] if channels == 1 else image
+
+    def _drawn(self, camera: Camera, light: str | Path | np.ndarray | None, samples: int) -> Images:
+        found, texels = self._textured, None
+        if isinstance(light, np.ndarray):
+            texels = light
+        elif light is not None:
+            lights = {} if self.scene.truth is None else self.scene.truth.lights
+            texels = lights[str(light)] if str(light) in lights else read_light(user_path("light", str(light)))
+        environment = None if texels is None else LatLongEnvironment(torch.from_numpy(np.float32(texels)).to(found.device))
+        with process_state_kept():
+            drawn = found.render([camera], light=environment, albedo_scale=None, quality=Quality(2, samples))
+        if drawn is None:
+            raise InputError(f"light: expected one, since method={self.config.method.name} recovers none, found None")
+        return drawn
+
+
+def fit(
+    scene: LoadedScene,
+    prior: str = "none",
+    *,
+    preset: str = "quick",
+    seed: int = 0,
+    device: str = "auto",
+    progress: bool = True,
+    out: str | Path | None = None,
+    **settings: Any,  # noqa: ANN401 (values of settings)
+) -> Fit:
+    """Reconstruct a scene and score it; a fit that was made before is read, one that was interrupted goes on.
+
+    Args:
+        scene: What :func:`load` gave.
+        prior: A prior's name, or ``"module:Class"``.
+        preset: How much work: "smoke", "quick" or "full".
+        seed: Every random draw depends on it.
+        device: "auto", "cpu" or "cuda".
+        progress: Whether progress and notes are shown on standard error; if not, notes are logged by the logger ``ia_bench``.
+        out: The folder of the results, None for ``runs/SCENE/ROW-HASH`` below the current one.
+        **settings: Any other setting of ``ia-bench run``; dots are tables: ``capture={"views": 8}``, ``coupling="kernel"``.
+
+    Raises:
+        InputError: A setting or the scene is wrong.
+    """
+    if not isinstance(scene, LoadedScene) or not scene.settings:
+        found = "one that was changed since" if isinstance(scene, LoadedScene) else type(scene).__name__
+        raise InputError(f"scene: expected what ib.load has read from files, found {found}")
+    own = {"prior": prior, "preset": preset, "seed": seed, "device": device, **({} if out is None else {"out": out})}
+    with process_state_kept(), Progress(quiet=not progress) as shown:
+        _, folder = execute(compose([*scene.settings, *_overrides(own | settings)]), shown)
+    return Fit(folder)
+
+
+def score(found: Fit, scene: LoadedScene | None = None, *, protocol: str | None = None) -> dict[str, dict[str, float | None]]:
+    """Score what was recovered again: component -> metric -> mean, as :attr:`Fit.metrics`; nothing is written.
+
+    What the textures look like is drawn by the reference renderer, whatever renderer the method had of its own.
+
+    Args:
+        found: The fit.
+        scene: Whose truth it is compared with, None for its own. Another one needs the same mesh.
+        protocol: The name of another protocol than that of the run.
+    """
+    rules = found.config.protocol if protocol is None else compose([f"protocol={protocol}"]).protocol
+    compared = found.scene if scene is None else captured(scene, found.config.capture, log.info)
+    with process_state_kept():
+        return Scorer(compared, rules, found._textured.device).full(found._textured).metrics
+
+
+def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:
+    """A line per run: row, scene, seed, every score that some run has, seconds, and why a run failed.
+
+    ``runs``: fits, and folders that are searched for runs. Raises InputError for two runs of one row, scene and seed: name a
+    row by ``fit(..., row="mine")``.
+    """
+    folders = [folder for one in runs for folder in ([one.folder] if isinstance(one, Fit) else find_run_folders(Path(one)))]
+    return collect(folders).runs.reindex(columns=list(SHOWN)).dropna(axis=1, how="all")
+
+
+def _overrides(settings: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    """Settings as on the command line; those of a table are dotted."""
+    for name, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _overrides(value, f"{above}{name}.")
+        else:
+            yield f"{above}{name}={_text(value)}"
+
+
+def _text(value: Any) -> str:  # noqa: ANN401 (of a setting)
+    """A value as Hydra writes it."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(_text, value))}]"
+    text = str(value)
+    if not isinstance(value, str | Path) or text and all(letter.isalnum() or letter in PLAIN for letter in text):
+        return text
+    return "'" + text.replace("\\'", "\\\\'").replace("'", "\\'") + "'"

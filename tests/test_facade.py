@@ -1,0 +1,121 @@
+"""The front door for Python gives what the command gives: the same run in the same folder, and the same numbers read back."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import ia_bench as ib
+from ia_bench.cli.run import main
+from ia_bench.scenes.exr import write_exr
+
+SETTINGS = {"preset": "smoke", "device": "cpu", "threads": 1, "fit": {"stage1_steps": 2, "stage2_steps": 1}}
+
+
+@pytest.fixture(scope="module")
+def scene() -> ib.LoadedScene:
+    return ib.load("tiny")
+
+
+@pytest.fixture(scope="module")
+def fit(scene: ib.LoadedScene, tmp_path_factory: pytest.TempPathFactory) -> ib.Fit:
+    return ib.fit(scene, out=tmp_path_factory.mktemp("runs") / "fit", progress=False, **SETTINGS)
+
+
+def test_the_command_finds_what_python_has_fitted(fit: ib.Fit, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["scene=tiny", "preset=smoke", "threads=1", "device=cpu", "fit.stage1_steps=2", "fit.stage2_steps=1"]
+    assert main([*words, f"out={fit.folder}"]) == 0
+    told = capsys.readouterr()
+    assert "already finished" in told.err
+    assert told.out.startswith(f"{fit!r}\n")
+
+
+def test_textures_read_back_score_the_same(fit: ib.Fit, scene: ib.LoadedScene) -> None:
+    torch.set_num_threads(1)
+    assert ib.score(fit, scene) == fit.metrics
+    assert ib.score(fit, protocol="tensoir") != fit.metrics
+
+
+def test_what_was_recovered_is_linear_arrays(fit: ib.Fit) -> None:
+    assert fit.albedo is not None
+    assert fit.roughness is not None
+    assert fit.light is not None
+    assert fit.albedo.shape == (*fit.roughness.shape, 3)
+    assert 0 <= fit.albedo.min() <= fit.albedo.max() <= 1
+    assert fit.light.shape[1] == 2 * fit.light.shape[0]
+    assert fit.metallic is None
+
+
+def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene, tmp_path: Path) -> None:
+    assert scene.truth is not None
+    assert fit.light is not None
+    camera, name = scene.test[0].camera, next(iter(scene.truth.lights))
+    write_exr(tmp_path / "light.exr", scene.truth.lights[name], half=False)
+    named, read, given = (fit.render(camera, light) for light in (name, tmp_path / "light.exr", scene.truth.lights[name]))
+    assert named.shape == (camera.height, camera.width, 3)
+    np.testing.assert_array_equal(named, read)
+    np.testing.assert_array_equal(named, given)
+    np.testing.assert_array_equal(fit.render(camera), fit.render(camera, fit.light))
+    np.testing.assert_allclose(fit.render(camera, 2 * fit.light), 2 * fit.render(camera), rtol=1e-5)
+    assert fit.relight(name).mode == "RGBA"
+    with pytest.raises(ib.InputError, match="light=dusk: no such file"):
+        fit.render(camera, "dusk")
+
+
+def test_the_asset_is_a_glb(fit: ib.Fit, tmp_path: Path) -> None:
+    assert fit.save(tmp_path / "new" / "asset.glb").read_bytes() == (fit.folder / "asset.glb").read_bytes()
+    with pytest.raises(ib.InputError, match="expected a name that ends with .glb, found .obj"):
+        fit.save(tmp_path / "asset.obj")
+
+
+def test_a_table_has_a_line_per_run(fit: ib.Fit) -> None:
+    shown = ib.table([fit])
+    assert shown.loc[0, "aligned_albedo_psnr"] == fit.metrics["aligned_albedo"]["psnr"]
+    assert "problem" not in shown
+    assert ib.table([fit.folder.parent]).equals(shown)
+
+
+def test_notes_are_logged_and_nothing_is_printed(
+    fit: ib.Fit, scene: ib.LoadedScene, caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with caplog.at_level(logging.INFO, "ia_bench"):
+        ib.fit(scene, out=fit.folder, progress=False, **SETTINGS)
+    assert "already finished" in caplog.text
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_changed_scene_is_refused(scene: ib.LoadedScene) -> None:
+    for wrong in (replace(scene, train=scene.train[:4]), "tiny"):
+        with pytest.raises(ib.InputError, match=r"scene: expected what ib.load has read from files, found (one|str)"):
+            ib.fit(wrong)
+
+
+def test_a_folder_is_no_name(tiny_copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tiny_copy.parent)
+    assert ib.load("./tiny").settings == (f"scene.path={tiny_copy.resolve()}", "reader=native")
+    with pytest.raises(ib.InputError, match="did you mean 'tiny'"):
+        ib.load("tinny")
+
+
+def test_values_are_written_as_hydra_reads_them(scene: ib.LoadedScene) -> None:
+    with pytest.raises(ib.InputError, match=r"capture\.views: 'it's a, \[b\]'\. There are: all"):
+        ib.fit(scene, row="it's a, [b]", capture={"views": "it's a, [b]"})
+
+
+def test_importing_takes_no_package_and_names_are_there() -> None:
+    code = (
+        "import sys; before = set(sys.modules); import ia_bench as ib; print(*set(sys.modules) - before); print(*dir(ib));"
+        "import ia_bench.table, ia_bench.decompose; print(callable(ib.table), callable(ib.decompose));"
+        "print(hasattr(ib, 'nothing'))"
+    )
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert not {"torch", "numpy", "pandas", "hydra"} & set(told[0].split())
+    assert set(ib.__all__) <= set(told[1].split())
+    assert told[2:] == ["True True", "False"]
