@@ -17,7 +17,7 @@ DOCS_READY := .venv-docs/.ready
 BLENDER_READY := .venv-blender/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-ray setup-notebooks notebooks table value report test test-slow verify stability stiffness work-precision lint docs scenes prior-data clean
+.PHONY: help setup setup-ray setup-notebooks notebooks table value report test test-slow verify stability stiffness work-precision lint docs scenes prior-data real-data clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -97,6 +97,9 @@ scenes: $(BLENDER_READY) ## render the shipped scenes again, below results/ (SIZ
 
 prior-data: setup ## render training images of the priors (ARGS="out=FOLDER images=20000 seed=1 ...")
 	$(PY) -m ia_bench_training.prior_data out=results/prior-data $(ARGS)
+
+real-data: setup ## photographs, lights, objects and textures of others, below results/real (FROM=FOLDER NC=1; docs/real.md)
+	$(PY) datasets/real/fetch.py $(if $(FROM),--from "$(FROM)") $(if $(NC),--nc)
 
 # Blender as a module pins an older numpy, hence an environment of its own.
 $(BLENDER_READY): datasets/recipes/requirements.txt

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from ia_bench.capture.radiometry import photographed
+from ia_bench.capture.radiometry import at_one_exposure, photographed
 from ia_bench.capture.settings import MADE, CaptureSettings, FaultSettings
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Begin, unseen
@@ -28,6 +28,8 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         from ia_bench.capture.faults import spread  # imported only here, as what follows: they bring in scipy and trimesh
 
         train = spread(train, settings.views)
+    scene = at_one_exposure(replace(scene, train=tuple(train)), note)
+    train = scene.train
     if settings.tolerated >= len(train) and (settings.consistency or settings.geometry in MADE):
         raise InputError(f"capture.tolerated={settings.tolerated}: expected fewer than the {len(train)} photographs that are taken")
     normals = []

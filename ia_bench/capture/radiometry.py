@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from io import BytesIO
 
@@ -13,10 +13,11 @@ from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.scenes.color import linear_to_srgb, srgb_to_linear
 from ia_bench.scenes.images import straight
-from ia_bench.scenes.scene import View
+from ia_bench.scenes.scene import Scene, View
 
 COVERED = 0.5  # of a pixel that counts for the exposure
 WHITE = 255
+ALIKE = 1e-3  # by which recorded exposures may differ and count as one
 
 
 def photographed(views: Sequence[View], settings: CaptureSettings, masks: Sequence[np.ndarray]) -> tuple[View, ...]:
@@ -49,6 +50,36 @@ def photographed(views: Sequence[View], settings: CaptureSettings, masks: Sequen
         clipped = (codes == WHITE).any(-1) & (mask > 0)
         taken.append(_cut_out(replace(view, valid=view.known & ~clipped), srgb_to_linear(codes / WHITE) / unit, mask))
     return tuple(taken)
+
+
+def at_one_exposure(scene: Scene, note: Callable[[str], None]) -> Scene:
+    """The scene with its training images divided by the exposures that cameras recorded, where all did and they differ.
+
+    The unit of radiance is that of the mean exposure (geometric) of the training views. Held-out photographs stay as they were
+    taken, and say by which factor a render has to be exposed to be compared with them.
+    """
+    lit = [view for view in (*scene.train, *scene.test, *scene.novel) if view.light == "train"]
+    known = [view.exposure for view in lit if view.exposure is not None]
+    if not known:
+        return scene
+    if len(known) < len(lit):
+        note(f"{len(lit) - len(known)} of {len(lit)} photographs have no recorded exposure: all are taken for the same")
+    ratio = max(known) / min(known) if len(known) == len(lit) else 1.0
+    differ = ratio - 1 > ALIKE
+    if differ:
+        note(f"recorded exposures differ by up to {ratio:.3g} times: divided out; capture.exposure=per_image fits what is left")
+    unit = float(np.exp(np.mean(np.log([view.exposure or 1.0 for view in scene.train]))))
+
+    def relative(view: View) -> View:
+        return replace(view, exposure=view.exposure / unit if view.exposure and differ and view.light == "train" else None)
+
+    train = map(relative, scene.train)
+    return replace(
+        scene,
+        train=tuple(replace(view, image=view.image / np.float32(view.exposure or 1.0), exposure=None) for view in train),
+        test=tuple(map(relative, scene.test)),
+        novel=tuple(map(relative, scene.novel)),
+    )
 
 
 def eight_bits(radiance: np.ndarray) -> np.ndarray:

@@ -68,8 +68,8 @@ class CaptureSettings:
         name: Of the choice ``capture=NAME`` that these settings began with; decides nothing.
         views: How many of the training views are taken, spread over the directions of the cameras; "all" of them.
         radiometry: "hdr" leaves images as they are; "ldr" exposes, clips and quantises them to 8-bit sRGB.
-        exposure: "fixed" is one exposure, which is known; "per_image" one for each image, which is not: "ldr" exposes them so, and
-            of "hdr" it says that the images were.
+        exposure: "fixed" is one exposure, or what cameras recorded of several; "per_image" one for each image, which is not known,
+            or known by such a record alone roughly: "ldr" exposes them so, and of "hdr" it says that the images were.
         percentile: Share of the object's pixels, in percent, that an exposure keeps below the clip.
         jpeg: Of "ldr": quality of the JPEG that each photograph goes through, 1 to 95 as encoders count; "none" keeps all bits.
         background: Grey behind the object, as a share of the radiance at ``percentile``: pixels at the edge mix it in, and a mask

@@ -37,6 +37,14 @@ def number(where: str, fields: Mapping[str, Any], key: str) -> float:
     return float(value)
 
 
+def positive(where: str, fields: Mapping[str, Any], key: str) -> float:
+    """``fields[key]`` as a number above 0. Raises InputError, naming ``where`` and the key."""
+    value = number(where, fields, key)
+    if value <= 0:
+        raise InputError(f"{where}: {key}: expected a number above 0, found {value:g}")
+    return value
+
+
 def text(where: str, fields: Mapping[str, Any], key: str, default: str) -> str:
     """``fields[key]`` as text, ``default`` where it is absent. Raises InputError, naming ``where`` and the key."""
     value = fields.get(key, default)

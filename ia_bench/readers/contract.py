@@ -135,6 +135,8 @@ def _check_view(where: str, view: object, truth: bool) -> None:
         raise InputError(f"{where}: image: expected radiance premultiplied by the mask, found some where the mask is 0")
     if view.valid is not None:
         _check_array(f"{where}: valid", view.valid, shape, 0, 1, kind=bool)
+    if view.exposure is not None:
+        _check_numbers(f"{where}: exposure", view.exposure, 1 / BRIGHTEST, BRIGHTEST)
     for name, (channels, least, most) in TRUTH_OF_VIEWS.items():
         values = getattr(view, name)
         if values is not None and not truth:

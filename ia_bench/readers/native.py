@@ -98,7 +98,7 @@ class NativeReader:
         if mask.min() < 0 or mask.max() > 1 + 1e-3:
             raise InputError(f"{path}: alpha: expected values in [0, 1], found {mask.min():g} ... {mask.max():g}")
         refuse_negative(path, radiance)
-        known: dict[str, np.ndarray] = {}
+        known: dict[str, Any] = {}
         for name, (channels, _, _) in TRUTH_OF_VIEWS.items():
             if truth and f"{name}_path" in frame:
                 file = file_below(self._folder, frame[f"{name}_path"], f"{where}: {name}_path")

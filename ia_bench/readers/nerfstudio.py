@@ -4,13 +4,13 @@ One ``transforms.json`` (nerfstudio, Instant-NGP) names the frames of each split
 ``test_filenames``; without ``train_filenames`` all others are for training, and without any every ``every``-th photograph is held
 out. ``transforms_train.json`` and ``transforms_test.json`` (NeRF's Blender scenes) are splits of their own. No photograph may be in
 both. A mask is the picture's alpha, its ``mask_path``, or ``masks/NAME.png``; that of images/left/NAME.png may also be
-``masks/left/NAME.png``.
+``masks/left/NAME.png``. The ``exposure`` of a frame, time x ISO / F-number squared in any unit, replaces what EXIF says.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from ia_bench.readers.cameras import (
     lens,
     photographs,
     plain,
+    positive,
     undistorted,
 )
 from ia_bench.readers.pictures import expect_size, photograph, picture_below
@@ -93,6 +94,8 @@ class NerfstudioReader(FolderReader):
         photo = photograph(path, self._mask(where, name, frame), notes)
         height, width = photo.mask.shape
         expect_size_of(where, frame, path, width, height)
+        if "exposure" in frame:
+            photo = replace(photo, exposure=positive(where, frame, "exposure"))
         view = photo.view(name.with_suffix("").as_posix(), camera(where, frame, width, height))
         like = sizes.setdefault(str([frame.get(key) for key in ("camera_angle_x", "fl_x", "fl_y", "cx", "cy")]), view)
         expect_size(path, view.mask.shape, like.mask.shape, f"{like.name} with the same intrinsics")  # one was cut or scaled

@@ -7,11 +7,12 @@ we do (:mod:`ia_bench.light.latlong`): row 0 is +z (up), the middle column is +x
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from PIL import ExifTags, Image
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import file_below, user_path
@@ -61,6 +62,7 @@ class Photo:
     image: np.ndarray
     mask: np.ndarray
     valid: np.ndarray | None = None
+    exposure: float | None = None
 
     @classmethod
     def of(cls, image: np.ndarray, mask: np.ndarray, clipped: np.ndarray | np.bool) -> Photo:
@@ -71,7 +73,7 @@ class Photo:
 
     def view(self, name: str, camera: Camera, light: str = "train") -> View:
         """The view that the photograph is of."""
-        return View(name, camera, self.image, self.mask, light, valid=self.valid)
+        return View(name, camera, self.image, self.mask, light, valid=self.valid, exposure=self.exposure)
 
 
 def photograph(path: Path, mask: Path | None, notes: list[str]) -> Photo:
@@ -88,7 +90,22 @@ def photograph(path: Path, mask: Path | None, notes: list[str]) -> Photo:
         raise InputError(f"{path}: expected a mask in its alpha, or in a file of its own, found an opaque picture and no mask")
     image[coverage <= 0] = 0  # what lossy files leave there
     clipped = (image >= CLIPPED * coverage[..., None]).any(-1) & (path.suffix.lower() != ".exr")
-    return Photo.of(image, coverage, clipped)
+    return replace(Photo.of(image, coverage, clipped), exposure=recorded_exposure(path))
+
+
+def recorded_exposure(path: Path) -> float | None:
+    """Seconds x ISO speed / F-number squared, by which a photograph multiplies radiance; None where its EXIF lacks one of them."""
+    if path.suffix.lower() == ".exr":
+        return None
+    with Image.open(path) as picture:
+        record = picture.getexif().get_ifd(ExifTags.IFD.Exif)
+    keys = ExifTags.Base.ExposureTime, ExifTags.Base.ISOSpeedRatings, ExifTags.Base.FNumber
+    try:
+        time, speed, stop = (float(np.ravel(record[key])[0]) for key in keys)
+    except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):
+        return None
+    sound = all(0 < value < float("inf") for value in (time, speed, stop))
+    return time * speed / stop**2 if sound else None
 
 
 def tone_mapped(path: Path, mask: Path, decode: Callable[[np.ndarray], np.ndarray]) -> Photo:

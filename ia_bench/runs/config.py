@@ -145,6 +145,8 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     device = _device(config.device, here)
     scene, reader = config.scene, config.reader
     if scene.path is not None:
+        if scene.path.startswith(REAL_DATA) and not Path(scene.path).exists():
+            raise InputError(f"scene.path={scene.path}: expected real data, found none; make real-data puts it there")
         scene = replace(scene, path=str(user_path("scene.path", scene.path, folder=True)))
     elif reader.target != NATIVE_READER:  # which reads something else than the shipped scene of that name
         scene = replace(scene, name=reader.name)
@@ -189,6 +191,9 @@ def method_of(config: RunConfig) -> Any:  # noqa: ANN401 (a Method, whose contra
     options = parsed(kind.Options, config.method.options, "method.options")
     with registry.at_work("method", config.method.name):
         return kind(options)
+
+
+REAL_DATA = "results/real/"  # where conf/table/captures.yaml looks for what is not shipped
 
 
 def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None) -> Path | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,6 +59,11 @@ class Images:
             if not ((coverage >= 0) & (coverage <= 1 + ROUNDING)).all():
                 found = f"{coverage.min()} to {coverage.max()}"
                 raise ValueError(f"view {index}: expected coverage in [0, 1], found {found}")
+
+    def exposed(self, factors: Sequence[float | None]) -> Images:
+        """The images, each times its factor; None leaves one as it is."""
+        pairs = zip(self.images, factors, strict=True)
+        return replace(self, images=tuple(image if factor is None else image * np.float32(factor) for image, factor in pairs))
 
     def __len__(self) -> int:
         """Return the number of views."""

@@ -91,7 +91,8 @@ class View:
     ``image`` (H, W, 3) float32; ``mask`` (H, W) float32 coverage in [0, 1]; ``light`` names the light it was taken under.
     ``valid`` (H, W) bool, None where every pixel is known: where it is False, the image is a lower bound of the radiance, the
     clip where the sensor saturated and 0 where the pixel is unknown. If the mask is 0 there too, nobody knows whether the
-    object is seen at all.
+    object is seen at all. ``exposure`` is the factor by which, as the camera recorded, the photograph shows radiance, in a unit
+    that the views of a scene share; None where there is no record.
     Ground truth, None unless it was asked for, premultiplied by coverage like the image: ``albedo`` (H, W, 3),
     ``roughness`` (H, W), ``specular`` (H, W, 3) radiance, ``normal`` (H, W, 3) world space, ``depth`` (H, W).
     """
@@ -107,6 +108,7 @@ class View:
     normal: np.ndarray | None = None
     depth: np.ndarray | None = None
     valid: np.ndarray | None = None
+    exposure: float | None = None
 
     @property
     def known(self) -> np.ndarray:

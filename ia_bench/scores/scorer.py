@@ -196,8 +196,10 @@ class Scorer:
         albedo, roughness = (maps.get(name) for name in MAPS)
 
         def rendered(light: str, scale: torch.Tensor | None) -> Images | None:
-            cameras = [view.camera for view in self._novel[light][::stride]]
-            return reconstruction.render(cameras, light=self._lights.get(light), albedo_scale=scale, quality=quality)
+            views = self._novel[light][::stride]
+            cameras = [view.camera for view in views]
+            images = reconstruction.render(cameras, light=self._lights.get(light), albedo_scale=scale, quality=quality)
+            return images and images.exposed([view.exposure for view in views])
 
         view_synthesis = rendered("train", None) if truth.view_synthesis is not None else None
         relighting, scale = None, None

@@ -1,0 +1,117 @@
+"""Exposures that cameras recorded, in transforms.json or EXIF: training images are divided by them, renders are exposed by them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from nerf_writers import write_nerfstudio
+from PIL import Image
+from written import scene_to_write
+
+from ia_bench.capture.capture import captured
+from ia_bench.capture.settings import CaptureSettings
+from ia_bench.common.errors import InputError
+from ia_bench.readers.nerfstudio import NerfstudioReader
+from ia_bench.readers.pictures import recorded_exposure
+from ia_bench.scenes.images import Images
+from ia_bench.scenes.scene import Scene, Truth
+from ia_bench.scores.protocol import Protocol
+from ia_bench.scores.scorer import Scorer
+
+FACTORS = (0.5, 1.0, 0.8, 1.25)  # of photographs one after another
+UNIT = 7.0  # in which cameras record them
+
+
+def exposed(scene: Scene) -> Scene:
+    """The scene's photographs under the training light, each multiplied by a known factor, which its camera records."""
+
+    def one(place: int, split: str) -> Scene:
+        view = getattr(scene, split)[place]
+        factor = FACTORS[place % len(FACTORS)] if view.light == "train" else 1.0
+        return replace(view, image=view.image * np.float32(factor), exposure=UNIT * factor)
+
+    parts = {split: tuple(one(place, split) for place in range(len(getattr(scene, split)))) for split in ("train", "test", "novel")}
+    return replace(scene, **parts)
+
+
+def test_training_images_become_those_of_one_exposure(tiny: Scene) -> None:
+    notes: list[str] = []
+    taken = exposed(tiny)
+    found = captured(taken, CaptureSettings(), notes.append)
+    factors = [FACTORS[place % len(FACTORS)] for place in range(len(tiny.train))]
+    unit = np.exp(np.mean(np.log(factors)))
+    for after, before in zip(found.train, tiny.train, strict=True):
+        np.testing.assert_allclose(after.image, unit * before.image, rtol=1e-5, atol=1e-7)
+        assert after.exposure is None
+    for after, given in zip(found.novel, taken.novel, strict=True):
+        assert after.image is given.image  # a photograph is compared with as it was taken
+    for place, after in enumerate(found.test):
+        assert after.exposure == pytest.approx(FACTORS[place % len(FACTORS)] / unit)
+    assert all(view.exposure is None for view in found.novel if view.light != "train")
+    assert len([note for note in notes if "recorded exposures differ by up to 2.5 times" in note]) == 1
+    assert not found.exposures_differ
+    assert captured(exposed(tiny), CaptureSettings(exposure="per_image"), notes.append).exposures_differ
+
+
+def test_exposures_that_are_alike_or_incomplete_change_nothing(tiny: Scene) -> None:
+    parts = ("train", "test", "novel")
+    alike = replace(tiny, **{part: tuple(replace(view, exposure=3.0) for view in getattr(tiny, part)) for part in parts})
+    given, notes = exposed(tiny), list[str]()
+    some = replace(given, train=(replace(given.train[0], exposure=None), *given.train[1:]))
+    for scene in (alike, some):
+        found = captured(scene, CaptureSettings(), notes.append)
+        assert all(np.array_equal(a.image, b.image) for a, b in zip(found.train, scene.train, strict=True))
+        assert all(view.exposure is None for view in (*found.train, *found.test, *found.novel))
+    assert [note for note in notes if note.startswith("1 of ")] == notes
+
+
+def test_a_render_is_exposed_as_the_photograph_that_it_is_compared_with(tiny: Scene) -> None:
+    lit = tuple(view for view in tiny.novel if view.light == "train")
+    truth = replace(tiny, test=(), novel=lit, truth=Truth({}))
+    given = captured(exposed(truth), CaptureSettings(), lambda note: None)
+    unit = 1 / np.exp(np.mean(np.log([FACTORS[place % len(FACTORS)] for place in range(len(tiny.train))])))
+
+    class Perfect:
+        renderer, environment = "made up", None
+
+        def render(self, cameras: object, **_: object) -> Images:
+            return Images(tuple(view.image / np.float32(unit) for view in lit), tuple(view.mask for view in lit))
+
+        def assets(self) -> None:
+            return None
+
+    found = Scorer(given, Protocol(curve_stride=1), torch.device("cpu")).quick(Perfect())  # type: ignore[arg-type]
+    print(found)
+
+
+def test_a_frame_s_exposure_replaces_what_exif_says(tmp_path: Path, tiny: Scene) -> None:
+    write_nerfstudio(tmp_path, scene_to_write(tiny))
+    path = tmp_path / "transforms.json"
+    content = json.loads(path.read_text())
+    for number, frame in enumerate(content["frames"]):
+        frame["exposure"] = 1.0 + number
+    path.write_text(json.dumps(content))
+    scene = NerfstudioReader(tmp_path, shrink=2).read(truth=False)
+    assert [view.exposure for view in (*scene.train, *scene.test)] == [1.0 + n for n in range(len(content["frames"]))]
+    content["frames"][2]["exposure"] = 0
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"frames\[2\]: exposure: expected a number above 0, found 0"):
+        NerfstudioReader(tmp_path).read(truth=False)
+
+
+def test_exif(tmp_path: Path) -> None:
+    picture = Image.new("RGB", (8, 8), "grey")
+    picture.save(tmp_path / "bare.jpg")
+    assert recorded_exposure(tmp_path / "bare.jpg") is None
+    record = picture.getexif()
+    record.get_ifd(0x8769).update({33434: 1 / 50, 34855: 400, 33437: 2.0})
+    picture.save(tmp_path / "full.jpg", exif=record)
+    assert recorded_exposure(tmp_path / "full.jpg") == pytest.approx(2.0)
+    record.get_ifd(0x8769)[33437] = 0.0
+    picture.save(tmp_path / "zero.jpg", exif=record)
+    assert recorded_exposure(tmp_path / "zero.jpg") is None

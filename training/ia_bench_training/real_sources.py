@@ -1,0 +1,49 @@
+"""Which real data training may see: what datasets/real lists as free, but for what is closed because results are measured on it.
+
+A file is known by its SHA-256, wherever it lies and whatever it is called.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+
+from ia_bench.common.errors import InputError
+
+LISTS = Path(__file__).resolve().parents[2] / "datasets" / "real"
+NON_COMMERCIAL = "it is non-commercial (sources_nc.toml)"
+
+
+def open_files(paths: Iterable[Path]) -> list[Path]:
+    """Those of ``paths`` that training may see."""
+    return [path for path in paths if why_closed(path) is None]
+
+
+def expect_open(path: Path) -> None:
+    """Raise InputError for a file that training must not see, or that no list names."""
+    why = why_closed(path)
+    if why is not None:
+        raise InputError(f"{path}: expected real data that is open to training, found a file that is not: {why}")
+
+
+def why_closed(path: Path) -> str | None:
+    """Why training must not see the file; None where it may."""
+    return _closed(LISTS).get(hashlib.sha256(path.read_bytes()).hexdigest(), "datasets/real/sums.sha256 does not list it")
+
+
+@cache
+def _closed(lists: Path) -> Mapping[str, str | None]:
+    """SHA-256 (hex) of every listed file -> why it is closed, None for one that is open."""
+    closed = tomllib.loads((lists / "sources.toml").read_text("utf-8"))["closed"]
+    reasons = {name: part["why"] for part in closed for name in part["files"]}
+    found: dict[str, str | None] = {}
+    for digest, path in _sums(lists / "sums.sha256"):
+        found[digest] = next((why for name, why in reasons.items() if path == name or path.startswith(name)), None)
+    return found | {digest: NON_COMMERCIAL for digest, _ in _sums(lists / "sums_nc.sha256")}
+
+
+def _sums(path: Path) -> list[list[str]]:
+    return [line.split("  ", 1) for line in path.read_text("utf-8").splitlines()]
