@@ -15,13 +15,10 @@ from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.common.suggestions import unknown
 from ia_bench.report.collect import read_published
-from ia_bench.report.site.content import Sources
-from ia_bench.report.site.write import PARTS, draw_pictures, write_page
+from ia_bench.report.site.page import PARTS, draw_pictures, write_page
 from ia_bench.report.table import results_table
-from ia_bench.report.texts import pipe_table
 from ia_bench.report.value import write_value
-from ia_bench.report.worth import gains, maps
-from ia_bench.report.write import Report, write_report
+from ia_bench.report.write import Report, pipe_table, write_report
 from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.folder import folders_among
 from ia_bench.runs.table import Table, capture_of, crossed_name, load_table
@@ -48,31 +45,23 @@ def _report(wanted: argparse.Namespace) -> int:
     folders = folders_among([path for path in wanted.runs if path not in tables], complain)
     if wanted.only and not wanted.table:
         raise InputError("--only: expected --table NAME beside it, found none")
-    table = _compared_with(load_table(wanted.table), wanted.reference) if wanted.table else Table()
+    table = _compared_with(load_table(wanted.table) if wanted.table else Table(), wanted.reference)
     rows = [row.name for row in table.crossed_rows]
-    published = [run for path in tables for run in read_published(path)]
+    published = [run for path in tables for run in read_published(path) if not wanted.only or run["row"] in rows]
     make_writable(wanted.out, "--out")
-    report = write_report(
-        folders_with_cells(folders, complain),
-        wanted.out,
-        rows,
-        scenes_order=table.scene_names,
-        reference=table.compared if table.captures else wanted.reference or table.compared,
-        claims=table.claims,
-        papers=table.papers,
-        published=[run for run in published if not wanted.only or run["row"] in rows],
-    )
-    finish(report, table, wanted.out, wanted.table or wanted.out.resolve().name)
+    report = write_report(folders_with_cells(folders, complain), wanted.out, table, published)
+    finish(report, wanted.out, wanted.table or wanted.out.resolve().name)
     return OK
 
 
 def _compared_with(table: Table, wanted: str | None) -> Table:
-    """The table with the ``wanted`` row as its reference, where it photographs its scenes in several ways.
+    """The table with the ``wanted`` row as its reference.
 
-    A row that is named with its capture stands for that row in each capture. Raises InputError for what is no row of the table.
+    Where it photographs its scenes in several ways, a row that is named with its capture stands for that row in each capture, and
+    InputError is raised for what is no row of the table.
     """
     if wanted is None or not table.captures:
-        return table
+        return table if wanted is None else replace(table, reference=wanted)
     labels = ["", *(capture_of(settings).label for settings in table.captures)]
     known = {crossed_name(row.name, label): row.name for row in table.rows for label in labels}
     if wanted not in known:
@@ -80,23 +69,22 @@ def _compared_with(table: Table, wanted: str | None) -> Table:
     return replace(table, reference=known[wanted])
 
 
-def finish(report: Report, table: Table, out: Path, name: str) -> None:
+def finish(report: Report, out: Path, name: str) -> None:
     """Write the page of a report below ``out`` and what a prior is worth beside it; print the means, and where the files are."""
     findings = report.findings
-    gained = gains(findings.runs, table)
     with Progress() as progress:
         gallery = draw_pictures(findings.runs, out / PAGE / PARTS, progress.note)
-    page = write_page(Sources(findings, f"Table: {name}", table.crossed_rows, maps(gained)), out / PAGE, gallery)
+    page = write_page(findings, f"Table: {name}", out / PAGE, gallery)
     lines = [
         f"Protocol {findings.protocol}, mean over scenes\n",
         *findings.warnings,
         pipe_table(results_table(findings.overall, findings.footnotes)),
         *(f"[^{number}]: {reason}" for reason, number in findings.footnotes.items()),
-        *(f"{row.name}: {row.note}" for row in table.crossed_rows if row.note),
+        *(f"{row.name}: {row.note}" for row in findings.table.crossed_rows if row.note),
         "",
         *map(str, report.files),
         f"{page} opens in a browser",
-        *map(str, write_value(gained, findings.runs, table, out)),
+        *map(str, write_value(findings, out)),
     ]
     say("\n".join(lines), sys.stdout)
 

@@ -13,7 +13,7 @@ the rows, scenes and seeds that were asked for last.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field, fields, make_dataclass
+from dataclasses import field, fields, make_dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from textwrap import fill
@@ -95,16 +95,9 @@ def make_table(request: TableRequest) -> int:
         write_cells(results, known_as, None if jobs == AS_MANY_AS_FIT else jobs, cells)
         progress.note(f"python -m ia_bench.watch {results}: the page of this table while it grows")
         failed = run_cells(cells, launcher, jobs, results / "logs", progress)
-    report = write_report(
-        {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells},
-        results,
-        [row.name for row in table.crossed_rows],
-        scenes_order=list(dict.fromkeys(cell.config.scene.name for cell in cells)),
-        reference=table.compared,
-        claims=table.claims,
-        papers=table.papers,
-    )
-    finish(report, table, results, request.name)
+    scenes = dict.fromkeys(cell.config.scene.name for cell in cells)
+    ran = {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells}
+    finish(write_report(ran, results, replace(table, scenes=[*scenes])), results, request.name)
     wrong = broken + ([f"{failed} of {len(cells)} cells failed; {results / 'logs'} says why"] if failed else [])
     for line in wrong:
         complain(line)

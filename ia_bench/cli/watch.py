@@ -17,10 +17,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, status_of
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
-from ia_bench.report.site.content import Sources
 from ia_bench.report.site.live import findings_so_far, key_of, write_news
-from ia_bench.report.site.write import PARTS, write_page
-from ia_bench.report.worth import gains, maps
+from ia_bench.report.site.page import PARTS, write_page
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, Overview, look
 from ia_bench.runs.table import Table, load_table, title_of
 
@@ -74,6 +72,5 @@ def _write(overview: Overview, runs: Path, out: Path, every: float) -> Path:
         title = f"Table: {title_of(overview.plan.table)}"
         with suppress(InputError):  # not known here: no notes, reference and claims
             table = load_table(overview.plan.table)
-    findings = findings_so_far(overview, table)
     live = {"key": key_of(overview), "every": every}
-    return write_page(Sources(findings, title, table.crossed_rows, maps(gains(findings.runs, table)), live), out)
+    return write_page(findings_so_far(overview, table), title, out, live=live)

@@ -54,11 +54,9 @@ NOT_SCORED = "its record is of before this metric"
 CELL = ("row", "scene", "seed")
 TEXTS = ("row", "scene", "problem", "protocol", "sees_truth", "capture", "preset", "commit", "clean", "cpu", "config_hash")
 WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network_calls")
-LARGEST = 2**63  # of whole numbers
 KEPT = ("folder", "reasons", "curve", "curve_problem")  # never written
 SCORES = tuple(metric.column for metric in METRICS)
-ABOUT = ("config_hash", "rays", "network_calls", "preset", "threads", "capture", "photographs", "commit", "clean", "cpu")
-TIMES = "seconds_"  # what the columns of phases begin with
+TIMES, RESCORED = "seconds_", "rescored_from_"  # what the columns of phases, and of the run behind a new score, begin with
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
     records, unreadable = [], []
     for folder in folders:
         cell = folders[folder] if isinstance(folders, Mapping) else None
-        record = _fitting(read_run(folder))
+        record = read_run(folder)
         if cell is not None:
             record |= dict(zip(CELL, cell, strict=True))
         if set(CELL) <= record.keys():
@@ -100,14 +98,12 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
 def as_table(records: Iterable[Record]) -> Runs:
     """The table of records, which may lack any column but those of the cell."""
     runs = pd.DataFrame(list(records), dtype=object)
-    others = [name for name in runs if name not in {*TEXTS, *WHOLE, *KEPT, *SCORES, "seconds"} and not _is_text(name)]
+    texts = [*TEXTS, *(name for name in runs if name.startswith(RESCORED))]
+    others = [name for name in runs if name not in {*texts, *WHOLE, *KEPT, *SCORES, "seconds"}]
     phases = [name for name in others if name.startswith(TIMES)]
-    texts = [*TEXTS, *(name for name in runs if _is_text(name))]
-    variants = [name for name in others if name not in phases]
-    runs = runs.reindex(columns=[*texts, *SCORES, *variants, "seconds", *phases, *WHOLE, *KEPT])
-    numbers = [*SCORES, *others, "seconds"]
-    runs[numbers] = runs[numbers].astype(float)
-    runs = runs.astype(dict.fromkeys(WHOLE, "Int64"))
+    numbers = [*SCORES, *(name for name in others if name not in phases), "seconds", *phases]
+    runs = runs.reindex(columns=[*texts, *numbers, *WHOLE, *KEPT])
+    runs = runs.astype(dict.fromkeys(numbers, float) | dict.fromkeys(WHOLE, "Int64"))
     named = [*texts, *KEPT]
     runs[named] = runs[named].astype(object).where(runs[named].notna(), None)
     return runs
@@ -121,7 +117,7 @@ def read_run(folder: Path) -> Record:
         return {"folder": folder, "problem": f"{folder / METRICS_FILE}: expected a run's record, found none"}
     except InputError as error:
         return {"folder": folder, "problem": str(error), **_cell_of(folder)}
-    environment = record.environment
+    environment, setup = record.environment, setup_of(folder)
     found = {
         "folder": folder,
         "row": record.row,
@@ -131,24 +127,23 @@ def read_run(folder: Path) -> Record:
         "config_hash": record.config_hash[:HASH_DIGITS],
         "preset": record.preset,
         "threads": record.threads,
-        "capture": None,
         "commit": environment.get("commit"),
         "clean": record.clean if environment.get("commit") else None,
         "cpu": environment.get("cpu"),
     }
-    if (setup := setup_of(folder)) is not None:
-        with suppress(InputError):  # of a former version
-            found["capture"] = parsed(CaptureSettings, setup.config.get("capture", {})).label
+    with suppress(InputError):  # of a former version
+        found["capture"] = setup and parsed(CaptureSettings, setup.config.get("capture", {})).label
     if record.status == "failed":
         return {**found, "problem": record.error}
     variants = {**record.variants, "geometry": {name: value for name, value in record.geometry.items() if name != "reasons"}}
-    views = record.capture.get("views")
+    views, lpips = record.capture.get("views"), record.protocol_description.get("lpips")
+    net = f"lpips.net={lpips.get('net', 'unknown') if isinstance(lpips, dict) else 'unknown'}"
     found |= {
-        "protocol": _protocol_of(record),
+        "protocol": record.protocol if "lpips.net=" in record.protocol else f"{record.protocol} ({net})",
         **{metric.column: record.score(metric.key) for metric in METRICS},
         **{f"{group}_{name}": value for group, values in variants.items() for name, value in values.items()},
         **{f"{TIMES}{phase}": seconds for phase, seconds in record.time_s.items()},
-        **{f"rescored_from_{key}": value for key, value in record.rescored_from.items()},
+        **{f"{RESCORED}{key}": value for key, value in record.rescored_from.items()},
         "seconds": sum(seconds for phase, seconds in record.time_s.items() if phase not in NOT_OF_THE_ROW),
         "peak_memory_bytes": record.peak_memory_bytes,
         "rays": record.rays,
@@ -176,52 +171,45 @@ def read_published(path: Path) -> list[Record]:
     missing = next((name for name in CELL if name not in columns), None)
     if missing is not None or columns.isdisjoint(SCORES):
         raise InputError(f"{path}: expected a report's runs.csv, found no column {missing or 'of a score'} or no line below it")
-    return [_published(path, number, line) for number, line in enumerate(lines, start=2)]  # line 1 is the header
+    return [{"folder": path, **_published(f"{path}, line {number}", line)} for number, line in enumerate(lines, start=2)]
 
 
-def _published(path: Path, number: int, line: Mapping[str, str]) -> Record:
-    def wrong(column: str, expected: str) -> InputError:
-        return InputError(f"{path}, line {number}, {column}: expected {expected}, found {shown(repr(line[column]))}")
-
-    found: Record = {"folder": path}
+def _published(where: str, line: Mapping[str, str]) -> Record:
+    found: Record = {"sees_truth": False}
     for column, text in line.items():
-        if text == "" or column in ("status", "reason"):
-            continue
-        if column in ("sees_truth", "clean"):
-            if text.lower() not in ("true", "false"):
-                raise wrong(column, "true or false")
-            found[column] = text.lower() == "true"
-        elif column in TEXTS or _is_text(column):
-            found[column] = text
-        elif (value := _number(text)) is not None:
-            if column in WHOLE and (value != int(value) or abs(value) >= LARGEST):
-                raise wrong(column, "a whole number below 2^63")
-            found[column] = int(value) if column in WHOLE else value
-        elif column in (*SCORES, *WHOLE, "seconds"):
-            raise wrong(column, "a number")
+        if text != "" and column not in ("status", "reason"):
+            value, expected = _value_of(column, text)
+            if value is None and expected:
+                raise InputError(f"{where}, {column}: expected {expected}, found {shown(repr(text))}")
+            found |= {} if value is None else {column: value}
+    status, reason = line.get("status", "ok"), line.get("reason", "")
     if not set(CELL) <= found.keys() or not (found["row"] + found["scene"]).isprintable():
-        raise InputError(f"{path}, line {number}: expected a row, a scene and a seed, found {shown(repr(dict(line)))}")
-    if (status := line.get("status", "ok")) not in ("ok", "failed"):
-        raise wrong("status", "ok or failed")
+        raise InputError(f"{where}: expected a row, a scene and a seed, found {shown(repr(dict(line)))}")
+    if status not in ("ok", "failed"):
+        raise InputError(f"{where}, status: expected ok or failed, found {shown(repr(status))}")
     if status == "failed":
-        found["problem"] = line.get("reason") or "failed"
-    if "problem" not in found:
+        found["problem"] = reason or "failed"
+    else:
         found.setdefault("protocol", "unknown")
-    found |= {"config_hash": found.get("config_hash", "")[:HASH_DIGITS] or None, "sees_truth": found.get("sees_truth", False)}
-    if found.get("commit") and "clean" not in found:
-        found["clean"] = not found["commit"].endswith(CHANGED)
-    found["reasons"] = {m.key: NOT_SCORED for m in METRICS if m.column not in line} | _reasons(line.get("reason", ""))
-    return found
+    found["config_hash"] = found.get("config_hash", "")[:HASH_DIGITS] or None
+    if found.get("commit"):
+        found.setdefault("clean", not found["commit"].endswith(CHANGED))
+    return found | {"reasons": {m.key: NOT_SCORED for m in METRICS if m.column not in line} | _reasons(reason)}
 
 
-def _fitting(record: Record) -> Record:
-    """The record, or that of a failed run where a number of it has no place in a table; without a seed that has none."""
-    large = [name for name in WHOLE if isinstance(record.get(name), int) and abs(record[name]) >= LARGEST]
-    if not large:
-        return record
-    cell = {name: record[name] for name in ("folder", *CELL) if name not in large}
-    where = f"{record['folder'] / METRICS_FILE}: {large[0]}"
-    return {**cell, "problem": f"{where}: expected a whole number below 2^63, found {record[large[0]]}"}
+def _value_of(column: str, text: str) -> tuple[Any, str]:
+    """The value of a text in a runs.csv, None where it is none, and what a column that has to hold one expects there."""
+    if column in ("sees_truth", "clean"):
+        return {"true": True, "false": False}.get(text.lower()), "true or false"
+    if column in TEXTS or column.startswith(RESCORED):
+        return text, ""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if column in WHOLE:
+        return int(number) if number % 1 == 0 and abs(number) < 2**63 else None, "a whole number below 2^63"
+    return number if math.isfinite(number) else None, "a number" if column in (*SCORES, "seconds") else ""
 
 
 def name_of(run: Mapping[str, Any]) -> str:
@@ -249,33 +237,12 @@ def setup_of(folder: Path) -> RunSetup | None:
 
 def _cell_of(folder: Path) -> Record:
     """Row, scene and seed of a record that is broken elsewhere; nothing where one of them is."""
-    try:
+    with suppress(InputError):
         found = read_json(folder / METRICS_FILE)
-    except InputError:
-        return {}
-    kinds = zip(CELL, (str, str, int), strict=True)
-    known = {key: found[key] for key, kind in kinds if type(found.get(key)) is kind}
-    cell = {key: value for key, value in known.items() if value != "" and str(value).isprintable()}
-    return cell if len(cell) == len(CELL) else {}
-
-
-def _protocol_of(record: RunRecord) -> str:
-    """The protocol's label, with the LPIPS net where that does not name it."""
-    lpips = record.protocol_description.get("lpips")
-    net = f"lpips.net={lpips.get('net', 'unknown') if isinstance(lpips, dict) else 'unknown'}"
-    return record.protocol if "lpips.net=" in record.protocol else f"{record.protocol} ({net})"
-
-
-def _is_text(column: str) -> bool:
-    return column.startswith("rescored_from_")
-
-
-def _number(text: str) -> float | None:
-    try:
-        found = float(text)
-    except ValueError:
-        return None
-    return found if math.isfinite(found) else None
+        row, scene, seed = (found.get(name) for name in CELL)
+        if all(isinstance(one, str) and one.isprintable() and one for one in (row, scene)) and type(seed) is int and seed < 2**63:
+            return {"row": row, "scene": scene, "seed": seed}
+    return {}
 
 
 def reasons_text(run: Mapping[str, Any]) -> str:

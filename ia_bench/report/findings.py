@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
-from ia_bench.common.errors import InputError
 from ia_bench.common.settings import flat
-from ia_bench.common.suggestions import listed
 from ia_bench.report.collect import Collection, Runs, finished, name_of, reason_of, setup_of
 from ia_bench.report.statistics import Block, Estimate, Paired, Verdict, block, judge, means, paired, side_by_side
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, counterparts, paper_rows
-from ia_bench.runs.table import Claim
+from ia_bench.report.worth import Gain, gains
+from ia_bench.runs.table import Table
 from ia_bench.scores.columns import METRICS
 
 MEAN = "mean over scenes"
@@ -26,50 +26,102 @@ UNKNOWN = "unknown"
 
 @dataclass(frozen=True)
 class Findings:
-    """What the runs of one protocol say.
+    """What the runs of one protocol say."""
 
-    Attributes:
-        protocol: Under which all of it was scored, LPIPS net included.
-        runs: In the order of ``rows`` and ``scenes``, failed ones included.
-        rows: Their names, those without a run included.
-        scenes: Their names.
-        overall: Means over scenes.
-        blocks: Means over seeds, one block per scene.
-        paper: The paper's own rows, where a row stands for one of them.
-        counterparts: Row -> the paper's row that it stands for, of those that have one.
-        redrawn: Row with a renderer of its own -> metric -> what the reference renderer makes of its textures and light.
-        reference: The row that the others are compared with.
-        differences: Row -> metric -> row minus ``reference``.
-        verdicts: On what the table claims.
-        undefined: Reason -> the metrics and runs whose value it explains.
-        failures: A sentence per failed run.
-        warnings: A sentence for everything that makes runs hard to compare.
-        origins: The ways in which runs were made, the most frequent first: runs, preset, threads, commit, processor, rows.
-        notes: Which rows mix configurations, and what was left out.
-    """
+    protocol: str  # under which all of it was scored, LPIPS net included
+    table: Table  # whose rows, scenes, reference, claims and rows of the paper count
+    runs: Runs  # in the order of ``rows`` and ``scenes``, failed ones included
+    rows: tuple[str, ...]  # their names, those without a run included
+    scenes: tuple[str, ...]  # their names
+    reference: str | None  # the row that the others are compared with
+    counterparts: dict[str, PaperRow]  # row -> the paper's row that it stands for, of those that have one
+    notes: tuple[str, ...]  # which rows mix configurations, and what was left out
 
-    protocol: str
-    runs: Runs
-    rows: tuple[str, ...]
-    scenes: tuple[str, ...]
-    overall: Block
-    blocks: tuple[Block, ...]
-    paper: tuple[PaperRow, ...]
-    counterparts: dict[str, PaperRow]
-    redrawn: dict[str, dict[str, Estimate | None]]
-    reference: str | None
-    differences: dict[str, dict[str, Paired]]
-    verdicts: tuple[Verdict, ...]
-    undefined: dict[str, str]
-    failures: tuple[str, ...]
-    warnings: tuple[str, ...]
-    origins: tuple[tuple[str, ...], ...]
-    notes: tuple[str, ...]
+    @cached_property
+    def overall(self) -> Block:
+        """Means over scenes."""
+        return block(self.runs, self.rows, self.scenes, MEAN)
+
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """Means over seeds, one block per scene."""
+        return [block(self.runs, self.rows, [name], name) for name in self.scenes]
+
+    @property
+    def paper(self) -> tuple[PaperRow, ...]:
+        """The paper's own rows, where a row stands for one of them."""
+        return paper_rows() if self.counterparts else ()
+
+    @cached_property
+    def redrawn(self) -> dict[str, dict[str, Estimate | None]]:
+        """Row with a renderer of its own -> metric of renders -> what the reference renderer makes of its textures and light."""
+        found = {metric.key: means(self.runs, metric.key.replace(".", "_reference_")) for metric in RENDERED}
+        rows = {row: {key: values.get(row) for key, values in found.items()} for row in self.rows}
+        return {row: values for row, values in rows.items() if any(values.values())}
+
+    @cached_property
+    def differences(self) -> dict[str, dict[str, Paired]]:
+        """Row -> metric -> row minus ``reference``; nothing without one."""
+        scores = {metric.key: side_by_side(self.runs, metric) for metric in METRICS}
+        rows = [row for row in self.rows if self.reference not in (None, row)]
+        return {row: {key: paired(table, row, str(self.reference)) for key, table in scores.items()} for row in rows}
+
+    @cached_property
+    def verdicts(self) -> list[Verdict]:
+        """On what the table claims of rows that are here."""
+        claims = [claim for claim in self.table.claims if {claim.better, claim.worse} <= set(self.rows)]
+        return judge(self.runs, claims, self.scenes)
+
+    @cached_property
+    def gains(self) -> list[Gain]:
+        """What rows are worth, where the table photographs its scenes in several ways."""
+        return gains(self.runs, self.table)
+
+    @cached_property
+    def undefined(self) -> dict[str, str]:
+        """Every reason of an undefined score once -> its metrics and runs."""
+        found: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
+        done = finished(self.runs)
+        for metric in METRICS:
+            for run in done[done[metric.column].isna()].to_dict("records"):
+                keys, names = found.setdefault(reason_of(run["reasons"], metric.key), ({}, {}))
+                keys[metric.key] = names[name_of(run)] = None
+        return {
+            reason: f"{', '.join(keys)} in {'; '.join(names) if len(names) <= 3 else f'{len(names)} runs'}"
+            for reason, (keys, names) in found.items()
+        }
 
     @property
     def footnotes(self) -> dict[str, int]:
         """The number of every reason for an undefined value."""
         return {reason: number for number, reason in enumerate(self.undefined, start=1)}
+
+    @property
+    def failures(self) -> list[str]:
+        """A sentence per failed run."""
+        return [f"{name_of(run)}: {run['problem']}" for run in self.runs[self.runs["problem"].notna()].to_dict("records")]
+
+    @property
+    def warnings(self) -> list[str]:
+        """A sentence for everything in which finished runs differ that should be alike, or that nobody could run again."""
+        found, done = [], finished(self.runs)
+        for name in ("preset", "threads", "commit"):
+            counts = done[name].astype(object).where(done[name].notna(), UNKNOWN).value_counts()
+            if len(counts) > 1:
+                said = _some([f"{value} ({count})" for value, count in counts.items()])
+                found.append(f"Runs of different {MADE_BY[name]} stand side by side: {said}.")
+        dirty = int(done["clean"].eq(False).sum())
+        return [*found, f"{dirty} of {len(done)} runs were made by changed code, not by that of a commit."] if dirty else found
+
+    @property
+    def origins(self) -> list[tuple[str, ...]]:
+        """The ways in which runs were made, the most frequent first: runs, preset, threads, commit, processor, rows."""
+        made = self.runs[list(MADE_BY)].astype(object)
+        made, found = made.where(made.notna(), UNKNOWN).astype(str), []
+        for labels, mine in self.runs.groupby([made[name] for name in MADE_BY]):
+            rows = list(dict.fromkeys(mine["row"]))
+            found.append((len(mine), *labels, "all" if len(rows) == self.runs["row"].nunique() else "; ".join(rows)))
+        return [(str(count), *rest) for count, *rest in sorted(found, key=lambda one: -one[0])]
 
     @property
     def bounds(self) -> dict[str, str]:
@@ -83,120 +135,41 @@ class Findings:
         return all(done[name].nunique(dropna=False) <= 1 and done[name].notna().all() for name in ("cpu", "threads"))
 
 
-def analyse(
-    collection: Collection,
-    rows_order: Sequence[str] = (),
-    scenes_order: Sequence[str] = (),
-    reference: str | None = None,
-    claims: Sequence[Claim] = (),
-    papers: Mapping[str, str] | None = None,
-) -> Findings:
+def analyse(collection: Collection, table: Table | None = None, rows: Sequence[str] | None = None) -> Findings:
     """Gather the findings. Numbers of different protocols do not mix: the most frequent one is kept, the rest is named.
 
-    ``papers``: row -> the paper's row that it stands for.
-    Raises InputError where ``reference`` or a row of ``claims`` is no row, and where the paper has no such row.
+    ``rows``: in their order, those of the table where none are given; others that were found come after them by name, and scenes
+    alike. Raises InputError where the paper has no row of the name that the table gives it.
     """
+    table = table or Table()
     every = collection.runs
     counted = every["protocol"].value_counts()
     protocol = str(counted.index[0]) if len(counted) else "(no finished run)"
     foreign = every["problem"].isna() & (every["protocol"] != protocol) & (len(counted) > 0)
     runs, others = every[~foreign], every[foreign]
-    rows, scenes = _ordered(rows_order, runs["row"]), _ordered(scenes_order, runs["scene"])
+    rows = _ordered([row.name for row in table.crossed_rows] if rows is None else rows, runs["row"])
+    scenes = _ordered(table.scene_names, runs["scene"])
     places = {"row": rows.index, "scene": scenes.index}
     runs = runs.sort_values(["row", "scene", "seed"], key=lambda one: one.map(places.get(one.name, int))).reset_index(drop=True)
-    captured = [row for row in rows if row.startswith(f"{reference}, ")]  # "none, hull": a row's name may end with its capture
-    if reference not in rows and len(captured) == 1:
-        reference = captured[0]
-    if reference is not None and reference not in rows:
-        raise InputError(f"reference: expected one of the rows {listed(rows)}, found {reference}")
-    for row in (row for claim in claims for row in (claim.better, claim.worse)):
-        if row not in rows:
-            raise InputError(f"claims: expected rows among {listed(rows)}, found {row}")
-    stand_for = counterparts(papers or {})
-    return Findings(
-        protocol=protocol,
-        runs=runs,
-        rows=rows,
-        scenes=scenes,
-        overall=block(runs, rows, scenes, MEAN),
-        blocks=tuple(block(runs, rows, [name], name) for name in scenes),
-        paper=paper_rows() if stand_for else (),
-        counterparts=stand_for,
-        redrawn=_redrawn(runs, rows),
-        reference=reference,
-        differences={} if reference is None else _differences(runs, [row for row in rows if row != reference], reference),
-        verdicts=tuple(judge(runs, claims, scenes)),
-        undefined=_undefined(runs),
-        failures=tuple(f"{name_of(run)}: {run['problem']}" for run in _records(runs[runs["problem"].notna()])),
-        warnings=tuple(_warnings(finished(runs))),
-        origins=tuple(_origins(runs)),
-        notes=(
-            *_mixed_rows(runs),
-            *(
-                f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})"
-                for one in _records(others)
-            ),
-            *(f"left out, no record of a run: {problem}" for problem in collection.unreadable),
-            *(f"{name_of(run)}: no curve: {run['curve_problem']}" for run in _records(runs[runs["curve_problem"].notna()])),
+    known = [row for row in rows if row == table.compared]
+    known += [row for row in rows if row.startswith(f"{table.compared}, ")]  # "none, hull": a row's name may end with its capture
+    uncurved = runs[runs["curve_problem"].notna()]
+    notes = (
+        *_mixed_rows(runs),
+        *(
+            f"{name_of(one)}: left out, scored under {one['protocol']} and not {protocol} ({one['folder']})"
+            for one in others.to_dict("records")
         ),
+        *(f"left out, no record of a run: {problem}" for problem in collection.unreadable),
+        *(f"{name_of(run)}: no curve: {run['curve_problem']}" for run in uncurved.to_dict("records")),
     )
+    reference = known[0] if table.compared in rows or len(known) == 1 else None
+    return Findings(protocol, table, runs, rows, scenes, reference, counterparts(table.papers), notes)
 
 
 def _ordered(first: Sequence[str], found: Iterable[str]) -> tuple[str, ...]:
     """The names asked for, in their order, then the others that were found, by name."""
     return (*first, *sorted(set(found) - set(first)))
-
-
-def _records(runs: Runs) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = runs.to_dict("records")
-    return found
-
-
-def _differences(runs: Runs, rows: Sequence[str], reference: str) -> dict[str, dict[str, Paired]]:
-    scores = {metric.key: side_by_side(runs, metric) for metric in METRICS}
-    return {row: {key: paired(table, row, reference) for key, table in scores.items()} for row in rows}
-
-
-def _redrawn(runs: Runs, rows: Sequence[str]) -> dict[str, dict[str, Estimate | None]]:
-    """What the reference renderer makes of each row in the metrics of renders; without rows that it draws anyway."""
-    found = {metric.key: means(runs, metric.key.replace(".", "_reference_")) for metric in RENDERED}
-    tables = {row: {key: values.get(row) for key, values in found.items()} for row in rows}
-    return {row: values for row, values in tables.items() if any(values.values())}
-
-
-def _undefined(runs: Runs) -> dict[str, str]:
-    """Every reason of an undefined score once, with its metrics and runs."""
-    found: dict[str, tuple[dict[str, None], dict[str, None]]] = {}
-    done = finished(runs)
-    for metric in METRICS:
-        for run in _records(done[done[metric.column].isna()]):
-            keys, names = found.setdefault(reason_of(run["reasons"], metric.key), ({}, {}))
-            keys[metric.key] = names[name_of(run)] = None
-    return {
-        reason: f"{', '.join(keys)} in {'; '.join(names) if len(names) <= 3 else f'{len(names)} runs'}"
-        for reason, (keys, names) in found.items()
-    }
-
-
-def _origins(runs: Runs) -> list[tuple[str, ...]]:
-    made = runs[list(MADE_BY)].astype(object).where(runs[list(MADE_BY)].notna(), UNKNOWN).astype(str)
-    found = []
-    for labels, mine in runs.groupby([made[name] for name in MADE_BY]):
-        rows = list(dict.fromkeys(mine["row"]))
-        found.append((len(mine), *labels, "all" if len(rows) == runs["row"].nunique() else "; ".join(rows)))
-    return [(str(count), *rest) for count, *rest in sorted(found, key=lambda one: -one[0])]
-
-
-def _warnings(done: Runs) -> list[str]:
-    """A sentence for everything in which finished runs differ that should be alike, or that nobody could run again."""
-    found = []
-    for name in ("preset", "threads", "commit"):
-        counts = done[name].astype(object).where(done[name].notna(), UNKNOWN).value_counts()
-        if len(counts) > 1:
-            said = _some([f"{value} ({count})" for value, count in counts.items()])
-            found.append(f"Runs of different {MADE_BY[name]} stand side by side: {said}.")
-    dirty = int(done["clean"].eq(False).sum())
-    return [*found, f"{dirty} of {len(done)} runs were made by changed code, not by that of a commit."] if dirty else found
 
 
 def _mixed_rows(runs: Runs) -> list[str]:
@@ -215,5 +188,5 @@ def _mixed_rows(runs: Runs) -> list[str]:
     return found
 
 
-def _some(words: Sequence[str]) -> str:
+def _some(words: Sequence[Any]) -> str:
     return ", ".join(words[:MOST]) + (f" and {len(words) - MOST} more" if len(words) > MOST else "")

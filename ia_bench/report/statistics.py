@@ -143,27 +143,16 @@ class Leader:
 
 @dataclass(frozen=True)
 class Line:
-    """One row of a table, over one scene or over all.
+    """One row of a table, over one scene or over all."""
 
-    Attributes:
-        row: Its name.
-        sees_truth: Whether a run of it saw the ground truth.
-        values: Metric key -> estimate, None where undefined.
-        reasons: Metric key -> why finished runs have no value, each reason once.
-        seconds: Mean over scenes and seeds.
-        peak_memory_bytes: The largest of its runs.
-        failed: Number of failed runs, of ``runs``.
-        runs: Number of runs.
-    """
-
-    row: str
-    sees_truth: bool
-    values: dict[str, Estimate | None]
-    reasons: dict[str, tuple[str, ...]]
-    seconds: Estimate | None
-    peak_memory_bytes: float | None
-    failed: int
-    runs: int
+    row: str  # its name
+    sees_truth: bool  # whether a run of it saw the ground truth
+    values: dict[str, Estimate | None]  # metric key -> estimate, None where undefined
+    reasons: dict[str, tuple[str, ...]]  # metric key -> why finished runs have no value, each reason once
+    seconds: Estimate | None  # mean over scenes and seeds
+    peak_memory_bytes: float | None  # the largest of its runs
+    failed: int  # number of failed runs, of ``runs``
+    runs: int  # number of runs
 
 
 @dataclass(frozen=True)

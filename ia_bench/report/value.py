@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ia_bench.report.collect import Runs
+from ia_bench.report.collect import Record
 from ia_bench.report.curves import plain, save
+from ia_bench.report.findings import Findings
 from ia_bench.report.statistics import CONFIDENCE
 from ia_bench.report.table import Entry, Printed, carried_text
-from ia_bench.report.texts import begins_with, csv_text, pipe_table, remove_all_but, write_text
-from ia_bench.report.worth import NOTHING_LEFT_OUT, SHOWN, Gain, Map, Worth, maps, worth
-from ia_bench.runs.table import Table
+from ia_bench.report.worth import NOTHING_LEFT_OUT, SHOWN, Gain, Map, maps, worth
+from ia_bench.report.write import begins_with, csv_text, pipe_table, remove_all_but, write_text
+from ia_bench.scores.columns import METRIC_OF
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,26 +30,27 @@ TITLE = "# What a prior is worth\n"
 FILES = ("value.md", "value.csv", "value.png", "value.svg", "photographs.csv")
 
 
-def write_value(found: Sequence[Gain], runs: Runs, table: Table, out: Path) -> list[Path]:
-    """Write the gains that were ``found`` in the runs of a table into ``out`` and return the paths; nothing where there are none.
+def write_value(findings: Findings, out: Path) -> list[Path]:
+    """Write what rows of a report are worth into ``out`` and return the paths; nothing where there are no gains.
 
     FILES that a former report has left there go.
     """
-    shown, photographs, texts = maps(found), worth(runs, table) if found else [], {}
+    found = findings.gains
+    shown, photographs, texts = maps(found), worth(findings.runs, findings.table) if found else [], {}
     if found:
-        texts = {"value.md": text(found, shown, photographs), "value.csv": csv_text(map(_of_gain, found))}
+        texts = {"value.md": _text(found, shown, photographs), "value.csv": csv_text(map(_of_gain, found))}
     if photographs:
-        texts["photographs.csv"] = csv_text(map(_of_worth, photographs))
+        texts["photographs.csv"] = csv_text(photographs)
     ours = begins_with(out / FILES[0], TITLE)
     written = [write_text(out / name, content) for name, content in texts.items()]
     drawn = [one for one in shown if one.metric.label == "PSNR"]  # which share a scale
-    written += save(draw(drawn), out / "value") if drawn else []
+    written += save(_draw(drawn), out / "value") if drawn else []
     if ours:
         remove_all_but(written, (out / name for name in FILES))
     return written
 
 
-def text(found: Sequence[Gain], shown: Sequence[Map], photographs: Sequence[Worth]) -> str:
+def _text(found: Sequence[Gain], shown: Sequence[Map], photographs: Sequence[Record]) -> str:
     """The page to read."""
     reference = found[0].reference
     judged = sum(gain.metric in SHOWN and gain.bootstrap is not None for gain in found)
@@ -69,37 +71,41 @@ def text(found: Sequence[Gain], shown: Sequence[Map], photographs: Sequence[Wort
         parts += [f"## {one.metric.title}\n", pipe_table(Printed(["capture", reference, *one.rows], body))]
     if photographs:
         head = ["row", "metric", "photographs", f"photographs that {reference} needs", "95 %"]
-        body = [_line(one) for one in photographs]
-        parts += [f"## In photographs\n\nHow many `{reference}` needs to be where a row is.\n", pipe_table(Printed(head, body))]
+        parts += [
+            f"## In photographs\n\nHow many `{reference}` needs to be where a row is.\n",
+            pipe_table(Printed(head, [*map(_line, photographs)])),
+        ]
     scenes = sorted({scene for gain in found for scene in gain.pairs.pairs})
     parts.append(f"Scenes: {', '.join(scenes)}. Seeds differ between cells; the first cell has {found[0].pairs.count} pairs.\n")
     return "\n".join(parts)
 
 
 def _entry(gain: Gain | None) -> Entry | str:
-    return "-" if gain is None else Entry(f"{gain.text} ({gain.between})" if gain.between else gain.text, best=bool(gain.side))
+    if gain is None:
+        return "-"
+    return Entry(f"{gain.text} ({gain.between})" if gain.between else gain.text, best=gain.outcome != "undecided")
 
 
-def _line(one: Worth) -> list[Entry | str]:
+def _line(one: Record) -> list[str]:
     def count(number: float) -> str:
         return "more than all" if math.isinf(number) else "fewer than the fewest" if number == 0 else f"{number:.1f}"
 
-    title = f"{one.metric.title} ({one.others})" if one.others else one.metric.title
-    between = "-" if one.bounds is None else f"{count(one.bounds.low)} to {count(one.bounds.high)}"
-    return [one.row, title, str(one.photographs), count(one.needed), between]
+    title, others = METRIC_OF[one["metric"]].title, f" ({one['capture']})" if one["capture"] else ""
+    between = "-" if one["low"] is None else f"{count(one['low'])} to {count(one['high'])}"
+    return [one["row"], f"{title}{others}", str(one["photographs"]), count(one["needed"]), between]
 
 
-def _of_gain(gain: Gain) -> dict[str, Any]:
-    estimate, drawn = gain.over_scenes, gain.bootstrap
+def _of_gain(gain: Gain) -> Record:
+    low, high = gain.bootstrap or (None, None)
     return {
         "row": gain.row,
         "capture": gain.capture or NOTHING_LEFT_OUT,
         "metric": gain.metric.key,
         "reference": gain.beside,
-        "gain": estimate.mean,
-        "low": drawn and drawn.low,
-        "high": drawn and drawn.high,
-        "half_width_over_scenes": estimate.half_width,
+        "gain": gain.over_scenes.mean,
+        "low": low,
+        "high": high,
+        "half_width_over_scenes": gain.over_scenes.half_width,
         "decided": gain.outcome,
         "detectable": gain.detectable,
         "headroom": gain.headroom,
@@ -109,21 +115,7 @@ def _of_gain(gain: Gain) -> dict[str, Any]:
     }
 
 
-def _of_worth(one: Worth) -> dict[str, Any]:
-    return {
-        "row": one.row,
-        "capture": one.others,
-        "metric": one.metric.key,
-        "photographs": one.photographs,
-        "needed": one.needed,
-        "low": one.bounds and one.bounds.low,
-        "high": one.bounds and one.bounds.high,
-        "scenes": one.scenes,
-        "pairs": one.pairs,
-    }
-
-
-def draw(shown: Sequence[Map]) -> Figure:
+def _draw(shown: Sequence[Map]) -> Figure:
     """A panel for every metric in dB: captures by rows, the mean gain as colour on one scale, its interval below the number.
 
     What is not decided is hatched. matplotlib is imported when the map is drawn.
@@ -148,7 +140,7 @@ def _draw_panel(panel: Axes, one: Map, largest: float) -> AxesImage:
     values = np.full((len(one.lines), len(one.rows)), np.nan)
     for (x, y), gain in cells.items():
         values[y, x] = gain.over_scenes.mean
-        if not gain.side:
+        if gain.outcome == "undecided":
             box = Rectangle((x - 0.5, y - 0.5), 1, 1, fill=False, hatch="///", edgecolor="0.75", linewidth=0)
             panel.add_patch(box)
         style: dict[str, Any] = {"ha": "center", "va": "center", "zorder": 2}  # above the hatching

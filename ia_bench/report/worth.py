@@ -9,13 +9,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
-from typing import NamedTuple
+from itertools import groupby, product
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.stats import t as student
 
-from ia_bench.report.collect import Runs
+from ia_bench.report.collect import Record, Runs
 from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, Scores, better, means, side_by_side
 from ia_bench.report.table import BOUNDS, carried_text
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
@@ -72,39 +72,21 @@ def interval(drawn: np.ndarray) -> Interval:
 
 @dataclass(frozen=True)
 class Gain:
-    """A row against the reference row, under one capture and in one metric; positive is better in every metric.
+    """A row against the reference row, under one capture and in one metric; positive is better in every metric."""
 
-    Attributes:
-        row: The row, without its capture.
-        reference: The row that it is compared with, without its capture.
-        capture: The label of how the scenes were photographed.
-        metric: In which it is compared.
-        pairs: Its differences to the reference, turned so that more is better, by scene and seed.
-        beside: Mean of the reference over the same scenes and seeds.
-        level: Mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row.
-        headroom: The part of what the ceiling is above the reference that the row closes; None where no ceiling was run.
-    """
-
-    row: str
-    reference: str
-    capture: str
-    metric: Metric
-    pairs: Paired
-    beside: float
-    level: float
-    headroom: float | None
-
-    @property
-    def outcome(self) -> str:
-        """What is decided, in a word."""
-        return {1: "gains", -1: "costs", 0: "undecided"}[self.side]
+    row: str  # the row, without its capture
+    reference: str  # the row that it is compared with, without its capture
+    capture: str  # the label of how the scenes were photographed
+    metric: Metric  # in which it is compared
+    pairs: Paired  # its differences to the reference, turned so that more is better, by scene and seed
+    beside: float  # mean of the reference over the same scenes and seeds
+    level: float  # mean of the reference over all scenes and seeds that it was run with under this capture; the same for every row
+    headroom: float | None  # the part of what the ceiling is above the reference that the row closes; None where no ceiling was run
 
     @cached_property
     def over_scenes(self) -> Estimate:
         """Mean, with Student's interval over scenes."""
-        estimate = self.pairs.over_scenes
-        assert estimate is not None
-        return estimate
+        return cast(Estimate, self.pairs.over_scenes)
 
     @cached_property
     def bootstrap(self) -> Interval | None:
@@ -124,15 +106,15 @@ class Gain:
         return float(quantiles.sum() * np.std(scenes, ddof=1) / math.sqrt(len(scenes)))
 
     @cached_property
-    def side(self) -> int:
-        """1: decided that it gains, -1: that it costs, 0: undecided.
+    def outcome(self) -> str:
+        """What is decided, in a word.
 
         Decided where neither the bootstrap's interval nor Student's over scenes holds zero: with few scenes the first is narrow.
         """
         mean, width = self.over_scenes.mean, self.over_scenes.half_width
-        if self.bootstrap is None or width is None:
-            return 0
-        return self.bootstrap.side if self.bootstrap.side == Interval(mean - width, mean + width).side else 0
+        if self.bootstrap is None or width is None or self.bootstrap.side != Interval(mean - width, mean + width).side:
+            return "undecided"
+        return {1: "gains", -1: "costs", 0: "undecided"}[self.bootstrap.side]
 
     @property
     def text(self) -> str:
@@ -142,23 +124,21 @@ class Gain:
     @property
     def between(self) -> str:
         """The bootstrap's interval; empty for a single scene."""
-        digits = self.metric.digits
-        return "" if self.bootstrap is None else f"{self.bootstrap.low:+.{digits}f} to {self.bootstrap.high:+.{digits}f}"
+        return "" if self.bootstrap is None else " to ".join(f"{end:+.{self.metric.digits}f}" for end in self.bootstrap)
 
     @property
     def told(self) -> str:
         """What else there is to know of it, in a sentence."""
         row, over = (crossed_name(name, self.capture) for name in (self.row, self.reference))
-        unit = " dB" if self.metric.label == "PSNR" else ""
         text, width = self.metric.text, self.over_scenes.half_width
         known = [
-            f"{row}: {self.text}{unit} over {over}, which has {text(self.beside)}",
+            f"{row}: {self.text}{' dB' if self.metric.label == 'PSNR' else ''} over {over}, which has {text(self.beside)}",
             f"{self.outcome}{'' if self.bootstrap else ', since there is one scene'}",
             f"scenes: {len(self.pairs.pairs)}, pairs of runs: {self.pairs.count}",
-            None if width is None else f"over other scenes ± {text(width)}",
-            None if self.detectable is None else f"would have been decided from {text(self.detectable)}",
-            None if self.headroom is None else f"{100 * self.headroom:.0f} % of the way to the ceiling",
-            f"carried by {carried_text(self.pairs)}" if self.pairs.carriers else None,
+            width is not None and f"over other scenes ± {text(width)}",
+            self.detectable is not None and f"would have been decided from {text(self.detectable)}",
+            self.headroom is not None and f"{100 * self.headroom:.0f} % of the way to the ceiling",
+            self.pairs.carriers and f"carried by {carried_text(self.pairs)}",
         ]
         return "; ".join(words for words in known if words) + "."
 
@@ -178,7 +158,7 @@ class Map:
     @property
     def largest(self) -> float:
         """The largest mean gain or loss."""
-        return max((abs(gain.over_scenes.mean) for *_, some in self.lines for gain in some if gain is not None), default=0.0)
+        return max(abs(gain.over_scenes.mean) for *_, some in self.lines for gain in some if gain is not None)
 
 
 def gains(runs: Runs, table: Table) -> list[Gain]:
@@ -195,9 +175,8 @@ def gains(runs: Runs, table: Table) -> list[Gain]:
         (scores, levels), reference = tables[metric], crossed_name(table.reference, label)
         pairs, level = better(scores, crossed_name(row.name, label), reference, metric), levels.get(reference)
         if pairs.pairs and level is not None:
-            possible = Paired({}) if ceiling is None else better(scores, ceiling, reference, metric)
             beside = [np.mean([scores[reference][scene, seed] for seed in seeds]) for scene, seeds in pairs.pairs.items()]
-            share = _share(pairs, possible)
+            share = None if ceiling is None else _share(pairs, better(scores, ceiling, reference, metric))
             found.append(Gain(row.name, table.reference, label, metric, pairs, float(np.mean(beside)), level.mean, share))
     return found
 
@@ -235,38 +214,14 @@ def _share(gained: Paired, possible: Paired) -> float | None:
     return float(ours / most) if most > 0 else None
 
 
-@dataclass(frozen=True)
-class Worth:
-    """What a row with ``photographs`` of them is worth in photographs of the reference.
+def worth(runs: Runs, table: Table) -> list[Record]:
+    """How many photographs the reference needs to be where a row is, for every other row and every number of photographs it has.
 
-    Attributes:
-        row: The row, without its capture.
-        others: The label of the capture without its number of views: "" or "LDR", say.
-        metric: In which the two are equal.
-        photographs: How many the row has.
-        needed: How many the reference needs for the same value, by linear interpolation in the logarithm of their number; infinite
-            where the reference does not get there with all, 0 where its fewest are better.
-        bounds: Of ``needed``, by the bootstrap over scenes and seeds; None for a single scene.
-        scenes: Over how many scenes the mean is.
-        pairs: How many runs of the row it rests on, each beside those of the reference of the same scene and seed.
-    """
-
-    row: str
-    others: str
-    metric: Metric
-    photographs: int
-    needed: float
-    bounds: Interval | None
-    scenes: int
-    pairs: int
-
-
-def worth(runs: Runs, table: Table) -> list[Worth]:
-    """For every row of ``table`` but its reference and every number of photographs; captures that differ in more stand apart.
-
-    Captures that differ in nothing but that number are a family. Those scenes and seeds count that have the reference with all
-    numbers of the family, and the row with the one in question. What fitted all photographs had as many as its runs say, the most
-    where scenes differ.
+    Captures that differ in nothing but that number are a family, ``capture`` in the records: "" or "LDR", say. Those scenes and
+    seeds count that have the reference with all numbers of the family, and the row with the one in question: ``scenes``, and
+    ``pairs`` of runs. What fitted all photographs had as many as its runs say, the most where scenes differ. ``needed`` is by
+    linear interpolation in the logarithm of the number; infinite where the reference does not get there with all, 0 where its
+    fewest are better; ``low`` and ``high`` by the bootstrap over scenes and seeds, None for a single scene.
     """
     captures = list(map(capture_of, table.captures))
     whole = [crossed_name(row.name, one.label) for row in table.rows for one in captures if one.views == "all"]
@@ -284,20 +239,18 @@ def worth(runs: Runs, table: Table) -> list[Worth]:
             scenes = _together(scores[metric], [*references, crossed_name(row.name, labels[count])])
             if scenes and (row.captures is None or labels[count] in row.captures):
                 mean = np.mean([seeds.mean(axis=0) for seeds in scenes], axis=0)[None]
-                bounds = interval(_needed(replicates(scenes), curve)) if len(scenes) > 1 else None
-                needed, pairs = float(_needed(mean, curve)[0]), sum(map(len, scenes))
-                found.append(Worth(row.name, others, metric, count, needed, bounds, len(scenes), pairs))
+                low, high = interval(_needed(replicates(scenes), curve)) if len(scenes) > 1 else (None, None)
+                one = {"row": row.name, "capture": others, "metric": metric.key, "photographs": count}
+                bounds = {"needed": float(_needed(mean, curve)[0]), "low": low, "high": high}
+                found.append({**one, **bounds, "scenes": len(scenes), "pairs": sum(map(len, scenes))})
     return found
 
 
 def _together(scores: Scores, rows: Sequence[str]) -> list[np.ndarray]:
     """One array (seeds, rows) for every scene, of the seeds that all rows have."""
-    found: dict[str, list[list[float]]] = {}
-    for scene, seed in scores.get(rows[0], {}):
-        values = [scores[row][scene, seed] for row in rows if (scene, seed) in scores.get(row, {})]
-        if len(values) == len(rows):
-            found.setdefault(scene, []).append(values)
-    return [np.array(seeds) for seeds in found.values()]
+    cells = [cell for cell in scores.get(rows[0], {}) if all(cell in scores.get(row, {}) for row in rows)]
+    scenes = groupby(cells, key=lambda cell: cell[0])
+    return [np.array([[scores[row][cell] for row in rows] for cell in some]) for _, some in scenes]
 
 
 def _needed(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
@@ -306,17 +259,11 @@ def _needed(values: np.ndarray, counts: Sequence[int]) -> np.ndarray:
     The last column is the row's, those before it are the reference's. More photographs count as never worse: its curve is the
     running best.
     """
-    curves = np.maximum.accumulate(values[:, :-1], axis=1)
-    found = np.empty(len(values))
-    for i, (curve, level) in enumerate(zip(curves, values[:, -1], strict=True)):
-        if level > curve[-1]:
-            found[i] = np.inf
-        elif level < curve[0]:
-            found[i] = 0
-        else:
-            above = int(np.searchsorted(curve, level))  # the first that is no worse
-            below = max(above - 1, 0)
-            rise = curve[above] - curve[below]
-            part = (level - curve[below]) / rise if rise > 0 else 0.0
-            found[i] = np.exp2(np.log2(counts[below]) + part * (np.log2(counts[above]) - np.log2(counts[below])))
-    return found
+    curves, level, each = np.maximum.accumulate(values[:, :-1], axis=1), values[:, -1], np.arange(len(values))
+    first = (curves < level[:, None]).sum(axis=1)  # of the reference's that is no worse
+    below, above = np.clip(first - 1, 0, None), np.clip(first, None, len(counts) - 1)
+    low, high = curves[each, below], curves[each, above]
+    part = np.divide(level - low, high - low, out=np.zeros(len(values)), where=high > low)
+    logs = np.log2(counts)
+    found = np.exp2(logs[below] + part * (logs[above] - logs[below]))
+    return np.where(level > curves[:, -1], np.inf, np.where(level < curves[:, 0], 0.0, found))

@@ -1,24 +1,50 @@
-"""Write the whole report of a set of run folders: Markdown, LaTeX, CSV, and a figure of curves per scene."""
+"""Write the whole report of a set of run folders: Markdown, LaTeX, CSV, and a figure of curves per scene.
+
+The templates beside this file are filled from :class:`Findings`. Their marks are ``<< value >>``, ``<% statement %>`` and
+``<# comment #>``: braces belong to LaTeX.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
+from ia_bench.common.suggestions import listed
+from ia_bench.report import table as tables
 from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
 from ia_bench.report.curves import draw_scene, save
 from ia_bench.report.findings import MEAN, Findings, analyse
-from ia_bench.report.statistics import Paired
-from ia_bench.report.table import carried_text
-from ia_bench.report.texts import TITLE, begins_with, csv_text, latex, remove_all_but, report_text, write_text
-from ia_bench.runs.table import Claim
+from ia_bench.report.statistics import HOW_JUDGED, Paired, tally
+from ia_bench.report.table import Entry, Printed, carried_text
+from ia_bench.runs.table import Table
 from ia_bench.scores.columns import METRICS
 
-Line = dict[str, Any]
+TITLE = "# Results\n"
+"""How the template report.md begins."""
+DIGITS = 7
+"""Significant digits of what was computed from runs; those themselves are written as they are."""
+LATEX = {letter: f"\\{letter}" for letter in "&%$#_{}"} | {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "–": "--",
+    "†": r"$^\dagger$",
+    "±": r"$\pm$",
+    "↑": r"$\uparrow$",
+    "↓": r"$\downarrow$",
+}
+MARKS = dict(block_start="<%", block_end="%>", variable_start="<<", variable_end=">>", comment_start="<#", comment_end="#>")
 
 
 @dataclass(frozen=True)
@@ -32,12 +58,7 @@ class Report:
 def write_report(
     folders: Iterable[Path] | Mapping[Path, CellKey | None],
     out: Path,
-    rows_order: Sequence[str] = (),
-    *,
-    scenes_order: Sequence[str] = (),
-    reference: str | None = None,
-    claims: Sequence[Claim] = (),
-    papers: Mapping[str, str] | None = None,
+    table: Table | None = None,
     published: Iterable[Record] = (),
 ) -> Report:
     """Write the report of run folders into ``out``.
@@ -49,27 +70,23 @@ def write_report(
         folders: The run folders, best as a mapping to (row, scene, seed): then a run that was killed before it wrote
             anything counts as a failure of its row. None: the folder's own record says which cell it is.
         out: The folder to write into.
-        rows_order: Rows in their order; a row without a run is shown empty, others come after them by name.
-        scenes_order: The same of scenes.
-        reference: The row that all others are compared with.
-        claims: Orderings to judge.
-        papers: Row -> the row of the paper's table that it stands for.
+        table: Which rows and scenes there are, in their order, the row that all others are compared with, and what is claimed.
         published: Runs of former reports that stand beside them; they have no curves.
 
     Raises:
-        InputError: Where there is no run, two of them hold the same cell, ``reference`` or a row of ``claims`` is no row,
-            or the paper has no such row.
+        InputError: Where there is no run, two of them hold the same cell, the table's reference is no row, or the paper has no
+            row that one of the table stands for.
     """
     collection = collect(folders, list(published))
     if not len(collection.runs):
         raise InputError("; ".join(["expected at least one run's metrics.json, found none", *collection.unreadable]))
-    findings = analyse(collection, rows_order, scenes_order, reference, claims, papers)
-
+    findings = analyse(collection, table)
+    if findings.table.compared is not None and findings.reference is None:
+        raise InputError(f"reference: expected one of the rows {listed(findings.rows)}, found {findings.table.compared}")
     ours = begins_with(out / "report.md", TITLE)
     pictures = _draw(findings, out / "curves")
     if ours:
         remove_all_but(pictures, [*(out / "curves").glob("*.png"), *(out / "curves").glob("*.svg")])
-    shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
     differences = (
         ({"row": row, "reference": findings.reference, "metric": metric.key}, values[metric.key])
         for row, values in findings.differences.items()
@@ -79,12 +96,14 @@ def write_report(
         ({"better": one.better, "worse": one.worse, "metric": one.metric.key, "outcome": one.outcome}, one.pairs)
         for one in findings.verdicts
     )
-    tables = {"table.csv": _summaries(findings), "differences.csv": _paired(differences), "claims.csv": _paired(claimed)}
+    records = {"table.csv": _summaries(findings), "differences.csv": _paired(differences), "claims.csv": _paired(claimed)}
+    shown = [path.relative_to(out).as_posix() for path in pictures if path.suffix == ".png"]
+    groups = [(name, len(list(metrics))) for name, metrics in groupby(METRICS, key=lambda metric: metric.group)]
     texts = {
-        "report.md": report_text(findings, shown),
-        "table.tex": latex(findings),
-        "runs.csv": runs_text(findings),
-        **{name: csv_text({"protocol": findings.protocol, **record} for record in records) for name, records in tables.items()},
+        "report.md": _filled("report.md", findings, pictures=shown, how_judged=HOW_JUDGED, tally=tally),
+        "table.tex": _filled("table.tex", findings, groups=groups, metrics=METRICS, columns=1 + len(METRICS) + len(tables.COSTS)),
+        "runs.csv": _runs_text(findings),
+        **{name: csv_text({"protocol": findings.protocol, **one} for one in lines) for name, lines in records.items()},
     }
     return Report((*(write_text(out / name, text) for name, text in texts.items()), *pictures), findings)
 
@@ -92,25 +111,23 @@ def write_report(
 def _draw(findings: Findings, folder: Path) -> list[Path]:
     pictures = []
     for scene in findings.scenes:
-        figure = draw_scene(findings.runs, scene, findings.rows)
-        if figure is not None:
+        if (figure := draw_scene(findings.runs, scene, findings.rows)) is not None:
             folder.mkdir(parents=True, exist_ok=True)
             pictures += save(figure, folder / re.sub(r"[^\w.-]", "_", scene))
     return pictures
 
 
-def runs_text(findings: Findings) -> str:
+def _runs_text(findings: Findings) -> str:
     """Every run with all its digits: what every mean and interval of the report was made from."""
-    runs = findings.runs.drop(columns=[*KEPT, "problem", "protocol"])
     failed = findings.runs["problem"].notna()
     reasons = [run["problem"] or reasons_text(run) for run in findings.runs.to_dict("records")]
     labels = {"protocol": findings.protocol, "status": failed.map({False: "ok", True: "failed"}), "reason": reasons}
-    runs = runs.assign(**labels)
+    runs = findings.runs.drop(columns=[*KEPT, "problem", "protocol"]).assign(**labels)
     first = ["protocol", "row", "scene", "seed", "status", "reason", "sees_truth", *(metric.column for metric in METRICS)]
     return str(runs[[*first, *(name for name in runs if name not in first)]].to_csv(index=False))
 
 
-def _summaries(findings: Findings) -> Iterable[Line]:
+def _summaries(findings: Findings) -> Iterable[Record]:
     parts = {"": "mean", "_half_width": "half_width", "_scenes": "scenes"}
     for block in (findings.overall, *findings.blocks):
         for one in block.lines:
@@ -127,7 +144,7 @@ def _summaries(findings: Findings) -> Iterable[Line]:
         yield {"protocol": "the paper's", "scene": "the paper's scenes", "row": row.method, **paper}
 
 
-def _paired(found: Iterable[tuple[Line, Paired]]) -> Iterable[Line]:
+def _paired(found: Iterable[tuple[Record, Paired]]) -> Iterable[Record]:
     """The mean of differences with both intervals, then the same scene by scene, each below its label."""
     for label, pairs in found:
         for scene, part in {MEAN: pairs, **{scene: pairs.of_scene(scene) for scene in pairs.pairs}}.items():
@@ -140,3 +157,78 @@ def _paired(found: Iterable[tuple[Line, Paired]]) -> Iterable[Line]:
                 "pairs": part.count,
                 "carried_by": carried_text(part),
             }
+
+
+# ---- texts ------------------------------------------------------------------------------------------------------------
+
+
+def pipe_table(one: Printed) -> str:
+    """A Markdown table, first column to the left, the others to the right."""
+    rule = [":---", *["---:"] * (len(one.header) - 1)]
+    lines = [list(map(_markdown, one.header)), rule, *([_markdown(cell) for cell in cells] for cells in one.body)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines) + "\n"
+
+
+def _markdown(cell: Entry | str) -> str:
+    """An entry with its names kept from being read as markup."""
+    cell = Entry(cell) if isinstance(cell, str) else cell
+    text = "".join(f"\\{letter}" if letter in "\\`*_|[]<>" else letter for letter in cell.text)
+    return (f"**{text}**" if cell.best else text) + "".join(f"[^{number}]" for number in cell.notes)
+
+
+def tex(cell: Entry | str) -> str:
+    """An entry with its special characters kept from being read as commands."""
+    cell = Entry(cell) if isinstance(cell, str) else cell
+    text = "".join(LATEX.get(letter, letter) for letter in cell.text.replace(" †", "†")).replace(r" $\pm$ ", r"\,$\pm$\,")
+    notes = f"$^{{{','.join(map(str, cell.notes))}}}$" if cell.notes else ""
+    return (rf"\textbf{{{text}}}" if cell.best else text) + notes
+
+
+def _filled(template: str, findings: Findings, **more: object) -> str:
+    """A template, filled; it is not HTML: names are escaped by the filters ``markdown`` and ``tex``.
+
+    The LaTeX has the layout of the paper's table 1 and needs the packages booktabs and graphicx.
+    """
+    options: dict[str, Any] = {f"{name}_string": mark for name, mark in MARKS.items()}
+    options |= dict.fromkeys(("trim_blocks", "lstrip_blocks", "keep_trailing_newline"), True)
+    environment = Environment(undefined=StrictUndefined, loader=PackageLoader("ia_bench.report"), autoescape=False, **options)
+    environment.filters.update(markdown=_markdown, pipe=pipe_table, tex=tex)
+    results = partial(tables.results_table, notes=findings.footnotes)
+    return environment.get_template(f"{template}.j2").render(findings=findings, table=tables, results=results, **more)
+
+
+def csv_text(records: Iterable[Mapping[str, Any]]) -> str:
+    """A line per record below the names of all columns, with DIGITS; empty where a record has no value."""
+    rounded = [
+        {key: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value for key, value in record.items()}
+        for record in records
+    ]
+    return str(pd.DataFrame(rounded, dtype=object).to_csv(index=False))
+
+
+# ---- files ------------------------------------------------------------------------------------------------------------
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a file at once or not at all, and return its path; its folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
+    return path
+
+
+def begins_with(path: Path, title: str) -> bool:
+    """Whether a text file begins with ``title``, by which a report knows a file of its own."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(title.encode())) == title.encode()
+    except OSError:
+        return False
+
+
+def remove_all_but(written: Collection[Path], known: Iterable[Path]) -> None:
+    """Remove the files among ``known`` that have not been ``written`` this time. What is no file, or cannot be removed, stays."""
+    for path in known:
+        if path not in written and path.is_file():
+            with suppress(OSError):
+                path.unlink()

@@ -26,6 +26,7 @@ SCHEMA: Literal[2] = 2
 CHANGED = "+changes"
 """What ends the commit of a checkout whose source differs from it (:func:`ia_bench.common.machine.commit`)."""
 
+Count = Annotated[int, Field(ge=0, lt=2**63)]
 Group = dict[str, float | None]
 PerView = dict[str, list[float | None]]
 
@@ -72,7 +73,7 @@ class RunRecord:
     schema: Literal[2] = SCHEMA
     row: Name
     scene: Name
-    seed: Annotated[int, Field(ge=0)]
+    seed: Count
     protocol: str
     config_hash: str
     status: Literal["ok", "failed"]
@@ -91,9 +92,9 @@ class RunRecord:
     albedo_scales: dict[str, list[float] | None] = field(default_factory=dict)
     geometry: dict[str, Any] = field(default_factory=dict)
     time_s: dict[str, float] = field(default_factory=dict)
-    peak_memory_bytes: int = 0
-    rays: int = 0
-    network_calls: int = 0
+    peak_memory_bytes: Count = 0
+    rays: Count = 0
+    network_calls: Count = 0
     counters: dict[str, int | float] = field(default_factory=dict)
     plan: dict[str, Any] = field(default_factory=dict)
     capture: dict[str, Any] = field(default_factory=dict)

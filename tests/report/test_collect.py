@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,10 +18,11 @@ from ia_bench.report.collect import NOT_SCORED, as_table, collect, read_publishe
 from ia_bench.report.curves import read_curve
 from ia_bench.report.write import write_report
 from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.table import Claim
+from ia_bench.runs.table import Claim, Table
 from ia_bench.scores.columns import METRICS
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
+TABLE = Table(reference="none", claims=[Claim("ours", "none")])
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 Write = Callable[..., Path]
 
@@ -73,40 +71,16 @@ def test_a_broken_record_makes_its_cell_a_failed_one(write_run: Write, tmp_path:
     assert "\n" not in failure
 
 
-@pytest.mark.parametrize("text", ['{"schema": 2, ', "[]", '{"row": "a", "scene": "b"}', "[" * 100_000])
-def test_a_record_that_names_no_cell_is_unreadable(tmp_path: Path, text: str) -> None:
-    (tmp_path / "metrics.json").write_text(text)
-    (why,) = collect([tmp_path]).unreadable
-    assert why.startswith(str(tmp_path / "metrics.json"))
-
-
 @pytest.mark.parametrize(
     ("key", "label"), [("row", 3), ("scene", None), ("seed", True), ("seed", 2**63), ("row", "a\0b"), ("row", "")]
 )
-def test_labels_of_another_kind_are_unreadable(write_run: Write, key: str, label: object) -> None:
+def test_a_record_that_names_no_cell_is_unreadable(write_run: Write, tmp_path: Path, key: str, label: object) -> None:
     folder = write_run("ours", "hat")
     (folder / "metrics.json").write_text(json.dumps(json.loads((folder / "metrics.json").read_text()) | {key: label}))
     (why,) = collect([folder]).unreadable
     assert key in why
-
-
-@pytest.mark.parametrize("name", ["metrics.json", "config.json", "curve.csv"])
-def test_a_pipe_holds_nobody_up(write_run: Write, tmp_path: Path, name: str) -> None:
-    folder = write_run("ours", "hat")
-    (folder / name).unlink(missing_ok=True)
-    os.mkfifo(folder / name)
-    found = collect([folder])
-    assert bool(found.unreadable) == (name == "metrics.json")
-
-
-def test_folders_are_found_and_the_unreadable_ones_named(write_run: Write, tmp_path: Path) -> None:
-    for seed in (0, 1):
-        write_run("ours", "hat", seed)
-    (tmp_path / "runs" / "broken").mkdir()
-    (tmp_path / "runs" / "broken" / "metrics.json").write_text("{")
-    found = collect(find_run_folders(tmp_path))
-    assert found.runs[["row", "scene", "seed"]].to_numpy().tolist() == [["ours", "hat", 0], ["ours", "hat", 1]]
-    assert [str(tmp_path / "runs" / "broken" / "metrics.json") in why for why in found.unreadable] == [True]
+    (folder / "metrics.json").write_text('{"schema": 2, ')
+    assert collect([folder]).unreadable[0].startswith(str(folder / "metrics.json"))
     assert str(tmp_path / "never ran") in collect([tmp_path / "never ran"]).unreadable[0]
 
 
@@ -152,13 +126,12 @@ def first(write_run: Write, tmp_path: Path) -> Path:
             write_run("ours", scene, seed, psnr=psnr + 1, variants={"aligned_albedo_linear": {"psnr": 17.25}})
     write_run("ours", "hat", 2, status="failed", error="loss is not finite at step 3")
     write_run("none", "ship", 2, psnr=None)
-    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "first", reference="none", claims=[Claim("ours", "none")])
+    write_report(find_run_folders(tmp_path / "runs"), tmp_path / "first", TABLE)
     return tmp_path / "first" / "runs.csv"
 
 
 def test_tables_of_a_runs_csv_are_those_of_its_runs(first: Path, tmp_path: Path) -> None:
-    options: dict[str, Any] = {"reference": "none", "claims": [Claim("ours", "none")]}
-    write_report([], tmp_path / "again", published=read_published(first), **options)
+    write_report([], tmp_path / "again", TABLE, read_published(first))
     for name in ("table.csv", "runs.csv", "differences.csv", "claims.csv"):
         again, before = (pd.read_csv(folder / name) for folder in (tmp_path / "again", first.parent))
         assert len(before) > 0
@@ -167,7 +140,7 @@ def test_tables_of_a_runs_csv_are_those_of_its_runs(first: Path, tmp_path: Path)
 
 def test_new_rows_stand_beside_published_ones_unless_a_cell_is_there_twice(first: Path, write_run: Write, tmp_path: Path) -> None:
     mine = write_run("mine", "hat", psnr=30.0)
-    report = write_report([mine], tmp_path / "both", reference="none", published=read_published(first))
+    report = write_report([mine], tmp_path / "both", TABLE, read_published(first))
     assert set(report.findings.rows) == {"none", "ours", "mine"}
     assert len(report.findings.runs) == 11
     with pytest.raises(InputError, match=r"row none, scene hat, seed 0 is in .* and in .*runs\.csv.* another name with row=NAME"):
@@ -196,7 +169,7 @@ def test_a_list_without_a_metric_or_with_another_column_is_read(first: Path) -> 
     ("old", "new", "message"),
     [
         (",seed,", ",sed,", "found no column seed"),
-        ("none,hat,0,", "none,hat,zero,", "line 2, seed: expected a number, found 'zero'"),
+        ("none,hat,0,", "none,hat,zero,", "line 2, seed: expected a whole number below 2.63, found 'zero'"),
         ("none,hat,0,", "none,hat,0.5,", "line 2, seed: expected a whole number"),
         ("none,hat,0,", "no\0ne,hat,0,", "line 2: expected a row, a scene and a seed"),
         ("none,hat,0,", ",hat,0,", "line 2: expected a row, a scene and a seed"),
@@ -222,35 +195,6 @@ def test_reasons_with_signs_of_their_own_and_shapes_come_back(write_run: Write, 
     assert after["reasons"] == read_run(run)["reasons"]
     assert after["geometry_missed_share"] == 0.25
     assert "geometry_missed_share" not in given
-
-
-ONE_MORE = """
-import sys
-from ia_bench.scores import columns
-more = columns.Metric("relighting", "flip", columns.psnr, "Relighting", "FLIP", higher_is_better=False, digits=3)
-columns.METRICS += (more,)
-columns.METRIC_OF[more.key] = more
-from ia_bench.cli.report import main
-sys.exit(main(sys.argv[1:]))
-"""
-
-
-def test_a_new_metric_is_a_column_of_the_report_and_empty_in_former_lists(first: Path, write_run: Write, tmp_path: Path) -> None:
-    """The walk of whoever adds one: a function in the scores, a line among the columns, and nothing here."""
-    record = json.loads((write_run("new", "hat") / "metrics.json").read_text())
-    record["metrics"]["relighting"]["flip"] = 0.125
-    (tmp_path / "runs" / "new-hat-0" / "metrics.json").write_text(json.dumps(record))
-    out = tmp_path / "more"
-    arguments = [str(tmp_path / "runs" / "new-hat-0"), str(first), "--out", str(out), "--table", "paper"]
-    done = subprocess.run([sys.executable, "-c", ONE_MORE, *arguments], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found = pd.read_csv(out / "runs.csv").set_index("row")["relighting_flip"]
-    assert found["new"] == 0.125
-    assert found.drop("new").isna().all()
-    text = (out / "report.md").read_text()
-    assert "| Relighting FLIP ↓ |" in text
-    assert f"]: {NOT_SCORED} (relighting.flip in 9 runs)" in text
-    assert "Relighting" in (out / "page" / "index.html").read_text()
 
 
 def test_what_prepares_the_scene_counts_for_no_row(write_run: Write) -> None:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from scored_runs import scored
 
-from ia_bench.report.collect import Record, Runs, as_table
+from ia_bench.report.collect import Collection, Record, Runs, as_table
+from ia_bench.report.findings import analyse
 from ia_bench.report.value import write_value
-from ia_bench.report.worth import Interval, gains, interval, maps, replicates, worth
+from ia_bench.report.worth import gains, replicates, worth
 from ia_bench.runs.table import Row, Table
 
 TABLE = Table(
@@ -46,7 +47,7 @@ def runs(gained: dict[str, list[list[float]]]) -> Runs:
 
 
 def write(found: Runs, table: Table, out: Path) -> set[str]:
-    return {path.name for path in write_value(gains(found, table), found, table, out)}
+    return {path.name for path in write_value(analyse(Collection(found), table), out)}
 
 
 GAINED = {"2 views": [[5.0, 5.0], [5.0, 5.0]], "8 views": [[1.0, 3.0], [2.0, 2.0]], "": [[-1.0, 0.5], [0.3, 0.6]],
@@ -59,21 +60,20 @@ def test_gains_are_means_over_scenes_of_means_over_seeds_and_positive_is_better(
     assert found["8 views", "aligned_albedo.psnr"].beside == pytest.approx(20.0)
     assert found["8 views", "roughness.mse"].over_scenes.mean == pytest.approx(-0.002), "more error is a loss"
     assert found["8 views", "aligned_albedo.psnr"].headroom == pytest.approx(2 / 14)
-    assert found["2 views", "aligned_albedo.psnr"].side == 1
-    assert found["2 views", "roughness.mse"].side == -1
-    assert found["", "aligned_albedo.psnr"].side == 0
+    assert found["2 views", "aligned_albedo.psnr"].outcome == "gains"
+    assert found["2 views", "roughness.mse"].outcome == "costs"
+    assert found["", "aligned_albedo.psnr"].outcome == "undecided"
     assert {gain.row for gain in found.values()} == {"kernel"}
 
 
 def test_a_row_needs_the_photographs_that_the_references_curve_says() -> None:
-    found = {(one.others, one.photographs, one.metric.key): one for one in worth(runs(GAINED), TABLE)}
+    found = {(one["capture"], one["photographs"], one["metric"]): one for one in worth(runs(GAINED), TABLE)}
     two, eight, every = (found["", count, "aligned_albedo.psnr"] for count in (2, 8, 32))
-    assert two.needed == pytest.approx(2 ** (1 + 2 * 0.5)), "15 dB lie half way between 2 and 8 photographs in the logarithm"
-    assert two.bounds == (pytest.approx(4.0), pytest.approx(4.0))
-    assert eight.needed == pytest.approx(2 ** (3 + 2 * 0.5)), "22 dB, half way between 8 and 32"
-    assert every.needed == math.inf, "24.1 dB: the reference does not get there"
-    assert every.bounds is not None
-    assert every.bounds.low < 32
+    assert two["needed"] == pytest.approx(2 ** (1 + 2 * 0.5)), "15 dB lie half way between 2 and 8 photographs in the logarithm"
+    assert (two["low"], two["high"]) == (pytest.approx(4.0), pytest.approx(4.0))
+    assert eight["needed"] == pytest.approx(2 ** (3 + 2 * 0.5)), "22 dB, half way between 8 and 32"
+    assert every["needed"] == math.inf, "24.1 dB: the reference does not get there"
+    assert every["low"] < 32
     assert ("LDR", 8, "aligned_albedo.psnr") not in found, "one number of photographs makes no curve"
 
 
@@ -81,34 +81,26 @@ def test_photographs_are_counted_as_runs_with_all_of_them_have_recorded() -> Non
     """A table made for scenes of 32 photographs, run on scenes of 128: 22 dB then lie half way between 8 and 128."""
     recorded = runs(GAINED)
     recorded["photographs"] = [2 if "2 views" in row else 8 if "8" in row else 128 for row in recorded["row"]]
-    found = {one.photographs: one for one in worth(recorded, TABLE) if one.metric.key == "aligned_albedo.psnr"}
+    found = {one["photographs"]: one for one in worth(recorded, TABLE) if one["metric"] == "aligned_albedo.psnr"}
     assert [*found] == [2, 8, 128]
-    assert found[8].needed == pytest.approx(2 ** (3 + 4 * 0.5))
+    assert found[8]["needed"] == pytest.approx(2 ** (3 + 4 * 0.5))
 
 
 def test_a_row_that_runs_with_some_captures_is_read_off_the_whole_curve() -> None:
     some = replace(TABLE, captures=TABLE.captures[:3], rows=[*TABLE.rows[:2], Row("kernel", [], captures=["2 views"])])
     without = as_table(one for one in records(GAINED) if one["row"] not in ("kernel, 8 views", "kernel"))
-    found = [one for one in worth(without, some) if one.metric.key == "aligned_albedo.psnr"]
-    assert [(one.row, one.photographs) for one in found] == [("kernel", 2)]
-    assert found[0].needed == pytest.approx(4.0)
+    found = [one for one in worth(without, some) if one["metric"] == "aligned_albedo.psnr"]
+    assert [(one["row"], one["photographs"]) for one in found] == [("kernel", 2)]
+    assert found[0]["needed"] == pytest.approx(4.0)
 
 
 def test_every_number_of_photographs_takes_the_seeds_that_it_has() -> None:
     first = as_table(one for one in records(GAINED) if (one["row"], one["seed"]) != ("kernel, 2 views", 1))
-    found = {one.photographs: one for one in worth(first, TABLE) if one.metric.key == "aligned_albedo.psnr"}
-    everything = {one.photographs: one for one in worth(runs(GAINED), TABLE) if one.metric.key == "aligned_albedo.psnr"}
+    found = {one["photographs"]: one for one in worth(first, TABLE) if one["metric"] == "aligned_albedo.psnr"}
+    everything = {one["photographs"]: one for one in worth(runs(GAINED), TABLE) if one["metric"] == "aligned_albedo.psnr"}
     assert found[8] == everything[8], "with 8 photographs no seed is missing"
-    assert found[2].needed == pytest.approx(4.0)
-    assert [(count, found[count].scenes, found[count].pairs) for count in (2, 8)] == [(2, 2, 2), (8, 2, 4)]
-
-
-def test_bounds_are_no_priors_even_where_their_rows_have_only_names() -> None:
-    named = replace(TABLE, rows=[Row("ceiling", []), Row("constant", []), Row("none", []), Row("kernel", [])])
-    found = gains(as_table([*records(GAINED), *(run("constant", f"s{scene}", 0, 5.0) for scene in range(2))]), named)
-    assert {gain.row for gain in found} == {"kernel"}
-    assert next(gain for gain in found if gain.metric.key == "aligned_albedo.psnr").headroom is not None
-    assert {one.row for one in worth(runs(GAINED), named)} == {"kernel"}
+    assert found[2]["needed"] == pytest.approx(4.0)
+    assert [(count, found[count]["scenes"], found[count]["pairs"]) for count in (2, 8)] == [(2, 2, 2), (8, 2, 4)]
 
 
 def test_bootstrap_of_one_seed_a_scene_is_that_of_the_mean() -> None:
@@ -125,11 +117,6 @@ def test_bootstrap_adds_the_variance_of_both_levels() -> None:
     means = np.array([scene.mean() for scene in scenes])
     expected = means.var() / 40 + np.mean([scene.var() / 30 for scene in scenes]) / 40
     assert drawn.var() == pytest.approx(expected, rel=0.06)  # six standard errors: sqrt(2 / 20000) is .01
-
-
-def test_interval_takes_infinity_for_a_number() -> None:
-    assert interval(np.array([1.0] * 90 + [np.inf] * 10)) == Interval(1.0, math.inf)
-    assert [Interval(*ends).side for ends in ((0.1, 2.0), (-1.0, -0.1), (-1.0, 1.0))] == [1, -1, 0]
 
 
 def test_files_say_what_was_found(tmp_path: Path) -> None:
@@ -168,27 +155,10 @@ def test_without_a_metric_in_decibels_there_is_no_figure_and_without_pairs_nothi
     assert gains(runs(GAINED), replace(TABLE, captures=[])) == [], "scenes that are photographed in one way"
 
 
-def test_the_map_has_a_line_for_every_capture_and_a_column_for_every_row() -> None:
-    aligned, relighting, roughness = maps(gains(runs(GAINED), TABLE))
-    assert (aligned.reference, aligned.rows, aligned.largest) == ("none", ("kernel",), 5.0)
-    assert [(label, level, gain and (gain.text, gain.outcome)) for label, level, (gain,) in aligned.lines] == [
-        ("2 views", 10.0, ("+5.00", "gains")),
-        ("8 views", 20.0, ("+2.00", "gains")),  # 1 and 3 of one scene, 2 and 2 of the other
-        ("all views", 24.0, ("+0.10", "undecided")),
-        ("8 views, LDR", 18.0, ("+0.00", "undecided")),
-    ]
-    told = aligned.lines[0][2][0]
-    assert told is not None
-    assert told.told.startswith("kernel, 2 views: +5.00 dB over none, 2 views, which has 10.00; gains; scenes: 2, pairs of runs: 4")
-    assert "21 % of the way to the ceiling" in told.told
-    assert roughness.lines[0][2][0].text == "-0.0050", "more error is a loss"
-    assert relighting.metric.key == "relighting.psnr"
-
-
 def test_a_row_below_the_fewest_needs_none() -> None:
     below = {**GAINED, "2 views": [[-1.0, -1.0], [-1.0, -1.0]]}
-    found = next(one for one in worth(runs(below), TABLE) if one.photographs == 2)
-    assert found.needed == 0
+    found = next(one for one in worth(runs(below), TABLE) if one["photographs"] == 2)
+    assert found["needed"] == 0
 
 
 def test_what_belongs_to_one_run_is_drawn_together() -> None:

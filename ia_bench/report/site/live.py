@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import time
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,8 @@ from ia_bench.common.errors import InputError
 from ia_bench.report.collect import collect
 from ia_bench.report.curves import read_curve
 from ia_bench.report.findings import Findings, analyse
-from ia_bench.report.site.content import curve_data
-from ia_bench.report.texts import write_text
+from ia_bench.report.site.page import curve_data
+from ia_bench.report.write import write_text
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, CellStatus, Overview
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.pictures.packing import compact
@@ -36,11 +38,8 @@ def findings_so_far(overview: Overview, table: Table) -> Findings:
     """
     cells = [one.cell for one in overview.cells]
     rows, scenes = (list(dict.fromkeys(names)) for names in ([cell.row for cell in cells], [cell.scene for cell in cells]))
-    ended = [one.cell for one in overview.of(FINISHED, FAILED)]
-    collection = collect({cell.folder: (cell.row, cell.scene, cell.seed) for cell in ended})
-    reference = table.compared if table.compared in rows else None
-    claims = [claim for claim in table.claims if {claim.better, claim.worse} <= {*rows}]
-    return analyse(collection, rows, scenes, reference, claims, table.papers)
+    collection = collect({one.cell.folder: (one.cell.row, one.cell.scene, one.cell.seed) for one in overview.of(FINISHED, FAILED)})
+    return analyse(collection, replace(table, scenes=[*scenes]), rows)
 
 
 def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = False) -> None:
@@ -64,8 +63,7 @@ def write_news(parts: Path, overview: Overview, every: float, *, ended: bool = F
 
 
 def _curves(one: CellStatus) -> list[dict[str, Any]]:
-    try:
-        curve = read_curve(one.cell.folder / CURVE)
-    except InputError:  # it says so itself once it has finished
-        return []
-    return [] if curve is None else [curve_data(curve)]
+    with suppress(InputError):  # it says so itself once it has finished
+        if (curve := read_curve(one.cell.folder / CURVE)) is not None:
+            return [curve_data(curve)]
+    return []

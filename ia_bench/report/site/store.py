@@ -19,7 +19,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.report.collect import Runs, finished
-from ia_bench.report.site.content import Gallery
+from ia_bench.report.site.page import Gallery
 from ia_bench.runs.config import slug
 from ia_bench.runs.folder import CONFIG
 from ia_bench.runs.pictures import packing
@@ -38,13 +38,12 @@ KEY = "drawn.json"
 """What a truth that was drawn is known by."""
 
 
-def write_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gallery:
+def write_pictures(gallery: Gallery, runs: Runs, parts: Path, note: Callable[[str], None]) -> None:
     """Picture the first finished run of every row and scene in the folder ``parts``, and what is true beside it.
 
     ``note`` is told what is being drawn. What cannot be shown (a run without pictures, a scene that is not there or was changed
     since) is named in :attr:`Gallery.missing`: a report is whole without it.
     """
-    gallery = Gallery()
     first: dict[str, dict[str, Path]] = {}
     done = finished(runs).sort_values("seed", kind="stable")
     for row, scene, folder in zip(done["row"], done["scene"], done["folder"], strict=True):
@@ -56,7 +55,6 @@ def write_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gall
             gallery.scenes[scene] = _write_scene(scene, folders, parts / places[scene], gallery.missing, note)
         except InputError as error:
             gallery.missing.append(f"{scene}: {error}")
-    return gallery
 
 
 def folder_names(names: Collection[str], taken: Collection[str] = ()) -> dict[str, str]:

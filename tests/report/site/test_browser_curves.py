@@ -15,8 +15,7 @@ import pytest
 
 from ia_bench.report.collect import collect
 from ia_bench.report.findings import analyse
-from ia_bench.report.site.content import Sources
-from ia_bench.report.site.write import write_page
+from ia_bench.report.site.page import write_page
 
 AIR = 5  # pixels between a mark's middle and the frame, so that the largest mark is whole
 
@@ -72,7 +71,7 @@ def short_page(open_page: Callable[[Path], Any], write_run: Callable[..., Path],
     write = partial(write_run, scene="hat")
     folders = [write("none", curve="final,1,1.5,20,20,20,20,0.1\n")]
     folders.append(write("ours", curve="final,1,2,21,21,21,21,0.09\nfinal,2,4.5,22,22,22,22,0.08\n"))
-    folder = write_page(Sources(analyse(collect(folders), (), (), None), "short"), tmp_path / "page").parent
+    folder = write_page(analyse(collect(folders)), "short", tmp_path / "page").parent
     opened = open_page(folder)
     curves(opened)
     return opened

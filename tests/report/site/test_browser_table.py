@@ -34,15 +34,6 @@ def test_tabs_change_the_scene_also_by_arrow_keys(page: Any) -> None:
     assert page.locator("#scope-2 tr[data-row='none'] td").nth(9).inner_text().startswith("22.50")
 
 
-def test_a_row_unfolds_into_its_scenes_and_folds_again(page: Any) -> None:
-    unfold = page.get_by_role("button", name="none, scene by scene")
-    unfold.click()
-    assert page.locator("#scope-0 tr.part").all_inner_texts()[0].startswith("hat")
-    assert page.locator("#scope-0 tr.part").count() == 2
-    unfold.click()
-    assert page.locator("#scope-0 tr.part").count() == 0
-
-
 def test_a_tooltip_says_what_a_column_means_by_mouse_and_by_keyboard(page: Any) -> None:
     head = page.locator("#scope-0 [data-sort='relighting.psnr']")
     head.hover()
@@ -83,18 +74,6 @@ def test_from_the_best_row_of_a_scene_to_its_pictures(page: Any) -> None:
 # ---- for other readers: in the dark, on a phone, on paper, without scripts ----
 
 
-def test_dark_light_and_the_systems_colours(page: Any) -> None:
-    ground = "getComputedStyle(document.body).backgroundColor"
-    light = page.evaluate(ground)
-    page.emulate_media(color_scheme="dark")
-    dark = page.evaluate(ground)
-    assert light != dark
-    page.locator("#theme").click()
-    assert page.evaluate(ground) == light
-    page.locator("#theme").click()
-    assert page.evaluate(ground) == dark
-
-
 def test_on_a_phone_nothing_but_the_table_is_wider_than_the_window(page: Any) -> None:
     """The narrowest phone in use; also with pictures, plots and the numbers behind a cell."""
     page.set_viewport_size({"width": 360, "height": 740})
@@ -108,12 +87,6 @@ def test_on_a_phone_nothing_but_the_table_is_wider_than_the_window(page: Any) ->
     assert page.eval_on_selector("#evidence", "box => box.scrollWidth <= box.clientWidth && box.clientWidth <= 360")
     page.keyboard.press("Escape")
     assert page.eval_on_selector("#scope-0 .scroller", "box => box.scrollWidth > box.clientWidth")
-
-
-def test_on_paper_every_scene_stands_below_the_other(page: Any) -> None:
-    page.emulate_media(media="print")
-    assert [page.locator(f"#scope-{place}").is_visible() for place in range(3)] == [True, True, True]
-    assert page.locator(".tools").first.is_hidden()
 
 
 def test_text_is_there_before_any_script(browser: Any, page_folder: Path) -> None:

@@ -12,11 +12,10 @@ from scored_runs import put_setup
 
 from ia_bench.report.collect import collect
 from ia_bench.report.findings import MEAN, analyse
-from ia_bench.report.site.content import Sources, scopes
-from ia_bench.report.site.write import write_page
+from ia_bench.report.site.page import scopes, write_page
 from ia_bench.report.statistics import HOW_JUDGED
 from ia_bench.report.write import write_report
-from ia_bench.runs.table import Claim, Row
+from ia_bench.runs.table import Claim, Row, Table
 
 Write = Callable[..., Path]
 CURVE = "stage1,0,1,10,10,10,10,0.1\nstage1,50,5,16,16,16,16,0.05\n"
@@ -59,7 +58,7 @@ def test_bars_are_explained_where_there_are_some_and_seconds_rank_where_they_com
     rows = [write_run("ours", "hat", seed, environment={"cpu": "Abacus 2", "threads": 1}) for seed in (0, 1)]
     bounds = [write_run(row, "hat", environment={"cpu": "Abacus 3"}) for row in ("ceiling", "constant")]
     alike, mixed = (
-        write_page(Sources(analyse(collect(folders)), "t"), tmp_path / str(len(folders))).read_text(encoding="utf-8")
+        write_page(analyse(collect(folders)), "t", tmp_path / str(len(folders))).read_text(encoding="utf-8")
         for folders in (rows, rows + bounds)
     )
     assert ["The bar behind a number" in text for text in (alike, mixed)] == [False, True]
@@ -70,10 +69,9 @@ def test_bars_are_explained_where_there_are_some_and_seconds_rank_where_they_com
 
 def test_claims_stand_on_the_page_in_the_words_of_the_report(folders: list[Path], tmp_path: Path) -> None:
     """ours - none: 5 and 6 on hat, 6 and 7 on ship. Over seeds 4.303 * sqrt(.125), over scenes 12.706 * .5."""
-    made = write_report(
-        folders, tmp_path / "out", claims=[Claim(*pair, ["albedo.psnr"]) for pair in (("ours", "none"), ("none", "ours"))]
-    )
-    text = write_page(Sources(made.findings, "t"), tmp_path / "page").read_text(encoding="utf-8")
+    claims = [Claim(*pair, ["albedo.psnr"]) for pair in (("ours", "none"), ("none", "ours"))]
+    made = write_report(folders, tmp_path / "out", Table(claims=claims))
+    text = write_page(made.findings, "t", tmp_path / "page").read_text(encoding="utf-8")
     section = re.search(r'<section id="claims".*?</section>', text, re.DOTALL)
     assert section
     lines = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", line) for line in re.findall(r"<tr.*?</tr>", section[0], re.DOTALL)]
@@ -88,7 +86,7 @@ def test_claims_stand_on_the_page_in_the_words_of_the_report(folders: list[Path]
 
 
 def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: Path) -> None:
-    page = write_page(Sources(analyse(collect(folders)), "<i>title</i>"), tmp_path / "page")
+    page = write_page(analyse(collect(folders)), "<i>title</i>", tmp_path / "page")
     text = page.read_text(encoding="utf-8")
     assert "<b>not finite" not in text
     assert "<i>title" not in text
@@ -97,7 +95,7 @@ def test_texts_of_runs_are_data_and_never_markup(folders: list[Path], tmp_path: 
 
 def test_the_same_runs_give_the_same_bytes_and_no_address_to_fetch(folders: list[Path], tmp_path: Path) -> None:
     found = analyse(collect(folders))
-    first, second = (write_page(Sources(found, "t"), tmp_path / "page").read_bytes() for _ in range(2))
+    first, second = (write_page(found, "t", tmp_path / "page").read_bytes() for _ in range(2))
     assert first == second
     assert not re.search(rb'(?:src|href)="(?:https?:)?//', first)
     assert b"url(http" not in first
@@ -109,8 +107,8 @@ def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run
     for seed, folder in enumerate(folders):
         config = {"seed": seed, "scene": {"name": "hat"}, "fit": {"steps": 7}}
         put_setup(folder, config=config, command=f"python -m ia_bench seed={seed}")
-    texts = [Row("ours", ["prior=none", "row='a, b'"], "a note")]
-    found = page_data(write_page(Sources(analyse(collect(folders)), "t", texts), tmp_path / "page"))
+    table = Table(rows=[Row("ours", ["prior=none", "row='a, b'"], "a note")])
+    found = page_data(write_page(analyse(collect(folders), table), "t", tmp_path / "page"))
     assert found["configurations"] == [{"fit.steps": 7}]
     assert found["machines"] == [{"cpu": "Abacus 2", "threads": 1, "packages.torch": "3", "packages.numpy": None}]
     assert [run["command"] for run in found["runs"]] == ["python -m ia_bench seed=0", "python -m ia_bench seed=1"]

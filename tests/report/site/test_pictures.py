@@ -22,8 +22,8 @@ from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.light.latlong import direction_to_texel
 from ia_bench.readers.native import NativeReader
 from ia_bench.report.collect import Runs, as_table
-from ia_bench.report.site.store import folder_names, write_pictures
-from ia_bench.report.site.write import draw_pictures
+from ia_bench.report.site import store
+from ia_bench.report.site.page import Gallery, draw_pictures
 from ia_bench.runs.pictures import packing
 from ia_bench.runs.pictures.drawing import RELIT_STRIDE, TURNS, Pictures, SceneRenderer
 from ia_bench.runs.pictures.packing import bundle
@@ -34,6 +34,11 @@ from ia_bench.scenes.scene import Scene, Truth
 def runs_of(*runs: tuple[Path, str, int]) -> Runs:
     """Finished runs on tiny, by folder, row and seed."""
     return as_table({"folder": folder, "row": row, "scene": "tiny", "seed": seed} for folder, row, seed in runs)
+
+
+def write_pictures(runs: Runs, parts: Path, note: Callable[[str], None]) -> Gallery:
+    store.write_pictures(gallery := Gallery(), runs, parts, note)
+    return gallery
 
 
 def decoded(levels: np.ndarray) -> np.ndarray:
@@ -272,10 +277,3 @@ def test_rows_of_one_slug_have_pictures_of_their_own_and_none_is_laid_over_the_t
     assert gallery.missing == [
         "truth, tiny: expected a row that is not called as the page calls the truth itself; row=NAME gives it a name"
     ]
-
-
-def test_names_are_short_where_that_tells_them_apart() -> None:
-    found = folder_names(["none", "a b", "a/b", "..", "truth"], ["truth"])
-    assert found["none"] == "none"
-    assert [folder.rpartition("-")[0] for folder in [*found.values()][1:]] == ["a-b", "a-b", "..", "truth"]
-    assert len(set(found.values())) == 5

@@ -251,7 +251,7 @@
   tabs.forEach((tab, place) => tab.addEventListener("click", () => choose(place)));
   bench.find("#curve-scenes").append(...tabs);
   for (const key of ["time", "value"]) bench.find(`#curve-${key}`).addEventListener("change", (event) => { state[key] = event.target.value; redraw(); });
-  document.addEventListener("bench-theme", redraw);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   let width = innerWidth;
   addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidth; redraw(); } });
   bench.plots = state;

@@ -21,13 +21,17 @@
 
   const folded = (title, ...content) => make("details", {}, make("summary", { text: title }), ...content);
 
-  bench.commandOf = (run) => {
-    const { command } = data.rows[run.row];
-    return run.command || (command ? `${command} scene=${data.scenes[run.scene]} seed=${run.seed}` : "");
+  // A click on the command selects all of it, for a browser that keeps its clipboard from files.
+  const copy = (text) => make("button", { type: "button", class: "quiet", text: "copy", on: { click: async (event) => {
+    await navigator.clipboard.writeText(text);
+    event.target.classList.add("done");
+    bench.say("Command copied");
+  } } });
+  const command = (run) => {
+    const row = data.rows[run.row].command, text = run.command || (row && `${row} scene=${data.scenes[run.scene]} seed=${run.seed}`);
+    if (!text) return make("p", { class: "fine", text: "This report does not know the configuration of this run, so not its command." });
+    return make("div", { class: "command" }, make("code", { text }), copy(text));
   };
-  const command = (run) => (bench.commandOf(run)
-    ? make("div", { class: "command" }, make("code", { text: bench.commandOf(run) }), bench.copyButton(bench.commandOf(run)))
-    : make("p", { class: "fine", text: "This report does not know the configuration of this run, so not its command." }));
 
   const one = (run, key) => {
     const settings = data.configurations[run.configuration], machine = data.machines[run.machine] || {};
