@@ -32,7 +32,7 @@ from ia_bench.common.suggestions import unknown
 
 Kind = Literal["prior", "coupling", "regulariser", "method", "reader"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-BUILT_IN = "ia_bench"
+BUILT_IN, THE_COMMAND_LINE = "ia_bench", "the command line"  # in place of a distribution
 TESTS = "tests"  # a folder of a plugin's package, whose code decides no number
 MEMBERS = {
     "prior": ("sample",),
@@ -96,7 +96,7 @@ def find(kind: Kind, name: str) -> Plugin:
     Raises InputError naming the closest known name.
     """
     if ":" in name:
-        return Plugin(kind, name, name, "the command line")
+        return Plugin(kind, name, name, THE_COMMAND_LINE)
     known = {**built_in(kind), **installed(kind)}
     if name not in known:
         raise InputError(f"{unknown(kind, name, known)}, those of packages that are installed here, and module:Class")
@@ -144,7 +144,7 @@ def _sources(module: str) -> list[tuple[Path, list[Path]]]:
 def named(kind: Kind, name: str, target: str | None) -> Plugin:
     """The plugin that a configuration names, with the distribution that offers it; ``target`` as of :func:`foreign_code`."""
     known = {**built_in(kind), **installed(kind)}.get(name)
-    return known if known and target in (None, known.target) else Plugin(kind, name, target or name, "the command line")
+    return known if known and target in (None, known.target) else Plugin(kind, name, target or name, THE_COMMAND_LINE)
 
 
 def load(plugin: Plugin) -> Any:  # noqa: ANN401 (whatever the plugin's author put there)

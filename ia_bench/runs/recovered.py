@@ -25,7 +25,7 @@ from ia_bench.runs.record import CONFIG, METRICS_FILE, RunRecord, RunSetup
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
-from ia_bench.scores.evaluate import drawn_scale
+from ia_bench.scores.evaluate import Scores, drawn_scale
 from ia_bench.scores.protocol import Protocol
 from ia_bench.scores.scorer import Scorer
 
@@ -120,8 +120,7 @@ class Rescorer:
         which run that is. A curve cannot be scored again, so there is none.
 
         Raises:
-            InputError: The run has not finished, is of another scene, has left no textures, or was drawn by a renderer of its
-                own, which is not stored: what the reference renderer makes of its textures is no score of the same row.
+            InputError: As :meth:`score`, and for a run that has not finished.
         """
         run = Recovered(folder)
         record, config = run.record, replace(run.config, protocol=self.protocol)
@@ -131,16 +130,9 @@ class Rescorer:
         with RunFolder(place, content, key, setup={**setup(config), "command": run.setup.command}) as kept:
             if kept.finished() is not None:
                 return place
-            stage, scorer = self._scene_of(run)
-            reconstruction = run.reconstruction(stage)
-            if record.renderer != reconstruction.renderer:
-                raise InputError(
-                    f"{folder / METRICS_FILE}: renderer: expected {reconstruction.renderer}, found {record.renderer}: its own "
-                    f"renderer is gone; run it again with protocol={self.protocol.name}"
-                )
-            scores = scorer.full(reconstruction).as_dict()
+            scores = self.score(run).as_dict()
             scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
-            write_pictures(kept, self._scene, scorer.drawn, scale, print)
+            write_pictures(kept, self._scene, self._scorer.drawn, scale, print)
             for name in ASSETS:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:
@@ -150,6 +142,21 @@ class Rescorer:
             protocol = {"protocol_hash": labels(config, content)["protocol_hash"]}
             kept.write_record(replace(record, **scores, **protocol, rescored_from=origin))
         return place
+
+    def score(self, run: Recovered) -> Scores:
+        """What the textures of a run score.
+
+        Raises InputError for a run of another scene, one that has left no textures, and one that was drawn by a renderer of its
+        own, which is not stored: what the reference renderer makes of its textures is no score of the same row.
+        """
+        stage, scorer = self._scene_of(run)
+        reconstruction = run.reconstruction(stage)
+        if run.record.renderer != reconstruction.renderer:
+            raise InputError(
+                f"{run.folder / METRICS_FILE}: renderer: expected {reconstruction.renderer}, found {run.record.renderer}: its own "
+                f"renderer is gone; run it again with protocol={self.protocol.name}"
+            )
+        return scorer.full(reconstruction)
 
     def _scene_of(self, run: Recovered) -> tuple[Stage, Scorer]:
         """The stage and the scorer of the run's scene; those of the run before where that is the same."""

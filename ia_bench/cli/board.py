@@ -1,0 +1,95 @@
+"""``ia-bench board PACKS --out FOLDER``: the report over packs of several people, each row named after who brought it."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ia_bench.cli.report import finish
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
+from ia_bench.common.files import read_json
+from ia_bench.common.paths import make_writable
+from ia_bench.report.collect import CellKey
+from ia_bench.report.write import write_report
+from ia_bench.runs.packs import Manifest, check_reader, packs_among, problems, unpack
+from ia_bench.runs.record import RunRecord, digest_of
+from ia_bench.runs.table import Row, Table
+
+PACKS = "packs"
+"""The folder below a board's that holds its packs, unpacked."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status: 1 if a pack was left out, each of which is named."""
+    parser = argparse.ArgumentParser(prog="ia-bench board", description=__doc__.partition(": ")[2], allow_abbrev=False)
+    parser.add_argument("packs", nargs="+", type=Path, metavar="PACKS", help="zip files, or folders with some")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write into")
+    parser.add_argument("--verified", type=Path, metavar="FILE.json", help="written by ia-bench verify --out: rows are marked")
+    parser.add_argument("--reference", help="the row, with its authors, that the others are compared with")
+    wanted = parser.parse_args(arguments)
+    return status_of(lambda: _board(wanted))
+
+
+def _board(wanted: argparse.Namespace) -> int:
+    packs = packs_among(wanted.packs)
+    verified = None if wanted.verified is None else _verified(wanted.verified)
+    make_writable(wanted.out, "--out")
+    shutil.rmtree(wanted.out / PACKS, ignore_errors=True)
+    cells: dict[Path, CellKey | None] = {}
+    notes: dict[str, str] = {}
+    for path in packs:
+        digest = digest_of(path) or ""
+        place = wanted.out / PACKS / digest[:12]
+        try:
+            manifest = unpack(path, place)
+            for run in manifest.runs:
+                check_reader(place / run.folder)
+                if said := problems(run, place):
+                    raise InputError(f"{path}: {run.folder}: {'; '.join(said)}")
+        except InputError as error:  # of this pack; the others are shown
+            complain(f"{error}; the pack is left out")
+            shutil.rmtree(place, ignore_errors=True)
+            packs = [other for other in packs if other != path]
+            continue
+        for row, (label, note) in _rows(manifest, place, None if verified is None else verified.get(digest, {})).items():
+            notes[label] = note
+            cells |= {place / run.folder: (label, run.scene, run.seed) for run in manifest.runs if run.row == row}
+    if not cells:
+        raise InputError(f"{', '.join(map(str, wanted.packs))}: expected a pack that can be shown, found none")
+    rows = [Row(label, [], note) for label, note in notes.items()]
+    report = write_report(cells, wanted.out, list(notes), reference=wanted.reference)
+    finish(report, Table(rows=rows), wanted.out, "board")
+    return OK if len(packs) == len(packs_among(wanted.packs)) else FAULT
+
+
+def _rows(manifest: Manifest, place: Path, states: dict[str, str] | None) -> dict[str, tuple[str, str]]:
+    """Every row of a pack -> what the board calls it, and what is said of it. ``states``: of its runs, None if none is known."""
+    found = {}
+    for row in dict.fromkeys(run.row for run in manifest.runs):
+        runs = [run for run in manifest.runs if run.row == row]
+        mark, said = "", ["brought by " + " ".join(filter(None, (manifest.authors, manifest.url)))]
+        if states is not None:
+            count = sum(states.get(run.folder) == "verified" for run in runs)
+            mark = ", verified" if count == len(runs) else ", not verified"
+            said.append(f"{count} of {len(runs)} runs scored again with the same result")
+        declared = any(_declares(RunRecord.read(place / run.folder)) for run in runs)
+        said.append("seconds as they declare them" if declared else "seconds as measured by the runs")
+        found[row] = f"{row} ({manifest.authors}{mark})", "; ".join([*said, *filter(None, [manifest.note])])
+    return found
+
+
+def _declares(record: RunRecord) -> bool:
+    """Whether whoever brought the results says how long they took, and no run has measured it."""
+    return bool(getattr(record, "declared", None))
+
+
+def _verified(path: Path) -> dict[str, dict[str, str]]:
+    """The states of runs by their pack's hash. Raises InputError for what ``ia-bench verify`` has not written."""
+    packs: Any = read_json(path).get("packs")
+    if not isinstance(packs, dict) or not all(isinstance(states, dict) for states in packs.values()):
+        raise InputError(f"{path}: expected what ia-bench verify --out writes, found something else")
+    return packs

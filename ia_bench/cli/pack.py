@@ -1,0 +1,48 @@
+"""``ia-bench pack RUNS --out result.zip --authors "A. Author"``: finished runs as one file that others can score again."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, complain, status_of
+from ia_bench.common.output import say
+from ia_bench.common.paths import make_writable
+from ia_bench.runs.cells import folders_with_cells
+from ia_bench.runs.folder import folders_among
+from ia_bench.runs.packs import write_pack
+from ia_bench.runs.record import METRICS_FILE
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    parser = argparse.ArgumentParser(prog="ia-bench pack", description=__doc__.partition(": ")[2], allow_abbrev=False)
+    parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders of runs, or the folder of a table's results")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.zip", help="the pack to write")
+    parser.add_argument("--authors", required=True, help="who brings the results, as a table shall name them")
+    parser.add_argument("--url", default="", help="where a paper or the code is")
+    parser.add_argument("--note", default="", help="what a reader has to know, in a sentence")
+    wanted = parser.parse_args(arguments)
+    return status_of(lambda: _pack(wanted))
+
+
+def _pack(wanted: argparse.Namespace) -> int:
+    if wanted.out.suffix != ".zip":
+        raise InputError(f"--out: expected a name that ends with .zip, found {wanted.out}")
+    folders = [folder for folder in folders_with_cells(folders_among(wanted.runs, complain), complain) if _has_ended(folder)]
+    if not folders:
+        raise InputError(f"{', '.join(map(str, wanted.runs))}: expected a run's {METRICS_FILE} below, found none")
+    make_writable(wanted.out.parent, "--out")
+    manifest = write_pack(sorted(folders), wanted.out, authors=wanted.authors, url=wanted.url, note=wanted.note)
+    failed = sum(run.status == "failed" for run in manifest.runs)
+    what = f"{len(manifest.runs)} runs" if len(manifest.runs) > 1 else "1 run"
+    said = f", {failed} of which failed" if failed else ""
+    say(f"{wanted.out}: {what}{said}, {wanted.out.stat().st_size / 1e6:.1f} MB; ia-bench verify {wanted.out} checks it", sys.stdout)
+    return OK
+
+
+def _has_ended(folder: Path) -> bool:
+    return (folder / METRICS_FILE).is_file()

@@ -1,0 +1,127 @@
+"""Whether the runs of a pack score what they say they do: their hashes are checked, and what they recovered is scored again.
+
+It shows that the files give the scores. How the files came about, how long that took and the curve on the way remain declared.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from ia_bench.common.errors import Fault, InputError
+from ia_bench.common.settings import flat
+from ia_bench.runs.identity import hash_of
+from ia_bench.runs.packs import PackedRun, check_reader, problems, unpack
+from ia_bench.runs.record import METRICS_FILE
+from ia_bench.runs.recovered import Recovered, Rescorer
+from ia_bench.scores.protocol import Protocol
+
+TOLERANCE = {"psnr": 0.02, "ssim": 5e-4, "lpips": 5e-4, "mse": 1e-4}
+"""How far a score may be from what is found again, by the name of its metric; OTHER of it where the name is another."""
+OTHER = 1e-3
+OF_A_VIEW = 5.0
+"""So many times as far may a single view be: its noise does not average out."""
+MOST = 3
+"""So many scores that differ are told, the farthest first."""
+State = Literal["verified", "differs", "not scored again"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was found of one run of a pack.
+
+    Attributes:
+        run: Its labels in the manifest.
+        state: "differs" where a hash, a label or a score is another one; "not scored again" where that cannot be done here.
+        says: Why, a sentence each; nothing of a verified run.
+    """
+
+    run: PackedRun
+    state: State
+    says: tuple[str, ...]
+
+
+class Verifier:
+    """Verifies packs; successive runs of one scene share what was traced of it."""
+
+    def __init__(self, scenes: Mapping[str, Path], note: Callable[[str], None]) -> None:
+        """``scenes``: name of a scene -> its folder here, for those that are not shipped. ``note`` is told which run is scored."""
+        self._scenes, self._note = scenes, note
+        self._last: tuple[tuple[Protocol, str], Rescorer] | None = None
+
+    def verify(self, path: Path) -> list[Verdict]:
+        """A verdict on every run of the pack ``path``. Raises InputError for what is no pack, or a damaged one."""
+        with tempfile.TemporaryDirectory() as place:
+            manifest = unpack(path, Path(place))
+            return [self._verdict(run, Path(place)) for run in sorted(manifest.runs, key=lambda run: (run.scene, run.protocol))]
+
+    def _verdict(self, run: PackedRun, place: Path) -> Verdict:
+        said = problems(run, place)
+        if run.status != "ok":
+            return Verdict(run, "differs" if said else "not scored again", (*said, "the run failed"))
+        self._note(f"{run.row}, {run.scene}, seed {run.seed}: scoring again")
+        try:
+            check_reader(place / run.folder)
+            recovered = Recovered(place / run.folder)
+            said += _inconsistent(recovered)
+            found = self._rescorer(recovered).score(recovered).as_dict()
+        except (InputError, Fault) as error:
+            return Verdict(run, "differs" if said else "not scored again", (*said, str(error).replace(f"{place}/", "")))
+        apart = differences(asdict(recovered.record), found)
+        return Verdict(run, "differs" if said or apart else "verified", (*said, *apart))
+
+    def _rescorer(self, run: Recovered) -> Rescorer:
+        key = run.config.protocol, run.config.scene.name
+        if self._last is None or self._last[0] != key:
+            self._last = key, Rescorer(run.config.protocol, Path(), self._scenes.get(run.config.scene.name))
+        return self._last[1]
+
+
+def differences(told: Mapping[str, Any], found: Mapping[str, Any]) -> tuple[str, ...]:
+    """A sentence for each of the MOST scores that are farther apart than TOLERANCE, the farthest first, and how many more are.
+
+    ``told`` and ``found`` hold the groups of numbers of :class:`~ia_bench.scores.evaluate.Scores`.
+    """
+    apart: list[tuple[float, str]] = []
+    for group in ("metrics", "variants", "per_image", "geometry"):
+        mine, theirs = (dict(_numbers(flat(one.get(group, {})))) for one in (told, found))
+        for key in mine.keys() | theirs.keys():
+            before, after = mine.get(key), theirs.get(key)
+            name = key.partition("[")[0].rpartition(".")[2]
+            tolerance = TOLERANCE.get(name, OTHER) * (OF_A_VIEW if "[" in key else 1)
+            far = 0.0 if before is after else math.inf
+            if before is not None and after is not None:
+                far = abs(before - after)
+            if far > tolerance:
+                by = f", {far:.4g} apart where {tolerance:g} is tolerated" if math.isfinite(far) else ""
+                said = ("no number" if value is None else f"{value:.6g}" for value in (before, after))
+                apart.append((far / tolerance, f"{group}.{key}: the record says {next(said)}, scored again it is {next(said)}{by}"))
+    apart.sort(reverse=True)
+    more = len(apart) - MOST
+    return (*(text for _, text in apart[:MOST]), *([f"and {more} more scores that differ"] if more > 0 else []))
+
+
+def _numbers(values: Mapping[str, Any]) -> Iterator[tuple[str, float | None]]:
+    """Every number by its dotted name, with its place in brackets where it is one of several; texts are none."""
+    for name, value in values.items():
+        for place, one in enumerate(value) if isinstance(value, list) else [(None, value)]:
+            if one is None or isinstance(one, int | float):
+                yield name if place is None else f"{name}[{place}]", one
+
+
+def _inconsistent(run: Recovered) -> list[str]:
+    """What of a record and its configuration contradict each other."""
+    identity, record = run.setup.identity, run.record
+    hashes = {"config_hash": hash_of(identity)}
+    with suppress(KeyError, TypeError):  # of a configuration without: its hash is none of these
+        hashes["protocol_hash"] = hash_of({"protocol": identity["protocol"], "scene": identity["scene"]["content"]})
+    wrong = [name for name, hash_ in hashes.items() if getattr(record, name) != hash_]
+    said = [f"{METRICS_FILE}: {name} is not that of the configuration" for name in wrong]
+    if record.protocol_description != run.config.protocol.describe():
+        said.append(f"{METRICS_FILE}: protocol_description is not what this version computes for {record.protocol}")
+    return said

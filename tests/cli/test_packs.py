@@ -1,0 +1,216 @@
+"""Packs through the command line: what is packed is verified, whatever is manipulated is found, and a board has rows by authors."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import stat
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ia_bench.cli.main import main
+from ia_bench.common.paths import scenes_folder
+from ia_bench.runs import packs
+
+SMALL = [
+    "scene=tiny",
+    "preset=smoke",
+    "threads=1",
+    *(f"protocol.{name}" for name in ("map_points=2", "render_points=2", "samples_per_pixel=8")),
+]
+Files = dict[str, bytes]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two runs in one folder, of no prior and of the oracle."""
+    folder = tmp_path_factory.mktemp("runs")
+    for prior in ("none", "oracle"):
+        assert main(["run", *SMALL, f"prior={prior}", f"out={folder / prior}"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pack(runs: Path) -> Path:
+    """The run without a prior, packed."""
+    return packed(runs / "none", runs / "packs" / "ours.zip", "A. Author")
+
+
+def packed(run: Path, out: Path, authors: str) -> Path:
+    assert main(["pack", str(run), "--out", str(out), "--authors", authors, "--url", "https://example.org/paper"]) == 0
+    return out
+
+
+def files_of(pack: Path) -> Files:
+    with zipfile.ZipFile(pack) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def spoiled(pack: Path, out: Path, spoil: Callable[[Files, str], None], *, hashed: bool = False) -> str:
+    """Write the pack after ``spoil`` was at its files, told its run's folder; ``hashed``: with hashes that fit."""
+    files = files_of(pack)
+    manifest = json.loads(files["manifest.json"])
+    run = manifest["runs"][0]
+    spoil(files, run["folder"])
+    if hashed:
+        run["files"] = {name: hashlib.sha256(files[f"{run['folder']}/{name}"]).hexdigest() for name in run["files"]}
+        files["manifest.json"] = json.dumps(manifest).encode()
+    with zipfile.ZipFile(out, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return str(out)
+
+
+def changed(name: str, change: Callable[[Any], None]) -> Callable[[Files, str], None]:
+    """A spoiling that changes what a JSON file holds."""
+
+    def spoil(files: Files, folder: str) -> None:
+        content = json.loads(files[f"{folder}/{name}"])
+        change(content)
+        files[f"{folder}/{name}"] = json.dumps(content).encode()
+
+    return spoil
+
+
+def better(record: Any) -> None:
+    record["metrics"]["albedo"]["psnr"] += 3
+
+
+def test_what_was_packed_is_verified_and_the_same_runs_give_the_same_bytes(
+    runs: Path, pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert packed(runs / "none", tmp_path / "again.zip", "A. Author").read_bytes() == pack.read_bytes()
+    assert main(["verify", str(pack), "--out", str(tmp_path / "result.json")]) == 0
+    assert "ours.zip: none, tiny, seed 0: verified\n1 verified; tolerated: psnr 0.02" in capsys.readouterr().out
+    (states,) = json.loads((tmp_path / "result.json").read_text())["packs"].values()
+    assert list(states.values()) == ["verified"]
+
+
+@pytest.mark.parametrize("hashed", [False, True])
+def test_a_manipulated_score_is_found_with_and_without_fitting_hashes(
+    pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], *, hashed: bool
+) -> None:
+    assert main(["verify", spoiled(pack, tmp_path / "a.zip", changed("metrics.json", better), hashed=hashed)]) == 1
+    told = capsys.readouterr().out
+    assert "metrics.albedo.psnr: the record says" in told
+    assert "3 apart where 0.02 is tolerated" in told
+    assert ("metrics.json: expected the hash in the manifest, found another one" in told) != hashed
+
+
+def test_a_manipulated_map_is_found_by_its_hash_and_by_its_scores(
+    runs: Path, pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def exchange(files: Files, folder: str) -> None:
+        files[f"{folder}/albedo.exr"] = (runs / "oracle" / "albedo.exr").read_bytes()
+
+    assert main(["verify", spoiled(pack, tmp_path / "a.zip", exchange)]) == 1
+    told = capsys.readouterr().out
+    assert "albedo.exr: expected the hash in the manifest and the record, found another one" in told
+    assert "apart where" in told
+
+
+def test_another_scene_is_found(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = shutil.copytree(scenes_folder() / "tiny", tmp_path / "tiny")
+    (scene / "mesh.ply").write_bytes((scene / "mesh.ply").read_bytes() + b"\n")
+    assert main(["verify", str(pack), "--scene", f"tiny={scene}"]) == 1
+    told = capsys.readouterr().out
+    assert "not scored again" in told
+    assert "expected the files of the run's scene, tiny, found other ones" in told
+
+
+def test_a_renderer_of_its_own_is_not_verified(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = changed("metrics.json", lambda record: record.update(renderer="split sum"))
+    assert main(["verify", spoiled(pack, tmp_path / "a.zip", own, hashed=True)]) == 1
+    assert "seed 0: not scored again; " in (told := capsys.readouterr().out)
+    assert "its own renderer is gone" in told
+    assert "0 verified" in told
+
+
+def test_a_broken_pack_is_one_sentence_and_the_others_go_on(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "broken.zip").write_bytes(pack.read_bytes()[:-3000])
+    shutil.copyfile(pack, tmp_path / "whole.zip")
+    assert main(["verify", str(tmp_path)]) == 1
+    told = capsys.readouterr()
+    assert "broken.zip: expected a pack, found no readable zip file" in told.err
+    assert "1 verified" in told.out
+    assert main(["verify", str(tmp_path / "nothing.zip")]) == 2
+
+
+def test_no_code_is_run_that_a_pack_names(pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    victim = tmp_path / "victim"
+    victim.mkdir()
+
+    def foreign(setup: Any) -> None:
+        setup["config"]["reader"] = {"name": "mine", "target": "shutil:rmtree", "options": {}}
+        setup["config"]["scene"]["path"] = str(victim)
+
+    path = spoiled(pack, tmp_path / "a.zip", changed("config.json", foreign), hashed=True)
+    assert main(["verify", path]) == 1
+    assert "reader: expected one that is installed here, found shutil:rmtree" in capsys.readouterr().out
+    assert main(["board", path, "--out", str(tmp_path / "board")]) == 2
+    assert victim.is_dir()
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("../evil.txt", "expected names of files below the pack's folder"),
+        ("/tmp/evil.txt", "expected names of files below the pack's folder"),
+        ("runs\\evil.txt", "expected names of files below the pack's folder"),
+        ("evil.txt", "does not list evil.txt"),
+        ("link", "expected a file, found a link"),
+        ("large", "expected at most 0 MB, found 1 MB"),
+    ],
+)
+def test_what_leads_out_of_a_pack_or_is_too_large_is_refused(
+    name: str, says: str, pack: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.zip"
+    shutil.copyfile(pack, path)
+    info = zipfile.ZipInfo(name)
+    if name == "link":
+        info.external_attr = (stat.S_IFLNK | 0o777) << 16
+    if name == "large":
+        monkeypatch.setattr(packs, "MEMBER_BYTES", 1 << 19)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(info, bytes(1 << 20) if name == "large" else b"/etc/passwd")
+    assert main(["verify", str(path)]) == 1
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "evil.txt").exists()
+
+
+def test_a_board_has_rows_by_who_brought_them_and_marks_what_is_verified(
+    runs: Path, pack: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = packed(runs / "oracle", tmp_path / "other.zip", "B. Other | <C>")
+    assert main(["verify", str(pack), "--out", str(tmp_path / "result.json")]) == 0
+    damaged = spoiled(pack, tmp_path / "damaged.zip", changed("metrics.json", better))
+    given = [str(pack), str(other), damaged, "--out", str(tmp_path / "board"), "--verified", str(tmp_path / "result.json")]
+    assert main(["board", *given]) == 1  # one pack was left out
+    told = capsys.readouterr()
+    assert "damaged.zip: runs/tiny/none" in told.err
+    assert "| none (A. Author, verified) |" in told.out
+    assert "brought by A. Author https://example.org/paper; 1 of 1 runs scored again with the same result" in told.out
+    assert "| oracle (B. Other \\| " in told.out
+    page = (tmp_path / "board" / "page" / "index.html").read_text()
+    assert "A. Author, verified" in page
+    assert "<C>" not in page
+    assert "albedo" in (tmp_path / "board" / "page" / "parts" / "pictures.js").read_text()
+
+
+def test_what_cannot_be_packed_is_said(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = shutil.copytree(runs / "none", tmp_path / "run")
+    (run / "albedo.exr").write_bytes(b"")
+    arguments = ["--out", str(tmp_path / "a.zip"), "--authors", "A. Author"]
+    assert main(["pack", str(run), *arguments]) == 2
+    assert "albedo.exr: expected the file that the run wrote, found another one" in capsys.readouterr().err
+    assert main(["pack", str(runs / "none"), str(shutil.copytree(runs / "none", tmp_path / "twice")), *arguments]) == 2
+    assert "expected one run of row none, scene tiny, seed 0, found a second one" in capsys.readouterr().err
+    assert main(["pack", str(runs / "none"), "--out", str(tmp_path / "a.zip"), "--authors", " "]) == 2
+    assert "authors: expected a name" in capsys.readouterr().err
+    assert not (tmp_path / "a.zip").exists()
