@@ -77,6 +77,7 @@ class Observations:
         view_count: (V, H, W, 1), how many of the scene's training photographs show the place that a pixel shows, 0 where it shows
             none; not premultiplied. None likewise.
         truth: Component -> (V, H, W, 3), ground truth, only for a prior that wants it.
+        names: What the scene calls the views, None for pictures that are no views of a scene.
     """
 
     images: Tensor
@@ -86,6 +87,7 @@ class Observations:
     visibility: Tensor | None = None
     view_count: Tensor | None = None
     truth: Mapping[str, Tensor] | None = None
+    names: tuple[str, ...] | None = None
 
     def copy(self) -> Observations:
         """The same in memory of its own."""
@@ -94,13 +96,14 @@ class Observations:
     def select(self, rows: list[int]) -> Observations:
         """Some of the images, in the order of ``rows``."""
         views = None if self.views is None else tuple(self.views[row] for row in rows)
-        return replace(self._each(lambda tensor: tensor[rows]), views=views)
+        names = None if self.names is None else tuple(self.names[row] for row in rows)
+        return replace(self._each(lambda tensor: tensor[rows]), views=views, names=names)
 
     def _each(self, change: Callable[[Tensor], Tensor]) -> Observations:
         geometry = (self.normals, self.visibility, self.view_count)
         normals, visibility, view_count = (None if tensor is None else change(tensor) for tensor in geometry)
         truth = None if self.truth is None else {name: change(tensor) for name, tensor in self.truth.items()}
-        return Observations(change(self.images), change(self.masks), self.views, normals, visibility, view_count, truth)
+        return Observations(change(self.images), change(self.masks), self.views, normals, visibility, view_count, truth, self.names)
 
 
 @dataclass(frozen=True)

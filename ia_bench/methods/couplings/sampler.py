@@ -111,7 +111,8 @@ class PriorSampler:
             seen = view_geometry(self._problem, views) if wants & set(GEOMETRY) else (None, None)
             normals, visibility = (tensor if name in wants else None for name, tensor in zip(GEOMETRY, seen, strict=True))
             view_count = count_views(self._problem, views) if "view_count" in wants else None
-            self._shown = Observations(images, masks, views, normals, visibility, view_count)
+            names = tuple(view.name for view in chosen)
+            self._shown = Observations(images, masks, views, normals, visibility, view_count, names=names)
         return self._shown
 
     def _key(self, shown: Observations) -> str:

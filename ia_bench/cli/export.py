@@ -1,0 +1,71 @@
+"""``ia-bench export SCENE OUT``: a scene after its capture in the layout of another program, or its photographs for a network."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, status_of
+from ia_bench.common.output import say
+from ia_bench.common.paths import make_writable
+
+EXAMPLES = """\
+SCENE is a name or a folder; SETTING=VALUE is any of a run's that decide what is photographed: reader=..., capture.views=8.
+
+  ia-bench export hat --for prior OUT --size 512      photographs for a network; prior=files takes its predictions back
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    about = __doc__.partition(": ")[2]
+    shape = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("ia-bench export", None, about, EXAMPLES, formatter_class=shape, allow_abbrev=False)
+    parser.add_argument("given", nargs="+", metavar="SCENE OUT [SETTING=VALUE ...]", help="what is written, and where")
+    parser.add_argument("--for", dest="purpose", choices=["prior"], required=True, help="training photographs for a network")
+    parser.add_argument("--size", type=int, help="of --for prior: side of the squares that photographs are resized into")
+    backgrounds = ["black", "grey", "white", "transparent"]
+    parser.add_argument("--background", choices=backgrounds, default="black", help="of --for prior (default: black)")
+    parser.add_argument("--crop", action="store_true", help="of --for prior: squares around the object, not the photograph")
+    wanted = parser.parse_intermixed_args(arguments)
+    return status_of(lambda: _export(wanted))
+
+
+def _export(wanted: argparse.Namespace) -> int:
+    settings = [text for text in wanted.given if "=" in text]
+    named = [text for text in wanted.given if "=" not in text]
+    if not any(text.startswith(("scene=", "scene.path=")) for text in settings) and named:
+        name, *named = named
+        settings.insert(0, f"scene.path={name}" if Path(name).is_dir() else f"scene={name}")
+    if len(named) != 1:
+        raise InputError(f"ia-bench export: expected SCENE OUT, a scene and a new folder, found {' '.join(wanted.given)}")
+    if wanted.size is not None and not 8 <= wanted.size <= 8192:
+        raise InputError(f"--size: expected 8 to 8192 pixels, found {wanted.size}")
+    out = Path(named[0])
+    if out.is_dir() and any(out.iterdir()):
+        raise InputError(f"{out}: expected a new folder, or an empty one, found files in it")
+    from ia_bench.runs.composition import compose  # brings in Hydra, as what follows brings in torch
+    from ia_bench.runs.scene import captured_scene, tell
+
+    scene = captured_scene(compose(settings), lambda line: say(line, sys.stderr))
+    tell(scene, lambda line: say(line, sys.stderr))
+    make_writable(out, "OUT")
+    from ia_bench.priors.for_networks import ABOUT, README, write_photographs
+
+    write_photographs(out, scene.train, size=wanted.size, background=wanted.background, crop=wanted.crop)
+    size = f"{wanted.size} x {wanted.size}" if wanted.size else "as large as the photographs"
+    text = README.format(
+        count=len(scene.train),
+        size=size,
+        background=wanted.background,
+        scene=" ".join(text for text in wanted.given if text != named[0]),
+        out=out,
+        settings=" ".join(settings),
+        about=ABOUT,
+    )
+    (out / "README.txt").write_text(text)
+    say(f"{out}: {len(scene.train)} photographs; {out / 'README.txt'} says what to do with them", sys.stdout)
+    return OK

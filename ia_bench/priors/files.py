@@ -1,0 +1,278 @@
+"""Predictions of any network as a prior: pictures in a folder, one or several for each training view. It sees nothing else.
+
+The folder holds ``albedo/VIEW.png`` and the like, and may hold ``predictions.json``, which says how they are stored::
+
+    {"albedo": {"files": "albedo/*", "encoding": "srgb", "alpha": "straight"}, "sees_truth": false,
+     "views": {"0001": {"size": [640, 480], "box": [0, -80, 640, 640], "exposure": 1.5}}}
+
+``size`` (width, height) is that of the view, ``box`` (left, top, width, height) the part of it that pictures show, in its pixels,
+which may reach beyond its edges, and ``exposure`` what its radiance was multiplied by: so ``ia-bench export --for prior`` wrote it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import torch
+from pydantic import Field
+from scipy.ndimage import distance_transform_edt
+from torch import Tensor
+from torch.nn import functional as F
+
+from ia_bench.common.errors import InputError
+from ia_bench.common.files import read_json, shown, user_path
+from ia_bench.common.ranges import Positive
+from ia_bench.common.seeds import derive_seed
+from ia_bench.common.settings import parsed
+from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
+from ia_bench.priors.inputs import check_views
+from ia_bench.readers.pictures import SUFFIXES
+from ia_bench.scenes.color import srgb_to_linear
+from ia_bench.scenes.exr import read_exr
+from ia_bench.scenes.photograph import open_picture, read_array
+
+ABOUT = "predictions.json"
+FORMATS = (*SUFFIXES, ".npy")
+ROUNDING = 0.01  # which lossy files and filters pass the ends of a range by
+COVERED = 0.5  # of the object, at least, by a prediction's own alpha; less shows another view, or another part of it
+ASPECT = 0.02  # relative difference of two aspects that rounding to whole pixels explains
+FAINTEST = 1e-3  # a coverage below which nothing was predicted
+Encoding = Literal["linear", "srgb"]
+Alpha = Literal["straight", "premultiplied"]
+Pixels = Annotated[int, Field(ge=1, lt=2**16)]
+Place = Annotated[int, Field(gt=-(2**16), lt=2**16)]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the pictures of one view show of it; see the module."""
+
+    size: tuple[Pixels, Pixels] | None = None
+    box: tuple[Place, Place, Pixels, Pixels] | None = None
+    exposure: Positive = 1.0
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Where the pictures of a component lie, and what their values mean; see :class:`FilesPrior`."""
+
+    files: str | None = None
+    encoding: Encoding | None = None
+    alpha: Alpha | None = None
+
+
+@dataclass(frozen=True)
+class About:
+    """What predictions.json holds; ``made_by`` is for whoever reads it."""
+
+    albedo: Stored = field(default_factory=Stored)
+    specular: Stored = field(default_factory=Stored)
+    sees_truth: bool = False
+    made_by: str = ""
+    views: dict[str, Any] = field(default_factory=dict)
+
+
+class FilesPrior:
+    """A sample of a view is one of the pictures that lie there for it, drawn by the seed; a single one is always taken.
+
+    A picture is decoded, resized to its part of the view (means of what it covers, bilinear where it is coarser), and multiplied
+    by the view's mask. Where its alpha covers nothing, the nearest colour stands. Specular shading is in the units of the
+    photograph, divided by the exposure that it was shown with.
+
+    ``path``: the folder. ``albedo``, ``specular``: where pictures lie below it, "*" standing for the name of a view:
+    ``albedo/*`` by default means albedo/VIEW.png (or .exr, .npy, ...), or all pictures in a folder albedo/VIEW. ``encoding``:
+    "srgb" or "linear". ``alpha``: "straight", or "premultiplied" where edges fade to black. ``sees_truth``: whether the predictions
+    were made with knowledge of the truth; such a prior is marked in every table.
+
+    An option wins over predictions.json, which may differ by component; an encoding or an alpha that neither says is asked for and
+    never guessed. Raises InputError.
+    """
+
+    @classmethod
+    def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The options with the folder's absolute path, which identifies nothing: the files in it do."""
+        path = options.get("path")
+        return dict(options) if path is None else {**options, "path": str(user_path("prior.options.path", path, folder=True))}
+
+    @classmethod
+    def files(cls, options: Mapping[str, Any]) -> list[Path]:
+        """The pictures and predictions.json."""
+        made = cls(**options)
+        pictures = [path for stored in made._stored.values() for path in made._all(stored)]
+        return [path for path in (made._folder / ABOUT, *pictures) if path.is_file()]
+
+    def __init__(
+        self,
+        *,
+        path: str | None = None,
+        albedo: str | None = None,
+        specular: str | None = None,
+        encoding: Encoding | None = None,
+        alpha: Alpha | None = None,
+        sees_truth: bool | None = None,
+    ) -> None:
+        if path is None:
+            raise InputError("prior=files: expected prior.options.path=FOLDER, the folder of the predictions, found none")
+        self._folder = user_path("prior.options.path", path, folder=True)
+        place = self._folder / ABOUT
+        about = parsed(About, read_json(place) if place.exists() else {}, f"{place}: ")
+        self._views = {name: parsed(Shown, view, f"{place}: views.{name}") for name, view in about.views.items()}
+        self._stored: dict[str, Stored] = {}
+        for name, given, said in zip(COMPONENTS, (albedo, specular), (about.albedo, about.specular), strict=True):
+            stored = Stored(given or said.files or f"{name}/*", encoding or said.encoding, alpha or said.alpha)
+            if self._all(stored):
+                self._stored[name] = stored
+            elif given or said.files:
+                raise InputError(f"{self._folder}: expected pictures of {name} as {shown(stored.files)}, found none")
+        if not self._stored:
+            raise InputError(
+                f"{self._folder}: expected predictions as albedo/VIEW.png (or .exr, .npy, ...), or specular/, found none"
+            )
+        for name, key in ((name, key) for name in self._stored for key in ("encoding", "alpha")):
+            if getattr(self._stored[name], key) is None:
+                choices = " or ".join(("linear", "srgb") if key == "encoding" else ("straight", "premultiplied"))
+                raise InputError(f"{place}: {name}.{key}: expected {choices}, there or as prior.options.{key}, found nothing")
+        several = any(path.parent != self._path(one, "x").parent for one in self._stored.values() for path in self._all(one))
+        self.info = PriorInfo(frozenset(self._stored), several, sees_truth=about.sees_truth if sees_truth is None else sees_truth)
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
+        """See :meth:`ia_bench.priors.contract.Prior.sample`. Of the observations only names and masks are looked at."""
+        if guidance:
+            raise InputError("prior=files: it cannot be guided (guidable is false), found guidance")
+        check_views("files", observations, {}, self.info.provides)
+        names = observations.names
+        if names is None:
+            raise InputError("prior=files: expected the training views of a scene, found pictures without a name")
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"prior=files: expected training views of different names, found {names.count(twice)} called {twice}")
+        values = {}
+        for component, stored in sorted(self._stored.items()):
+            found = {name: self._of_view(stored, name) for name in names}
+            missing = [name for name, paths in found.items() if not paths]
+            if missing:
+                some = shown(", ".join(missing[:5]) + (", ..." if len(missing) > 5 else ""))
+                raise InputError(
+                    f"{self._folder}: {stored.files}: expected {component} of every training view that is asked about, "
+                    f"found none of {len(missing)} of {len(names)}: {some} (and {self._all(stored)[0].name} among others)"
+                )
+            drawn = [paths[derive_seed(seed, "files", name) % len(paths)] for name, paths in found.items()]
+            rows = [self._view(component, *each) for each in zip(names, drawn, observations.masks, strict=True)]
+            values[component] = torch.stack(rows) if rows else observations.images.clone()
+        if "specular" not in values or self._stored["specular"].encoding == "linear":
+            return Samples(values)
+        ends = [1 / self._views.get(name, Shown()).exposure for name in names]  # what is encoded ends at white
+        return Samples(values, {"specular": torch.tensor(ends)})
+
+    # ---------------------------------------------------------------- which file
+    def _path(self, stored: Stored, name: str) -> Path:
+        """Where a view's picture lies, but for its suffix. Raises InputError for a pattern that leads elsewhere."""
+        pattern = str(stored.files)
+        if "*" not in pattern or Path(pattern).is_absolute() or ".." in Path(pattern).parts:
+            expected = f"where files lie below {self._folder}, as 'albedo/*', the star standing for a view's name"
+            raise InputError(f"prior=files: expected {expected}, found {shown(repr(pattern))}")
+        return self._folder / pattern.replace("*", name)
+
+    def _all(self, stored: Stored) -> list[Path]:
+        """All pictures of a component, by name."""
+        self._path(stored, "")
+        ends = (f"{stored.files}{end}" for end in ("", ".*", "/*"))
+        return sorted({path for end in ends for path in self._folder.glob(end.replace("*", "**/*", 1)) if _is_picture(path)})
+
+    def _of_view(self, stored: Stored, name: str) -> list[Path]:
+        """The pictures of a view, by name. Raises InputError for the same one in two formats."""
+        path = self._path(stored, name)
+        if path.is_dir():
+            return sorted(each for each in path.iterdir() if _is_picture(each))
+        found = [path] if _is_picture(path) else [each for end in FORMATS if (each := path.with_name(path.name + end)).is_file()]
+        if len(found) > 1:
+            raise InputError(f"{path}: expected one picture, found {' and '.join(each.name for each in found)}")
+        return found
+
+    # ---------------------------------------------------------------- what is in it
+    def _view(self, component: str, name: str, path: Path, mask: Tensor) -> Tensor:
+        """The prediction in a picture at the size of its view (H, W, 3), premultiplied by ``mask`` (H, W)."""
+        (height, width), about = mask.shape, self._views.get(name, Shown())
+        if about.size is not None and about.size != (width, height):
+            said = f"{about.size[0]} x {about.size[1]} pixels"
+            raise InputError(f"{self._folder / ABOUT}: expected view {name} with {said}, found {width} x {height}: another capture")
+        left, top, across, down = about.box or (0, 0, width, height)
+        stored, share = _read(path)
+        if abs(stored.shape[1] * down / (stored.shape[0] * across) - 1) > max(ASPECT, 1 / min(stored.shape[:2])):
+            found = f"{stored.shape[1]} x {stored.shape[0]}"
+            raise InputError(
+                f"{path}: expected the aspect of what it shows of view {name}, {across} x {down} pixels, found {found}"
+            )
+        if share is None:  # the network's own edges are not known: those of the view
+            share = _resized(_cut(mask[..., None], left, top, across, down), *stored.shape[:2])
+        encoding, alpha = self._stored[component].encoding, self._stored[component].alpha
+        straight = torch.where(share > 0, stored / share.clamp_min(1 / 255), 0) if alpha == "premultiplied" else stored
+        end = torch.inf if (component, encoding) == ("specular", "linear") else 1.0
+        inside = stored[(share > 0).expand_as(stored)]
+        if inside.numel() and not (inside.min() >= -ROUNDING and inside.max() <= end + ROUNDING):
+            expected = f"from 0 to {end:g}" if end < torch.inf else "of 0 and more"
+            found = f"{inside.min():.4g} to {inside.max():.4g}"
+            raise InputError(f"{path}: expected {component}, which is {encoding}, in values {expected}, found {found}")
+        straight = straight.clamp(0, end)
+        straight = srgb_to_linear(straight) if encoding == "srgb" else straight
+        known = _resized(torch.cat([straight * share, share], -1), down, across)
+        whole = _cut(known, -left, -top, width, height)
+        colour, covered = whole[..., :3], whole[..., 3:].clamp_min(0)
+        seen = float((mask * covered[..., 0].clamp(max=1)).sum() / mask.sum().clamp_min(1e-9))
+        if bool((mask > 0).any()) and seen < COVERED:
+            raise InputError(f"{path}: expected the object of view {name}, found {seen:.0%} of it covered by the picture's alpha")
+        colour, bare = colour / covered.clamp_min(FAINTEST), covered[..., 0] <= FAINTEST
+        if bool((bare & (mask > 0)).any()) and not bool(bare.all()):
+            rows, columns = distance_transform_edt(bare.numpy(), return_distances=False, return_indices=True)
+            colour = colour[torch.from_numpy(rows), torch.from_numpy(columns)]
+        exposure = about.exposure if component == "specular" else 1.0
+        return (colour * mask[..., None] / exposure).float()
+
+
+def _is_picture(path: Path) -> bool:
+    return path.suffix.lower() in FORMATS and path.is_file()
+
+
+def _read(path: Path) -> tuple[Tensor, Tensor | None]:
+    """Colours (h, w, 3) as they are stored, and alpha (h, w, 1) where there is some. Raises InputError."""
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        values = read_array(path)
+    elif suffix == ".exr":
+        values = read_exr(path, None)
+    else:
+        picture = open_picture(path)
+        kind = "RGBA" if "A" in picture.getbands() or "transparency" in picture.info else "RGB"
+        if picture.mode in ("1", "L", "LA", "I", "F") or picture.mode.startswith("I;"):
+            raise InputError(f"{path}: expected red, green and blue, found a picture in grey ({picture.mode})")
+        values = np.asarray(picture.convert(kind), np.float32) / 255
+    if values.ndim != 3 or values.shape[-1] not in (3, 4) or not values.size:
+        raise InputError(f"{path}: expected (height, width, 3) values, or 4 with alpha, found shape {values.shape}")
+    tensor = torch.from_numpy(np.ascontiguousarray(values, np.float32))
+    if values.shape[-1] == 3:
+        return tensor, None
+    alpha = tensor[..., 3:]
+    if not (alpha.min() >= -ROUNDING and alpha.max() <= 1 + ROUNDING):
+        raise InputError(f"{path}: expected alpha from 0 to 1, found {alpha.min():.4g} to {alpha.max():.4g}")
+    return tensor[..., :3], alpha.clamp(0, 1)
+
+
+def _resized(values: Tensor, height: int, width: int) -> Tensor:
+    """Premultiplied values (h, w, C) with as many pixels; to the bit where there are as many already."""
+    if values.shape[:2] == (height, width):
+        return values
+    moved = values.movedim(-1, 0)[None]
+    return F.interpolate(moved, (height, width), mode="bilinear", antialias=True, align_corners=False)[0].movedim(0, -1)
+
+
+def _cut(values: Tensor, left: int, top: int, width: int, height: int) -> Tensor:
+    """The part of (h, w, C) that begins at a row and a column, 0 where that lies beyond the edges."""
+    cut = values.new_zeros(height, width, values.shape[-1])
+    first, last = (max(top, 0), max(left, 0)), (min(top + height, values.shape[0]), min(left + width, values.shape[1]))
+    if last[0] > first[0] and last[1] > first[1]:
+        cut[first[0] - top : last[0] - top, first[1] - left : last[1] - left] = values[first[0] : last[0], first[1] : last[1]]
+    return cut
