@@ -1,6 +1,9 @@
-"""``python -m ia_bench``: one run, or a sweep of runs; :mod:`ia_bench.cli.run` does the work."""
+"""``python -m ia_bench ...``: ``ia-bench run ...``, or another command of ``ia-bench`` that comes first."""
 
-from ia_bench.cli.run import main
+import sys
+
+from ia_bench.cli.main import COMMANDS, main
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    given = sys.argv[1:]
+    raise SystemExit(main(given if given and given[0] in COMMANDS else ["run", *given]))

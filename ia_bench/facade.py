@@ -41,6 +41,8 @@ from ia_bench.scenes.scene import Camera, Scene
 from ia_bench.scores.columns import METRICS
 from ia_bench.scores.scorer import Scorer
 
+Scored = dict[str, dict[str, float | None]]
+"""Component -> metric -> mean, as metrics.json has them."""
 PLAIN = "_./:-+~"
 """What a text may hold beside letters and digits that Hydra reads as it stands."""
 SHOWN = ("row", "scene", "seed", "protocol", "capture", *(metric.column for metric in METRICS), "seconds", "problem")
@@ -103,7 +105,7 @@ class Fit(Recovered):
         return self.record.summary()
 
     @property
-    def metrics(self) -> dict[str, dict[str, float | None]]:
+    def metrics(self) -> Scored:
         """Component -> metric -> mean, None where the scene has no truth of it; ``record.reasons`` says why."""
         return self.record.metrics
 
@@ -231,7 +233,7 @@ def fit(
     return Fit(folder)
 
 
-def score(found: Fit, scene: LoadedScene | None = None, *, protocol: str | None = None) -> dict[str, dict[str, float | None]]:
+def score(found: Fit, scene: LoadedScene | None = None, *, protocol: str | None = None, progress: bool = True) -> Scored:
     """Score what was recovered again: component -> metric -> mean, as :attr:`Fit.metrics`; nothing is written.
 
     What the textures look like is drawn by the reference renderer, whatever renderer the method had of its own.
@@ -240,11 +242,12 @@ def score(found: Fit, scene: LoadedScene | None = None, *, protocol: str | None 
         found: The fit.
         scene: Whose truth it is compared with, None for its own. Another one needs the same mesh.
         protocol: The name of another protocol than that of the run.
+        progress: Whether progress is shown on standard error.
     """
     rules = found.config.protocol if protocol is None else compose([f"protocol={protocol}"]).protocol
     compared = found.scene if scene is None else captured(scene, found.config.capture, log.info)
-    with process_state_kept():
-        return Scorer(compared, rules, found._textured.device).full(found._textured).metrics
+    with process_state_kept(), Progress(quiet=not progress) as shown:
+        return Scorer(compared, rules, found._textured.device).full(found._textured, shown.task).metrics
 
 
 def table(runs: Sequence[Fit | str | Path]) -> pd.DataFrame:

@@ -105,13 +105,13 @@ def test_baselines_are_found_by_their_entry_points(installed: Path, tmp_path: Pa
     if importlib.util.find_spec("mitsuba") is None:
         assert re.search(r"! method 'mitsuba_adam' of ia_bench_baselines .* cannot be used: .* pip install mitsuba", listed)
     else:
-        assert re.search(r"  mitsuba_adam +ia_bench_baselines.mitsuba_adam.method:MitsubaAdam of ia_bench_baselines", listed)
+        assert re.search(r"mitsuba_adam.* \(ia_bench_baselines", listed)
 
 
 def test_broken_neighbour_is_named_and_skipped(installed: Path, tmp_path: Path) -> None:
     listed = call(installed, "ia_bench.check", "--help", folder=tmp_path)
     assert listed.returncode == 0
-    assert re.search(r"grey_world +grey_world_prior:GreyWorldPrior of grey_world_prior 0\.1\.0", listed.stdout)
+    assert re.search(r"grey_world \(grey_world_prior\s+0\.1\.0\)", listed.stdout)
     cause = "importing shaky_prior:Prior raised OSError: libshaky.so"
     assert f"prior 'shaky' of shaky 0.3 cannot be used: {cause}" in listed.stdout
     asked = call(installed, "ia_bench.check", "prior=shaky", folder=tmp_path)

@@ -43,7 +43,7 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
         scene = replace(scene, saturated_share=_saturated_share(before, train))
     if settings.consistency:
         note(f"capture.consistency={settings.consistency}: poses and masks are made to agree with each other")
-        train = _agreeing(train, settings, note)
+        train = _agreeing(train, settings, note, begin)
     differ = scene.exposures_differ or settings.exposure == "per_image"
     shaped = replace(scene, train=train, exposures_differ=differ)
     if settings.geometry != "given" or scene.mesh is None:
@@ -57,7 +57,9 @@ def captured(scene: Scene, settings: CaptureSettings, note: Callable[[str], None
     return replace(shaped, train=inside(shaped.train, settings.margin))
 
 
-def _agreeing(views: tuple[View, ...], settings: CaptureSettings, note: Callable[[str], None]) -> tuple[View, ...]:
+def _agreeing(
+    views: tuple[View, ...], settings: CaptureSettings, note: Callable[[str], None], begin: Begin
+) -> tuple[View, ...]:
     """The views with poses and masks that agree better, by a hull that tolerates as many wrong ones as DOUBTS says.
 
     Raises OpenHullError where a hull that tolerates ``capture.tolerated`` is open, too.
@@ -67,10 +69,10 @@ def _agreeing(views: tuple[View, ...], settings: CaptureSettings, note: Callable
 
     for doubted in (each for each in DOUBTS if each > settings.tolerated and len(views) >= MANY):
         try:
-            return consistent(views, settings.consistency, doubted)
+            return consistent(views, settings.consistency, doubted, begin)
         except OpenHullError:
             note(f"capture.consistency={settings.consistency}: a hull that tolerates {doubted} views is open; it tolerates fewer")
-    return consistent(views, settings.consistency, settings.tolerated)
+    return consistent(views, settings.consistency, settings.tolerated, begin)
 
 
 def _taken(views: tuple[View, ...], settings: CaptureSettings) -> tuple[View, ...]:

@@ -1,4 +1,4 @@
-"""``python -m ia_bench.check``: does a plugin keep its contract? A tick or a cross per question."""
+"""``ia-bench check``: does a plugin keep its contract? A tick or a cross per question."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -29,36 +30,25 @@ if TYPE_CHECKING:
     from ia_bench.scenes.scene import Scene
 
 USAGE = """\
-python -m ia_bench.check prior=NAME [prior.options.KEY=VALUE ...] [--json]
-python -m ia_bench.check method=NAME [method.options.KEY=VALUE ...] [--json]
-python -m ia_bench.check coupling=NAME [coupling.options.KEY=VALUE ...] [--json]
-python -m ia_bench.check regulariser=NAME [regulariser.options.KEY=VALUE ...] [--json]
-python -m ia_bench.check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE ...] [sheet=FILE.png] [--json]
+ia-bench check prior=NAME [prior.options.KEY=VALUE ...] [--json]
+ia-bench check method=NAME [method.options.KEY=VALUE ...] [--json]
+ia-bench check coupling=NAME [coupling.options.KEY=VALUE ...] [--json]
+ia-bench check regulariser=NAME [regulariser.options.KEY=VALUE ...] [--json]
+ia-bench check reader=NAME scene.path=FOLDER [reader.options.KEY=VALUE ...] [sheet=FILE.png] [--json]
 
 Checks that a plugin keeps its contract. NAME is one of those below, or module:Class.
 
 A prior is asked about small computed images of a painted ball: shapes, ranges, determinism, seeds, guidance, wrong input.
-
-A method reconstructs tiny (scene=NAME or scene.path=FOLDER: another one) with preset=smoke: whether it sees no truth, repeats
-and resumes to the bit (on the CPU), predicts what it says it does, and is scored. prior=NAME gives it one to ask.
-
+A method reconstructs tiny (scene=NAME or scene.path=FOLDER: another one) with preset=smoke: whether it sees no truth,
+repeats and resumes to the bit (on the CPU), predicts what it says it does, and is scored. prior=NAME gives it one to ask.
 A coupling and a regulariser are asked about tiny, and about samples and materials that are made up: what they give back,
 whether it repeats, whether a coupling goes on from a checkpoint. prior=NAME is the prior of the fit.
-
-A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; what was found, what is missing and what
-will be scored. A sheet of photographs with the outline of the mesh is written to sheet=FILE.png
+A reader reads the scene: shapes, ranges, cameras, no truth unasked, the same again; what was found, what is missing and
+what will be scored. A sheet of photographs with the outline of the mesh is written to sheet=FILE.png
 (runs/contact_sheets/SCENE.png): look at it first.
 
-Priors
-{prior}
-Methods
-{method}
-Couplings
-{coupling}
-Regularisers
-{regulariser}
-Readers
-{reader}
+{plugins}
+
 Exit status: 0 all ticks, 1 at least one cross, 2 a mistake in what was asked.
 """
 
@@ -78,7 +68,7 @@ SHORT = {"scene": "tiny", "preset": "smoke", "threads": "1"}
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    return command(lambda: USAGE.format(**{kind: _plugins(kind) for kind in registry.KINDS}), _check, arguments)
+    return command(lambda: USAGE.format(plugins="\n".join(map(_plugins, registry.KINDS))), _check, arguments)
 
 
 def _check(given: Sequence[str]) -> int:
@@ -115,7 +105,7 @@ def _kind(arguments: Sequence[str]) -> str:
     known = SETTINGS[kind] if kind else tuple(SETTINGS)
     for key in keys:
         if key.lstrip("+~").split(".")[0] not in known:
-            raise InputError(unknown("setting of ia_bench.check", key.lstrip("+~").split(".")[0], list(known)))
+            raise InputError(unknown("setting of ia-bench check", key.lstrip("+~").split(".")[0], list(known)))
     if kind is None:
         raise InputError(f"expected {', '.join(f'{kind}=NAME' for kind in list(SETTINGS)[:-1])} or prior=NAME; --help lists them")
     return kind
@@ -214,7 +204,11 @@ CHECKS: dict[str, Callable[[Sequence[str]], tuple[str, Iterable[Finding]]]] = {
 
 
 def _plugins(kind: registry.Kind) -> str:
+    """The names of a kind, ours and then those of each distribution; and what is broken, a line each."""
     working, broken = registry.load_installed(kind)
-    found = {**registry.built_in(kind), **working}
-    lines = [f"  {name:<20}{plugin.target} of {plugin.distribution}\n" for name, plugin in found.items()]
-    return "".join([*lines, *(f"  ! {problem}\n" for problem in broken)])
+    names = {"": list(registry.built_in(kind))}
+    for name, plugin in working.items():
+        names.setdefault(f" ({plugin.distribution})", []).append(name)
+    listed = "; ".join(f"{', '.join(mine)}{whose}" for whose, mine in names.items())
+    shown = fill(listed, 118, initial_indent=f"{kind + '=':<14}", subsequent_indent=" " * 14)
+    return "\n".join([shown, *(f"  ! {problem}" for problem in broken)])

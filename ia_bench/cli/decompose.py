@@ -1,4 +1,4 @@
-"""``python -m ia_bench.decompose IMAGE...``: albedo and specular shading behind single images, by a prior alone."""
+"""``ia-bench decompose IMAGE...``: albedo and specular shading behind single images, by a prior alone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ia_bench.scenes.photograph import read_photograph
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     about = __doc__.partition("\n")[0]
-    parser = argparse.ArgumentParser(prog="python -m ia_bench.decompose", description=about, allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="ia-bench decompose", description=about, allow_abbrev=False)
     parser.add_argument("images", nargs="+", type=Path, metavar="IMAGE", help="PNG, JPEG, TIFF, ... (sRGB) or OpenEXR (linear)")
     parser.add_argument("--mask", type=Path, help="picture that is white on the object; else the image's alpha, else all of it")
     parser.add_argument("--out", type=Path, default=Path("decomposed"), help="folder for the results (default: decomposed)")

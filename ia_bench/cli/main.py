@@ -11,7 +11,7 @@ from ia_bench.common.output import say
 from ia_bench.common.suggestions import unknown
 
 COMMANDS = {
-    "run": ("ia_bench.cli.run", "reconstruct one scene and score what was recovered (python -m ia_bench)"),
+    "run": ("ia_bench.cli.run", "reconstruct one scene and score what was recovered"),
     "table": ("ia_bench.cli.table", "every row x scene x seed of a table, then its report"),
     "report": ("ia_bench.cli.report", "the tables, curves and page of runs that are there already"),
     "rescore": ("ia_bench.cli.rescore", "scores of finished runs under another protocol"),

@@ -1,9 +1,10 @@
-"""``python -m ia_bench.cli.report RUNS... --out FOLDER``: the report of runs that are there already; nothing is run."""
+"""``ia-bench report RUNS...``: the report of runs that are there already; nothing is run."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import webbrowser
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,10 +30,11 @@ PAGE = "page"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m ia_bench.cli.report", description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="ia-bench report", description=__doc__, allow_abbrev=False)
     what = "folders that are searched for run folders, or a former report's runs.csv"
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help=what)
-    parser.add_argument("--out", type=Path, required=True, help="folder to write into")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="folder to write into (default: RUNS-report, beside RUNS)")
+    parser.add_argument("--open", action="store_true", help="show the page in a browser")
     parser.add_argument("--table", help="a table of conf/table: order of rows and scenes, reference, claims")
     parser.add_argument("--only", action="store_true", help="of every runs.csv, take the rows of --table alone")
     parser.add_argument("--reference", help="the row that the others are compared with (default: the table's)")
@@ -48,9 +50,13 @@ def _report(wanted: argparse.Namespace) -> int:
     table = _compared_with(load_table(wanted.table) if wanted.table else Table(), wanted.reference)
     rows = [row.name for row in table.crossed_rows]
     published = [run for path in tables for run in read_published(path) if not wanted.only or run["row"] in rows]
-    make_writable(wanted.out, "--out")
-    report = write_report(folders_with_cells(folders, complain), wanted.out, table, published)
-    finish(report, wanted.out, wanted.table or wanted.out.resolve().name)
+    first = wanted.runs[0].resolve()
+    out = wanted.out or first.with_name(f"{first.stem if wanted.runs[0] in tables else first.name}-report")
+    make_writable(out, "--out")
+    report = write_report(folders_with_cells(folders, complain), out, table, published)
+    page = finish(report, out, wanted.table or (out.resolve().name if wanted.out else first.name))
+    if wanted.open and not webbrowser.open(page.resolve().as_uri()):
+        say(f"no browser was found here; open {page} in one", sys.stdout)
     return OK
 
 
@@ -69,8 +75,8 @@ def _compared_with(table: Table, wanted: str | None) -> Table:
     return replace(table, reference=known[wanted])
 
 
-def finish(report: Report, out: Path, name: str) -> None:
-    """Write the page of a report below ``out`` and what a prior is worth beside it; print the means, and where the files are."""
+def finish(report: Report, out: Path, name: str) -> Path:
+    """Write a report's page below ``out`` and what a prior is worth beside it; print means and files. Returns the page."""
     findings = report.findings
     with Progress() as progress:
         gallery = draw_pictures(findings.runs, out / PAGE / PARTS, progress.note)
@@ -87,7 +93,4 @@ def finish(report: Report, out: Path, name: str) -> None:
         *map(str, write_value(findings, out)),
     ]
     say("\n".join(lines), sys.stdout)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+    return page

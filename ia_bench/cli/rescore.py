@@ -1,4 +1,4 @@
-"""``python -m ia_bench.cli.rescore RUNS... --out FOLDER``: scores of finished runs under another protocol; nothing is fitted."""
+"""``ia-bench rescore RUNS... --out FOLDER``: scores of finished runs under another protocol; nothing is fitted."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
 from ia_bench.common.machine import limit_threads
 from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
 from ia_bench.runs.folder import folders_among
 from ia_bench.runs.record import METRICS_FILE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status: 1 if a run could not be scored, each of which is named."""
-    parser = argparse.ArgumentParser(prog="python -m ia_bench.cli.rescore", description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="ia-bench rescore", description=__doc__, allow_abbrev=False)
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUNS", help="folders that are searched for finished runs")
     parser.add_argument("--out", type=Path, required=True, help="folder of the new run folders; what is in it already is kept")
     parser.add_argument("--protocol", default="paper-v2", help="a protocol of conf/protocol (default: paper-v2)")
@@ -45,12 +46,10 @@ def _rescore(wanted: argparse.Namespace) -> int:
     failed = 0
     for folder in folders:
         try:
-            say(f"{folder}: {rescorer.rescore(folder)}", sys.stdout)
+            with Progress() as progress:
+                place = rescorer.rescore(folder, progress)
+            say(f"{folder}: {place}", sys.stdout)
         except (InputError, Fault) as error:  # of this run; the others go on
             failed += 1
             complain(str(error))
     return FAULT if failed else OK
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

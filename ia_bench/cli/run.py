@@ -1,4 +1,4 @@
-"""``python -m ia_bench``: one run, from a Hydra configuration. ``--help`` says how."""
+"""``ia-bench run``: one run, from a Hydra configuration. ``--help`` says how."""
 
 from __future__ import annotations
 
@@ -24,6 +24,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _work(arguments: list[str]) -> int:
     if "--version" in arguments:
         return _version()
+    if "--choices" in arguments:
+        from ia_bench.cli.usage import choices
+
+        say(choices().rstrip(), sys.stdout)
+        return OK
     if show := "--cfg" in arguments:
         place = arguments.index("--cfg")
         if arguments[place : place + 2] != SHOW:
@@ -63,7 +68,7 @@ def _expect_setting(text: str, after: Sequence[str]) -> None:
     """Raise InputError, with what to write instead, for an argument that is no SETTING=VALUE; ``after``: the next one."""
     name = text.lstrip("-")
     if text in ("-m", "--multirun"):
-        raise InputError(f"{text}: expected one run, found a sweep: a table is many, python -m ia_bench.table --help")
+        raise InputError(f"{text}: expected one run, found a sweep: a table is many, ia-bench table --help")
     if name.startswith("hydra"):
         raise InputError(f"{text}: expected a setting of a run, found one of Hydra's own, which decide nothing here")
     if "=" not in text or text.startswith("-"):

@@ -1,13 +1,13 @@
-"""``python -m ia_bench.table``: every row x scene x seed of a table, each as a run of its own, then the report.
+"""Every row x scene x seed of a table, each as a run of its own, then the report.
 
-    python -m ia_bench.table [table=paper] [rows=none,targets] [seeds=0,1] [scenes=hat,ship] [jobs=auto] [SETTING=VALUE ...]
-    python -m ia_bench.table table=FILE.yaml ...
-    python -m ia_bench.table launcher=ray|submitit_slurm|submitit_local [launcher.SETTING=VALUE ...] ...
+    ia-bench table [table=paper] [rows=none,targets] [seeds=0,1] [scenes=hat,ship] [jobs=auto] [SETTING=VALUE ...]
+    ia-bench table table=FILE.yaml ...
+    ia-bench table launcher=ray|submitit_slurm|submitit_local [launcher.SETTING=VALUE ...] ...
 
 A cell runs in a process of its own, so that one that crashes takes no other with it; it is started again from its last
-checkpoint, launcher.attempts=3 times in all. Finished cells are skipped, failed ones are tried again, shown and counted. All other
-overrides go to every cell, but none may set what a row sets itself. Everything is left in results/<table>/; the report there is of
-the rows, scenes and seeds that were asked for last.
+checkpoint, launcher.attempts=3 times in all. Finished cells are skipped, failed ones are tried again, shown and counted.
+All other overrides go to every cell, but none may set what a row sets itself. Everything is left in results/TABLE/; the
+report there is of the rows, scenes and seeds that were asked for last.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def make_table(request: TableRequest) -> int:
             progress.note(line)
         known_as = str(Path(request.table).resolve()) if request.table.endswith(".yaml") else request.table
         write_cells(results, known_as, None if jobs == AS_MANY_AS_FIT else jobs, cells)
-        progress.note(f"python -m ia_bench.watch {results}: the page of this table while it grows")
+        progress.note(f"ia-bench watch {results}: the page of this table while it grows")
         failed = run_cells(cells, launcher, jobs, results / "logs", progress)
     scenes = dict.fromkeys(cell.config.scene.name for cell in cells)
     ran = {cell.folder: (cell.row.name, cell.config.scene.name, cell.config.seed) for cell in cells}

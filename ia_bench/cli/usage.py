@@ -1,4 +1,4 @@
-"""The text of ``python -m ia_bench --help``: what it does, examples, and every choice with its line of description."""
+"""What ``ia-bench run --help`` and ``--choices`` print: what a run does, examples, and what can be chosen."""
 
 from __future__ import annotations
 
@@ -22,60 +22,65 @@ GROUPS = {
 }
 
 TEXT = """\
-python -m ia_bench [GROUP=NAME ...] [SETTING=VALUE ...]
+ia-bench run [GROUP=NAME ...] [SETTING=VALUE ...]          (the same: python -m ia_bench ...)
 
 Reconstructs albedo, roughness and light of one object from posed images under one unknown light, with the help of a
 prior, scores the result by a declared protocol, and leaves everything in one folder.
 
-Examples
-  python -m ia_bench prior=oracle scene=hat          one run
-  python -m ia_bench scene=tiny preset=smoke         does it run? (seconds)
-  python -m ia_bench scene.path=FOLDER out=RESULTS   a scene of your own, results where you want them
-  python -m ia_bench prior=oracle --cfg job          every setting and its value, without running
-  python -m ia_bench.table table=FILE.yaml           several runs: every row x scene x seed of a table, side by side
-                                                     or on a cluster, then the report (there is no -m)
+  ia-bench run scene=tiny preset=smoke                does it run? (seconds)
+  ia-bench run scene=hat prior=combined               one run (a minute)
+  ia-bench run scene.path=FOLDER reader=nerfstudio    a scene of your own
+  ia-bench run --choices                              what every name below is
+  ia-bench run scene=hat --cfg job                    every setting and its value, without running
+  ia-bench table table=FILE.yaml                      several runs side by side, then the report
 
-Choices
+Groups and their names
 {choices}
 Settings
-  seed=0                  every random draw depends on it
-  out=FOLDER              the run's folder; otherwise runs/<scene>/<row>-<hash> below the current folder
-  device=auto             auto, cpu or cuda
-  threads=N               CPU threads (all by default)
-  reader.options.uv=mesh  xatlas unwraps a mesh that has no texture coordinates
-  fit.*, render.*         the trainer's and the renderer's settings; --cfg job lists them, and what is auto there is
-                          decided by the plan, from measurements of the scene
-  protocol.*              e.g. protocol.lpips.net=squeeze
+  out=FOLDER              the run's folder (default: runs/SCENE/ROW-HASH below the current one)
+  seed=0 threads=N device=auto|cpu|cuda
+  fit.regularise=[NAME, ...]
+  fit.*  render.*  capture.*  protocol.*  prior.options.*  reader.options.*
 
-Results
-  A run is known by the hash of its configuration. One that has finished is not repeated; one that was killed resumes
-  from its last checkpoint. Its folder holds metrics.json, curve.csv, config.json, albedo.exr, roughness.exr, light.exr
-  and asset.glb.
-
-Exit status: 0 done, 1 it could not be done (one line where a disk or a plugin is to blame, else a traceback),
-2 a mistake in what was asked (one line), 130 or 143 interrupted by Ctrl-C or SIGTERM, with the state saved.
-IA_BENCH_DEBUG=1 shows every traceback. --version says which code this is.
+A run that has finished is not repeated; one that was killed goes on from its last checkpoint.
+Exit status: 0 done, 1 it could not be done, 2 a mistake in what was asked, 130 or 143 interrupted, with the state saved.
+IA_BENCH_DEBUG=1 shows every traceback.
 """
 
 
 def usage() -> str:
-    """The help text, with built-in and installed choices. Nothing is imported; ``ia_bench.check --help`` tells broken plugins."""
-    return TEXT.format(choices="\n".join(_group(group, line) for group, line in GROUPS.items()))
+    """The help text, with names of built-in and installed choices. Nothing is imported; ``ia-bench check`` tells broken ones."""
+    return TEXT.format(choices="".join(f"{_names(group)}\n" for group in GROUPS))
 
 
-def _group(group: str, line: str) -> str:
-    choices = {path.stem: _description(path) for path in sorted((conf_folder() / group).glob("*.yaml"))}
+def choices() -> str:
+    """Every group, and every name in it with its line of description."""
+    return "\n".join(_described(group, line) for group, line in GROUPS.items())
+
+
+def _names(group: str) -> str:
+    label = group if group == "regulariser" else f"{group}="  # which is no setting of its own
+    return fill(" ".join(_choices(group)), 116, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16)
+
+
+def _choices(group: str) -> dict[str, str]:
+    """Name -> what it is."""
+    found = {path.stem: _description(path) for path in sorted((conf_folder() / group).glob("*.yaml"))}
     kind = next((kind for kind in registry.KINDS if kind == group), None)
     if kind is not None:
-        choices |= {name: f"from {plugin.distribution}" for name, plugin in registry.installed(kind).items()}
+        found |= {name: f"from {plugin.distribution}" for name, plugin in registry.installed(kind).items()}
+    return found
+
+
+def _described(group: str, line: str) -> str:
+    found = _choices(group)
     if group == "scene":
-        absent = set(choices) - _scenes_here()
-        choices |= {name: f"(not here) {text}" for name, text in choices.items() if name in absent}
+        found |= {name: f"(not here) {text}" for name, text in found.items() if name not in _scenes_here()}
     lines = [
-        fill(f"{name:<17} {description}", 118, initial_indent=" " * 4, subsequent_indent=" " * 22) + "\n"
-        for name, description in choices.items()
+        fill(f"{name:<17} {description}", 118, initial_indent=" " * 2, subsequent_indent=" " * 20) + "\n"
+        for name, description in found.items()
     ]
-    return f"  {group + '=':<18}{line}\n" + "".join(lines)
+    return f"{group + '=':<20}{line}\n" + "".join(lines)
 
 
 def _scenes_here() -> set[str]:
@@ -88,5 +93,5 @@ def _scenes_here() -> set[str]:
 def _description(path: Path) -> str:
     """The comment that follows the command at the top of a YAML file."""
     lines = path.read_text(encoding="utf-8").splitlines()
-    command = next(number for number, line in enumerate(lines) if line.startswith("# python -m"))
+    command = next(number for number, line in enumerate(lines) if line.startswith(("# python -m", "# ia-bench")))
     return lines[command + 1].removeprefix("#").strip()

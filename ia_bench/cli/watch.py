@@ -1,4 +1,4 @@
-"""``python -m ia_bench.watch RUNS``: the page of a table while it is being made; nothing is run, and no run is disturbed.
+"""``ia-bench watch RUNS``: the page of a table while it is being made; nothing is run, and no run is disturbed.
 
 It opens by a double click, tells which cells run, wait, finished and failed, and about how long the rest takes, and loads itself
 again when a cell has ended. Ctrl-C ends the watch, not the runs.
@@ -29,7 +29,7 @@ LEAST_SECONDS, MOST_SECONDS = 0.2, 86_400
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m ia_bench.watch", description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(prog="ia-bench watch", description=__doc__, allow_abbrev=False)
     parser.add_argument("runs", type=Path, metavar="RUNS", help="a table's results, or any folder with runs")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder to write the page into (default: RUNS/{LIVE})")
     parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="seconds between two looks (default: 2)")

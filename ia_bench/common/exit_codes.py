@@ -1,4 +1,4 @@
-"""How a command ends: the exit statuses of every ``python -m ia_bench...``, and the one line that explains a failure."""
+"""How a command ends: the exit statuses of every command, and the one line that explains a failure."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from ia_bench.common.progress import Begin, unseen
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.hull import HALF, carving_mask, centre_of, outline_distance, visual_hull
 from ia_bench.scenes.images import straight
@@ -36,14 +37,14 @@ STEP = 1e-3  # pixels by which a motion moves the image, when its effect is meas
 USED = [0, 1, 2, 5]  # of the motions of pixel_motions: pan, tilt, roll, along the axis; shifts to the sides look like pan and tilt
 
 
-def consistent(views: Sequence[View], rounds: int, tolerated: int) -> tuple[View, ...]:
+def consistent(views: Sequence[View], rounds: int, tolerated: int, begin: Begin = unseen) -> tuple[View, ...]:
     """The views with cameras and masks that agree better with the hull of all of them, after so many rounds.
 
     A mask that was too large is made smaller, and one that was too small larger: what that adds is not ``valid``, since nobody
-    knows what the photograph showed there. What all masks have in common cannot be told and stays.
+    knows what the photograph showed there. What all masks have in common cannot be told and stays. ``begin`` shows how far it is.
     """
     unknowns = np.zeros((len(views), 7))  # what was found so far, in pixels
-    mended = tuple(views)
+    mended, task = tuple(views), begin("outlines", rounds)
     for _ in range(rounds):
         grid = visual_hull(mended, CELLS, tolerated)
         outlines = [outline(view, grid) for view in mended]
@@ -51,6 +52,7 @@ def consistent(views: Sequence[View], rounds: int, tolerated: int) -> tuple[View
         unknowns += [_improvement(one, common, so_far) for one, so_far in zip(outlines, unknowns, strict=True)]
         unknowns[:, 5:] -= unknowns[:, 5:].mean(0)  # that all cameras come nearer, or all masks grow, is the size of the hull
         mended = tuple(_mended(*each) for each in zip(views, outlines, unknowns, strict=True))
+        task.advance()
     return mended
 
 

@@ -57,7 +57,7 @@ def written_out(overrides: Sequence[str]) -> list[str]:
 
 
 def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
-    """The resolved configuration of ``python -m ia_bench <overrides>``. Raises InputError for what it cannot mean.
+    """The resolved configuration of ``ia-bench run <overrides>``. Raises InputError for what it cannot mean.
 
     ``here``: see :func:`ia_bench.runs.config.resolved`.
     """
@@ -103,7 +103,7 @@ def explain(error: Exception) -> str:
         several = re.match(r"Ambiguous value for argument '([^']+)'", text)
         if several:
             key = several[1].removeprefix("++")
-            return f"{key}: expected one value; several runs are a table: python -m ia_bench.table seeds=0,1 scenes=hat,ship"
+            return f"{key}: expected one value; several runs are a table: ia-bench table seeds=0,1 scenes=hat,ship"
         return text
     return str(error)
 

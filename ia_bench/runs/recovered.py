@@ -13,6 +13,7 @@ from ia_bench.capture.capture import captured
 from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import commit
+from ia_bench.common.progress import Begin, Progress, unseen
 from ia_bench.common.settings import parsed
 from ia_bench.material.textures import Material
 from ia_bench.render.reconstruction import TexturedReconstruction
@@ -113,7 +114,7 @@ class Rescorer:
         self.protocol, self.out, self.scene = protocol, out, scene
         self._key: object = None
 
-    def rescore(self, folder: Path) -> Path:
+    def rescore(self, folder: Path, progress: Progress | None = None) -> Path:
         """Score the run in ``folder`` and return its new folder, in which it may be finished already.
 
         Scores are new; all that the run took (seconds, rays, memory, machine) is what it was, and ``rescored_from`` says
@@ -130,9 +131,10 @@ class Rescorer:
         with RunFolder(place, content, key, setup={**setup(config), "command": run.setup.command}) as kept:
             if kept.finished() is not None:
                 return place
-            scores = self.score(run).as_dict()
+            progress = progress or Progress(quiet=True)
+            scores = self.score(run, progress.task).as_dict()
             scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
-            write_pictures(kept, self._scene, self._scorer.drawn, scale, print)
+            write_pictures(kept, self._scene, self._scorer.drawn, scale, progress.note)
             for name in ASSETS:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:
@@ -143,8 +145,8 @@ class Rescorer:
             kept.write_record(replace(record, **scores, **protocol, rescored_from=origin))
         return place
 
-    def score(self, run: Recovered) -> Scores:
-        """What the textures of a run score.
+    def score(self, run: Recovered, begin: Begin = unseen) -> Scores:
+        """What the textures of a run score; ``begin`` shows how far it is.
 
         Raises InputError for a run of another scene, one that has left no textures, and one that was drawn by a renderer of its
         own, which is not stored: what the reference renderer makes of its textures is no score of the same row.
@@ -156,7 +158,7 @@ class Rescorer:
                 f"{run.folder / METRICS_FILE}: renderer: expected {reconstruction.renderer}, found {run.record.renderer}: its own "
                 f"renderer is gone; run it again with protocol={self.protocol.name}"
             )
-        return scorer.full(reconstruction)
+        return scorer.full(reconstruction, begin)
 
     def _scene_of(self, run: Recovered) -> tuple[Stage, Scorer]:
         """The stage and the scorer of the run's scene; those of the run before where that is the same."""

@@ -59,7 +59,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     counts = costs.counts()
     record.score("final", result.steps, sum(result.seconds.values()), lambda: result.reconstruction)
     with costs.exclude("score"):
-        scores = scorer.full(result.reconstruction)
+        scores = scorer.full(result.reconstruction, progress.task)
     write_assets(folder, result.reconstruction)
     with costs.exclude("pictures"):
         scale = drawn_scale(scores.albedo_scales, config.protocol.alignment)

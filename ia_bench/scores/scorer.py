@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ia_bench.common.progress import Begin, unseen
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
@@ -131,15 +132,18 @@ class Scorer:
             if name != "train" and name in scene.truth.lights
         }
 
-    def full(self, reconstruction: Reconstruction) -> Scores:
+    def full(self, reconstruction: Reconstruction, begin: Begin = unseen) -> Scores:
         """Every number of the protocol; and what can be exported is drawn by the reference renderer, too, and scored again.
 
-        Its pictures under novel lights stand for those of a method that renders under its own light alone.
+        Its pictures under novel lights stand for those of a method that renders under its own light alone. ``begin`` shows how
+        many of the views are drawn, and compared.
         """
         samples, renderer = self._protocol.samples_per_pixel, reconstruction.renderer
-        truth = self._truth(1)
-        own, exported = self._predict(reconstruction, truth, 1, samples), self._exported(reconstruction)
-        redrawn = None if exported is None else self._predict(exported, truth, 1, samples)
+        truth, exported = self._truth(1), self._exported(reconstruction)
+        views = sum(len(of) for of in (truth.albedo, truth.view_synthesis, *(truth.relighting or {}).values()) if of is not None)
+        task = begin("scores", max(views, 1) * (2 if exported is None else 3))
+        own = self._predict(reconstruction, truth, 1, samples, task.advance)
+        redrawn = None if exported is None else self._predict(exported, truth, 1, samples, task.advance)
         if own.relighting is None and redrawn is not None and redrawn.relighting is not None:
             own, renderer = replace(own, relighting=redrawn.relighting), f"{renderer}; under novel lights {REFERENCE}"
         if exported is not None and redrawn is not None:
@@ -151,6 +155,7 @@ class Scorer:
             score_again(scores, redrawn, truth, REDRAWN)
         if self.drawn is not None:
             scores.counts["textures"] = self.drawn[0].counts()
+        task.advance(task.total - task.done)
         scores.geometry.update(self._geometry())
         for name in self._novel:
             if name != "train" and name not in self._lights:
@@ -186,19 +191,28 @@ class Scorer:
             relighting={name: images for name in self._lights if (images := _true(self._novel[name][::stride], "image"))} or None,
         )
 
-    def _predict(self, reconstruction: Reconstruction, truth: Predictions, stride: int, samples: int) -> Predictions:
-        """The pictures that ``truth`` is compared with, None for what the reconstruction cannot give."""
+    def _predict(
+        self,
+        reconstruction: Reconstruction,
+        truth: Predictions,
+        stride: int,
+        samples: int,
+        drawn: Callable[[int], None] = lambda views: None,
+    ) -> Predictions:
+        """The pictures that ``truth`` is compared with, None for what the reconstruction cannot give; ``drawn`` is told of each."""
         protocol = self._protocol
         wanted = [name for name in MAPS if getattr(truth, name) is not None]
         quality = Quality(protocol.render_points, samples, protocol.seed)
         cameras = [view.camera for view in self._scene.test[::stride]]
         maps = reconstruction.maps(cameras, wanted, points=protocol.map_points) if wanted else {}
         albedo, roughness = (maps.get(name) for name in MAPS)
+        drawn(0 if truth.albedo is None else len(truth.albedo))
 
         def rendered(light: str, scale: torch.Tensor | None) -> Images | None:
             views = self._novel[light][::stride]
             cameras = [view.camera for view in views]
             images = reconstruction.render(cameras, light=self._lights.get(light), albedo_scale=scale, quality=quality)
+            drawn(len(views))
             return images and images.exposed([view.exposure for view in views])
 
         view_synthesis = rendered("train", None) if truth.view_synthesis is not None else None

@@ -33,8 +33,8 @@ pytestmark = pytest.mark.usefixtures("workplace")
         ("protocol.lpips.net=sqeeze", "did you mean 'squeeze'?"),
         ("seed=abc", "seed: expected a whole number, found 'abc'"),
         ("fit=3", "fit: "),
-        ("seed=1,2", "seed=1,2: expected one value; several runs are a table: python -m ia_bench.table seeds=0,1"),
-        ("--multirun", "--multirun: expected one run, found a sweep: a table is many, python -m ia_bench.table --help"),
+        ("seed=1,2", "seed=1,2: expected one value; several runs are a table: ia-bench table seeds=0,1"),
+        ("--multirun", "--multirun: expected one run, found a sweep: a table is many, ia-bench table --help"),
         ("fit.pixels=[", "cannot read 'fit.pixels=['"),
         ("seed", "seed: expected SETTING=VALUE, such as seed=VALUE; --help lists them"),
         ("scene.path=nowhere", "scene.path=nowhere: no such folder"),
@@ -118,14 +118,17 @@ def test_every_setting_can_be_shown(capfd: pytest.CaptureFixture[str]) -> None:
 
 def test_help_describes_every_choice(capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
+    screen = capfd.readouterr().out
+    assert len(screen.splitlines()) <= 40
+    assert main(["--choices"]) == 0
     text = capfd.readouterr().out
     for path in conf_folder().glob("*/*.yaml"):
         if path.parent.name != "table":
-            line = next(line for line in text.splitlines() if line.startswith(f"    {path.stem} "))
-            assert len(line) > 30
-    assert max(map(len, text.splitlines())) <= 120
-    assert "runs/<scene>/<row>-<hash>" in text
-    described = {scene: text.partition(f"    {scene} ")[2].partition("\n    ")[0] for scene in ("bear", "hat")}
+            assert f" {path.stem} " in screen.replace("\n", " ")
+            line = next(line for line in text.splitlines() if line.startswith(f"  {path.stem} "))
+            assert len(line) > 28
+    assert max(map(len, (screen + text).splitlines())) <= 121
+    described = {scene: text.partition(f"  {scene} ")[2].partition("\n  ")[0] for scene in ("bear", "hat")}
     assert {scene: "(not here)" in told for scene, told in described.items()} == {"bear": True, "hat": False}
     assert main(["--version"]) == 0
     assert capfd.readouterr().out.startswith("ia_bench 0.")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from ia_bench.cli.check import main as check
-from ia_bench.cli.usage import usage
+from ia_bench.cli.usage import choices
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 
@@ -119,7 +119,7 @@ def test_broken_plugin_is_an_error_only_for_who_asks(name: str, cause: str) -> N
 
 def test_help_imports_nothing_and_that_of_the_check_names_the_broken(capsys: pytest.CaptureFixture[str]) -> None:
     before = set(sys.modules)
-    assert "from third 1.2" in usage()
+    assert "from third 1.2" in choices()
     assert not [name for name in set(sys.modules) - before if name.startswith("third_")]
     assert check(["--help"]) == 0
     told = "prior 'broken' of third 1.2 cannot be used: importing third_broken:Thing raised ImportError"
