@@ -61,8 +61,7 @@ def _board(wanted: argparse.Namespace) -> int:
     if not cells:
         raise InputError(f"{', '.join(map(str, wanted.packs))}: expected a pack that can be shown, found none")
     rows = [Row(label, [], note) for label, note in notes.items()]
-    report = write_report(cells, wanted.out, list(notes), reference=wanted.reference)
-    finish(report, Table(rows=rows), wanted.out, "board")
+    finish(write_report(cells, wanted.out, Table(rows=rows, reference=wanted.reference)), wanted.out, "board")
     return OK if len(packs) == len(packs_among(wanted.packs)) else FAULT
 
 
