@@ -25,8 +25,7 @@ from ia_bench.common.machine import environment
 from ia_bench.methods.contract import Method, Monitor, Problem
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.contract import Prior
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior, Prior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.readers.native import NativeReader
 from ia_bench.render.reconstruction import Reconstruction

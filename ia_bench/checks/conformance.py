@@ -21,7 +21,7 @@ from ia_bench.checks.stack import Stack, painted_ball
 from ia_bench.common.errors import InputError, raised
 from ia_bench.common.process_state import process_state_kept
 from ia_bench.priors.contract import COMPONENTS, Observations, Prior, Samples
-from ia_bench.priors.validation import check_prior_info, checked, checked_refinement
+from ia_bench.priors.validation import check_prior_info, checked
 
 ALBEDO_TOLERANCE = 1e-3  # beyond [0, 1]: half floats and antialiasing
 CEILING_TOLERANCE = 1e-3  # above a ceiling, relative to it
@@ -251,7 +251,7 @@ def _refined(subject: Subject) -> Iterator[Finding]:
     corrected = subject.refine(stack, _finished(stack))
     what, expected = "a corrected fit", "a finite albedo, and roughness if any, zero where the mask is"
     try:
-        checked_refinement(type(subject.prior).__qualname__, corrected, tuple(stack.images.shape))
+        checked(type(subject.prior).__qualname__, "refine", corrected, None, tuple(stack.images.shape))
     except InputError as error:
         yield Finding("fail", what, expected, str(error))
         return

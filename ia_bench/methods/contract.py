@@ -19,8 +19,7 @@ from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.photographs import Photographs
 from ia_bench.methods.plan import Plan, choose_prior_views, make_plan
 from ia_bench.methods.views import evenly_spread
-from ia_bench.priors.contract import Prior, PriorInfo, Samples
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior, Prior, PriorInfo, Samples
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.render.renderer import Renderer

@@ -100,10 +100,9 @@ class Observations:
         return replace(self._each(lambda tensor: tensor[rows]), views=views, names=names)
 
     def _each(self, change: Callable[[Tensor], Tensor]) -> Observations:
-        geometry = (self.normals, self.visibility, self.view_count)
-        normals, visibility, view_count = (None if tensor is None else change(tensor) for tensor in geometry)
+        changed: dict[str, Any] = {name: change(value) for name, value in vars(self).items() if isinstance(value, Tensor)}
         truth = None if self.truth is None else {name: change(tensor) for name, tensor in self.truth.items()}
-        return Observations(change(self.images), change(self.masks), self.views, normals, visibility, view_count, truth, self.names)
+        return replace(self, **changed, truth=truth)
 
 
 @dataclass(frozen=True)
@@ -138,6 +137,16 @@ class Prior(Protocol):
         sample does not depend on the images beside it. Raises a ValueError or TypeError for input that cannot be used.
         """
         ...
+
+
+class NoPrior:
+    """``prior=none``: the images alone, and every other prior's opponent. It provides nothing, for any input."""
+
+    info = PriorInfo(frozenset())
+
+    def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
+        """Nothing."""
+        return Samples({})
 
 
 @runtime_checkable

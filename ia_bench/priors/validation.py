@@ -30,30 +30,30 @@ def check_prior_info(prior: Any) -> None:  # noqa: ANN401 (anything may claim to
 
 def ask(prior: Prior, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
     """The prior's samples, checked and in memory of their own. Raises PluginError, naming the prior, for anything else."""
-    renders = None if guidance is None else _copied(guidance)
-    with at_work("prior", name_of(prior)):
-        samples = prior.sample(observations.copy(), seed=seed, guidance=renders)
-    return checked(name_of(prior), "sample", samples, prior.info.provides, observations.images.shape)
+    return _asked(prior, "sample", observations, prior.info.provides, seed=seed, guidance=_copied(guidance))
 
 
 def ask_to_distill(prior: Distiller, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
     """The prior's estimates of ``renders``, checked like samples."""
-    with at_work("prior", name_of(prior)):
-        samples = prior.distill(observations.copy(), _copied(renders), seed=seed)
-    return checked(name_of(prior), "distill", samples, frozenset(renders), observations.images.shape)
+    return _asked(prior, "distill", observations, frozenset(renders), _copied(renders), seed=seed)
 
 
 def ask_to_refine(prior: Refiner, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
     """The material of ``renders`` as the prior corrects it, checked like samples."""
+    return _asked(prior, "refine", observations, None, _copied(renders))
+
+
+def _asked(
+    prior: object,
+    method: str,
+    observations: Observations,
+    provides: frozenset[str] | None,
+    *given: Any,  # noqa: ANN401 (whatever the method takes)
+    **named: Any,  # noqa: ANN401
+) -> Samples:
     with at_work("prior", name_of(prior)):
-        samples = prior.refine(observations.copy(), _copied(renders))
-    return checked_refinement(name_of(prior), samples, observations.images.shape)
-
-
-def checked_refinement(name: str, samples: Any, shape: tuple[int, ...]) -> Samples:  # noqa: ANN401
-    """Like :func:`checked`: an albedo, and a roughness where ``samples`` have one."""
-    provides = {"albedo", *({"roughness"} & set(getattr(samples, "values", ())))}
-    return checked(name, "refine", samples, frozenset(provides), shape)
+        samples = getattr(prior, method)(observations.copy(), *given, **named)
+    return checked(name_of(prior), method, samples, provides, observations.images.shape)
 
 
 def name_of(prior: object) -> str:
@@ -61,15 +61,18 @@ def name_of(prior: object) -> str:
     return str(getattr(prior, "stands_for", type(prior).__qualname__))
 
 
-def checked(name: str, method: str, samples: Any, provides: frozenset[str], shape: tuple[int, ...]) -> Samples:  # noqa: ANN401
-    """``samples`` with tensors of their own, if they are what the contract says of images of ``shape`` (V, H, W, 3)."""
+def checked(name: str, method: str, samples: Any, provides: frozenset[str] | None, shape: tuple[int, ...]) -> Samples:  # noqa: ANN401
+    """``samples`` with tensors of their own, if they are what the contract says of images of ``shape`` (V, H, W, 3).
+
+    They must hold what is in ``provides``, or for None (a refined material) an albedo and perhaps a roughness.
+    """
     who = f"prior {name}: {method}()"
     if not isinstance(samples, Samples):
         raise PluginError(f"{who}: expected {Samples.__module__}.Samples, found {type(samples).__name__}")
     for part in ("values", "ceilings", "cost"):
         if not isinstance(getattr(samples, part), Mapping):
             raise PluginError(f"{who}: {part}: expected a mapping, found {type(getattr(samples, part)).__name__}")
-    wanted = sorted(provides)
+    wanted = sorted({"albedo", *({"roughness"} & set(samples.values))} if provides is None else provides)
     if sorted(map(str, samples.values)) != wanted:
         found = ", ".join(map(str, samples.values)) or "nothing"
         raise PluginError(f"{who}: values: expected {', '.join(wanted) or 'nothing'}, found {found}")
@@ -77,7 +80,7 @@ def checked(name: str, method: str, samples: Any, provides: frozenset[str], shap
     values = {component: _tensor(f"{who}: {component}", samples.values[component], shapes[component]) for component in wanted}
     ceilings = {}
     for component, ceiling in samples.ceilings.items():
-        if component not in provides:
+        if component not in wanted:
             raise PluginError(f"{who}: ceilings: expected some of {', '.join(wanted)}, found {component}")
         ceilings[component] = _tensor(f"{who}: ceiling of {component}", ceiling, (shape[0],), endless=True)
         if not bool((ceilings[component] > 0).all()):
@@ -124,5 +127,5 @@ def _tensor(what: str, value: Any, shape: tuple[int, ...], *, endless: bool = Fa
     return value.clone(memory_format=torch.contiguous_format)
 
 
-def _copied(renders: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    return {name: render.clone() for name, render in renders.items()}
+def _copied(renders: Mapping[str, Tensor] | None) -> dict[str, Tensor] | None:
+    return None if renders is None else {name: render.clone() for name, render in renders.items()}

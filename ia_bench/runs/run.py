@@ -20,9 +20,8 @@ from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.couplings.base import coupling_of
 from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.validation import reconstruct
-from ia_bench.priors.contract import Prior
+from ia_bench.priors.contract import NoPrior, Prior
 from ia_bench.priors.inputs import beside_run
-from ia_bench.priors.none import NoPrior
 from ia_bench.priors.validation import check_prior_info
 from ia_bench.render.reconstruction import Reconstruction
 from ia_bench.runs import interruption

@@ -19,8 +19,7 @@ from ia_bench.methods.two_stage.losses import Losses
 from ia_bench.methods.two_stage.method import TwoStage
 from ia_bench.methods.two_stage.prior import PriorLoss
 from ia_bench.methods.two_stage.settings import FitSettings, MultigridRates
-from ia_bench.priors.contract import Prior
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior, Prior
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.reconstruction import Reconstruction, TexturedReconstruction
 from ia_bench.render.renderer import texture_images

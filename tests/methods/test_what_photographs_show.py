@@ -25,8 +25,7 @@ from ia_bench.methods.truth_seers import Constant, NoOptions
 from ia_bench.methods.two_stage.fit import start_albedo
 from ia_bench.methods.two_stage.losses import dual_buffer_loss
 from ia_bench.methods.two_stage.parameters import Parameters
-from ia_bench.priors.contract import Samples
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior, Samples
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene, View
 

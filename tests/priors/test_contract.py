@@ -13,8 +13,7 @@ from torch import Tensor
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import Observations, PriorInfo, Samples
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior, Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info
 from ia_bench.scenes.scene import View

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import torch
 
-from ia_bench.priors.diffusion.checkpoints import save_network
-from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
+from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig, save_network
 
 
 def tiny_config(kind="diffusion", **changes):

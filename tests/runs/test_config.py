@@ -72,7 +72,7 @@ def test_every_number_has_a_least_and_a_largest_value(kind: type) -> None:
                 assert part not in (int, float), name
 
 
-@pytest.mark.parametrize("prior", ["oracle", "ia_bench.priors.none:NoPrior"])
+@pytest.mark.parametrize("prior", ["oracle", "ia_bench.priors.contract:NoPrior"])
 def test_views_and_coupling_of_any_prior_can_be_set(prior: str) -> None:
     """Also of one that is spelled out, whose node Hydra is told of only then."""
     config = compose(["device=cpu", f"prior={prior}", "prior.views=7", "coupling=kernel", "coupling.options.scale=0.2"])

@@ -12,7 +12,7 @@ from training.test_dataset import shard
 
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.checkpoints import load_network
+from ia_bench.priors.diffusion.network import load_network
 from ia_bench_training.loop import weighted_error
 from ia_bench_training.settings import TrainSettings
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard

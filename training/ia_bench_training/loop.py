@@ -19,8 +19,7 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.checkpoints import load_network, save_network
-from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.network import MaterialNetwork, load_network, save_network
 from ia_bench.priors.inputs import use_bf16
 from ia_bench_training.dataset import Batch, TrainingImages, drawn_by
 from ia_bench_training.optimiser import MuonAdamW, split_weights

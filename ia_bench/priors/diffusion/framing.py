@@ -44,15 +44,15 @@ class Frame:
     side: int
 
     @classmethod
-    def around(cls, mask: Tensor, side: int | None) -> Frame | None:
-        """The square around the foreground of ``mask`` (H, W); None where nothing is covered.
+    def around(cls, mask: Tensor, side: int | None, margin: float = MARGIN) -> Frame | None:
+        """The square around the foreground of ``mask`` (H, W), with a ``margin``; None where nothing is covered.
 
         It is resized to ``side``, or for None left as it is, with its length a multiple of MULTIPLE.
         """
         box = box_of(mask > 0)
         if box is None:
             return None
-        length = math.ceil(max(part.stop - part.start for part in box) * (1 + 2 * MARGIN))
+        length = math.ceil(max(part.stop - part.start for part in box) * (1 + 2 * margin))
         if side is None:
             length = math.ceil(length / MULTIPLE) * MULTIPLE
         top, left = ((part.start + part.stop - length) // 2 for part in box)

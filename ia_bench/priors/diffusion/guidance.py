@@ -36,50 +36,36 @@ DEFAULT_PRIOR_VARIANCE = 0.1
 """The variance of data in [-1, 1] given the photograph: a first prior's one-step estimate of albedo had 16 dB PSNR, so 4 x 10^-1.6.
 
 Unconditional data spread evenly over [-1, 1] would have 1/3."""
-SOLVER_TOLERANCE = 1e-4  # of the conjugate gradients, relative; 10^-4 of a pull is below half a step of 8 bits
-SOLVER_STEPS = 200  # enough for that tolerance at condition number 1 + gamma r^2 = 1000, without any help of the preconditioner
-
-
-@dataclass(frozen=True)
-class GaussianBlur:
-    """The operator A: a Gaussian blur of ``sigma`` >= 0 pixels over the last two axes; 0 is the identity.
-
-    The image is continued by reflection (half-sample even), so A is symmetric, keeps the mean, and is diagonal in the
-    type-II cosine transform: frequency k of n has eigenvalue exp(-(sigma pi k / n)^2 / 2). There is no kernel to truncate.
-    """
-
-    sigma: float = 0.0
-
-    def apply(self, image: Tensor) -> Tensor:
-        """A x for ``image`` (..., H, W), same shape; differentiable."""
-        if self.sigma == 0:
-            return image
-        rows, columns = (_blur_matrix(size, self.sigma, image.device, image.dtype) for size in image.shape[-2:])
-        return rows @ image @ columns
-
-    def eigenvalues(self, like: Tensor) -> Tensor:
-        """The eigenvalues of A, (H, W) in (0, 1], by vertical and horizontal frequency, for images ``like`` (..., H, W)."""
-        rows, columns = (_eigenvalues(size, self.sigma) for size in like.shape[-2:])
-        return (rows[:, None] * columns).to(like)
+SOLVER_TOLERANCE = 2e-5  # of the conjugate gradients, relative; 10^-4 of a pull is below half a step of 8 bits
+SOLVER_STEPS = 200  # enough for that tolerance at condition number 1 + gamma r^2 = 1000
 
 
 @dataclass(frozen=True, eq=False)
 class Pull:
-    """One thing that samples are drawn to: ``operator`` of x_0 near ``target``.
+    """One thing that samples are drawn to: A x_0 near ``target`` (N, C, H, W), in the network's space.
 
-    ``target`` (N, C, H, W) in the network's space; ``strength`` gamma >= 0; ``weight`` >= 0: None (1), (N, 1, H, W), or
-    (N, C, H, W) where the channels differ.
+    A is a Gaussian blur of ``sigma`` >= 0 pixels over the last two axes; 0 is the identity. The image is continued by reflection
+    (half-sample even), so A is symmetric, keeps the mean, and is diagonal in the type-II cosine transform: frequency k of n has
+    eigenvalue exp(-(sigma pi k / n)^2 / 2). There is no kernel to truncate. ``strength`` gamma >= 0; ``weight`` >= 0: None (1),
+    (N, 1, H, W), or (N, C, H, W) where the channels differ.
     """
 
     target: Tensor
     strength: float
     weight: Tensor | None = None
-    operator: GaussianBlur = field(default_factory=GaussianBlur)
+    sigma: float = 0.0
 
     def through(self, remake: Callable[[Tensor], Tensor], scale: float = 1.0) -> Pull:
         """The same pull on images that were cut or resized by ``remake``; ``scale``: new pixels per old one."""
         weight = None if self.weight is None else remake(self.weight)
-        return Pull(remake(self.target), self.strength, weight, GaussianBlur(self.operator.sigma * scale))
+        return Pull(remake(self.target), self.strength, weight, self.sigma * scale)
+
+    def blurred(self, image: Tensor) -> Tensor:
+        """A x for ``image`` (..., H, W), same shape; differentiable."""
+        if self.sigma == 0:
+            return image
+        rows, columns = (_blur_matrix(size, self.sigma, image.device, image.dtype) for size in image.shape[-2:])
+        return rows @ image @ columns
 
     def weighted(self, difference: Tensor) -> Tensor:
         """W times ``difference`` (N, C, H, W)."""
@@ -128,24 +114,20 @@ class Guidance:
             variable = noisy.detach().requires_grad_()
             estimate = denoise(variable, t)
         x0 = estimate.detach()
-        differences = [pull.operator.apply(x0) - pull.target for pull in pulls]
-        gains = [self._gain(pull, difference) for pull, difference in zip(pulls, differences, strict=True)]
+        differences = [pull.blurred(x0) - pull.target for pull in pulls]
+        gains: list[Tensor | float] = [pull.strength for pull in pulls]  # gamma / n, what multiplies W e
+        if self.norm == "l2":  # which has no gradient where an image has arrived
+            n = [_inner(e, pull.weighted(e)).sqrt()[:, None, None, None] for pull, e in zip(pulls, differences, strict=True)]
+            gains = [torch.where(one > 0, pull.strength / one, 0.0) for pull, one in zip(pulls, n, strict=True)]
         slope = _normal(pulls, gains, differences)  # the gradient of all phi in x_0
         (direction,) = torch.autograd.grad(estimate, variable, slope)
 
         # Along x_0 - length * direction the sum of gain |A x - y|^2 / 2 is a parabola, lowest at slope / curvature.
-        curvature = _inner(direction, _normal(pulls, gains, [pull.operator.apply(direction) for pull in pulls]))
+        curvature = _inner(direction, _normal(pulls, gains, [pull.blurred(direction) for pull in pulls]))
         lowest = torch.where(curvature > 0, _inner(direction, slope) / curvature, 0.0).clamp(min=0)
         length = math.sqrt((1 - alpha_bar) / alpha_bar) if alpha_bar > 0 else math.inf  # no signal left: to the line's minimum
         self.cost["guided_cut"] += int(((lowest < length) & direction.flatten(1).any(1)).sum())
         return x0 - lowest.clamp(max=length)[:, None, None, None] * direction
-
-    def _gain(self, pull: Pull, difference: Tensor) -> Tensor | float:
-        """What multiplies W e: gamma / n, a number or (N, 1, 1, 1); 0 where an image has arrived and "l2" has no gradient."""
-        if self.norm == "squared":
-            return pull.strength
-        distance = _inner(difference, pull.weighted(difference)).sqrt()
-        return torch.where(distance > 0, pull.strength / distance, 0.0)[:, None, None, None]
 
 
 def posterior_variance(prior_variance: float, alpha_bar: float) -> float:
@@ -159,46 +141,33 @@ def posterior_variance(prior_variance: float, alpha_bar: float) -> float:
 def combine(x0: Tensor, pulls: Sequence[Pull], variance: float) -> Tensor:
     """argmin_x |x - x0|^2 / ``variance`` + sum over ``pulls`` of gamma (A x - y)^T W (A x - y), (N, C, H, W).
 
-    Closed form where no pull blurs. Otherwise preconditioned conjugate gradients on x - x0; the preconditioner replaces each
-    channel's weight by its mean and inverts exactly in the cosine basis, so without weights the first step is the solution. An
-    image stops when its own residual is below :data:`SOLVER_TOLERANCE`, so its result does not depend on the batch.
+    Closed form where no pull blurs, otherwise conjugate gradients on x - x0. An image stops when its own residual is below
+    :data:`SOLVER_TOLERANCE`, so its result does not depend on the batch.
     """
     gains = [variance * pull.strength for pull in pulls]
-    right = _normal(pulls, gains, [pull.target - pull.operator.apply(x0) for pull in pulls])
-    if all(pull.operator.sigma == 0 for pull in pulls):
+    right = _normal(pulls, gains, [pull.target - pull.blurred(x0) for pull in pulls])
+    if all(pull.sigma == 0 for pull in pulls):
         weights = [1.0 if pull.weight is None else pull.weight for pull in pulls]
         return x0 + right / (1 + sum(gain * weight for gain, weight in zip(gains, weights, strict=True)))
 
-    spectrum = torch.ones_like(x0[:, :1])
-    for gain, pull in zip(gains, pulls, strict=True):
-        mean = 1.0 if pull.weight is None else pull.weight.mean((2, 3), keepdim=True)
-        spectrum = spectrum + gain * mean * pull.operator.eigenvalues(x0).square()
-
-    change, residual = torch.zeros_like(x0), right
-    step, previous = torch.zeros_like(x0), torch.ones_like(right[:, 0, 0, 0])
-    goal = SOLVER_TOLERANCE**2 * _inner(right, right)
+    change, residual, step, square = torch.zeros_like(x0), right, right, _inner(right, right)
+    goal = SOLVER_TOLERANCE**2 * square
     for _ in range(SOLVER_STEPS):
-        running = _inner(residual, residual) > goal
+        running = square > goal
         if not bool(running.any()):
             break
-        towards = inverse_cosine_transform(cosine_transform(residual) / spectrum)
-        product = _inner(residual, towards)
-        step = towards + torch.where(running, product / previous, 0.0)[:, None, None, None] * step
-        image = step + _normal(pulls, gains, [pull.operator.apply(step) for pull in pulls])
-        length = torch.where(running, product / _inner(step, image), 0.0)[:, None, None, None]
-        change = change + length * step
-        residual = residual - length * image
-        previous = torch.where(running, product, 1.0)  # one that has arrived has 0 / 0 there
+        image = step + _normal(pulls, gains, [pull.blurred(step) for pull in pulls])
+        length = torch.where(running, square / _inner(step, image), 0.0)[:, None, None, None]
+        change, residual = change + length * step, residual - length * image
+        former, square = square, torch.where(running, _inner(residual, residual), square)
+        step = residual + torch.where(running, square / former, 0.0)[:, None, None, None] * step
     return x0 + change
 
 
 def _normal(pulls: Sequence[Pull], gains: Sequence[Tensor | float], differences: Sequence[Tensor]) -> Tensor:
     """The sum of gain A W d over ``pulls``: the gradient of their quadratic forms at differences ``d``."""
-    parts = [
-        pull.operator.apply(gain * pull.weighted(difference))
-        for pull, gain, difference in zip(pulls, gains, differences, strict=True)
-    ]
-    return torch.stack(parts).sum(0) if len(parts) > 1 else parts[0]
+    each = zip(pulls, gains, differences, strict=True)
+    return torch.stack([pull.blurred(gain * pull.weighted(difference)) for pull, gain, difference in each]).sum(0)
 
 
 def _inner(left: Tensor, right: Tensor) -> Tensor:
@@ -206,32 +175,11 @@ def _inner(left: Tensor, right: Tensor) -> Tensor:
     return (left * right).flatten(1).sum(1)
 
 
-def cosine_transform(image: Tensor) -> Tensor:
-    """Orthonormal type-II discrete cosine transform over the last two axes, as products with two small matrices."""
-    rows, columns = (_cosine_matrix(size, image.device, image.dtype) for size in image.shape[-2:])
-    return rows @ image @ columns.T
-
-
-def inverse_cosine_transform(spectrum: Tensor) -> Tensor:
-    """The inverse (and transpose) of :func:`cosine_transform`."""
-    rows, columns = (_cosine_matrix(size, spectrum.device, spectrum.dtype) for size in spectrum.shape[-2:])
-    return rows.T @ spectrum @ columns
-
-
-def _eigenvalues(size: int, sigma: float) -> Tensor:
-    return torch.exp(-0.5 * (sigma * math.pi / size * torch.arange(size, dtype=torch.float64)).square())
-
-
 @functools.lru_cache(maxsize=32)
-def _cosine_matrix(size: int, device: torch.device, dtype: torch.dtype) -> Tensor:
-    """(size, size): row k is the basis function cos(pi k (i + 1/2) / size), normalised."""
+def _blur_matrix(size: int, sigma: float, device: torch.device, dtype: torch.dtype) -> Tensor:
+    """C^T E C, of the orthonormal cosine transform C, whose row k is cos(pi k (i + 1/2) / size), and the eigenvalues E."""
     index = torch.arange(size, dtype=torch.float64)
     basis = torch.cos(math.pi / size * index[:, None] * (index + 0.5)) * math.sqrt(2 / size)
     basis[0] *= math.sqrt(0.5)
-    return basis.to(device, dtype)
-
-
-@functools.lru_cache(maxsize=32)
-def _blur_matrix(size: int, sigma: float, device: torch.device, dtype: torch.dtype) -> Tensor:
-    basis = _cosine_matrix(size, torch.device("cpu"), torch.float64)
-    return (basis.T @ (_eigenvalues(size, sigma)[:, None] * basis)).to(device, dtype)
+    eigenvalues = torch.exp(-0.5 * (sigma * math.pi / size * index).square())
+    return (basis.T @ (eigenvalues[:, None] * basis)).to(device, dtype)

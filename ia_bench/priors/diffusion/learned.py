@@ -6,10 +6,11 @@ import json
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -19,30 +20,35 @@ from ia_bench.common.ranges import Number
 from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import COMPONENTS, Observations, PriorInfo, Samples
 from ia_bench.priors.diffusion import encoding
-from ia_bench.priors.diffusion.checkpoints import DESCRIPTION, fingerprint, load_network
 from ia_bench.priors.diffusion.framing import Frame, enlarge, enlarge_by_difference, enlarge_by_gain
-from ia_bench.priors.diffusion.network import Conditioned, MaterialNetwork, NetworkConfig
+from ia_bench.priors.diffusion.network import DESCRIPTION, Conditioned, MaterialNetwork, NetworkConfig, fingerprint, load_network
 from ia_bench.priors.inputs import Device, Precision, check_views, choose_device, content_number, use_bf16
 from ia_bench.priors.weight_files import read_description
 
 VERSION = 5
 """Part of the fingerprint; raised when a change of the code changes samples."""
+PATCH_REDUCTION = 3.0
+"""Image pixels a native pixel may stand for before patches are worth their cost: up to 2.9 single views gain nothing."""
 
 
 @dataclass(frozen=True)
 class Framed:
     """Images that share one size, ready for a network.
 
-    ``views``: which of the caller's images; ``condition`` (N, K, S, S); ``masks`` (N, S, S); exposure ``factor`` (N,);
-    ``frames`` and ``seeds``, one per image.
+    ``views``: which of the caller's images; ``frames`` and ``seeds``, one per image; ``condition`` (N, K, S, S); ``masks``
+    (N, S, S); exposure ``factor`` (N,).
     """
 
     views: list[int]
-    condition: Tensor
-    masks: Tensor
-    factor: Tensor
     frames: list[Frame]
     seeds: list[int]
+    condition: Tensor = torch.empty(0)
+    masks: Tensor = torch.empty(0)
+    factor: Tensor = torch.empty(0)
+
+    def cut(self, values: Tensor) -> Tensor:
+        """The squares (N, S, S, C) of values (V, H, W, C) of all of the caller's images."""
+        return torch.stack([frame.cut(values[view]) for view, frame in zip(self.views, self.frames, strict=True)])
 
 
 Predict = Callable[[MaterialNetwork, Framed, Mapping[str, Tensor], Counter[str]], Tensor]
@@ -66,6 +72,7 @@ class LearnedPrior(ABC):
 
     kind: ClassVar[str]  # of its networks, and the name of its packaged weights
     stochastic: ClassVar[bool]  # and guidable: without noise there is nothing to draw
+    patches: bool | Literal["auto"] = False  # whether larger images are predicted in patches of the native size, not reduced to it
 
     @classmethod
     def resolved_options(cls, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,22 +105,14 @@ class LearnedPrior(ABC):
                 raise InputError(f"{part}/prior.json: kind: expected {self.kind}, found {config.kind}")
             if geometry and not config.geometry:
                 raise InputError(f"prior.options.geometry=true: {part}: expected weights trained with geometry, found none of it")
-        sizes = [config.size for config in self._configs]
-        if len(set(sizes)) > 1:
-            raise InputError(f"{self._folder}: expected networks of one size, found {' and '.join(map(str, sizes))}")
-        components = [name for config in self._configs for name in config.components]
-        if len(set(components)) < len(components):
-            raise InputError(f"{self._folder}: expected networks without a component in common, found {', '.join(components)}")
+        sizes, components = [config.size for config in self._configs], [name for each in self._configs for name in each.components]
+        if len(set(sizes)) > 1 or len(set(components)) < len(components):
+            found = f"sizes {sizes} and components {', '.join(components)}"
+            raise InputError(f"{self._folder}: expected networks of one size without a component in common, found {found}")
         self._geometry = geometry
         wants = frozenset({"normals", "visibility"} if geometry else ())
         self.info = PriorInfo(frozenset(components), self.stochastic, self.stochastic, sizes[0], wants=wants)
-        self._native = sizes[0]
-        self.batch = batch
-        self._networks: list[MaterialNetwork] = []
-
-    def at_full_resolution(self, reduction: float) -> bool:
-        """Whether an image that is larger than the native size is predicted as it is; else it is reduced ``reduction`` times."""
-        return False
+        self._native, self.batch = sizes[0], batch
 
     @property
     def fingerprint(self) -> str:
@@ -156,18 +155,18 @@ class LearnedPrior(ABC):
         images, masks = observed.images, observed.masks
         samples = {name: torch.zeros_like(images, dtype=torch.float32) for name in sorted(self.info.provides)}
         ceiling, cost = torch.full((len(images),), torch.inf), Counter(network_calls=0)
-        for network in self._loaded():
-            config = network.config
-            for framed in self._framed(observed, seed, config.geometry, reduced=reduced):
+        for network in self._networks:
+            components = network.config.components
+            for framed in self._framed(observed, seed, network.config, reduced=reduced):
                 encoded = {
-                    name: encoding.encode(name, self._cut(render, framed), framed.masks, framed.factor).to(self._device)
+                    name: encoding.encode(name, framed.cut(render), framed.masks, framed.factor).to(self._device)
                     for name, render in renders.items()
-                    if name in config.components
+                    if name in components
                 }
                 predicted = predict(network, framed, encoded, cost).float().cpu()
-                if "specular" in config.components:  # which ends at the white of its encoding
+                if "specular" in components:  # which ends at the white of its encoding
                     ceiling[framed.views] = 1.0 / framed.factor
-                for name, part in zip(config.components, predicted.split(3, 1), strict=True):
+                for name, part in zip(components, predicted.split(3, 1), strict=True):
                     for row, view in enumerate(framed.views):
                         mask, factor = masks[view].float()[None], framed.factor[row : row + 1]
                         place, known = (framed.frames[row], _display(part[row])), (framed.masks[row] > 0).float()
@@ -182,50 +181,40 @@ class LearnedPrior(ABC):
                         samples[name][view] = encoding.decode(name, (2 * shown - 1).movedim(-1, 0)[None], mask, factor)[0]
         return Samples(samples, {"specular": ceiling} if "specular" in samples else {}, dict(cost))
 
-    def _loaded(self) -> list[MaterialNetwork]:
-        if not self._networks:
-            self._networks = [load_network(part)[0].to(self._device) for part in self._parts]
-        return self._networks
+    @cached_property
+    def _networks(self) -> list[MaterialNetwork]:
+        return [load_network(part)[0].to(self._device) for part in self._parts]
 
-    def _framed(self, observed: Observations, seed: int, geometry: bool, *, reduced: bool = False) -> list[Framed]:
+    def _framed(self, observed: Observations, seed: int, config: NetworkConfig, *, reduced: bool) -> list[Framed]:
         """The images grouped by the size at which they are predicted, at most ``batch`` at a time."""
-        images, masks = observed.images, observed.masks
+        images, masks = observed.images.float(), observed.masks.float()
         groups: dict[int, list[tuple[int, Frame]]] = {}
         for view, mask in enumerate(masks):
             frame = Frame.around(mask, self._native)
             if frame is None:
                 continue
             reduction = frame.length / self._native
-            if reduction > 1 and not reduced and self.at_full_resolution(reduction):
-                frame = Frame.around(mask, None)
-                assert frame is not None
+            if reduction > 1 and not reduced and (self.patches is True or (self.patches and reduction > PATCH_REDUCTION)):
+                frame = Frame.around(mask, None) or frame
             groups.setdefault(frame.side, []).append((view, frame))
         found = []
         for members in groups.values():
             for start in range(0, len(members), self.batch):
-                part = members[start : start + self.batch]
-                views, frames = [view for view, _ in part], [frame for _, frame in part]
-                whole = (torch.cat([images[view].float(), masks[view, ..., None].float()], -1) for view in views)
-                cut = torch.stack([frame.cut(each) for frame, each in zip(frames, whole, strict=True)])
-                radiance, coverage = cut[..., :3], cut[..., 3].clamp(0, 1)
+                views, frames = map(list, zip(*members[start : start + self.batch], strict=True))
+                seeds = [derive_seed(seed, content_number(images[view], masks[view])) for view in views]
+                if len(config.components) < len(COMPONENTS):  # or networks of one component each would draw from the same noise
+                    seeds = [derive_seed(one, COMPONENTS.index(config.components[0]), 0) for one in seeds]
+                framed = Framed(views, frames, seeds)
+                radiance, coverage = framed.cut(images), framed.cut(masks[..., None])[..., 0].clamp(0, 1)
                 factor = encoding.exposure(radiance, coverage)
                 condition = encoding.encode_image(radiance, coverage, factor)
-                if geometry:
-                    condition = torch.cat([condition, self._seen_geometry(observed, part, condition)], 1)
-                seeds = [derive_seed(seed, content_number(images[view], masks[view])) for view in views]
-                found.append(Framed(views, condition.to(self._device), coverage, factor, frames, seeds))
+                if config.geometry:
+                    seen = condition.new_zeros(len(views), 4, *condition.shape[-2:])  # as in training where nobody knows it
+                    if self._geometry and observed.normals is not None and observed.visibility is not None:
+                        seen = encoding.encode_geometry(framed.cut(observed.normals), framed.cut(observed.visibility))
+                    condition = torch.cat([condition, seen], 1)
+                found.append(replace(framed, condition=condition.to(self._device), masks=coverage, factor=factor))
         return found
-
-    def _seen_geometry(self, observed: Observations, part: list[tuple[int, Frame]], like: Tensor) -> Tensor:
-        """Normals and visibility as channels beside ``like``; zero, as in training without geometry, where nobody knows them."""
-        normals, visibility = observed.normals, observed.visibility
-        if not self._geometry or normals is None or visibility is None:
-            return like.new_zeros(len(part), 4, *like.shape[-2:])
-        cut = torch.stack([frame.cut(torch.cat([normals[view], visibility[view]], -1)) for view, frame in part])
-        return encoding.encode_geometry(cut[..., :3], cut[..., 3:])
-
-    def _cut(self, values: Tensor, framed: Framed) -> Tensor:
-        return torch.stack([frame.cut(values[view]) for view, frame in zip(framed.views, framed.frames, strict=True)])
 
 
 class RegressorPrior(LearnedPrior):

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import torch
@@ -25,6 +26,7 @@ from ia_bench.common.suggestions import unknown
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.sampler import SCHEDULE_KEYS, Denoise, NoiseSchedule
+from ia_bench.priors.weight_files import content_hash, fill, read_description, save_weights
 
 Kind = Literal["diffusion", "regressor"]
 IMAGE_CHANNELS = 4  # colour and mask
@@ -253,3 +255,47 @@ class Conditioned:
 
     def _precision(self) -> torch.autocast:
         return torch.autocast(next(self.network.parameters()).device.type, torch.bfloat16, enabled=self.bf16)
+
+
+# ---- on disk: a folder of files that the ``diffusers`` ecosystem reads ------------------------------------------------
+
+DESCRIPTION = "prior.json"  # the network's config, and where the weights come from
+FILES = {
+    "unet/diffusion_pytorch_model.safetensors": "unet",  # beside its config, as diffusers writes it
+    "head.safetensors": "head",
+    "encoder.safetensors": "encoder",
+}
+"""The parts of a network, by the file that holds them; the noise schedule is in ``scheduler/scheduler_config.json``."""
+
+
+def save_network(folder: Path, network: MaterialNetwork, provenance: dict[str, Any]) -> None:
+    """Write ``network`` to ``folder``, in half precision; see :func:`ia_bench.priors.weight_files.save_weights`."""
+    from diffusers import DDPMScheduler
+
+    def save_configs(partial: Path) -> None:
+        network.unet.save_config(partial / "unet")
+        if network.config.kind == "diffusion":
+            DDPMScheduler(**network.config.schedule, prediction_type="sample").save_config(partial / "scheduler")
+
+    save_weights(folder, DESCRIPTION, network.config, _modules(network), provenance, save_configs)
+
+
+def load_network(folder: Path) -> tuple[MaterialNetwork, dict[str, Any]]:
+    """Load the network in ``folder``, in float32 and evaluation mode, and its provenance.
+
+    Raises InputError, naming file and key, for what is missing, damaged or does not fit its config.
+    """
+    config, provenance = read_description(folder / DESCRIPTION, NetworkConfig)
+    network = MaterialNetwork(config)
+    for name, module in _modules(network).items():
+        fill(module, folder / name)
+    return network.eval().requires_grad_(False), provenance
+
+
+def fingerprint(folder: Path) -> str:
+    """SHA-256 over the files that determine the network's output."""
+    return content_hash(folder / name for name in (DESCRIPTION, *FILES))
+
+
+def _modules(network: MaterialNetwork) -> dict[str, nn.Module]:
+    return {name: module for name, part in FILES.items() if (module := getattr(network, part)) is not None}

@@ -19,7 +19,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ia_bench.common.seeds import derive_seed
-from ia_bench.priors.diffusion.guidance import GaussianBlur, Guidance, Pull
+from ia_bench.priors.diffusion.guidance import Guidance, Pull
 from ia_bench.priors.diffusion.sampler import Denoise, Noise, NoiseSchedule, SamplerSettings, sample, seeded_noise
 
 MakeDenoise = Callable[[Tensor], Denoise]
@@ -28,8 +28,6 @@ MakeDenoise = Callable[[Tensor], Denoise]
 Place = tuple[int, slice, slice, slice]
 """Where a patch lies: (image, all channels, rows, columns), an index into (N, C, H, W)."""
 
-PATCH_REDUCTION = 3.0
-"""Image pixels a native pixel may stand for before patches are worth their cost: up to 2.9 single views gain nothing."""
 OVERLAP = 0.5
 """Least share of a patch's side that its neighbour covers too."""
 STRENGTH = 100.0
@@ -73,21 +71,25 @@ def sample_large(
         samples.append(draw(reduced(condition), seeds[part], toward))
     coarse = _resized(torch.cat(samples), side)
     # To average over a coarse pixel (variance factor^2 / 12) and interpolate linearly between them (factor^2 / 6) is nearly:
-    blur = GaussianBlur(side / native / 2)
-    pulls = [Pull(coarse, STRENGTH, operator=blur), *guidance.pulls]
+    pulls = [Pull(coarse, STRENGTH, sigma=side / native / 2), *guidance.pulls]
     places = [
         (number, slice(None), slice(top, top + native), slice(left, left + native))
         for number in range(len(condition))
         for top, left in patch_origins(side, native)
         if foreground[number, 0, top : top + native, left : left + native].any()
     ]
-    window = hann_window(native).to(condition.device)
+    # Hann, in double precision, so that an average of equal values returns them to the last bit of single precision.
+    profile = torch.sin(math.pi / native * (torch.arange(native, dtype=torch.float64) + 0.5)).square().to(condition.device)
+    window = profile[:, None] * profile
     total = torch.zeros_like(coarse, dtype=torch.float64)
     weight = torch.zeros_like(coarse[:, :1], dtype=torch.float64)
     for start in range(0, len(places), batch):
         some = places[start : start + batch]
         cut = partial(_cut, places=some)
-        noise = _shared_noise(some, seeds, (channels, side, side))
+        numbers = sorted({number for number, *_ in some})
+        images = seeded_noise([derive_seed(seeds[number], 0) for number in numbers], (channels, side, side))
+        windows = [(numbers.index(number), *place) for number, *place in some]
+        noise = partial(lambda images, windows: _cut(images(), windows), images, windows)
         fine = draw(cut(condition), noise, [pull.through(cut) for pull in pulls])
         for place, patch in zip(some, fine, strict=True):
             total[place] += window * patch
@@ -104,14 +106,6 @@ def _cut(images: Tensor, places: Sequence[Place]) -> Tensor:
     return torch.stack([images[place] for place in places])
 
 
-def _shared_noise(places: Sequence[Place], seeds: Sequence[int], shape: tuple[int, int, int]) -> Noise:
-    """Noise for the patches at ``places``: windows of a noise image ``shape`` (C, H, W) for each image that they lie in."""
-    numbers = sorted({number for number, *_ in places})
-    images = seeded_noise([derive_seed(seeds[number], 0) for number in numbers], shape)
-    local = [(numbers.index(number), every, rows, columns) for number, every, rows, columns in places]
-    return lambda: _cut(images(), local)
-
-
 def patch_origins(side: int, native: int) -> Iterator[tuple[int, int]]:
     """(top, left) of the ``native`` squares that cover a square of ``side`` pixels, which is no smaller, row by row.
 
@@ -120,15 +114,6 @@ def patch_origins(side: int, native: int) -> Iterator[tuple[int, int]]:
     gaps = math.ceil((side - native) / max(1, math.floor(native * (1 - OVERLAP))))
     starts = [round(i * (side - native) / gaps) for i in range(gaps)] + [side - native]
     return itertools.product(starts, starts)
-
-
-def hann_window(native: int) -> Tensor:
-    """(native, native) float64, sin^2 along each axis: positive in every pixel, zero with zero slope just outside.
-
-    In double precision, so that an average of equal values returns them to the last bit of single precision.
-    """
-    profile = torch.sin(math.pi / native * (torch.arange(native, dtype=torch.float64) + 0.5)).square()
-    return profile[:, None] * profile
 
 
 def _resized(image: Tensor, side: int) -> Tensor:

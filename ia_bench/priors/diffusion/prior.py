@@ -13,11 +13,11 @@ from torch import Tensor
 from ia_bench.common.errors import InputError
 from ia_bench.common.ranges import NotNegative, Number, Positive, UnitInterval
 from ia_bench.common.seeds import derive_seed
-from ia_bench.priors.contract import COMPONENTS, Observations, Samples
+from ia_bench.priors.contract import Observations, Samples
 from ia_bench.priors.diffusion.guidance import DEFAULT_PRIOR_VARIANCE, Guidance, Norm, Pull, Rule
 from ia_bench.priors.diffusion.learned import Framed, LearnedPrior
 from ia_bench.priors.diffusion.network import MaterialNetwork
-from ia_bench.priors.diffusion.patches import PATCH_REDUCTION, sample_large
+from ia_bench.priors.diffusion.patches import sample_large
 from ia_bench.priors.diffusion.sampler import SamplerSettings, sample, seeded_noise
 from ia_bench.priors.inputs import Device, Precision, check_views
 
@@ -30,7 +30,7 @@ class DiffusionPrior(LearnedPrior):
 
     ``steps``, ``eta``: of the sampler (DDIM 0 ... ancestral 1).
     ``patches``: predict the image in overlapping native-size patches at full resolution (the paper's equation 6) instead of
-    reducing it to the native size; "auto": images that would be reduced more than PATCH_REDUCTION times. ``guidance_rule``,
+    reducing it to the native size; "auto": images that would be reduced more than 3 times. ``guidance_rule``,
     ``guidance_norm``, ``guidance_strength``, ``prior_variance``: how stage 2's samples are drawn toward the current renders
     (equation 8; :mod:`ia_bench.priors.diffusion.guidance`). Other options as in
     :class:`ia_bench.priors.diffusion.learned.LearnedPrior`. Its cost counts guided estimates, those whose step was cut, and
@@ -73,13 +73,8 @@ class DiffusionPrior(LearnedPrior):
             "patches": self.patches,
         }
 
-    def at_full_resolution(self, reduction: float) -> bool:
-        """See :class:`ia_bench.priors.diffusion.learned.LearnedPrior`."""
-        return reduction > PATCH_REDUCTION if self.patches == "auto" else bool(self.patches)
-
     def sample(self, observations: Observations, *, seed: int, guidance: Mapping[str, Tensor] | None = None) -> Samples:
         """See :class:`ia_bench.priors.diffusion.learned.LearnedPrior`; without strength a guided sample is an unguided one."""
-        check_views(self.kind, observations, guidance or {}, self.info.provides)
         return super().sample(observations, seed=seed, guidance=guidance if self.guidance_strength else None)
 
     def distill(self, observations: Observations, renders: Mapping[str, Tensor], *, seed: int) -> Samples:
@@ -99,10 +94,9 @@ class DiffusionPrior(LearnedPrior):
         model, schedule = self._conditioned(network, cost), network.config.noise_schedule
         clean = torch.cat([render[name] for name in network.config.components], 1)
         low, high = (round(share * len(schedule)) for share in DISTILLED_LEVELS)
-        noise = seeded_noise(_noise_seeds(network, framed), (clean.shape[1], clean.shape[2], clean.shape[3]))().to(clean)
+        noise = seeded_noise(framed.seeds, (clean.shape[1], clean.shape[2], clean.shape[3]))().to(clean)
         estimates = []
-        for row, seed in enumerate(framed.seeds):
-            one = slice(row, row + 1)
+        for one, seed in zip(torch.arange(len(clean)).split(1), framed.seeds, strict=True):
             t = low + derive_seed(seed, 1) % (high - low)
             level = float(schedule.alpha_bar[t])
             noisy = level**0.5 * clean[one] + (1 - level) ** 0.5 * noise[one]
@@ -111,31 +105,18 @@ class DiffusionPrior(LearnedPrior):
 
     def _predict(self, network: MaterialNetwork, framed: Framed, render: Mapping[str, Tensor], cost: Counter[str]) -> Tensor:
         config, condition, bind = network.config, framed.condition, self._conditioned(network, cost).bind
-        schedule, channels, seeds = config.noise_schedule, config.output_channels, _noise_seeds(network, framed)
+        schedule, like = config.noise_schedule, (config.output_channels, config.size, config.size)
         cost.update(guided_estimates=0, guided_cut=0)
-        guidance = replace(self._toward(render, network, framed) if render else Guidance(), cost=cost)
+        guidance = replace(self._guidance, cost=cost)
+        if render:  # toward its components, inside the mask; the others are left to follow
+            inside = (framed.masks > 0).float()[:, None].to(self._device)
+            absent = torch.zeros_like(condition[:, :3])
+            parts = [render.get(name, absent) for name in config.components]
+            weights = [(inside * (name in render)).expand_as(absent) for name in config.components]
+            guidance = replace(guidance, pulls=(Pull(torch.cat(parts, 1), self.guidance_strength, torch.cat(weights, 1)),))
         if condition.shape[-1] > config.size:
             cost["patched_images"] += len(framed.views)
-            like = (channels, config.size, config.size)
-            return sample_large(
-                bind, schedule, like, condition, framed.masks[:, None], seeds, self.settings, guidance, batch=self.batch
-            )
-        shape = (len(condition), channels, *condition.shape[-2:])
+            masks, manner = framed.masks[:, None], (self.settings, guidance)
+            return sample_large(bind, schedule, like, condition, masks, framed.seeds, *manner, batch=self.batch)
         denoise = guidance.guiding(bind(condition), schedule)
-        return sample(denoise, schedule, shape, seeds, self.settings, device=self._device)
-
-    def _toward(self, render: Mapping[str, Tensor], network: MaterialNetwork, framed: Framed) -> Guidance:
-        """Toward the components in ``render``, inside the mask; the others are left to follow."""
-        inside = (framed.masks > 0).float()[:, None].to(self._device)
-        absent = torch.zeros_like(framed.condition[:, :3])
-        parts = [render.get(name, absent) for name in network.config.components]
-        weights = [(inside * (name in render)).expand_as(absent) for name in network.config.components]
-        return replace(self._guidance, pulls=(Pull(torch.cat(parts, 1), self.guidance_strength, torch.cat(weights, 1)),))
-
-
-def _noise_seeds(network: MaterialNetwork, framed: Framed) -> list[int]:
-    """Seeds of the images' noise. Networks of one component each have their own, or both would draw from the same noise."""
-    components = network.config.components
-    if len(components) == len(COMPONENTS):
-        return framed.seeds
-    return [derive_seed(seed, COMPONENTS.index(components[0]), 0) for seed in framed.seeds]
+        return sample(denoise, schedule, (len(condition), *like), framed.seeds, self.settings, device=self._device)

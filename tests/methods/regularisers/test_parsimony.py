@@ -15,7 +15,7 @@ from ia_bench.methods.contract import Problem
 from ia_bench.methods.regularisers import parsimony
 from ia_bench.methods.regularisers.fusion import OFFSET, Fusion
 from ia_bench.methods.regularisers.parsimony import CHROMA, GREY, PARTNERS, REACH, ROUGHNESS, Parsimony, pooled
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
 

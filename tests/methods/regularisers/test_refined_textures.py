@@ -16,8 +16,7 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.regularisers.fusion import OFFSET, Fusion
 from ia_bench.methods.regularisers.refiner import DARK, SAMPLES, evidence, fitted_views
-from ia_bench.priors.contract import Observations, PriorInfo, Samples
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior, Observations, PriorInfo, Samples
 from ia_bench.priors.refiner import RENDERS
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene

@@ -18,7 +18,7 @@ from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import MethodInfo
 from ia_bench.methods.plan import make_plan
 from ia_bench.methods.truth_seers import Ceiling
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior
 from ia_bench.render import renderer as renderer_module
 from ia_bench.render.settings import RenderSettings
 from ia_bench.render.stage import Stage

@@ -22,7 +22,7 @@ from torch import Tensor
 import ia_bench.cli.run as command
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior
 from ia_bench.render.renderer import PixelRadiance, Renderer
 from ia_bench.runs.folder import unpack
 

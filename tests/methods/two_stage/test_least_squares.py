@@ -15,7 +15,7 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.least_squares import conjugate_gradients, solved_albedo
 from ia_bench.methods.two_stage.steps import Exposures
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior
 
 SIDE = 64
 SAMPLES = 256

@@ -17,7 +17,7 @@ from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.losses import PixelPairs, dual_buffer_loss, neighbouring_pixels, smoothness, total_variation
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior
 from ia_bench.render.gbuffer import GBuffer
 from ia_bench.render.renderer import PixelRadiance, Renderer
 from ia_bench.scenes.color import tone_map

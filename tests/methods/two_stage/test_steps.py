@@ -18,7 +18,7 @@ from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
 from ia_bench.methods.two_stage.steps import MAX_WHITE, Exposures, MultigridSteps, ScaleAmbiguityStep
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.scene import Scene
 

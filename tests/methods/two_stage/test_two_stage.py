@@ -16,7 +16,7 @@ from ia_bench.methods.contract import Monitor, PixelSamples, Problem
 from ia_bench.methods.two_stage.fit import Fit, start_albedo
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.none import NoPrior
+from ia_bench.priors.contract import NoPrior
 from ia_bench.scenes.scene import Scene
 
 # ---- it recovers -----------------------------------------------------------------------------------------------------

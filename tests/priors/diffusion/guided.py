@@ -8,7 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ia_bench.priors.diffusion.guidance import GaussianBlur, Guidance, Pull
+from ia_bench.priors.diffusion.guidance import Guidance, Pull
 from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule, SamplerSettings, sample
 
 SIZE = (5, 7)
@@ -39,7 +39,7 @@ def coupled(noisy: Tensor, t: int) -> Tensor:
 
 
 def toward(target: Tensor, strength: float, weight: Tensor | None = None, sigma: float = 0.0, **rule: object) -> Guidance:
-    return Guidance((Pull(target, strength, weight, GaussianBlur(sigma)),), **rule)
+    return Guidance((Pull(target, strength, weight, sigma),), **rule)
 
 
 def pulls_of(*kinds: str, strength: float = 30.0) -> list[Pull]:
@@ -49,8 +49,7 @@ def pulls_of(*kinds: str, strength: float = 30.0) -> list[Pull]:
         weight = random(2, 1, *SIZE, seed=10 + i).clamp(min=0) if "weighted" in kind else None
         if "channel" in kind:
             weight = weight * torch.tensor([1.0, 0.0, 2.0])[:, None, None]
-        operator = GaussianBlur(1.5 if "blur" in kind else 0.0)
-        pulls.append(Pull(random(2, 3, *SIZE, seed=20 + i), strength / (i + 1), weight, operator))
+        pulls.append(Pull(random(2, 3, *SIZE, seed=20 + i), strength / (i + 1), weight, 1.5 if "blur" in kind else 0.0))
     return pulls
 
 

@@ -16,10 +16,9 @@ from ia_bench.common.seeds import derive_seed
 from ia_bench.priors.contract import Observations
 from ia_bench.priors.diffusion import prior as diffusion_prior
 from ia_bench.priors.diffusion import sampler
-from ia_bench.priors.diffusion.checkpoints import save_network
 from ia_bench.priors.diffusion.framing import MARGIN, Frame
 from ia_bench.priors.diffusion.learned import RegressorPrior
-from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.network import MaterialNetwork, save_network
 from ia_bench.priors.diffusion.patches import patch_origins
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.priors.diffusion.sampler import seeded_noise
@@ -83,12 +82,12 @@ def test_two_networks_with_one_component_each_are_one_prior(tmp_path, ball):
         (
             {"albedo": {"components": ("albedo",)}, "specular": {"components": ("specular",), "size": 32}},
             {},
-            "one size, found 16",
+            "one size .* found sizes .16, 32",
         ),
         (
             {"albedo": {"components": ("albedo",)}, "specular": {}},
             {},
-            "without a component in common, found albedo, albedo",
+            "without a component in common, found .* components albedo, albedo",
         ),
         ({".": {"kind": "regressor"}}, {}, "kind: expected diffusion, found regressor"),
         ({".": {"geometry": False}}, {"geometry": True}, "geometry=true: .*: expected weights trained with geometry"),

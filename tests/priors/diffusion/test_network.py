@@ -11,8 +11,9 @@ from safetensors.torch import load_file, save_file
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.checkpoints import ENCODER, UNET, fingerprint, load_network, save_network
-from ia_bench.priors.diffusion.network import MaterialNetwork
+from ia_bench.priors.diffusion.network import MaterialNetwork, fingerprint, load_network, save_network
+
+UNET, ENCODER = "unet/diffusion_pytorch_model.safetensors", "encoder.safetensors"
 
 
 def ask(network: MaterialNetwork) -> tuple[torch.Tensor, torch.Tensor]:

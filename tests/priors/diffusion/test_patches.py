@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from ia_bench.priors.diffusion import patches
-from ia_bench.priors.diffusion.guidance import GaussianBlur, Guidance, Pull, Rule
+from ia_bench.priors.diffusion.guidance import Guidance, Pull, Rule
 from ia_bench.priors.diffusion.patches import MakeDenoise, patch_origins, sample_large
 from ia_bench.priors.diffusion.sampler import Denoise, NoiseSchedule, SamplerSettings, sample
 
@@ -161,7 +161,7 @@ def test_patches_follow_the_coarse_sample(monkeypatch: pytest.MonkeyPatch):
     for strength in (0.0, 100.0):
         monkeypatch.setattr(patches, "STRENGTH", strength)
         found = large(field_prior(NATIVE, 8.0), condition, settings, channels=3)
-        reduced = torch.nn.functional.avg_pool2d(GaussianBlur(1.5).apply(found), 3)
+        reduced = torch.nn.functional.avg_pool2d(Pull(found, 1.0, sigma=1.5).blurred(found), 3)
         errors[strength] = float((reduced - coarse).square().mean() / coarse.square().mean())
     assert errors[0.0] > 0.5
     assert errors[100.0] < 0.1

@@ -34,14 +34,13 @@ def inputs(*shape: int, seed: int = 0) -> Tensor:
 
 
 @torch.no_grad()
-@pytest.mark.parametrize(("component", "seed"), [("albedo", 1), ("specular", 2)])
-def test_outputs_equal_those_of_the_averaged_weights(weights: Path, component: str, seed: int) -> None:
+def test_outputs_equal_those_of_the_averaged_weights(weights: Path) -> None:
     import_torchvision()
     from diffusers import AutoencoderKL, UNet2DConditionModel
     from transformers import CLIPVisionModelWithProjection
 
-    original = LatentDiffusion.tiny(seed)
-    expected, folder = original.reference(), weights / component
+    original = LatentDiffusion.tiny(1)
+    expected, folder = original.reference(), weights / "albedo"
     unet = UNet2DConditionModel.from_pretrained(folder / "unet").float()
     latents, steps, token = inputs(2, 8, 8, 8), torch.tensor([3, 970]), inputs(2, 1, 16, seed=1)
     converted = unet(latents, steps, token).sample
