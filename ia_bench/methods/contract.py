@@ -199,13 +199,6 @@ class NoCoupling(Coupling):
         """Nothing."""
         return frozenset()
 
-    def prepare(self, samples: PixelSamples, problem: Problem) -> None:
-        """There is nothing to prepare."""
-
-    def loss(self, render: StepRender, pixels: Tensor) -> dict[str, Tensor]:
-        """There is none."""
-        return {}
-
 
 # ---- regularisers: what changes a material between steps and after them --------------------------------------------
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -18,7 +16,6 @@ from ia_bench.methods.two_stage.losses import Losses
 from ia_bench.methods.two_stage.parameters import LEAST, Parameters
 from ia_bench.methods.two_stage.prior import PriorLoss
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.priors.contract import Samples
 from ia_bench.render.reconstruction import TexturedReconstruction
 
 ROUNDING = 1e-6
@@ -29,13 +26,16 @@ class Fit:
     """State of one fit; :class:`ia_bench.methods.descent.Descent` is its loop."""
 
     def __init__(self, problem: Problem, settings: FitSettings, seed: int, monitor: Monitor) -> None:
+        """Raises InputError for a regulariser that cannot be applied."""
         self.problem, self.settings, self.monitor = problem, settings, monitor
         for view in problem.scene.train:
             check_finite(f"training view {view.name}: {{}} is NaN or Inf", {"the image": torch.from_numpy(np.asarray(view.image))})
         self.parameters = Parameters(problem, settings)
         self.prior = PriorLoss(problem, seed, monitor)
         self.losses = Losses(problem, settings, self.prior)
-        self.regularisation = Regularisation(problem, settings, self.parameters, self.prior.sampler.refine)
+        self.regularisers = regularisers_of(settings.regularise, settings.regulariser_options)
+        for regulariser in self.regularisers:
+            regulariser.prepare(problem)
         first, second = settings.stage1_steps, settings.stage2_steps
         self.steps = first + second
         stages = [
@@ -48,28 +48,25 @@ class Fit:
                 after=lambda done: self._regularise(first + done),
             ),
         ]
-        beside: dict[str, Stateful] = {"optimisers": self.parameters, "prior": self.prior, "regularisation": self.regularisation}
-        changed = self.parameters.changed
-        self.descent = Descent(changed, stages, seed=seed, monitor=monitor, start=self._start, beside=beside)
+        beside: dict[str, Stateful] = {**self.parameters.optimisers, "prior": self.prior}
+        tensors = self.parameters.tensors
+        self.descent = Descent(tensors, stages, seed=seed, monitor=monitor, start=self._start, beside=beside)
+        self.descent.counters |= {"regularisers_clamped": 0, "scale_ambiguity_blocked_steps": 0}
 
     def finish(self) -> Result:
         """Run the remaining steps and return what was recovered, unobserved texels filled from their neighbours."""
-        descent, generator = self.descent, self.descent.generator
+        descent = self.descent
         descent.descend(lambda: self._reconstruction(final=False))
         if self.settings.solve_albedo:
-            with descent.book("stage2"):
-                self._solve_albedo()
-        with descent.book("prior"):
-            self.regularisation.between(self.steps, self.steps, generator)
+            with descent.book("stage2"), torch.no_grad():
+                material, light = self.parameters.material(detached=True), self.parameters.light()
+                exposures = None if self.parameters.exposures is None else self.parameters.exposures.detach()
+                albedo = solved_albedo(self.problem, exposures, material, light, descent.generator)
+                self.parameters.tensors["albedo"].copy_(albedo)
+        self._regularise(self.steps, at_end=True)
         recovered = self._reconstruction(final=True)
-        counters = {
-            **self.prior.sampler.counters,
-            **descent.counters,
-            "regularisers_clamped": self.regularisation.clamped,
-            "scale_ambiguity_blocked_steps": self.parameters.scale_ambiguity.blocked,
-            "samples_per_pixel": self.losses.samples_per_pixel,
-        }
-        return Result(recovered, descent.seconds, counters, self.steps)
+        samples = {"samples_per_pixel": self.losses.samples_per_pixel}
+        return Result(recovered, descent.seconds, {**self.prior.sampler.counters, **descent.counters, **samples}, self.steps)
 
     # ---- the stages ----------------------------------------------------------------------------------------------------
 
@@ -108,27 +105,46 @@ class Fit:
         check_finite("{} is NaN or Inf", {"the loss": loss})
         loss.backward()
         check_gradients(parameters.gradients)
-        parameters.descend(step, self.steps)
+        self.descent.counters["scale_ambiguity_blocked_steps"] += parameters.descend(step, self.steps)
         check_finite("{} became NaN or Inf", {"the light's radiance": torch.exp(parameters.tensors["log_light"].detach())})
         return float(loss.detach())
 
-    def _regularise(self, done: int) -> None:
-        if done < self.steps:  # the end is after the albedo was solved for
-            with self.descent.book("prior"):
-                self.regularisation.between(done, self.steps, self.descent.generator)
+    # ---- the regularisers of ``fit.regularise``, one after the other ----------------------------------------------------
 
     @torch.no_grad()
-    def _solve_albedo(self) -> None:
-        parameters = self.parameters
-        material, light = parameters.material(detached=True), parameters.light()
-        albedo = solved_albedo(self.problem, parameters.exposures, material, light, self.descent.generator)
-        parameters.tensors["albedo"].copy_(albedo)
+    def _regularise(self, done: int, *, at_end: bool = False) -> None:
+        """Change the textures after ``done`` steps where that is due, once the albedo is optimised at all."""
+        if done == self.steps and not at_end:  # the end is after the albedo was solved for
+            return
+        due = [one for one in self.regularisers if not one.completes and one.due(done, self.steps)]
+        if due and "albedo" not in self.parameters.frozen(done, self.steps):
+            material = self._applied(due, self.parameters.material(detached=True))
+            for name in ("albedo", "roughness"):
+                self.parameters.tensors[name].copy_(getattr(material, name))
+
+    @torch.no_grad()
+    def _applied(self, regularisers: list[Regulariser], material: Material) -> Material:
+        """What they make of the ``material``; values that are out of range by more than ROUNDING are counted."""
+        parameters, exposures, generator = self.parameters, self.parameters.exposures, self.descent.generator
+        light, refine = parameters.light(), self.prior.sampler.refine
+        state = FitState(self.problem, light, exposures, parameters.observed, generator, refine)
+
+        def in_range(name: str, texture: Tensor) -> Tensor:
+            allowed = texture.clamp(LEAST[name], 1)
+            self.descent.counters["regularisers_clamped"] += int(((texture - allowed).abs() > ROUNDING).sum())
+            return allowed
+
+        with self.descent.book("prior"):
+            for regulariser in regularisers:
+                moved = regulariser.apply(material, state)
+                parts = in_range("albedo", moved.albedo), in_range("roughness", moved.roughness)
+                material = Material(*parts, moved.metallic)
+        return material
 
     def _reconstruction(self, *, final: bool) -> TexturedReconstruction:
         material, light = self.parameters.recovered(final=final)
-        if final:
-            with self.descent.book("prior"):
-                material = self.regularisation.completed(material, self.descent.generator)
+        if final:  # what photographs hardly show is guessed once unseen texels are filled
+            material = self._applied([one for one in self.regularisers if one.completes], material)
         return TexturedReconstruction(self.problem.stage, material, light, coat=self.problem.render.coat)
 
 
@@ -172,61 +188,3 @@ def start_light(parameters: Parameters, problem: Problem, generator: torch.Gener
     radiance, rendered = light_of_the_mean_image(problem, entries, material, len(log_light), generator)
     check_finite("the rendered {} is NaN or Inf", {"radiance of the start": rendered})
     log_light += torch.log(radiance)
-
-
-# ---- the regularisers of ``fit.regularise`` at work ----
-
-
-class Regularisation:
-    """All regularisers of one fit, applied one after the other.
-
-    Attributes:
-        clamped: How many values of texels had to be brought back into their range, by more than ROUNDING.
-    """
-
-    def __init__(
-        self, problem: Problem, settings: FitSettings, parameters: Parameters, refine: Callable[[dict[str, Tensor]], Samples]
-    ) -> None:
-        """``refine``: asks the prior to correct a fit's renders. Raises InputError for one that cannot be applied."""
-        self._problem, self._parameters, self._refine = problem, parameters, refine
-        self._regularisers = regularisers_of(settings.regularise, settings.regulariser_options)
-        for regulariser in self._regularisers:
-            regulariser.prepare(problem)
-        self.clamped = 0
-
-    @torch.no_grad()
-    def between(self, step: int, steps: int, generator: torch.Generator) -> None:
-        """Change the textures of the fit after ``step`` of ``steps`` where that is due, once the albedo is optimised at all."""
-        due = [one for one in self._regularisers if not one.completes and one.due(step, steps)]
-        if due and "albedo" not in self._parameters.frozen(step, steps):
-            material = self._applied(due, self._parameters.material(detached=True), generator)
-            for name in ("albedo", "roughness"):
-                self._parameters.tensors[name].copy_(getattr(material, name))
-
-    @torch.no_grad()
-    def completed(self, material: Material, generator: torch.Generator) -> Material:
-        """The finished ``material``, its unseen texels filled, in which what photographs hardly show is guessed."""
-        return self._applied([one for one in self._regularisers if one.completes], material, generator)
-
-    def state_dict(self) -> dict[str, int]:
-        """For a checkpoint."""
-        return {"clamped": self.clamped}
-
-    def load_state_dict(self, state: Mapping[str, int]) -> None:
-        """Take over a :meth:`state_dict`."""
-        self.clamped = state["clamped"]
-
-    def _applied(self, regularisers: list[Regulariser], material: Material, generator: torch.Generator) -> Material:
-        parameters = self._parameters
-        exposures = None if parameters.exposures is None else parameters.exposures.recovered
-        state = FitState(self._problem, parameters.light(), exposures, parameters.observed, generator, self._refine)
-        for regulariser in regularisers:
-            moved = regulariser.apply(material, state)
-            material = Material(self._in_range("albedo", moved), self._in_range("roughness", moved), moved.metallic)
-        return material
-
-    def _in_range(self, name: str, material: Material) -> Tensor:
-        texture: Tensor = getattr(material, name)
-        allowed = texture.clamp(LEAST[name], 1)
-        self.clamped += int(((texture - allowed).abs() > ROUNDING).sum())
-        return allowed

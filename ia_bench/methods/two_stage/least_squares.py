@@ -14,7 +14,6 @@ from torch import Tensor
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material, splat
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.two_stage.steps import Exposures
 
 STAY = 0.3
 """Weight of the squared change of a texel, where a pixel that is all diffuse and fits has 1."""
@@ -30,11 +29,7 @@ PIXELS = 2**18
 
 
 def solved_albedo(
-    problem: Problem,
-    exposures: Exposures | None,
-    material: Material,
-    light: SampledLight,
-    generator: torch.Generator,
+    problem: Problem, exposures: Tensor | None, material: Material, light: SampledLight, generator: torch.Generator
 ) -> Tensor:
     """The albedo (T, T, 3) in [0, 1] that is least in sum of w (pixel's mean albedo - (photograph - rest) / E)^2 + STAY |change|^2.
 
@@ -43,7 +38,7 @@ def solved_albedo(
 
     Args:
         problem: Of the fit.
-        exposures: What renders are multiplied with, None where that is 1.
+        exposures: What renders of each view are multiplied with (V,), None where that is 1.
         material: As recovered; where no pixel sees it, its albedo stays.
         light: As recovered.
         generator: Of the samples of renders, ``render.samples`` a pixel.
@@ -56,7 +51,7 @@ def solved_albedo(
         return material.albedo
     gbuffer, surface = problem.gbuffer.at(chosen), problem.renderer.surface
     rendered = problem.renderer.render_entries(gbuffer, material, light, problem.plan.samples, generator)
-    factor = 1.0 if exposures is None else exposures.factors(gbuffer.pixel).detach()
+    factor = 1.0 if exposures is None else exposures[gbuffer.view()][:, None]
     diffuse, radiance = factor * rendered["diffuse"], factor * rendered["radiance"]
     residual, scale = photographs.radiance[chosen] - radiance, radiance + DIM * radiance.mean().clamp_min(1e-12)
     weight = (diffuse / scale).square() / (1 + (residual / (RESIDUAL * scale)).square())

@@ -58,13 +58,12 @@ class Losses:
         """The difference from the photographs, and what was rendered for it, as they are exposed."""
         settings, photographs, gbuffer = self._settings, self._photographs, self._problem.gbuffer
         material, light = parameters.material(), parameters.light(uniform=settings.defensive_share)
-        unit, target = photographs.unit, photographs.radiance[pixels]
+        unit, target, exposures = photographs.unit, photographs.radiance[pixels], parameters.exposures
         known = None if photographs.known is None else photographs.known[pixels]
 
         def render(pixels: Tensor, samples: int) -> PixelRadiance:
             rendered = self._problem.renderer.render_pixels(gbuffer, pixels, material, light, samples, generator)
-            exposures = parameters.exposures
-            return rendered if exposures is None else rendered.exposed(exposures.factors(gbuffer.pixel[pixels]))
+            return rendered if exposures is None else rendered.exposed(exposures[gbuffer.view(pixels)][:, None])
 
         if settings.image_loss == "l1":
             rendered = render(pixels, self._problem.plan.samples)

@@ -2,35 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import torch
 from torch import Tensor
+from torch.optim import Optimizer
 
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.brdf import MIN_ROUGHNESS
 from ia_bench.material.textures import Material, fill_unobserved, splat
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.settings import FitSettings
-from ia_bench.methods.two_stage.steps import Exposures, MultigridSteps, ScaleAmbiguityStep
+from ia_bench.methods.two_stage.steps import MultigridSteps, ScaleAmbiguityStep
 
 LEAST = {"albedo": 0.0, "roughness": MIN_ROUGHNESS, "metallic": 0.0}
 """The least value of each texture; the largest is 1."""
 
 BETAS = 0.9, 0.99  # of Adam
+EXPOSURE_RATE = 0.02  # of Adam at the start, in log units
 
 
 class Parameters:
     """Textures of albedo, roughness and, where the plan says so, metallic; and the light's log radiance.
 
     Attributes:
-        tensors: "albedo" (T, T, 3), "roughness" and "metallic" (T, T, 1), "log_light" (H, 2H, 3): leaves of the gradient.
+        tensors: "albedo" (T, T, 3), "roughness" and "metallic" (T, T, 1), "log_light" (H, 2H, 3): leaves of the gradient. Where the
+            photographs' exposures differ also "log_exposure" (V,), whose mean is kept at 0, as ``Scene.exposures_differ`` says:
+            all of them and the light share a factor that images cannot tell.
         observed: (T, T) bool, texels that some training view sees, in a pixel that its mask does not leave out.
         optimizer: Adam, one group a tensor.
         multigrid: Its steps at coarser scales.
         scale_ambiguity: The step in which light and albedo exchange a colour.
-        exposures: The factors of the photographs, None where they are known to be the same.
     """
 
     def __init__(self, problem: Problem, settings: FitSettings) -> None:
@@ -45,20 +45,19 @@ class Parameters:
         }
         if plan.metallic:
             self.tensors["metallic"] = torch.full((t, t, 1), settings.metallic_initial, device=device)
+        images = dict(self.tensors)
+        if problem.scene.exposures_differ:
+            self.tensors["log_exposure"] = torch.zeros(problem.gbuffer.shape[0], device=device)
         for tensor in self.tensors.values():
             tensor.requires_grad_(True)
         self._settings = settings
-        self._rates = [getattr(settings.rates, name.removeprefix("log_")) for name in self.tensors]
-        self._multigrid_rates = {name: getattr(settings.multigrid_rates, name.removeprefix("log_")) for name in self.tensors}
+        self._rates = [getattr(settings.rates, name.removeprefix("log_"), EXPOSURE_RATE) for name in self.tensors]
+        self._multigrid_rates = {name: getattr(settings.multigrid_rates, name.removeprefix("log_")) for name in images}
         groups = [{"params": [p], "lr": rate} for p, rate in zip(self.tensors.values(), self._rates, strict=True)]
         self.optimizer = torch.optim.Adam(groups, betas=BETAS, fused=True)
         self._alone: dict[str, Tensor] = {}
-        self.multigrid = MultigridSteps(self.tensors, BETAS)
+        self.multigrid = MultigridSteps(images, BETAS)
         self.scale_ambiguity = ScaleAmbiguityStep(self.tensors["albedo"], self.tensors["log_light"], self.observed)
-        self.exposures: Exposures | None = None
-        if problem.scene.exposures_differ:
-            views, height, width = problem.gbuffer.shape
-            self.exposures = Exposures(views, height * width, device)
 
     def material(self, *, detached: bool = False) -> Material:
         """The textures as a material, through which gradients flow unless ``detached``."""
@@ -86,8 +85,11 @@ class Parameters:
         """Forget all gradients."""
         self._alone.clear()
         self.optimizer.zero_grad(set_to_none=True)
-        if self.exposures is not None:
-            self.exposures.clear()
+
+    @property
+    def exposures(self) -> Tensor | None:
+        """The factors (V,) of the photographs, through which gradients flow; None where they are known to be the same."""
+        return torch.exp(self.tensors["log_exposure"]) if "log_exposure" in self.tensors else None
 
     def light(self, *, uniform: float | None = None) -> SampledLight:
         """The light, without gradient unless ``uniform``, the share of its samples spread over the sphere, is given."""
@@ -98,26 +100,25 @@ class Parameters:
 
     def recovered(self, *, final: bool) -> tuple[Material, Tensor]:
         """Copies of the textures, and radiance (H, 2H, 3). ``final``: texels that no view sees are filled from their neighbours."""
-        textures = {name: p.detach().clone() for name, p in self.tensors.items() if name != "log_light"}
+        textures = {name: p.detach().clone() for name, p in self.tensors.items() if name in LEAST}
         if final:
             textures = {name: fill_unobserved(texture, self.observed) for name, texture in textures.items()}
         return Material(**textures), torch.exp(self.tensors["log_light"].detach())
 
     def frozen(self, step: int, steps: int) -> list[str]:
         """The tensors that are not optimised yet in ``step`` of ``steps``."""
-        starts = {"albedo": self._settings.albedo_start, "log_light": 0.0}
+        starts = {"albedo": self._settings.albedo_start, "log_light": 0.0, "log_exposure": 0.0}
         return [name for name in self.tensors if step < starts.get(name, self._settings.roughness_start) * steps]
 
-    def descend(self, step: int, steps: int) -> None:
-        """Take ``step`` of ``steps`` along the gradients, back into the range of valid values."""
+    def descend(self, step: int, steps: int) -> bool:
+        """Take ``step`` of ``steps`` along the gradients, back into valid values; whether the scale-ambiguity step was blocked."""
         settings, frozen = self._settings, self.frozen(step, steps)
         fall = settings.rates.final ** (step / max(steps - 1, 1))
         for group, rate in zip(self.optimizer.param_groups, self._rates, strict=True):
             group["lr"] = rate * fall
+        blocked = False
         if settings.rates.scale_ambiguity and "albedo" not in frozen and step >= settings.scale_ambiguity_start * steps:
-            self.scale_ambiguity(settings.rates.scale_ambiguity * fall)
-        if self.exposures is not None:
-            self.exposures.descend(fall)
+            blocked = self.scale_ambiguity(settings.rates.scale_ambiguity * fall)
         shared, single = {name: tensor.grad for name, tensor in self.tensors.items()}, self.gradients
         for name, tensor in self.tensors.items():  # the backward pass has computed those of what is frozen all the same
             tensor.grad = None if name in frozen else single.get(name)
@@ -127,22 +128,12 @@ class Parameters:
             for name, least in LEAST.items():
                 if name in self.tensors:
                     self.tensors[name].clamp_(least, 1)
+            if "log_exposure" in self.tensors:
+                self.tensors["log_exposure"] -= self.tensors["log_exposure"].mean()
+        return blocked
 
     @property
-    def changed(self) -> dict[str, Tensor]:
-        """All tensors that a step changes."""
-        return {**self.tensors, **({} if self.exposures is None else {"exposures": self.exposures.log})}
-
-    def state_dict(self) -> dict[str, Any]:
+    def optimisers(self) -> dict[str, Optimizer]:
         """What a checkpoint must keep beside the tensors: what the optimisers remember."""
-        return {name: part.state_dict() for name, part in self._optimisers.items()}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take over a :meth:`state_dict`."""
-        for name, part in self._optimisers.items():
-            part.load_state_dict(state[name])
-
-    @property
-    def _optimisers(self) -> dict[str, Any]:
-        parts = {"texels": self.optimizer, "multigrid": self.multigrid, "scale_ambiguity": self.scale_ambiguity}
-        return {**parts, **({} if self.exposures is None else {"exposures": self.exposures})}
+        parts = {"multigrid": self.multigrid.optimizer, "scale_ambiguity": self.scale_ambiguity.optimizer}
+        return {"texels": self.optimizer, **parts}

@@ -103,6 +103,6 @@ class PriorLoss:
         if components == {"albedo"}:  # no light, no samples
             images = {"albedo": texture_images(renderer.surface, part, material.albedo)}
         else:
-            exposures = None if parameters.exposures is None else parameters.exposures.recovered
-            images = as_photographed(renderer.render_images(part, material, light, GUIDE_SAMPLES, generator), views, exposures)
-        return {name: images[name].cpu() for name in sorted(components)}
+            rendered = renderer.render_images(part, material, light, GUIDE_SAMPLES, generator)
+            images = as_photographed(rendered, views, parameters.exposures)
+        return {name: images[name].detach().cpu() for name in sorted(components)}

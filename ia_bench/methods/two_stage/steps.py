@@ -1,9 +1,8 @@
-"""The steps that a fit takes beside those of single texels: at coarser scales, along the scale ambiguity, of exposures."""
+"""The steps that a fit takes beside those of single texels: at coarser scales, and along the scale ambiguity."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -12,7 +11,6 @@ from torch.nn.functional import avg_pool2d, interpolate
 LEAST_SIDE = 4  # rows of the coarsest level at least: fewer are the mean, which light and albedo exchange (ScaleAmbiguityStep)
 MAX_WHITE = 0.01  # fraction of the observed texels that a step may leave beyond white ...
 TEXELS = 16_384  # ... counted on about so many of them, evenly chosen
-EXPOSURE_RATE = 0.02  # of Adam at the start, in log units
 
 
 # ---- coarser scales -------------------------------------------------------------------------------------------
@@ -37,14 +35,14 @@ class MultigridSteps:
         """``images``: leaves (H, W, C) by name; one with an odd side has no coarser levels beyond it. ``betas``: of Adam."""
         self._images = dict(images)
         self._levels = {name: levels for name, image in images.items() if (levels := _levels(image))}
-        groups = [{"params": levels, "lr": 0.0} for levels in self._levels.values()]
-        self.optimizer = torch.optim.Adam(groups, betas=betas, fused=True) if groups else None
+        groups = [{"params": levels, "lr": 0.0} for levels in self._levels.values()] or [{"params": []}]
+        self.optimizer = torch.optim.Adam(groups, betas=betas, fused=True)
 
     @torch.no_grad()
     def __call__(self, rates: Mapping[str, float], gradients: Mapping[str, Tensor | None]) -> None:
         """Move every image that has one of the ``rates`` and of the ``gradients`` (H, W, C) by a step at each of its levels."""
         moving = [name for name in self._levels if rates.get(name) and gradients.get(name) is not None]
-        if self.optimizer is None or not moving:
+        if not moving:
             return
         for (name, levels), group in zip(self._levels.items(), self.optimizer.param_groups, strict=True):
             group["lr"] = rates.get(name, 0.0)
@@ -59,15 +57,6 @@ class MultigridSteps:
                 step = _doubled(step + level)
                 level.zero_()
             self._images[name].add_(step)
-
-    def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint must keep: Adam's moments."""
-        return {} if self.optimizer is None else self.optimizer.state_dict()
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a :meth:`state_dict`."""
-        if self.optimizer is not None:
-            self.optimizer.load_state_dict(state)
 
 
 def _levels(image: Tensor) -> list[Tensor]:
@@ -103,9 +92,6 @@ class ScaleAmbiguityStep:
 
     A step that would leave more than MAX_WHITE of the texels beyond white is not taken in that channel (only there, so the
     others still move): against the bound of the albedo the two would no longer balance.
-
-    Attributes:
-        blocked: How many steps were not taken for that reason.
     """
 
     def __init__(self, albedo: Tensor, log_light: Tensor, observed: Tensor) -> None:
@@ -115,7 +101,6 @@ class ScaleAmbiguityStep:
         self._observed = texels[:: max(1, len(texels) // TEXELS)]
         self._factor = torch.zeros(3, device=albedo.device, requires_grad=True)
         self.optimizer = torch.optim.Adam([self._factor], betas=(0.9, 0.99))
-        self.blocked = 0
 
     def gradient(self) -> Tensor:
         """The gradient (3,) of the loss with respect to c at c = 0, from the gradients of both tensors."""
@@ -125,76 +110,15 @@ class ScaleAmbiguityStep:
         return of_light.sum((0, 1)) - (of_albedo * self._albedo.detach()).sum((0, 1))
 
     @torch.no_grad()
-    def __call__(self, rate: float) -> None:
-        """Move both by a step of Adam at ``rate``, a log factor."""
+    def __call__(self, rate: float) -> bool:
+        """Move both by a step of Adam at ``rate``, a log factor; whether it was blocked in some channel."""
         self._factor.grad = self.gradient()
         self.optimizer.param_groups[0]["lr"] = rate
         self.optimizer.step()
-        if len(self._observed):
-            moved = self._albedo.reshape(-1, 3)[self._observed] * torch.exp(-self._factor)
-            blocked = ((moved > 1).float().mean(0) > MAX_WHITE) & (self._factor < 0)
-            self._factor[blocked] = 0
-            self.blocked += bool(blocked.any())
+        moved = self._albedo.reshape(-1, 3)[self._observed] * torch.exp(-self._factor)
+        blocked = ((moved > 1).float().mean(0) > MAX_WHITE) & (self._factor < 0)  # a mean of none is NaN, which blocks nothing
+        self._factor[blocked] = 0
         self._log_light.add_(self._factor)
         self._albedo.mul_(torch.exp(-self._factor))
         self._factor.zero_()
-
-    def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint must keep: Adam's moments and the count."""
-        return {"optimizer": self.optimizer.state_dict(), "blocked": self.blocked}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a :meth:`state_dict`."""
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.blocked = state["blocked"]
-
-
-# ---- exposures ------------------------------------------------------------------------------------------------
-
-
-class Exposures:
-    """Adam on one log factor per view, which multiplies the renders that its photograph is compared with.
-
-    All factors and the light share one that images cannot tell: the mean of the logs is kept at 0, as
-    ``Scene.exposures_differ`` says of the photographs.
-
-    Attributes:
-        log: (V,), the log factors so far.
-    """
-
-    def __init__(self, views: int, pixel_count: int, device: torch.device) -> None:
-        """``pixel_count``: pixels of one view, by which the view of a flat index is told."""
-        self.log = torch.zeros(views, device=device, requires_grad=True)
-        self._pixel_count = pixel_count
-        self._optimizer = torch.optim.Adam([self.log], betas=(0.9, 0.99))
-
-    def factors(self, pixel: Tensor) -> Tensor:
-        """The factors (N, 1) of flat indices (N,) into the stacked views, through which gradients flow."""
-        return torch.exp(self.log[pixel // self._pixel_count])[:, None]
-
-    def descend(self, fall: float) -> None:
-        """One step at ``fall`` times EXPOSURE_RATE, back to factors whose geometric mean is 1."""
-        gradient = self.log.grad
-        if gradient is not None and bool(torch.isfinite(gradient.square().sum())):
-            self._optimizer.param_groups[0]["lr"] = EXPOSURE_RATE * fall
-            self._optimizer.step()
-            with torch.no_grad():
-                self.log -= self.log.mean()
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget the gradient."""
-        self._optimizer.zero_grad(set_to_none=True)
-
-    @property
-    def recovered(self) -> Tensor:
-        """The factors so far, (V,)."""
-        return torch.exp(self.log.detach())
-
-    def state_dict(self) -> dict[str, Any]:
-        """What a checkpoint must keep beside the factors: Adam's moments."""
-        return self._optimizer.state_dict()
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a :meth:`state_dict`."""
-        self._optimizer.load_state_dict(state)
+        return bool(blocked.any())

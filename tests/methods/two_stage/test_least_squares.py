@@ -14,7 +14,6 @@ from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.two_stage.least_squares import conjugate_gradients, solved_albedo
-from ia_bench.methods.two_stage.steps import Exposures
 from ia_bench.priors.contract import NoPrior
 
 SIDE = 64
@@ -58,7 +57,7 @@ def solve(
     *,
     images: Tensor | None = None,
     valid: Tensor | None = None,
-    exposures: Exposures | None = None,
+    exposures: Tensor | None = None,
 ) -> tuple[float, float]:
     """The errors of an albedo with noise, before and after."""
     problem, material, light, photographs = known
@@ -86,12 +85,8 @@ def test_what_is_unknown_or_off_by_far_does_not_pull(known: tuple[Problem, Mater
 
 def test_renders_are_exposed_as_the_photographs_are(known: tuple[Problem, Material, SampledLight, Tensor]) -> None:
     problem, _, _, photographs = known
-    views, height, width = problem.gbuffer.shape
-    exposures = Exposures(views, height * width, photographs.device)
-    state = exposures.state_dict()
-    state["log"] = torch.linspace(-0.3, 0.3, views)
-    exposures.load_state_dict(state)
-    images = exposures.factors(problem.gbuffer.pixel).detach() * photographs
+    exposures = torch.linspace(-0.3, 0.3, problem.gbuffer.shape[0]).exp()
+    images = exposures[problem.gbuffer.view()][:, None] * photographs
     before, after = solve(known, images=images, exposures=exposures)
     assert after < 0.4 * before
 
