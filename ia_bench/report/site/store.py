@@ -129,7 +129,7 @@ def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], Non
     note(f"pictures of {scene_name}: the truth")
     drawn = SceneRenderer(run.read_scene(whole=True), fitted)
     scene, truth = drawn.scene, drawn.scene.truth or Truth({})
-    lights = {name: truth.lights[name] for name in ("train", *drawn.lights) if name in truth.lights}
+    lights = {name: truth.lights[name] for name in ("train", *drawn.relit) if name in truth.lights}
     maps = {name: packing.light(LatLongEnvironment(torch.from_numpy(map_).float())) for name, map_ in lights.items()}
     content: dict[str, Any] = {"lights": maps}
     if scene.mesh is not None:  # else every run has one of its own
@@ -147,7 +147,7 @@ def _truth(run: Recovered, kept: Bundle, folder: Path, note: Callable[[str], Non
         "folder": scene_name,
         "sheets": shapes,
         "textured": "albedo" in content,
-        "lights": drawn.lights,
+        "lights": [*drawn.relit],
         "relit": [[light, view.name] for light, views in drawn.relit.items() for view in views],
         "views": names,
     }

@@ -7,7 +7,7 @@ coverage, inside the true mask. What a scene has no truth of (photographs of one
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -37,14 +37,9 @@ CUT_MARGIN = 2  # pixels around an object that is cut out
 
 
 def exposure(images: Iterable[np.ndarray], masks: Iterable[np.ndarray]) -> float:
-    """The factor that brings all but the brightest hundredth of the foreground into [0, 1]; 1 without a foreground.
-
-    One for all ``images`` (H, W, 3) with their ``masks`` (H, W), which may differ in size.
-    """
-    parts = [image[mask > 0.5].max(-1, initial=0.0) for image, mask in zip(images, masks, strict=True)]
-    if not any(map(len, parts)):
-        return 1.0
-    return 1 / max(float(np.quantile(np.concatenate(parts), 0.99)), 1e-12)
+    """The one factor that brings all but the brightest hundredth of the foreground of all images into [0, 1]; 1 without any."""
+    found = np.concatenate([np.zeros(0), *(image[mask > 0.5].max(-1) for image, mask in zip(images, masks, strict=True))])
+    return 1 / max(float(np.quantile(found, 0.99)), 1e-12) if len(found) else 1.0
 
 
 def on_grey(picture: np.ndarray, coverage: np.ndarray) -> np.ndarray:
@@ -71,21 +66,6 @@ def cut_out(picture: np.ndarray, mask: np.ndarray, side: int, beyond: float = GR
     return padded[starts[0] : starts[0] + side, starts[1] : starts[1] + side]
 
 
-def light_map(radiance: np.ndarray, exposed_for: np.ndarray) -> np.ndarray:
-    """A lat-long light (H, W, 3) as on a display, at the exposure that brings nine tenths of another below mid-grey."""
-    gain = 0.5 / max(float(np.quantile(exposed_for.mean(-1), 0.9)), 1e-12)
-    return linear_to_srgb((gain * radiance).clip(0, 1))
-
-
-def views_of_maps(scene: Scene) -> list[View]:
-    """The held-out views of which the most is known of albedo and roughness; without any, FITTED training views, evenly spread."""
-    if scene.test or not scene.train:
-        known = [(view.albedo is not None) + (view.roughness is not None) for view in scene.test]
-        return [view for view, parts in zip(scene.test, known, strict=True) if parts == max(known)]
-    places = np.linspace(0, len(scene.train) - 1, min(FITTED, len(scene.train))).round().astype(int)
-    return [scene.train[place] for place in places]
-
-
 @dataclass
 class Pictures:
     """What is shown of the truth or of one run.
@@ -103,12 +83,9 @@ class SceneRenderer:
     """One scene, traced once, and the views of it that are drawn.
 
     Attributes:
-        scene: The scene.
-        test: The views that maps are drawn in, as :func:`views_of_maps` chooses them.
+        test: The views that maps are drawn in: the held-out ones of which the most is known; without any, FITTED training views.
         views: The views that are rendered under the recovered light: novel ones of the training light, else ``test``.
-        lights: Names of the novel lights whose maps are known.
-        relit: The views of each of these lights that are drawn.
-        turned: The view that is drawn under a light that goes round the object, None without a novel light.
+        relit: Novel light whose map is known -> the views of it that are drawn.
         fitted: Names of the drawn views that runs have fitted; none unless the scene holds no view out.
         masks: What is compared, by its name in the truth -> (S, S) bool of every view, True where it is scored.
     """
@@ -123,17 +100,17 @@ class SceneRenderer:
         if lacking := [name for name in fitted if name not in by_name]:
             found = f"found none named {', '.join(lacking)}"
             raise InputError(f"{scene.source}: expected the training views that are pictured, {found}")
-        self.test = [by_name[name] for name in fitted] or views_of_maps(scene)
+        self.test = [by_name[name] for name in fitted] or _views_of_maps(scene)
         if not self.test:
             raise InputError(f"{scene.source}: expected a view that can be shown, found none")
-        seen = [view for view in scene.novel if view.light == "train"][::VIEW_STRIDE]
+        by_light: dict[str, list[View]] = {"train": []}
+        for view in scene.novel:
+            by_light.setdefault(view.light, []).append(view)
+        seen = by_light.pop("train")[::VIEW_STRIDE]
         self.fitted = [] if scene.test or seen else [view.name for view in self.test]
         self.views = seen or self.test
-        novel_lights = dict.fromkeys(view.light for view in scene.novel if view.light != "train")
-        self.lights = [name for name in novel_lights if name in self._truth.lights]
-        self.relit = {name: [view for view in scene.novel if view.light == name][::RELIT_STRIDE] for name in self.lights}
-        novel = [view for name in self.lights for view in self.relit[name]]
-        self.turned = self.relit[self.lights[0]][len(self.relit[self.lights[0]]) // 2] if self.lights else None
+        self.relit = {name: views[::RELIT_STRIDE] for name, views in by_light.items() if name in self._truth.lights}
+        novel = [view for views in self.relit.values() for view in views]
         self._side = max(extent(view.mask) for view in (*self.test, *self.views, *novel))
         lit = {"train": (*self.views, *self.test), **self.relit}
         self._gains = {name: exposure([view.image for view in of], [view.mask for view in of]) for name, of in lit.items()}
@@ -152,44 +129,37 @@ class SceneRenderer:
 
     def truth(self, *, turned: bool = True) -> Pictures:
         """The photographs and what is known behind them; the turning light shows the true textures, if that is wanted."""
-        pictures = self._pictures(
-            Predictions(
-                _images(self.test, "albedo"),
-                _images(self.test, "roughness"),
-                _images(self.views, "image"),
-                {light: images for light, views in self.relit.items() if (images := _images(views, "image"))},
-            )
-        )
-        self._add(pictures, "photograph", self.test, _images(self.test, "image"), self._gains["train"])
-        textures = self._truth.albedo, self._truth.roughness
-        if turned and textures[0] is not None and textures[1] is not None:
-            material = Material(torch.from_numpy(textures[0]).float(), torch.from_numpy(textures[1]).float()[..., None])
+        relit = {light: images for light, views in self.relit.items() if (images := _images(views, "image"))}
+        maps = _images(self.test, "albedo"), _images(self.test, "roughness")
+        pictures = self._pictures(Predictions(*maps, _images(self.views, "image"), relit))
+        self._add(pictures, "photograph", self.test, _images(self.test, "image"), "train")
+        albedo, roughness = self._truth.albedo, self._truth.roughness
+        if turned and albedo is not None and roughness is not None:
+            material = Material(torch.from_numpy(albedo).float(), torch.from_numpy(roughness).float()[..., None])
             self._add_turns(pictures, TexturedReconstruction(self.stage, material, None), None)
         if "train" in self._truth.lights:
-            true_light = self._truth.lights["train"]
-            pictures.sheets["light"] = [light_map(true_light, true_light)]
+            pictures.sheets["light"] = [_light_map(self._truth.lights["train"], self._truth.lights["train"])]
         return pictures
 
     def recovered(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None) -> Pictures:
         """The same of what was recovered: its albedo also aligned by ``scale`` where a true one is known, and relit with that.
 
-        ``scored`` as in :meth:`drawn`.
+        Views that a scorer has drawn of it already are taken from ``scored``; all others are drawn here.
         """
-        pictures = self._pictures(self.drawn(found, scale, scored), scale.cpu().numpy())
+        drawn = self._drawn(found, scale, scored or Predictions())
+        pictures = self._pictures(drawn)
+        if drawn.albedo is not None and "albedo" in self.masks:
+            aligned = tuple(scale.cpu().numpy() * image for image in drawn.albedo.images)
+            self._add(pictures, "aligned", self.test, Images(aligned, drawn.albedo.coverage))
         self._add_turns(pictures, found, scale)
         if found.environment is not None:
             true_light = self._truth.lights.get("train")
             rows = found.environment.texels.shape[0] if true_light is None else true_light.shape[0]
             radiance = (found.environment.latlong(rows).cpu() / scale.cpu()).numpy()
-            pictures.sheets["light"] = [light_map(radiance, radiance if true_light is None else true_light)]
+            pictures.sheets["light"] = [_light_map(radiance, radiance if true_light is None else true_light)]
         return pictures
 
-    def drawn(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None) -> Predictions:
-        """The chosen views of what was recovered; ``scale`` aligns its albedo where it is relit.
-
-        Views that a scorer has drawn of it already are taken from ``scored``; all others are drawn here.
-        """
-        scored = scored or Predictions()
+    def _drawn(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions) -> Predictions:
         maps: dict[str, Images | None] = {"albedo": scored.albedo, "roughness": scored.roughness}
         lacking = [name for name, of in maps.items() if of is None or not len(of) == len(self.scene.test) == len(self.test)]
         if lacking:
@@ -199,33 +169,32 @@ class SceneRenderer:
             views = _every(scored.view_synthesis, VIEW_STRIDE)
         elif found.environment is not None:
             views = self._rendered(found, self.views, None, None)
-        relit = {name: _every(images, RELIT_STRIDE) for name, images in (scored.relighting or {}).items() if name in self.lights}
-        for name in self.lights:
-            if name not in relit:
-                relit[name] = self._rendered(found, self.relit[name], self._truth.lights[name], scale)
+        scored_light = scored.relighting or {}
+        relit = {
+            name: _every(scored_light[name], RELIT_STRIDE)
+            if name in scored_light
+            else self._rendered(found, views, self._truth.lights[name], scale)
+            for name, views in self.relit.items()
+        }
         return Predictions(maps["albedo"], maps["roughness"], views, relit)
 
-    def _pictures(self, drawn: Predictions, scale: np.ndarray | None = None) -> Pictures:
-        """The sheets of maps and renders; ``scale`` aligns the albedo where a true one is known."""
+    def _pictures(self, drawn: Predictions) -> Pictures:
+        """The sheets of maps and renders."""
         pictures = Pictures()
         self._add(pictures, "albedo", self.test, drawn.albedo)
-        if drawn.albedo is not None and scale is not None and "albedo" in self.masks:
-            aligned = Images(tuple(scale * image for image in drawn.albedo.images), drawn.albedo.coverage)
-            self._add(pictures, "aligned", self.test, aligned)
         self._add(pictures, "roughness", self.test, drawn.roughness)
-        self._add(pictures, "view", self.views, drawn.view_synthesis, self._gains["train"])
-        relit: Mapping[str, Images] = drawn.relighting or {}
+        self._add(pictures, "view", self.views, drawn.view_synthesis, "train")
         for light, views in self.relit.items():
-            self._add(pictures, "relit", views, relit[light], self._gains[light])
+            self._add(pictures, "relit", views, (drawn.relighting or {})[light], light)
         return pictures
 
     def _add_turns(self, pictures: Pictures, found: TexturedReconstruction, scale: torch.Tensor | None) -> None:
-        if self.turned is not None:
-            light = self._truth.lights[self.lights[0]]
+        """Add the middle view of the first novel light, under that light as it goes round the object."""
+        for name, views in [*self.relit.items()][:1]:
+            light, turned = self._truth.lights[name], [views[len(views) // 2]]
             for turn in range(TURNS):
                 around = np.roll(light, round(turn * light.shape[1] / TURNS), axis=1)
-                drawn = self._rendered(found, [self.turned], around, scale)
-                self._add(pictures, "turned", [self.turned], drawn, self._gains[self.lights[0]])
+                self._add(pictures, "turned", turned, self._rendered(found, turned, around, scale), name)
 
     def _rendered(
         self, found: TexturedReconstruction, views: Sequence[View], light: np.ndarray | None, scale: torch.Tensor | None
@@ -235,15 +204,29 @@ class SceneRenderer:
         assert drawn is not None
         return drawn
 
-    def _add(self, pictures: Pictures, name: str, views: Sequence[View], images: Images | None, gain: float = 1.0) -> None:
-        """Add every view to a sheet, encoded for a display, ``gain`` times as bright as it is compared; roughness as it is."""
+    def _add(self, pictures: Pictures, name: str, views: Sequence[View], images: Images | None, light: str | None = None) -> None:
+        """Add every view to a sheet, encoded for a display at the exposure of its ``light``; roughness and albedo as they are."""
         for view, image, coverage in zip(views, images.images, images.coverage, strict=True) if images is not None else ():
             if image.ndim == 2:
                 values = shown = straight(image[..., None], coverage).clip(0, 1)
             else:
-                values, shown = display(image, coverage), display(image, coverage, gain)
+                values, shown = display(image, coverage), display(image, coverage, self._gains[light] if light else 1.0)
             pictures.sheets.setdefault(name, []).append(cut_out(on_grey(shown, coverage), view.mask, self._side))
             pictures.values.setdefault(name, []).append(cut_out(values, view.mask, self._side, beyond=0))
+
+
+def _light_map(radiance: np.ndarray, exposed_for: np.ndarray) -> np.ndarray:
+    """A lat-long light (H, W, 3) as on a display, at the exposure that brings nine tenths of another below mid-grey."""
+    gain = 0.5 / max(float(np.quantile(exposed_for.mean(-1), 0.9)), 1e-12)
+    return linear_to_srgb((gain * radiance).clip(0, 1))
+
+
+def _views_of_maps(scene: Scene) -> list[View]:
+    if scene.test or not scene.train:
+        known = [(view.albedo is not None) + (view.roughness is not None) for view in scene.test]
+        return [view for view, parts in zip(scene.test, known, strict=True) if parts == max(known)]
+    places = np.linspace(0, len(scene.train) - 1, min(FITTED, len(scene.train))).round().astype(int)
+    return [scene.train[place] for place in places]
 
 
 def _every(images: Images, stride: int) -> Images:

@@ -61,14 +61,14 @@ def sheet(pictures: Sequence[np.ndarray]) -> bytes:
     whole = Image.new("RGB", (columns * width, -(-len(tiles) // columns) * height))
     for place, tile in enumerate(tiles):
         whole.paste(tile, (place % columns * width, place // columns * height))
-    return webp(whole, quality=PICTURE_QUALITY, lossless=height <= SMALL)
+    return _webp(whole, quality=PICTURE_QUALITY, lossless=height <= SMALL)
 
 
 def error_map(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Root of the mean squared difference over channels and over the scored pixels that a coarser pixel covers.
 
-    Of ``predicted`` and ``true`` (S, S, C) in [0, 1] with ``mask`` (S, S), True where scored: (s, s) levels from 0 to LEVELS - 1,
-    OUTSIDE where nothing is scored; s is S over the least whole number that makes it no more than ERROR_TILE.
+    ``predicted`` and ``true`` (S, S, C) in [0, 1], ``mask`` (S, S) True where scored. Returns (s, s) levels up to LEVELS - 1, or
+    OUTSIDE; s is S over the least whole number that makes it no more than ERROR_TILE.
     """
     squares = ((predicted - true) ** 2).mean(-1) * mask
     step = -(-len(mask) // ERROR_TILE)
@@ -82,14 +82,19 @@ def error_map(predicted: np.ndarray, true: np.ndarray, mask: np.ndarray) -> np.n
 
 def error_sheet(maps: Sequence[np.ndarray]) -> str:
     """Error maps below each other as a lossless WebP, for a script: a page from disk may not read pixels of other files."""
-    return _data_url(webp(Image.fromarray(np.concatenate(maps)), lossless=True))
+    return _data_url(Image.fromarray(np.concatenate(maps)), lossless=True)
 
 
-def webp(image: Image.Image, *, quality: int = EFFORT, lossless: bool = False) -> bytes:
+def _webp(image: Image.Image, *, quality: int = EFFORT, lossless: bool = False) -> bytes:
     """A WebP; the ``quality`` of a lossless one is the effort that the encoder makes."""
     buffer = io.BytesIO()
     image.save(buffer, "WEBP", quality=quality, lossless=lossless, method=6, exact=False)
     return buffer.getvalue()
+
+
+def _data_url(image: Image.Image, **settings: Any) -> str:  # noqa: ANN401 (of _webp)
+    """A picture as an address that needs no file."""
+    return f"data:image/webp;base64,{base64.b64encode(_webp(image, **settings)).decode()}"
 
 
 # ---- the object for the 3-D viewer: its mesh once a scene, textures once a run, lights as Radiance HDR ----
@@ -110,26 +115,26 @@ def textures(albedo: np.ndarray, roughness: np.ndarray) -> dict[str, str]:
 
 
 def light(environment: LatLongEnvironment) -> str:
-    """A light as a Radiance HDR picture in base 64. Viewers of glTF lay maps out as we do; their y is our z."""
-    return base64.b64encode(hdr(environment.latlong(LIGHT_ROWS).numpy())).decode()
+    """A light as a Radiance HDR picture in base 64. Viewers of glTF lay maps out as we do; their y is our z.
 
-
-def hdr(image: np.ndarray) -> bytes:
-    """A Radiance picture (RGBE, not run-length encoded) of linear values (H, W, 3) >= 0.
-
-    A texel is m 2^(e - 136) with bytes m of each channel and one e: G. Ward, "Real Pixels", Graphics Gems II (1991).
+    A texel is m 2^(e - 136) with bytes m of each channel and one e (RGBE): G. Ward, "Real Pixels", Graphics Gems II (1991).
     """
-    height, width, _ = image.shape
+    image = environment.latlong(LIGHT_ROWS).numpy()
     brightest = image.max(-1)
     _, exponents = np.frexp(brightest)  # brightest = f 2^e with f in [.5, 1)
     scale = np.where(brightest > 0, np.ldexp(256.0, -exponents), 0.0)
-    texels = np.zeros((height, width, 4), np.uint8)
+    texels = np.zeros((*brightest.shape, 4), np.uint8)
     texels[..., :3] = np.floor(image * scale[..., None]).clip(0, 255)
     texels[..., 3] = np.where(brightest > 0, exponents + 128, 0).clip(0, 255)
-    return f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode() + texels.tobytes()
+    header = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {} +X {}\n".format(*brightest.shape)
+    return base64.b64encode(header.encode() + texels.tobytes()).decode()
 
 
-# ---- text ----
+def _texture(shown: np.ndarray) -> str:
+    picture = Image.fromarray(np.round(255 * shown).astype(np.uint8))
+    if picture.width > TEXTURE:
+        picture = picture.resize((TEXTURE, TEXTURE), Image.Resampling.BOX)
+    return _data_url(picture, quality=TEXTURE_QUALITY)
 
 
 def compact(content: object) -> str:
@@ -140,18 +145,6 @@ def compact(content: object) -> str:
 def script(name: str, content: dict[str, Any]) -> bytes:
     """A script that hands ``content`` to the page under a name."""
     return f"bench.receive({compact(name)},{compact(content)});\n".encode()
-
-
-def _data_url(content: bytes) -> str:
-    """A WebP as an address that needs no file."""
-    return f"data:image/webp;base64,{base64.b64encode(content).decode()}"
-
-
-def _texture(shown: np.ndarray) -> str:
-    picture = Image.fromarray(np.round(255 * shown).astype(np.uint8))
-    if picture.width > TEXTURE:
-        picture = picture.resize((TEXTURE, TEXTURE), Image.Resampling.BOX)
-    return _data_url(webp(picture, quality=TEXTURE_QUALITY))
 
 
 # ---- pictures.zip ----
@@ -191,7 +184,7 @@ class Bundle:
 def bundle(
     scene_renderer: SceneRenderer, true: Pictures, found: TexturedReconstruction, scale: Tensor, scored: Predictions | None = None
 ) -> Bundle:
-    """Draw and pack what was recovered. ``true``: the same views of the truth; ``scored`` as in :meth:`SceneRenderer.drawn`."""
+    """Draw and pack what was recovered. ``true``: the same views of the truth; ``scored`` as of :meth:`SceneRenderer.recovered`."""
     pictures = scene_renderer.recovered(found, scale, scored)
     errors, tile = {}, 0
     for name, original in COMPARED.items():
@@ -199,20 +192,15 @@ def bundle(
             compared = zip(pictures.values[name], true.values[original], scene_renderer.masks[original], strict=True)
             maps = [error_map(*three) for three in compared]
             errors[name], tile = error_sheet(maps), len(maps[0])
-    albedo, roughness = (part.detach().cpu().numpy() for part in (found.material.albedo, found.material.roughness[..., 0]))
+    solid = textures(*(part.detach().cpu().numpy() for part in (found.material.albedo, found.material.roughness[..., 0])))
+    if "light" not in true.sheets and found.environment is not None:
+        solid["light"] = light(LatLongEnvironment(found.environment.texels.detach().cpu()))
     relit = {name: len(views) for name, views in scene_renderer.relit.items()}
     views: dict[str, Any] = {"test": len(scene_renderer.test), "view": len(scene_renderer.views), "relit": relit}
     if scene_renderer.fitted:
         views["fitted"] = scene_renderer.fitted
-    packed = Bundle(
-        *sheets(pictures),
-        errors={"tile": tile, "sheets": errors, "levels": LEVELS, "largest": LARGEST},
-        solid=textures(albedo, roughness),
-        views=views,
-    )
-    if "light" not in true.sheets and found.environment is not None:
-        packed.solid["light"] = light(LatLongEnvironment(found.environment.texels.detach().cpu()))
-    return packed
+    about = {"tile": tile, "sheets": errors, "levels": LEVELS, "largest": LARGEST}
+    return Bundle(*sheets(pictures), errors=about, solid=solid, views=views)
 
 
 def sheets(pictures: Pictures) -> tuple[dict[str, bytes], dict[str, list[int]]]:
@@ -228,10 +216,9 @@ def write_pictures(
     scale: list[float] | None,
     note: Callable[[str], None],
 ) -> None:
-    """Write pictures.zip: what a report shows of the run, of the views that were drawn for its scores.
+    """Write pictures.zip: what a report shows of the run, of the views that were drawn for its scores; ``scale`` aligns the albedo.
 
-    ``scale`` aligns the albedo. A reconstruction without textures has nothing to show, and a scene that cannot be pictured is told
-    to ``note``.
+    Nothing of a reconstruction without textures; a scene that cannot be pictured is told to ``note``.
     """
     if drawn is None:
         return
