@@ -19,11 +19,11 @@ from PIL import Image
 
 from ia_bench.capture.capture import captured
 from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import log
 from ia_bench.common.files import user_path
-from ia_bench.common.output import log
 from ia_bench.common.paths import make_writable
-from ia_bench.common.process_state import process_state_kept
 from ia_bench.common.progress import Progress
+from ia_bench.common.registry import process_state_kept
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.readers.pictures import read_light
 from ia_bench.render.reconstruction import Quality, TexturedReconstruction

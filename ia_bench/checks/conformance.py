@@ -19,7 +19,7 @@ from torch.nn.modules.module import register_module_forward_pre_hook
 from ia_bench.checks.finding import Finding, guarded, judge
 from ia_bench.checks.stack import Stack, painted_ball
 from ia_bench.common.errors import InputError, raised
-from ia_bench.common.process_state import process_state_kept
+from ia_bench.common.registry import process_state_kept
 from ia_bench.priors.contract import COMPONENTS, Observations, Prior, Samples
 from ia_bench.priors.validation import check_prior_info, checked
 

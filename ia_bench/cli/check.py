@@ -14,10 +14,9 @@ from rich.console import Console
 from rich.text import Text
 
 from ia_bench.common import registry
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import FAULT, OK, command
 from ia_bench.common.machine import limit_threads
-from ia_bench.common.suggestions import unknown
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import method_of, slug
 from ia_bench.runs.scene import captured_scene, open_scene

@@ -6,9 +6,8 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from ia_bench.common.exit_codes import complain
-from ia_bench.common.output import say
-from ia_bench.common.suggestions import unknown
+from ia_bench.common.errors import unknown
+from ia_bench.common.exit_codes import complain, say
 
 COMMANDS = {
     "run": ("ia_bench.cli.run", "reconstruct one scene and score what was recovered"),

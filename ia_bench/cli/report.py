@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, complain, status_of
-from ia_bench.common.output import say
+from ia_bench.common.errors import InputError, unknown
+from ia_bench.common.exit_codes import OK, complain, say, status_of
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
-from ia_bench.common.suggestions import unknown
 from ia_bench.report.collect import read_published
 from ia_bench.report.site.page import PARTS, draw_pictures, write_page
 from ia_bench.report.table import results_table

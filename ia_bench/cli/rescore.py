@@ -10,9 +10,8 @@ from pathlib import Path
 
 from ia_bench.common.arguments import at_least
 from ia_bench.common.errors import Fault, InputError
-from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
+from ia_bench.common.exit_codes import FAULT, OK, complain, say, status_of
 from ia_bench.common.machine import limit_threads
-from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.progress import Progress
 from ia_bench.runs.folder import folders_among

@@ -7,8 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, command
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, command, say
 
 SHOW = ["--cfg", "job"]
 """What shows every setting and runs nothing, as with any program of Hydra."""

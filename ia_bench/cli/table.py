@@ -20,10 +20,9 @@ from textwrap import fill
 from typing import Any
 
 from ia_bench.common.arguments import read_arguments, settings_of
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import FAULT, OK, command, complain
 from ia_bench.common.progress import Progress
-from ia_bench.common.suggestions import unknown
 from ia_bench.runs.cells import TableRequest, make_cells, write_cells
 from ia_bench.runs.composition import compose
 from ia_bench.runs.config import RunConfig, slug

@@ -14,8 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, status_of
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, say, status_of
 from ia_bench.common.paths import make_writable
 from ia_bench.report.site.live import findings_so_far, key_of, write_news
 from ia_bench.report.site.page import PARTS, write_page

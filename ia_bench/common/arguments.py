@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import UnionType
@@ -52,21 +53,16 @@ def settings_of(kind: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:  # no
 
 def settings_text(kind: type[object]) -> str:
     """The keys of :func:`read_arguments` and their defaults, one a line, as a command's help ends with them."""
-    settings = ((key, "(required)" if value is dataclasses.MISSING else value) for key, value in settings_of(kind))
-    return "\n".join(f"  {key:<28}{value}" for key, value in settings)
+    return "\n".join(f"  {key:<28}{'(required)' if value is dataclasses.MISSING else value}" for key, value in settings_of(kind))
 
 
 def at_least(least: int) -> Callable[[str], int]:
     """An argparse ``type``: a whole number that is not below ``least``."""
 
     def number(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = None
-        if value is None or value < least:
+        if not re.fullmatch(r"-?\d+", text) or int(text) < least:
             raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, found {text}")
-        return value
+        return int(text)
 
     return number
 

@@ -13,7 +13,6 @@ import json
 import os
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,6 @@ from torch import Tensor
 
 from ia_bench.common.atomic_file import whole_file
 
-ABANDONED_SECONDS = 3600.0  # nothing takes so long to be written
 CACHE_BYTES = 4 << 30  # what was used longest ago is removed beyond this
 
 
@@ -67,7 +65,7 @@ class Cache:
 
     def get(self, key: str) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
         """Tensors and JSON values kept under ``key``, or None; a file that is not as it was written counts as none."""
-        path = self._path(key)
+        path = self._folder / f"{key}.safetensors"
         try:
             if not path.exists():
                 return None
@@ -89,13 +87,18 @@ class Cache:
         text = json.dumps(about or {})
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            with whole_file(self._path(key)) as partial:
+            with whole_file(self._folder / f"{key}.safetensors") as partial:
                 save_file(kept, partial, metadata={"about": text, "content": _content(key, kept, text)})
         except (OSError, SafetensorError) as error:
             _say(f"{self._folder}: nothing can be kept there ({error}); set IA_BENCH_CACHE to a folder that can be written")
             return
+        total = 0
         with contextlib.suppress(OSError):  # another process may remove the same
-            self._trim()
+            sizes = {path: path.stat() for path in self._folder.glob("*.safetensors")}
+            for path in sorted(sizes, key=lambda path: -sizes[path].st_mtime):
+                total += sizes[path].st_size
+                if total > self._limit:
+                    path.unlink(missing_ok=True)
 
     def kept(self, key: str, make: Callable[[], Mapping[str, Tensor]]) -> dict[str, Tensor]:
         """What :meth:`get` finds, or else what ``make`` makes, which is kept."""
@@ -106,24 +109,9 @@ class Cache:
         self.put(key, tensors)
         return tensors
 
-    def _trim(self) -> None:
-        for path in self._folder.glob(".*.safetensors"):  # of a process that was killed while it wrote
-            if time.time() - path.stat().st_mtime > ABANDONED_SECONDS:
-                path.unlink(missing_ok=True)
-        files = sorted(((p.stat(), p) for p in self._folder.glob("[!.]*.safetensors")), key=lambda file: -file[0].st_mtime)
-        total = 0
-        for status, path in files:
-            total += status.st_size
-            if total > self._limit:
-                path.unlink(missing_ok=True)
-
-    def _path(self, key: str) -> Path:
-        return self._folder / f"{key}.safetensors"
-
 
 def _content(key: str, tensors: Mapping[str, Tensor], about: str) -> str:
-    parts = [part for name in sorted(tensors) for part in (name, tensors[name])]
-    return content_key(key, about, *parts)
+    return content_key(key, about, *(part for name in sorted(tensors) for part in (name, tensors[name])))
 
 
 @functools.cache

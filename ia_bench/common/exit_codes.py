@@ -2,22 +2,37 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
 import threading
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from types import FrameType
+from typing import TextIO
 
 from ia_bench.common.errors import Fault, InputError, PluginError, printable
-from ia_bench.common.output import say
 
+log = logging.getLogger("ia_bench")
+"""Where notes go that nobody takes: of this package as a library, whose user decides what becomes of them."""
 OK, FAULT, MISTAKE, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 
 class Terminated(KeyboardInterrupt):
     """SIGTERM, which a cluster sends before it takes the machine: it ends a command as Ctrl-C does."""
+
+
+def say(text: str, stream: TextIO | None) -> None:
+    """Print a line; where that fails, this and all that follows is dropped. ``stream``: None in a process that has none."""
+    if stream is None:
+        return
+    try:
+        print(text, file=stream, flush=True)
+    except (OSError, ValueError):  # a full disk, a pipe that is closed at the other end, a closed file
+        with suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:  # else Python tries again when it ends, and ends
+            os.dup2(nowhere.fileno(), stream.fileno())  # with a status of its own
 
 
 def complain(message: str, status: int = MISTAKE) -> int:
@@ -60,21 +75,16 @@ def command(usage: Callable[[], str], work: Callable[[list[str]], int], argument
 
     Returns the exit status.
     """
-    _open_standard_streams()
+    for number in range(3):  # where whoever called us has closed one, a file of results would get its number
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # which takes the lowest that is free
     given = sys.argv[1:] if arguments is None else list(arguments)
     if not {"-h", "--help"}.isdisjoint(given):
         say(usage().rstrip(), sys.stdout)
         return OK
     return status_of(lambda: work(given))
-
-
-def _open_standard_streams() -> None:
-    """Open those of the first three descriptors that whoever called us has closed, or a file of results would get their numbers."""
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # which takes the lowest that is free
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-import stat
-from collections.abc import Iterable
-from functools import cache
+from collections.abc import Callable, Iterable
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -15,43 +13,15 @@ import yaml
 
 from ia_bench.common.errors import InputError, printable
 
-MAX_BYTES = 256 << 20
-"""Of a file of text: a larger one was not meant."""
-MAX_VALUES = 100_000
-"""Values that a YAML file may hold once its aliases are written out; a few lines of aliases to aliases stand for billions."""
-
 
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON object: UTF-8 text with finite numbers, as the standard has it. Raises InputError, naming the file."""
-    text = _read_text(path, "JSON")
-    try:
-        content = json.loads(text, parse_int=_whole, parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{shown(path)}: not valid JSON ({_reason(error)})") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{shown(path)}: expected a JSON object, found {type(content).__name__}")
-    return content
+    return _table_in(path, "JSON", partial(json.loads, parse_constant=_refuse_constant))
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Read a YAML table of at most MAX_VALUES values; an empty file is an empty table. Raises InputError, naming the file."""
-    text = _read_text(path, "YAML")
-    try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date that does not exist
-        raise InputError(f"{shown(path)}: not valid YAML ({_reason(error)})") from None
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
-        raise InputError(f"{shown(path)}: expected a YAML table, found {type(content).__name__}")
-    waiting, count = [content], 0
-    while waiting:
-        value = waiting.pop()
-        count += 1
-        if count > MAX_VALUES:
-            raise InputError(f"{shown(path)}: expected at most {MAX_VALUES} values, aliases written out, found more")
-        waiting.extend(value.values() if isinstance(value, dict) else value if isinstance(value, list) else ())
-    return content
+    """Read a YAML table; an empty file is an empty table. Raises InputError, naming the file."""
+    return _table_in(path, "YAML", lambda text: {} if (content := yaml.safe_load(text)) is None else content)
 
 
 def user_path(key: str, text: str, *, folder: bool = False) -> Path:
@@ -60,14 +30,11 @@ def user_path(key: str, text: str, *, folder: bool = False) -> Path:
     try:
         text.encode()  # what is no UTF-8 could be opened, but neither hashed nor recorded
         path = Path(text).expanduser().resolve(strict=True)
-        if not text:
-            raise InputError(f"{key}: expected a {what}, found nothing")
-        if not (path.is_dir() if folder else path.is_file()):
-            raise InputError(f"{key}={shown(text)}: expected a {what}, found {'a file' if folder else 'none'}")
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a loop of links, or no home folder
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"{key}={shown(text)}: no such {what}{_unless_absent(error)}") from None
+    if not text or not (path.is_dir() if folder else path.is_file()):
+        found = "nothing" if not text else "a file" if path.is_file() else "none"
+        raise InputError(f"{key}={shown(text)}: expected a {what}, found {found}")
     return path
 
 
@@ -78,16 +45,17 @@ def file_below(folder: Path, value: object, where: str) -> Path:
     """
     if not isinstance(value, str) or not value:
         raise InputError(f"{where}: expected the path of a file, found {shown(repr(value))}")
+    problem = ""
     try:
         path, home = (folder / value).resolve(), folder.resolve()
         if not path.is_relative_to(home):
-            raise InputError(f"{where}: {shown(value)}: expected a file below {home}, found a path that leads outside")
-        if not path.is_file():
-            raise InputError(f"{where}: {shown(value)}: {'expected a file, found a folder' if path.is_dir() else 'no such file'}")
+            problem = f"expected a file below {home}, found a path that leads outside"
+        elif not path.is_file():
+            problem = "expected a file, found a folder" if path.is_dir() else "no such file"
     except (OSError, ValueError, RuntimeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{where}: {shown(value)}: no such file{_unless_absent(error)}") from None
+        problem = f"no such file{_unless_absent(error)}"
+    if problem:
+        raise InputError(f"{where}: {shown(value)}: {problem}")
     return folder / value
 
 
@@ -100,9 +68,7 @@ def is_file(path: Path) -> bool:
 
 
 def hash_of_files(root: Path, files: Iterable[Path]) -> str:
-    """SHA-256 (hex) over the names below ``root`` and the bytes of ``files``, in the order in which they are given.
-
-    A file that lies elsewhere has its own name alone.
+    """SHA-256 (hex) over the names below ``root`` (of a file elsewhere its own name) and the bytes of ``files``, in their order.
 
     Kept for as long as no size and no time of change differs: a table asks once for every cell. Raises OSError for a file that
     cannot be read.
@@ -129,30 +95,23 @@ def shown(name: object) -> str:
     return text if len(text) <= 300 else f"{text[:120]}...{text[-120:]} ({len(text)} characters)"
 
 
-def _read_text(path: Path, what: str) -> str:
+def _table_in(path: Path, what: str, parse: Callable[[str], object]) -> dict[str, Any]:
     try:
-        state = path.stat()
-        if not (stat.S_ISREG(state.st_mode) or stat.S_ISDIR(state.st_mode)):  # a pipe or a device may never end
-            raise InputError(f"{shown(path)}: expected a file, found a pipe, a device or a socket")
-        if state.st_size > MAX_BYTES:
-            raise InputError(f"{shown(path)}: expected {what} of at most {MAX_BYTES >> 20} MB, found {state.st_size >> 20} MB")
-        return path.read_bytes().decode("utf-8-sig")  # a byte order mark, as editors of Windows write it, says nothing
+        if path.exists() and not path.is_file():  # a pipe or a device may never end
+            raise InputError(f"{shown(path)}: expected a file, found {'a folder' if path.is_dir() else 'a pipe or a device'}")
+        text = path.read_bytes().decode("utf-8-sig")  # a byte order mark, as editors of Windows write it, says nothing
     except UnicodeDecodeError as error:
         raise InputError(f"{shown(path)}: expected {what} as UTF-8 text, found other bytes at {error.start}") from None
-    except IsADirectoryError:
-        raise InputError(f"{shown(path)}: expected a file, found a folder") from None
-    except FileNotFoundError:
-        raise InputError(f"{shown(path)}: no such file") from None
-    except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{shown(path)}: no readable file{_unless_absent(error)}") from None
-
-
-def _whole(text: str) -> int:
-    if len(text) > 308 and not math.isfinite(float(text)):
-        raise ValueError(f"a whole number of {len(text)} digits, beyond every float")
-    return int(text)
+    except OSError as error:
+        raise InputError(f"{shown(path)}: no such file{_unless_absent(error)}") from None
+    try:
+        content = parse(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: also of a date that does not exist
+        raise InputError(f"{shown(path)}: not valid {what} ({_reason(error)})") from None
+    if not isinstance(content, dict):
+        kind = "JSON object" if what == "JSON" else "YAML table"
+        raise InputError(f"{shown(path)}: expected a {kind}, found {type(content).__name__}")
+    return content
 
 
 def _refuse_constant(name: str) -> NoReturn:
@@ -160,9 +119,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _reason(error: Exception) -> str:
-    if isinstance(error, RecursionError):
-        return "nested too deeply"
-    return shown(" ".join(str(error).split()))
+    return "nested too deeply" if isinstance(error, RecursionError) else shown(" ".join(str(error).split()))
 
 
 def _unless_absent(error: Exception) -> str:

@@ -25,7 +25,7 @@ def environment(device: str, threads: int) -> dict[str, Any]:
     return {
         "python": platform.python_version(),
         "system": platform.platform(),
-        "cpu": _cpu_model(),
+        "cpu": _entry("/proc/cpuinfo", "model name", platform.machine()),
         "cores": os.cpu_count(),
         "threads": threads,
         "device": device,
@@ -45,14 +45,9 @@ def total_memory() -> int:
 
 def available_memory() -> int:
     """Bytes that this process may still take: what the machine has free, or what is left of its control group's limit."""
-    meminfo, group = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
-    lines = meminfo.read_text().splitlines() if meminfo.is_file() else []
-    free = next((1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), total_memory())
-    current, stat = group / "memory.current", group / "memory.stat"
-    if not (current.is_file() and stat.is_file()):
-        return free
-    cached = next((int(line.split()[1]) for line in stat.read_text().splitlines() if line.startswith("file ")), 0)
-    return min(free, total_memory() - int(current.read_text()) + cached)
+    free = 1024 * int(_entry("/proc/meminfo", "MemAvailable").removesuffix("kB")) or total_memory()
+    taken, cached = Path("/sys/fs/cgroup/memory.current"), _entry("/sys/fs/cgroup/memory.stat", "file ")
+    return min(free, total_memory() - int(taken.read_text()) + int(cached)) if taken.is_file() else free
 
 
 def expect_memory(setting: str, needed: float) -> None:
@@ -77,10 +72,10 @@ def commit() -> str | None:
     return head.stdout.strip() + ("+changes" if changes.stdout else "")
 
 
-def _cpu_model() -> str:
-    path = Path("/proc/cpuinfo")
-    lines = path.read_text().splitlines() if path.is_file() else []
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+def _entry(path: str, name: str, otherwise: str = "0") -> str:
+    """What the first line of a file of the system that begins with ``name`` says of it, or ``otherwise`` where there is none."""
+    lines = Path(path).read_text().splitlines() if Path(path).is_file() else []
+    return next((line.removeprefix(name).strip(" :\t") for line in lines if line.startswith(name)), otherwise)
 
 
 def _version(package: str) -> str | None:

@@ -40,11 +40,6 @@ def scenes_folder() -> Path:
     return scenes_folders()[0]
 
 
-def lacks_scenes(folder: Path) -> bool:
-    """Whether a folder of scenes is the one within an installed package, which is without those of the tables."""
-    return folder.is_relative_to(PACKAGE)
-
-
 def _installed_or_beside(name: str) -> Path:
     installed = PACKAGE / name
     return installed if installed.is_dir() else PACKAGE.parent / name

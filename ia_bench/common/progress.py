@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, SpinnerColumn, TaskID, TextColumn
 from rich.progress import Progress as RichProgress
 
-from ia_bench.common.output import log, say
+from ia_bench.common.exit_codes import log, say
 
 LINE_SECONDS = 5.0
 """At most one line of progress in this time where the output is no terminal."""

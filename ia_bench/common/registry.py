@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
+import random
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -23,12 +25,12 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from ia_bench.common.errors import Fault, InputError, PluginError, place_of, raised
+import numpy as np
+
+from ia_bench.common.errors import Fault, InputError, PluginError, place_of, raised, unknown
 from ia_bench.common.files import hash_of_files, read_yaml
 from ia_bench.common.paths import conf_folder
-from ia_bench.common.process_state import process_state_kept
 from ia_bench.common.settings import check_arguments
-from ia_bench.common.suggestions import unknown
 
 Kind = Literal["prior", "coupling", "regulariser", "method", "reader"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -66,15 +68,13 @@ def installed(kind: Kind) -> dict[str, Plugin]:
     return _installed(kind, tuple(sys.path))
 
 
-@cache
+@cache  # a table asks for every cell
 def _installed(kind: Kind, path: tuple[str, ...]) -> dict[str, Plugin]:
-    """What :func:`installed` finds while Python looks for modules in ``path``; a table asks for every cell."""
     found: dict[str, Plugin] = {}
-    taken = built_in(kind)
     for entry in sorted(entry_points(group=f"ia_bench.{kind}s"), key=lambda e: (e.name, e.value)):
-        if entry.name not in taken and entry.name not in found:
+        if entry.name not in built_in(kind):
             distribution = f"{entry.dist.name} {entry.dist.version}" if entry.dist else "an unknown distribution"
-            found[entry.name] = Plugin(kind, entry.name, entry.value, distribution)
+            found.setdefault(entry.name, Plugin(kind, entry.name, entry.value, distribution))
     return found
 
 
@@ -106,38 +106,38 @@ def find(kind: Kind, name: str) -> Plugin:
 def foreign_code(kind: Kind, name: str, target: str | None = None) -> str | None:
     """What tells one state of a plugin's code from another, None for a built-in one: its distribution and a hash of its modules.
 
-    These are all modules of the top-level package that it belongs to, whatever parts of that the plugin shares with others, but
-    for those in folders called ``tests``; or the one module that belongs to no package. What else it imports is told by the
-    distribution's version alone. ``target``: None for the one that ``name`` stands for. Imports nothing.
+    These are all modules of the top-level package that it belongs to, but for those in folders called ``tests``; or the one module
+    that belongs to no package. What else it imports is told by the distribution's version alone. ``target``: None for the one
+    that ``name`` stands for. Imports nothing.
     """
     plugin = named(kind, name, target)
     if plugin.distribution == BUILT_IN:
         return None
-    hashes = [hash_of_files(root, files) for root, files in _sources(plugin.target.partition(":")[0]) if files]
+    hashes = [hash_of_files(root, files) for root, files in _sources(plugin).items() if files]
     return f"{plugin.distribution}, {' '.join(hashes) or 'no file'}"
 
 
 def foreign_files(plugin: Plugin) -> list[Path]:
     """The files that :func:`foreign_code` hashes, none for a plugin that is built in."""
-    groups = [] if plugin.distribution == BUILT_IN else _sources(plugin.target.partition(":")[0])
-    return [file for _, files in groups for file in files]
+    return [] if plugin.distribution == BUILT_IN else [file for files in _sources(plugin).values() for file in files]
 
 
-def _sources(module: str) -> list[tuple[Path, list[Path]]]:
-    """The files that :func:`foreign_code` hashes, as absolute paths, and the folder that each group of them lies in."""
+def _sources(plugin: Plugin) -> dict[Path, list[Path]]:
+    """The files that :func:`foreign_code` hashes, by the folder that each group of them lies in."""
+    module = plugin.target.partition(":")[0].split(".")
     try:
-        found = importlib.util.find_spec(module.partition(".")[0])
+        found = importlib.util.find_spec(module[0])
     except (ImportError, ValueError):  # it has no name, or is no module of a file, as __main__
-        return []
+        found = None
     if found is None:
-        return []
+        return {}
     if found.submodule_search_locations is None:
         path = Path(found.origin or "")
-        return [(path.parent, [path])] if path.is_file() else []
-    left_out, groups = {TESTS} - set(module.split(".")), []
+        return {path.parent: [path]} if path.is_file() else {}
+    left_out, groups = {TESTS} - set(module), {}
     for root in map(Path, found.submodule_search_locations):  # several of a package without __init__.py that lies in pieces
         below = [path for path in sorted(root.rglob("*.py")) if path.is_file()]  # an editor's lock is a link to nowhere
-        groups.append((root, [path for path in below if not left_out & set(path.relative_to(root).parts)]))
+        groups[root] = [path for path in below if not left_out & set(path.relative_to(root).parts)]
     return groups
 
 
@@ -171,10 +171,9 @@ def load_installed(kind: Kind) -> tuple[dict[str, Plugin], list[str]]:
     for name, plugin in installed(kind).items():
         try:
             load(plugin)
+            working[name] = plugin
         except InputError as error:
             broken.append(str(error))
-        else:
-            working[name] = plugin
     return working, broken
 
 
@@ -195,8 +194,7 @@ def at_work(kind: Kind, name: str) -> Iterator[None]:
     """Whatever a plugin raises inside the block, its sys.exit() too, becomes a PluginError that names it in one line.
 
     The exception itself is its cause, which IA_BENCH_DEBUG=1 shows. An InputError or a Fault, which say what is wrong, and an
-    interruption by the user pass. What the plugin changed for the whole process is put back; that it closed a standard stream,
-    which cannot be, is an error.
+    interruption by the user pass. What the plugin changed for the whole process is put back.
     """
     try:
         with process_state_kept():
@@ -206,6 +204,35 @@ def at_work(kind: Kind, name: str) -> Iterator[None]:
     except BaseException as error:
         where = f"{place}; " if (place := place_of(error)) else ""
         raise PluginError(f"{kind} {name} raised {raised(error)} ({where}IA_BENCH_DEBUG=1 shows the traceback)") from error
-    closed = [which for which in ("stdout", "stderr") if getattr(getattr(sys, which), "closed", False)]
-    if closed:
-        raise PluginError(f"{kind} {name}: expected the standard streams left open, found {' and '.join(closed)} closed")
+
+
+@contextmanager
+def process_state_kept() -> Iterator[None]:
+    """Put the state of the process back to what it was, however the block ends: random states, the folder, defaults of torch.
+
+    Where the block itself imports torch, that is put back to what it starts with.
+    """
+    states, errors = (random.getstate(), np.random.get_state()), np.geterr()
+    folder = os.open(".", os.O_RDONLY)  # which may have no name any more
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        names = ("default_dtype", "num_threads", "default_device", "deterministic_debug_mode")
+        kept = {name: getattr(torch, f"get_{name}")() for name in names}
+        gradients, generator = torch.is_grad_enabled(), torch.get_rng_state()
+    try:
+        yield
+    finally:
+        random.setstate(states[0])
+        np.random.set_state(states[1])
+        np.seterr(**errors)
+        os.fchdir(folder)
+        os.close(folder)
+        if torch is not None:
+            torch.set_grad_enabled(gradients)
+            torch.set_rng_state(generator)
+            for name, value in kept.items():
+                if getattr(torch, f"get_{name}")() != value:
+                    getattr(torch, f"set_{name}")(value)
+        elif (fresh := sys.modules.get("torch")) is not None:
+            fresh.set_default_dtype(fresh.float32)
+            fresh.set_grad_enabled(True)

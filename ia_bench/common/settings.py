@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
@@ -13,8 +14,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError, create_model
 from pydantic.errors import PydanticUserError
 from pydantic_core import ErrorDetails
 
-from ia_bench.common.errors import InputError
-from ia_bench.common.suggestions import unknown
+from ia_bench.common.errors import InputError, unknown
 
 T = TypeVar("T")
 
@@ -64,7 +64,10 @@ def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key
     parameters = list(inspect.signature(factory).parameters.values())[given:]
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return
-    hints = _annotations(factory)
+    try:
+        hints = get_type_hints(factory.__init__ if isinstance(factory, type) else factory, include_extras=True)  # type: ignore[misc]
+    except Exception:  # foreign annotations may name what only a type checker imports
+        hints = {}
     fields: dict[str, Any] = {}
     for p in parameters:
         if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY):
@@ -106,7 +109,7 @@ def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], ke
         text = json.dumps(content)
     except (TypeError, ValueError) as error:
         raise InputError(f"{key}: expected numbers, texts, lists and tables, found {error}") from None
-    _refuse_undecodable(content, key)
+    _expect_writable(content, key)
     try:
         return adapter.validate_json(text, strict=True)
     except ValidationError as error:
@@ -116,14 +119,16 @@ def _checked(adapter: TypeAdapter[T], known: Any, content: Mapping[str, Any], ke
         raise InputError(_sentence(error.errors(include_url=False), known, content, key)) from None
 
 
-def _refuse_undecodable(content: Any, key: str) -> None:  # noqa: ANN401 (JSON)
-    """Raise InputError, naming the key, for text that holds bytes of no encoding: JSON has no such text."""
+def _expect_writable(content: Any, key: str) -> None:  # noqa: ANN401 (JSON)
+    """Raise InputError, naming the key, for what JSON has not: NaN, infinity, and text that holds bytes of no encoding."""
     if isinstance(content, Mapping):
         for name, part in content.items():
-            _refuse_undecodable(part, f"{key}.{name}" if key else str(name))
+            _expect_writable(part, f"{key}.{name}" if key else str(name))
     elif isinstance(content, list | tuple):
-        for part in content:
-            _refuse_undecodable(part, key)
+        for place, part in enumerate(content):
+            _expect_writable(part, f"{key}[{place}]")
+    elif isinstance(content, float) and not math.isfinite(content):
+        raise InputError(f"{key}: expected a finite number, found {content}")
     elif isinstance(content, str) and not content.isascii() and any("\ud800" <= letter <= "\udfff" for letter in content):
         raise InputError(f"{key}: expected text, found {content!r:.100}, which is none in UTF-8")
 
@@ -156,16 +161,15 @@ def _sentence(errors: Sequence[ErrorDetails], known: Any, content: Any, key: str
         return unknown("setting", place[-1], names, prefix="".join(f"{part}." for part in filter(None, (key, *place[:-1]))))
     words = [word for error in alternatives for word in re.findall(r"'([^']*)'", str(error.get("ctx", {}).get("expected", "")))]
     if words and isinstance(found, str):
-        others = [_expected(error) for error in alternatives if error["type"] != "literal_error"]
+        others = [_words(error) for error in alternatives if error["type"] != "literal_error"]
         return unknown(f"value of {name}:", found, [*words, *others])
     texts = ", ".join(words)
-    expected = list(dict.fromkeys((e["type"] == "literal_error" and texts) or _expected(e) for e in alternatives))
+    expected = list(dict.fromkeys((e["type"] == "literal_error" and texts) or _words(e) for e in alternatives))
     return f"{name}: expected {' or '.join(expected)}, found {found!r:.100}"
 
 
-def _expected(error: ErrorDetails) -> str:
-    template = EXPECTED.get(error["type"])
-    return error["msg"] if template is None else template.format(**error.get("ctx", {}))
+def _words(error: ErrorDetails) -> str:
+    return EXPECTED[error["type"]].format(**error.get("ctx", {})) if error["type"] in EXPECTED else error["msg"]
 
 
 def _place(error: ErrorDetails, content: Any) -> tuple[tuple[str, ...], Any]:  # noqa: ANN401 (JSON)
@@ -185,7 +189,7 @@ def _place(error: ErrorDetails, content: Any) -> tuple[tuple[str, ...], Any]:  #
 
 
 def _names(known: Any, place: Sequence[str]) -> list[str]:  # noqa: ANN401 (a class or names)
-    """The fields of the dataclass at a place inside ``known``; what a list holds is of one type."""
+    """The fields of the dataclass at a place inside ``known``."""
     for part in place:
         if dataclasses.is_dataclass(known):
             known = get_type_hints(known)[part]
@@ -203,11 +207,3 @@ def _forbidding(kind: type[T]) -> type[T]:
             if one is not kind:
                 _forbidding(one)  # type: ignore[arg-type]
     return kind
-
-
-def _annotations(factory: Any) -> dict[str, Any]:  # noqa: ANN401 (whatever a plugin's author put there)
-    """The types of a factory's parameters; none where they cannot be told."""
-    try:
-        return get_type_hints(factory.__init__ if isinstance(factory, type) else factory, include_extras=True)  # type: ignore[misc]
-    except Exception:  # foreign annotations may name what only a type checker imports
-        return {}

@@ -1,9 +1,7 @@
 """Import torchvision where its compiled operators do not load; ``lpips`` needs torchvision only for its networks.
 
-torchvision's wheel on the package index is built against torch with CUDA. Beside a CPU build of torch its operators are
-not registered, and ``import torchvision`` raises "operator torchvision::nms does not exist" while it declares shape
-rules for two of them. Those two (non-maximum suppression) serve object detectors only, so declaring their signatures,
-without an implementation, makes the import pass and costs nothing. With a matching pair of wheels nothing is done here.
+torchvision's wheel on the package index is built against torch with CUDA. Beside a CPU build of torch ``import torchvision``
+raises "operator torchvision::nms does not exist", for two operators of object detectors; to declare their signatures makes it pass.
 """
 
 from __future__ import annotations
@@ -14,10 +12,7 @@ _declared: list[object] = []  # torch forgets an operator when the library that 
 
 
 def import_torchvision() -> None:
-    """Import torchvision, declaring its two missing operators first if, and only if, the import fails for lack of them.
-
-    Raises ImportError where torchvision is not installed, and whatever else its import raises.
-    """
+    """Import torchvision, declaring its two missing operators if the import fails for lack of them. Raises ImportError."""
     try:
         import torchvision
     except RuntimeError as error:

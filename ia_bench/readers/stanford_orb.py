@@ -15,9 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import file_below
-from ia_bench.common.suggestions import unknown
 from ia_bench.light.environment import turned
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.cameras import Frame, camera, frames_of, text

@@ -9,7 +9,7 @@ import json
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, lru_cache
@@ -25,7 +25,7 @@ from ia_bench.common.registry import BrokenPlugin
 from ia_bench.common.settings import parsed
 from ia_bench.runs.composition import compose, written_out
 from ia_bench.runs.config import RunConfig, slug
-from ia_bench.runs.folder import find_run_folders, held_since
+from ia_bench.runs.folder import find_run_folders, held_since, recorded_at
 from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.launchers import Local
 from ia_bench.runs.record import METRICS_FILE, RunRecord, RunSetup
@@ -58,20 +58,20 @@ class TableRequest:
         return title_of(self.table)
 
     def load(self) -> Table:
-        """The table with the rows that are asked for.
-
-        Raises InputError as :func:`load_table`, and for an override of what one of the rows sets itself: it would no longer be
-        that row.
-        """
+        """The table with the rows that are asked for. Raises InputError as :func:`load_table`, and for what a row sets itself."""
         table = load_table(self.table)
         if self.rows is not None:
             table = some_rows(table, self.rows)
         for override in self.overrides:
-            key = _key_of(override)
             for row in table.crossed_rows:
-                if key in map(_key_of, row.overrides):
+                if _key_of(override) in map(_key_of, row.overrides):
                     raise InputError(f"{override}: expected a setting that no row has of its own, found it in row '{row.name}'")
         return table
+
+
+def _key_of(override: str) -> str:
+    """Which setting it is of, in Hydra's grammar, its short name written out."""
+    return written_out([override])[0].partition("=")[0].lstrip("+~")
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,14 @@ def make_cells(
     seeds, rows = table.seeds if request.seeds is None else request.seeds, table.crossed_rows
     scenes = table.entries(request.scenes)
 
+    def overrides_of(row: Row, scene: SceneEntry, seed: int) -> list[str]:
+        own = (*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={quoted(row.name)}")
+        return [*row.overrides, *own, *request.overrides]
+
     @cache
     def composed(place: int, scene: int) -> RunConfig:
         """A cell of any seed: composing takes long, and nothing of a configuration depends on its seed."""
-        overrides = [*rows[place].overrides, *_own(rows[place], scenes[scene], 0, threads), *request.overrides]
-        return compose(overrides, here=request.launcher.here)
+        return compose(overrides_of(rows[place], scenes[scene], 0), here=request.launcher.here)
 
     cells = []
     for place, row in enumerate(rows):
@@ -130,8 +133,8 @@ def make_cells(
                     content = identity(config)
                     name = f"{slug(row.name)}-seed{seed}-{hash_of(content)[:8]}"
                     folder = str(results / "runs" / slug(config.scene.name) / name)
-                    overrides = (*row.overrides, *_own(row, scene, seed, threads), *request.overrides, f"out={quoted(folder)}")
-                    cells.append(Cell(row, replace(config, out=folder, command=overrides), content))
+                    command = (*overrides_of(row, scene, seed), f"out={quoted(folder)}")
+                    cells.append(Cell(row, replace(config, out=folder, command=command), content))
         except BrokenPlugin as error:
             if broken is None:
                 raise
@@ -142,16 +145,6 @@ def make_cells(
     if twice:
         raise InputError(f"expected every row, scene and seed once, found {twice[0]} more than once")
     return cells
-
-
-def _own(row: Row, scene: SceneEntry, seed: int, threads: int) -> list[str]:
-    """The overrides that the table sets for a cell."""
-    return [*scene.overrides, f"seed={seed}", f"threads={threads}", f"row={quoted(row.name)}"]
-
-
-def _key_of(override: str) -> str:
-    """Which setting it is of, in Hydra's grammar, its short name written out."""
-    return written_out([override])[0].partition("=")[0].lstrip("+~")
 
 
 @dataclass(frozen=True)
@@ -181,8 +174,7 @@ def write_cells(results: Path, table: str, jobs: int | None, cells: Sequence[Cel
     listed = []
     for cell in cells:
         places = (cell.folder.relative_to(results), cell.log(results / "logs").relative_to(results))
-        planned = Planned(cell.row.name, cell.config.scene.name, cell.config.seed, cell.config_hash, *places)
-        listed.append(asdict(planned))
+        listed.append(asdict(Planned(cell.row.name, cell.config.scene.name, cell.config.seed, cell.config_hash, *places)))
     results.mkdir(parents=True, exist_ok=True)
     with whole_file(results / CELLS) as partial:
         content = {"table": table, "jobs": jobs, "cells": listed}
@@ -197,8 +189,6 @@ def read_cells(results: Path) -> CellList | None:
     content = read_json(path)
     try:
         found = parsed(CellList, content)
-        if any("\0" in f"{cell.folder}{cell.log}" for cell in found.cells):
-            raise InputError("expected names of files, found one with a NUL byte")
     except InputError as error:
         raise InputError(f"{path}: expected the cells of a table: {error}") from None
     cells = tuple(replace(cell, folder=results / cell.folder, log=results / cell.log) for cell in found.cells)
@@ -284,23 +274,31 @@ def look(results: Path) -> Overview:
     plan = read_cells(results)
     if plan is not None:
         return Overview(plan, tuple(_stands(cell, plan.started) for cell in plan.cells))
-    cells = tuple(_stands(cell, 0.0) for cell in _found(find_run_folders(results)))
+    cells: list[CellStatus] = []
+    for folder in find_run_folders(results):
+        record = _record(folder, recorded_at(folder))
+        with suppress(InputError):  # a folder without both files is another program's
+            if record is not None:
+                named = record.row, record.scene, record.seed
+            else:
+                config = parsed(RunConfig, RunSetup.read(folder).config)
+                named = config.row_name, config.scene.name, config.seed
+            cells.append(_stands(Planned(*named, "", folder, folder / "log"), 0.0))
     if not cells:
         raise InputError(f"{results}: expected the results of a table, or a folder with runs, found none")
-    return Overview(None, cells)
+    return Overview(None, tuple(cells))
 
 
 def _stands(cell: Planned, started: float) -> CellStatus:
-    written = _time_of(cell.folder / METRICS_FILE)
+    written, began = recorded_at(cell.folder), held_since(cell.folder)
     record = _record(cell.folder, written)
-    began = held_since(cell.folder)
     if began is not None:
         return CellStatus(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
     if record is None or (cell.config_hash and record.config_hash != cell.config_hash):
         return CellStatus(cell, WAITING)
     if record.status == "ok":
         return CellStatus(cell, FINISHED, record.time_s.get("total"), written=written)
-    if record.status == "failed" and written / 1e9 >= started:  # one of before will be tried again
+    if written / 1e9 >= started:  # a failure of before will be tried again
         return CellStatus(cell, FAILED, says=record.error, written=written)
     return CellStatus(cell, WAITING)
 
@@ -312,25 +310,6 @@ def _record(folder: Path, written: int) -> RunRecord | None:
         return RunRecord.read(folder) if written else None
     except (InputError, FileNotFoundError):
         return None
-
-
-def _found(folders: Sequence[Path]) -> Iterable[Planned]:
-    """Run folders as cells; what one that has no record yet is called stands in its configuration."""
-    for folder in folders:
-        record = _record(folder, _time_of(folder / METRICS_FILE))
-        with suppress(InputError):  # a folder without both files is another program's
-            if record is not None:
-                yield Planned(record.row, record.scene, record.seed, "", folder, folder / "log")
-            else:
-                config = parsed(RunConfig, RunSetup.read(folder).config)
-                yield Planned(config.row_name, config.scene.name, config.seed, "", folder, folder / "log")
-
-
-def _time_of(path: Path) -> int:
-    try:
-        return path.stat().st_mtime_ns
-    except OSError:
-        return 0
 
 
 def _last_progress(log: Path) -> str:

@@ -18,9 +18,8 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBase
 
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common import registry
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.paths import conf_folder
-from ia_bench.common.suggestions import unknown
 from ia_bench.render.settings import RenderSettings
 from ia_bench.runs.config import RunConfig, resolved
 from ia_bench.scores.protocol import Protocol

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
@@ -14,13 +13,12 @@ from pydantic import Field
 
 from ia_bench.capture.settings import CaptureSettings, SdfSettings
 from ia_bench.common import registry
-from ia_bench.common.errors import Fault, InputError
+from ia_bench.common.errors import Fault, InputError, unknown
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import expect_memory
-from ia_bench.common.paths import MORE_SCENES, SCENES_VARIABLE, conf_folder, lacks_scenes, scenes_folders
+from ia_bench.common.paths import MORE_SCENES, PACKAGE, SCENES_VARIABLE, conf_folder, scenes_folders
 from ia_bench.common.ranges import NO_NUMBER, NumberOrAuto
 from ia_bench.common.settings import check_arguments, defaults_of, merged, parsed
-from ia_bench.common.suggestions import unknown
 from ia_bench.methods.info import AUTO, check_declarations
 from ia_bench.render.settings import RenderSettings
 from ia_bench.scores.protocol import Protocol
@@ -140,7 +138,6 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
     Raises InputError for what is no such setting, for a value that its setting cannot take,
     for a plugin that is none, and for what this machine has not got.
     """
-    _check_finite("", content)
     config = parsed(RunConfig, content)
     device = _device(config.device, here)
     scene, reader = config.scene, config.reader
@@ -210,7 +207,7 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
     if not found:
         there = sorted({folder.name for root in roots for folder in root.iterdir() if folder.is_dir()})
         message = unknown(f"scene in {' or '.join(map(str, roots))}:", scene.name, there)
-        if lacks_scenes(roots[0]):
+        if roots[0].is_relative_to(PACKAGE):
             message += f". {MORE_SCENES}"
         elif (conf_folder() / "scene" / f"{scene.name}.yaml").is_file():
             message += f". It has a recipe: make scenes SCENES={scene.name}, then {SCENES_VARIABLE}=results/datasets"
@@ -268,18 +265,6 @@ def _method(config: RunConfig, here: bool) -> PluginConfig:
     if not kind.info.uses_prior and config.prior.name != "none":
         raise InputError(f"prior={config.prior.name}: expected prior=none with method={method.name}, which asks no prior")
     return replace(method, options=asdict(options))
-
-
-def _check_finite(key: str, value: Any) -> None:  # noqa: ANN401 (an option, whatever it is)
-    """Raise InputError, naming the key, for NaN or infinity anywhere in settings."""
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            _check_finite(f"{key}.{name}" if key else name, part)
-    elif isinstance(value, list | tuple):
-        for place, part in enumerate(value):
-            _check_finite(f"{key}[{place}]", part)
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise InputError(f"{key}: expected a finite number, found {value}")
 
 
 def _device(wanted: str, here: bool) -> Literal["cpu", "cuda"]:

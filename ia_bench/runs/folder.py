@@ -107,8 +107,8 @@ class RunFolder:
             return None
         try:
             state = unpack(path, self.config_hash)
-        except BadCheckpoint as error:
-            self._note(f"{path}: checkpoint ignored, starting over ({error})")
+        except Exception as error:  # torch.load raises whatever a file leads it to
+            self._note(f"{path}: checkpoint ignored, starting over ({first_line(error)})")
             return None
         self.restoring = True
         return state
@@ -165,12 +165,11 @@ class RunFolder:
 
     def write_failure(self, failure: BaseException | str, known: Mapping[str, Any]) -> None:
         """Write the record of a failed run, which the next run tries again; ``known``: labels, and whatever else of it is known."""
+        said: dict[str, str | None] = {"error": str(failure), "traceback": None}
         if isinstance(failure, BaseException):
-            problem = str(failure) if isinstance(failure, Fault | InputError) else f"{type(failure).__name__}: {failure}"
-            trace = "".join(traceback.format_exception(failure))
-        else:
-            problem, trace = failure, None
-        said = {"error": problem, "traceback": trace}
+            named = isinstance(failure, Fault | InputError)
+            said["error"] = str(failure) if named else f"{type(failure).__name__}: {failure}"
+            said["traceback"] = "".join(traceback.format_exception(failure))
         said = {key: text and text.encode(errors="backslashreplace").decode() for key, text in said.items()}
         self.write_record(RunRecord(**known, **said, config_hash=self.config_hash, status="failed"))  # type: ignore[arg-type]
 
@@ -232,6 +231,14 @@ def held_since(path: Path) -> float | None:
     return None
 
 
+def recorded_at(path: Path) -> int:
+    """When a run's record was written, in ns; 0 if it never was."""
+    try:
+        return (path / METRICS_FILE).stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
 def folders_among(paths: Sequence[Path], note: Callable[[str], object]) -> list[Path]:
     """Those of the ``paths`` that are folders. A file beside folders, which a shell's ``*`` has named, is told to ``note`` alone.
 
@@ -250,16 +257,12 @@ def folders_among(paths: Sequence[Path], note: Callable[[str], object]) -> list[
 def find_run_folders(*roots: Path) -> list[Path]:
     """Every folder below ``roots`` that holds a metrics.json, or the config.json of a run that has not finished, sorted."""
     recorded = {path.parent for root in roots for path in root.rglob(METRICS_FILE)}
-    begun = {path.parent for root in roots for path in root.rglob(CONFIG)} - recorded
-    return sorted(recorded | {folder for folder in begun if _is_a_runs(folder)})
-
-
-def _is_a_runs(folder: Path) -> bool:
-    """Whether a config.json is that of a run: weights have one too."""
-    try:
-        return bool(RunSetup.read(folder).config_hash)
-    except InputError:
-        return False
+    found = set(recorded)
+    for folder in {path.parent for root in roots for path in root.rglob(CONFIG)} - recorded:
+        with suppress(InputError):  # weights have a config.json too
+            RunSetup.read(folder)
+            found.add(folder)
+    return sorted(found)
 
 
 def _differing(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
@@ -272,10 +275,6 @@ def _differing(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "")
             yield f"{prefix}{key} ({before} there, {after} here)"
 
 
-class BadCheckpoint(ValueError):
-    """A file that is no checkpoint of this run; the message says why."""
-
-
 def pack(state: dict[str, Any], config_hash: str) -> bytes:
     """The content of a checkpoint file. ``state``: tensors, numbers, texts, lists and dicts."""
     import torch  # readers of results do without it
@@ -286,25 +285,19 @@ def pack(state: dict[str, Any], config_hash: str) -> bytes:
 
 
 def unpack(path: Path, config_hash: str) -> dict[str, Any]:
-    """The state in a checkpoint file. Raises BadCheckpoint for one that is damaged, of another configuration or of other code."""
+    """The state in a checkpoint file. Raises ValueError for one that is damaged, of another configuration or of other code."""
     import torch
 
-    try:
-        content = path.read_bytes()
-        start = len(MAGIC) + DIGEST
-        if content[:start] != MAGIC + hashlib.sha256(memoryview(content)[start:]).hexdigest().encode():
-            raise BadCheckpoint("it is damaged")
-        saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
-        code, owner, state = saved["code"], saved["config_hash"], dict(saved["state"])
-    except BadCheckpoint:
-        raise
-    except Exception as error:  # torch.load raises whatever a file leads it to
-        raise BadCheckpoint(f"it cannot be read: {first_line(error)}") from error
-    if code != _code():
-        raise BadCheckpoint("another version of the code wrote it")
-    if owner != config_hash:
-        raise BadCheckpoint("it belongs to another configuration")
-    return state
+    content = path.read_bytes()
+    start = len(MAGIC) + DIGEST
+    if content[:start] != MAGIC + hashlib.sha256(memoryview(content)[start:]).hexdigest().encode():
+        raise ValueError("it is damaged")
+    saved = torch.load(io.BytesIO(content[start:]), map_location="cpu", weights_only=True)
+    if saved["code"] != _code():
+        raise ValueError("another version of the code wrote it")
+    if saved["config_hash"] != config_hash:
+        raise ValueError("it belongs to another configuration")
+    return dict(saved["state"])
 
 
 @cache

@@ -31,7 +31,6 @@ MEMORY_PER_JOB = 3 << 30  # bytes that one job may need at the default preset: n
 AS_MANY_AS_FIT = 1_000_000  # cells at a time: whoever runs them decides
 ARRAY = 1000  # jobs handed in at once: Slurm's arrays have no more than 1001 unless it is told otherwise
 ANSWER_SECONDS = 10  # who does not answer in this time is not there
-DELAY_SECONDS = {"local": 0.0, "slurm": 15.0}  # that a file of another machine may take to be seen here
 
 AtLeastOne = Annotated[int, Field(ge=1)]
 Work = tuple[RunConfig, Path]
@@ -90,13 +89,10 @@ class Local:
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:
-        """A context that gives a function to start runs with; ``folder`` is for what the launcher has to write.
-
-        Where one of several runs cannot be started, those before it are ended.
-        """
+        """A context that gives a function to start runs with; ``folder`` is for what the launcher has to write."""
 
         def start(works: Sequence[Work]) -> list[Job]:
-            with ExitStack() as undone:
+            with ExitStack() as undone:  # where one of several cannot be started, those before it are ended
                 jobs = []
                 for config, path in works:
                     with path.open("ab") as log:
@@ -173,50 +169,55 @@ class Ray(Local):
 
 
 @dataclass(frozen=True)
-class SubmititLocal(Local):
-    """Jobs that submitit runs on this machine, to try what would go to Slurm.
+class SubmititSlurm(Local):
+    """Jobs that submitit hands to Slurm, all that are to be started as one array.
 
     Attributes:
         cpus: As of :class:`Ray`, with the two after it.
         minutes: A job's time. One that needs longer is ended with its state saved, which costs its cell an attempt.
+        partition: Slurm's partition; null takes the cluster's default.
+        account: Who pays; null takes the user's default.
+        options: Further parameters of submitit's SlurmExecutor, most of them sbatch's: ``launcher.options.qos=low``.
     """
 
     extra: ClassVar[str | None] = "submitit"
     here: ClassVar[bool] = False
-    cluster: ClassVar[str] = "local"
+    poll_seconds: ClassVar[float] = 5.0
+    cluster: ClassVar[str] = "slurm"
+    delay_seconds: ClassVar[float] = 15.0  # that a file of another machine may take to be seen here
 
     cpus: AtLeastOne = 1
     gpus: Annotated[int, Field(ge=0)] = 0
     memory_gb: Annotated[float, Field(gt=0)] = 4.0
     minutes: AtLeastOne = 240
+    partition: str | None = None
+    account: str | None = None
+    options: dict[str, Any] = field(default_factory=dict)
 
     def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
-        """As many at a time as there are cores here, or room on the cluster, unless fewer are wanted."""
-        room = max(1, len(os.sched_getaffinity(0)) // self.cpus) if self.cluster == "local" else AS_MANY_AS_FIT
-        return jobs or room, self.cpus
-
-    def parameters(self) -> dict[str, Any]:
-        """What submitit has to know of a job."""
-        return {"name": "ia_bench", "timeout_min": self.minutes, "cpus_per_task": self.cpus, "gpus_per_node": self.gpus}
+        """As many at a time as there is room for on the cluster, unless fewer are wanted."""
+        return jobs or AS_MANY_AS_FIT, self.cpus
 
     @contextmanager
     def opened(self, folder: Path) -> Iterator[Start]:
         """Everything that submitit keeps of its jobs goes into ``folder``. Raises InputError for what the cluster does not take."""
         import submitit
 
-        named = f"launcher=submitit_{self.cluster}"
+        own = {"partition": self.partition, "account": self.account, "array_parallelism": ARRAY, "mem": f"{self.memory_gb:g}GB"}
+        asked = {f"slurm_{name}": value for name, value in {**own, **self.options}.items() if value is not None}
+        asked |= {"timeout_min": self.minutes, "cpus_per_task": self.cpus, "gpus_per_node": self.gpus}
         try:
             executor = submitit.AutoExecutor(folder=folder.resolve() / "submitit", cluster=self.cluster)
-            executor.update_parameters(**self.parameters())
+            executor.update_parameters(name="ia_bench", **asked)
         except (RuntimeError, ValueError) as error:
-            raise InputError(f"{named}: {first_line(error)}") from None
+            raise InputError(f"launcher=submitit_{self.cluster}: {first_line(error)}") from None
 
         def start(works: Sequence[Work]) -> list[Job]:
             try:
                 with executor.batch():  # for Slurm one array
                     jobs = [executor.submit(run_here, *_arguments(work)) for work in works]
             except (submitit.core.utils.FailedJobError, subprocess.CalledProcessError, OSError) as error:
-                raise InputError(f"{named}: the jobs were refused ({first_line(error)})") from None
+                raise InputError(f"launcher=submitit_{self.cluster}: the jobs were refused ({first_line(error)})") from None
             return [self._job(job) for job in jobs]
 
         yield start
@@ -227,8 +228,7 @@ class SubmititLocal(Local):
         def done() -> bool:
             if not ended and job.done():
                 ended.append(time.monotonic())
-            delay = DELAY_SECONDS[self.cluster]
-            return bool(ended) and (job.paths.result_pickle.exists() or time.monotonic() >= ended[0] + delay)
+            return bool(ended) and (job.paths.result_pickle.exists() or time.monotonic() >= ended[0] + self.delay_seconds)
 
         def result() -> int:
             with suppress(Exception):  # what submitit raises is the job's whole log
@@ -236,37 +236,26 @@ class SubmititLocal(Local):
                     return int(job.result())
             raise WorkerDied(f"job {job.job_id}, see {job.paths.stderr}")
 
-        def cancel() -> None:
-            if self.cluster == "local":  # whose own way kills after a second; the id is that of a process that hands signals on
-                os.kill(int(job.job_id), signal.SIGTERM)
-            else:
-                job.cancel(check=False)
+        return Job(done, result, lambda: self._cancel(job))
 
-        return Job(done, result, cancel)
+    def _cancel(self, job: Any) -> None:  # noqa: ANN401 (as _job)
+        job.cancel(check=False)
 
 
 @dataclass(frozen=True)
-class SubmititSlurm(SubmititLocal):
-    """Jobs that submitit hands to Slurm, all that are to be started as one array.
+class SubmititLocal(SubmititSlurm):
+    """Jobs that submitit runs on this machine, to try what would go to Slurm, whose own settings then mean nothing."""
 
-    Attributes:
-        partition: Slurm's partition; null takes the cluster's default.
-        account: Who pays; null takes the user's default.
-        options: Further parameters of submitit's SlurmExecutor, most of them sbatch's: ``launcher.options.qos=low``.
-    """
+    poll_seconds: ClassVar[float] = 0.1
+    cluster: ClassVar[str] = "local"
+    delay_seconds: ClassVar[float] = 0.0
 
-    cluster: ClassVar[str] = "slurm"
-    poll_seconds: ClassVar[float] = 5.0
+    def jobs_and_threads(self, jobs: int | None, device: str) -> tuple[int, int]:
+        """As many at a time as there are cores here, unless fewer are wanted."""
+        return jobs or max(1, len(os.sched_getaffinity(0)) // self.cpus), self.cpus
 
-    partition: str | None = None
-    account: str | None = None
-    options: dict[str, Any] = field(default_factory=dict)
-
-    def parameters(self) -> dict[str, Any]:
-        """What submitit has to know of a job."""
-        own = {"partition": self.partition, "account": self.account, "array_parallelism": ARRAY, **self.options}
-        chosen = {f"slurm_{name}": value for name, value in own.items() if value is not None}
-        return {**super().parameters(), "mem_gb": self.memory_gb, **chosen}
+    def _cancel(self, job: Any) -> None:  # noqa: ANN401 (as _job)
+        os.kill(int(job.job_id), signal.SIGTERM)  # to a process that hands signals on; submitit's own way kills after a second
 
 
 LAUNCHERS: dict[str, type[Local]] = {

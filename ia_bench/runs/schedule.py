@@ -12,11 +12,11 @@ from ia_bench.common.exit_codes import INTERRUPTED, OK, TERMINATED
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Progress
 from ia_bench.runs.cells import Cell
-from ia_bench.runs.folder import RunFolder
+from ia_bench.runs.folder import RunFolder, recorded_at
 from ia_bench.runs.identity import labels, setup
 from ia_bench.runs.interruption import GRACE_SECONDS
 from ia_bench.runs.launchers import ARRAY, Job, Local, WorkerDied
-from ia_bench.runs.record import METRICS_FILE, RunRecord, damaged_file, finished_record
+from ia_bench.runs.record import RunRecord, damaged_file, finished_record
 
 ENDING_SECONDS = GRACE_SECONDS + 5
 """Runs that are cancelled have this time to save their state and end."""
@@ -53,7 +53,7 @@ def run_cells(cells: Sequence[Cell], launcher: Local, jobs: int, logs: Path, pro
         return failed
     logs.mkdir(parents=True, exist_ok=True)
     task = progress.task("table", total=len(cells), done=len(cells) - len(waiting), unit="cell")
-    before = {cell.folder: _time_of_record(cell) for cell in waiting}
+    before = {cell.folder: recorded_at(cell.folder) for cell in waiting}
     for cell in waiting:
         cell.log(logs).unlink(missing_ok=True)
     attempts: Counter[Path] = Counter()
@@ -103,11 +103,11 @@ def _end_of(job: Job, log: Path) -> tuple[str | None, bool]:
     return f"exit status {status}: {last}", status in (INTERRUPTED, TERMINATED)
 
 
-def _failed(cell: Cell, problem: str, log: Path, before: int | None) -> str:
+def _failed(cell: Cell, problem: str, log: Path, before: int) -> str:
     """Record the failure, unless the run has (its record was written at ``before``); the cell's last word."""
     try:
         with RunFolder(cell.folder, cell.content, cell.config_hash, setup=setup(cell.config)) as folder:
-            if _time_of_record(cell) == before:  # it could not say why, and nobody else has finished it since
+            if recorded_at(cell.folder) == before:  # it could not say why, and nobody else has finished it since
                 folder.write_failure(problem, labels(cell.config, cell.content))
     except (InputError, Fault, OSError) as error:  # of this cell; the others go on
         return f"FAILED ({error})"
@@ -123,9 +123,3 @@ def _end(jobs: Sequence[Job], progress: Progress) -> None:
     deadline = time.monotonic() + ENDING_SECONDS
     while not all(job.done() for job in jobs) and time.monotonic() < deadline:
         time.sleep(0.1)
-
-
-def _time_of_record(cell: Cell) -> int | None:
-    """When the cell's metrics were written, in ns; None if they never were."""
-    record = cell.folder / METRICS_FILE
-    return record.stat().st_mtime_ns if record.exists() else None

@@ -11,12 +11,11 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from ia_bench.capture.settings import CaptureSettings
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import read_yaml, user_path
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.ranges import Name
 from ia_bench.common.settings import flat, parsed
-from ia_bench.common.suggestions import unknown
 from ia_bench.scores.columns import METRIC_OF
 
 SET_BY_TABLE = ("scene", "scene.name", "scene.path", "reader", "seed", "row", "out")

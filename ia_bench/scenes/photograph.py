@@ -16,8 +16,8 @@ import numpy as np
 from PIL import ExifTags, Image, ImageCms, ImageOps
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import log
 from ia_bench.common.files import is_file, shown
-from ia_bench.common.output import log
 from ia_bench.scenes.color import srgb_to_linear
 from ia_bench.scenes.exr import MAX_PIXELS, expect_size_to_read, read_exr, refuse_negative
 

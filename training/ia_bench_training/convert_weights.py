@@ -19,8 +19,7 @@ from torch.serialization import safe_globals
 from ia_bench.common.arguments import read_arguments
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, command
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, command, say
 from ia_bench.common.paths import make_writable
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.original import RECORD

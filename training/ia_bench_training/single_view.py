@@ -17,8 +17,7 @@ from collections.abc import Sequence
 from itertools import product
 
 from ia_bench.common.arguments import at_least
-from ia_bench.common.exit_codes import OK, status_of
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, say, status_of
 from ia_bench.report.statistics import over_seeds
 from ia_bench.runs.decomposition import make_prior
 from ia_bench_training.single_view_scores import COLUMNS, SAMPLES, load_examples, score

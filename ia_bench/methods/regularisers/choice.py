@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ia_bench.common import registry
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.settings import check_arguments
-from ia_bench.common.suggestions import unknown
 
 if TYPE_CHECKING:
     from ia_bench.methods.contract import Regulariser

@@ -20,9 +20,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.ranges import Number
-from ia_bench.common.suggestions import unknown
 from ia_bench.common.torchvision_shim import import_torchvision
 from ia_bench.priors.contract import COMPONENTS
 from ia_bench.priors.diffusion.sampler import SCHEDULE_KEYS, Denoise, NoiseSchedule
