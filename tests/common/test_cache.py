@@ -67,15 +67,6 @@ def test_forgets_what_was_used_longest_ago(tmp_path: Path) -> None:
     assert [cache.get(key) is not None for key in keys] == [True, False, True]
 
 
-def test_removes_what_a_killed_writer_left(tmp_path: Path) -> None:
-    old, young = (tmp_path / f".things-{name}.1.safetensors" for name in ("old", "young"))
-    for path in (old, young):
-        path.write_bytes(b"half")
-    os.utime(old, (1000, 1000))
-    Cache(tmp_path).put(KEY, TENSORS)
-    assert (old.exists(), young.exists()) == (False, True)
-
-
 # ---- what may lie in the place of an entry -----------------------------------------------------------------------------
 
 

@@ -16,7 +16,6 @@ CPU = torch.device("cpu")
 COUNTS = (0, 1, LEAST_ITEMS - 1, LEAST_ITEMS, LEAST_ITEMS + 1, 3 * LEAST_ITEMS + 7)
 
 
-
 @wp.kernel(enable_backward=False)
 def _count(first: int, factor: int, values: wp.array(dtype=int)):
     n = first + wp.tid()

@@ -121,10 +121,14 @@ with RunFolder(Path(sys.argv[1]), {"seed": 0}, "a" * 64) as folder:
         except Fault as error:
             print(error)
 """
-FULL_DISK = FULL_DISK.replace("with RunFolder", """def write_map(folder):
+FULL_DISK = FULL_DISK.replace(
+    "with RunFolder",
+    """def write_map(folder):
     with folder.path_for("albedo.exr") as path:
         write_exr(path, np.random.rand(100, 100, 3).astype(np.float32), half=False)
-with RunFolder""", 1)
+with RunFolder""",
+    1,
+)
 
 
 def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:

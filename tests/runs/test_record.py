@@ -67,7 +67,9 @@ NO_RECORD = ["{", "[]", "null", "3", "\0\xff", "[" * 100_000, '{"seed": ' + "9" 
 @pytest.mark.parametrize("content", NO_RECORD, ids=range(len(NO_RECORD)))
 def test_what_is_no_record_is_one_sentence(tmp_path: Path, content: str) -> None:
     (tmp_path / METRICS_FILE).write_bytes(content.encode("latin-1"))
-    with pytest.raises(InputError, match=r"metrics\.json: (not valid JSON|expected JSON|expected a |row: expected a )"):
+    with pytest.raises(
+        InputError, match=r"metrics\.json: (not valid JSON|expected JSON|expected a |row: expected a |seed: expected)"
+    ):
         RunRecord.read(tmp_path)
 
 
@@ -76,7 +78,7 @@ def test_pipes_and_devices_are_refused_and_not_waited_for(tmp_path: Path) -> Non
         folder = tmp_path / name
         folder.mkdir()
         make(folder / METRICS_FILE)
-        with pytest.raises(InputError, match="expected a file, found a pipe, a device or a socket"):
+        with pytest.raises(InputError, match="expected a file, found a pipe or a device"):
             RunRecord.read(folder)
     with pytest.raises(FileNotFoundError):
         RunRecord.read(tmp_path)
@@ -85,11 +87,11 @@ def test_pipes_and_devices_are_refused_and_not_waited_for(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"metrics": {"albedo": {"psnr": float("nan")}}}, r"metrics\.albedo\.psnr: expected a finite number"),
-        ({"time_s": {"total": float("inf")}}, r"time_s\.total: expected a finite number"),
+        ({"metrics": {"albedo": {"psnr": float("nan")}}}, "psnr: expected a finite number"),
+        ({"time_s": {"total": float("inf")}}, "total: expected a finite number"),
         ({"counters": {"steps": None}}, r"counters\.steps: expected"),
         ({"environment": {"where": Path()}}, "PosixPath is not JSON serializable"),
-        ({"plan": {"value": float("nan")}}, "Out of range float"),
+        ({"plan": {"value": float("nan")}}, r"plan\.value: expected a finite number"),
     ],
 )
 def test_what_nobody_could_read_is_not_written(folder: RunFolder, change: dict, message: str) -> None:

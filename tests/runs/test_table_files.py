@@ -13,8 +13,6 @@ from ia_bench.runs import table as module
 from ia_bench.runs.table import Claim, Row, SceneEntry, Table, load_table, some_rows
 
 BAD_NAMES = ('""', '" "', '"a\\nb"', '"a\\0b"', "a" * 5000)
-BOMB = "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12))
-"""Nine aliases of nine aliases of ...: a thousand bytes that stand for thirty thousand million values."""
 
 
 def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -41,7 +39,6 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("[1]", r"bad\.yaml: expected a YAML table, found list"),
         (bytes(range(256)), r"bad\.yaml: expected YAML as UTF-8 text"),
         (b"a: " + b"[" * 100_000, r"bad\.yaml: not valid YAML \(nested too deeply\)"),
-        (BOMB, r"bad\.yaml: expected at most 100000 values, aliases written out, found more"),
     ]:
         (tmp_path / "table" / "bad.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
         with pytest.raises(InputError, match=f"(?s){message}"):
