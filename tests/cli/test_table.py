@@ -26,6 +26,8 @@ from ia_bench.runs.schedule import run_cells
 from ia_bench.runs.table import Row, Table, load_table
 
 HERE = Path(__file__).parent
+
+
 @pytest.fixture(autouse=True)
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for scene in ("hat", "ship", "console", "figurine"):

@@ -67,9 +67,7 @@ NO_RECORD = ["{", "[]", "null", "3", "\0\xff", "[" * 100_000, '{"seed": ' + "9" 
 @pytest.mark.parametrize("content", NO_RECORD, ids=range(len(NO_RECORD)))
 def test_what_is_no_record_is_one_sentence(tmp_path: Path, content: str) -> None:
     (tmp_path / METRICS_FILE).write_bytes(content.encode("latin-1"))
-    with pytest.raises(
-        InputError, match=r"metrics\.json: (not valid JSON|expected JSON|(row: |seed: )?expected a )"
-    ):
+    with pytest.raises(InputError, match=r"metrics\.json: (not valid JSON|expected JSON|(row: |seed: )?expected a )"):
         RunRecord.read(tmp_path)
 
 

@@ -17,10 +17,12 @@ from pathlib import Path
 def run(config, folder, progress, known):
     """A fit of 40 steps with a checkpoint after each; its result depends on every step having been made once.
 
-    FAKE_STEP_SECONDS makes it slow; FAKE_LOG is a file that gets a line whenever it starts,
-    FAKE_CPU one that gets the seconds of CPU time of its process. The row "crash" dies by
-    signal, "killed" does so at step 20 unless it has resumed there, "raise" raises, "stuck" never comes to a step.
+    FAKE_LOG is a file that gets a line whenever it starts, FAKE_CPU one that gets the seconds of CPU time of its process. With
+    FAKE_HOLD it waits after its third step until it is told to end, or that file is there: however slow the machine, a test comes
+    in time. The row "crash" dies by signal, "killed" does so at step 20 unless it has resumed there, "raise" raises, "stuck" never
+    comes to a step.
     """
+    from ia_bench.runs import interruption
     from ia_bench.runs.record import RunRecord
 
     with Path(os.environ["FAKE_LOG"]).open("a") as log:
@@ -28,7 +30,7 @@ def run(config, folder, progress, known):
     if config.row == "crash":
         os.kill(os.getpid(), signal.SIGKILL)
     if config.row == "stuck":
-        time.sleep(60)
+        time.sleep(3600)
     if config.row == "raise":
         raise RuntimeError("boom")
     state = folder.load_checkpoint() or {"step": 0, "value": config.seed}
@@ -36,8 +38,12 @@ def run(config, folder, progress, known):
         progress.note(f"resumed at {state['step']}")
     folder.restoring = False
     task = progress.task("stage 1", total=40, done=state["step"])
+    first = state["step"]
     while state["step"] < 40:
-        time.sleep(float(os.environ.get("FAKE_STEP_SECONDS", "0")))
+        while "FAKE_HOLD" in os.environ and state["step"] == first + 3 and not interruption.asked():
+            if Path(os.environ["FAKE_HOLD"]).exists():
+                break
+            time.sleep(0.01)
         state = {"step": state["step"] + 1, "value": (state["value"] * 6364136223846793005 + state["step"]) % 2**61}
         folder.save_checkpoint(state)
         task.advance(1, loss=1 / state["step"])
