@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, status_of
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, say, status_of
 from ia_bench.common.paths import make_writable
 
 EXAMPLES = """\

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import OK, complain, status_of
-from ia_bench.common.output import say
+from ia_bench.common.exit_codes import OK, complain, say, status_of
 from ia_bench.common.paths import make_writable
 from ia_bench.runs.cells import folders_with_cells
 from ia_bench.runs.folder import folders_among

@@ -11,10 +11,9 @@ from pathlib import Path
 from ia_bench.common.arguments import at_least
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.common.exit_codes import FAULT, OK, complain, status_of
+from ia_bench.common.exit_codes import FAULT, OK, complain, say, status_of
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import limit_threads
-from ia_bench.common.output import say
 from ia_bench.common.paths import make_writable
 from ia_bench.runs.packs import packs_among
 from ia_bench.runs.record import digest_of, json_bytes

@@ -19,8 +19,7 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ia_bench.common.atomic_file import whole_file
-from ia_bench.common.errors import InputError
-from ia_bench.common.suggestions import listed
+from ia_bench.common.errors import InputError, listed
 from ia_bench.report import table as tables
 from ia_bench.report.collect import KEPT, CellKey, Record, collect, reasons_text
 from ia_bench.report.curves import draw_scene, save

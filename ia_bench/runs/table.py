@@ -86,14 +86,16 @@ class Row:
 
 @dataclass
 class Table:
-    """``conf/table/<name>.yaml``; ``scenes`` are names, or a :class:`SceneEntry` each.
+    """``conf/table/<name>.yaml``.
 
-    ``reference`` names the row that the others are compared with, scene by scene.
-    ``claims``: orderings of rows that the report judges.
-    ``includes``: names of tables whose rows and claims come before its own; what else it does not say is as the
-    first of them says. ``captures``: ways to photograph every scene, each of settings of ``capture.*``; none means one that leaves
-    nothing out. Every row is run with each (:attr:`crossed_rows`) and compared with the row ``reference`` of the same capture.
-    ``photographs``: how many a scene has when none is left out, where no run has recorded it.
+    Attributes:
+        scenes: Names, or a :class:`SceneEntry` each.
+        reference: The row that the others are compared with, scene by scene.
+        claims: Orderings of rows that the report judges.
+        includes: Tables whose rows and claims come before its own; what else it does not say is as the first of them says.
+        captures: Ways to photograph every scene, each of settings of ``capture.*``; none means one that leaves nothing out. Every
+            row is run with each (:attr:`crossed_rows`) and compared with the row ``reference`` of the same capture.
+        photographs: How many a scene has when none is left out, where no run has recorded it.
     """
 
     scenes: list[Name | SceneEntry] = field(default_factory=list)
@@ -120,13 +122,11 @@ class Table:
         """Every row with every capture, as a row of its own; capture after capture."""
         found = []
         for settings in self.captures or [{}]:
-            label = capture_of(settings).label
-            overrides = [f"{name}={value}" for name, value in flat(settings, "capture.").items()]
-            found += [
-                replace(row, name=crossed_name(row.name, label), overrides=[*row.overrides, *overrides], captures=None)
-                for row in self.rows
-                if row.captures is None or label in row.captures
-            ]
+            label, more = capture_of(settings).label, [f"{name}={value}" for name, value in flat(settings, "capture.").items()]
+            for row in self.rows:
+                if row.captures is None or label in row.captures:
+                    name, overrides = crossed_name(row.name, label), [*row.overrides, *more]
+                    found.append(replace(row, name=name, overrides=overrides, captures=None))
         return found
 
     @property
@@ -182,10 +182,7 @@ def _check(table: Table) -> None:
             raise InputError(f"{where}: {unknown(what, found, known)}")
     for row in table.rows:
         for override in row.overrides:
-            try:
-                refuse_own(override, "threads", "reader.", "hydra")
-            except InputError as error:
-                raise InputError(f"rows: {row.name}: overrides: {error}") from None
+            refuse_own(override, "threads", "reader.", "hydra", where=f"rows: {row.name}: overrides: ")
     for what, several in (("rows", names), ("scenes", table.scene_names)):
         if len(set(several)) != len(several):
             raise InputError(f"{what}: expected different names, found {', '.join(several)}")
@@ -194,11 +191,11 @@ def _check(table: Table) -> None:
             raise InputError(f"scenes: {entry.name}: capture: expected none in a table that has captures, found {entry.capture}")
 
 
-def refuse_own(override: str, *others: str) -> None:
+def refuse_own(override: str, *others: str, where: str = "") -> None:
     """Raise InputError for an override of what the table sets for every cell: SET_BY_TABLE, and what begins with ``others``."""
-    key, _, value = override.partition("=")
-    if key.lstrip("+~") in SET_BY_TABLE or key.lstrip("+~").startswith(others):
-        raise InputError(f"{key}={value}: the table sets this for every cell; it has scenes=, seeds=, rows= and table=")
+    key = override.partition("=")[0].lstrip("+~")
+    if key in SET_BY_TABLE or key.startswith(others):
+        raise InputError(f"{where}{override}: the table sets this for every cell; it has scenes=, seeds=, rows= and table=")
 
 
 def _file_of(name: str) -> Path:
@@ -213,17 +210,17 @@ def _file_of(name: str) -> Path:
 
 
 def some_rows(table: Table, text: str) -> Table:
-    """The ``table`` of those of its rows alone that ``text`` names, with commas between; a name may have commas itself.
+    """The ``table`` of those of its rows, claims and reference alone that ``text`` names, with commas between, as names may have.
 
-    So are its claims and its reference. Raises InputError for what is no row.
+    Raises InputError for what is no row.
     """
-    names, parts, chosen = [row.name for row in table.rows], [part.strip() for part in text.split(",")], list[str]()
-    while parts:
-        ends = [end for end in range(len(parts), 0, -1) if ", ".join(parts[:end]) in names]
-        if not ends:
-            raise InputError(f"rows: {unknown('row', parts[0], names)}")
-        chosen.append(", ".join(parts[: ends[0]]))
-        del parts[: ends[0]]
+    names, rest, chosen = [row.name for row in table.rows], [part.strip() for part in text.split(",")], list[str]()
+    while rest:
+        end = next((end for end in range(len(rest), 0, -1) if ", ".join(rest[:end]) in names), 0)
+        if not end:
+            raise InputError(f"rows: {unknown('row', rest[0], names)}")
+        chosen.append(", ".join(rest[:end]))
+        rest = rest[end:]
     if len(set(chosen)) != len(chosen):
         raise InputError(f"rows: expected every row once, found {', '.join(chosen)}")
     return replace(
@@ -247,10 +244,8 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
     parts = [_whole(other, (name, *within)) for other in table.includes]
     if not parts:
         return table
-    first = ("scenes", "seeds", "reference", "captures", "photographs")
-    every: dict[str, Any] = {key: getattr(parts[0], key) for key in first if key not in own}
-    for key in ("rows", "claims"):
-        every[key] = [one for part in (*parts, table) for one in getattr(part, key)]
+    every = {key: getattr(parts[0], key) for key in ("scenes", "seeds", "reference", "captures", "photographs") if key not in own}
+    every |= {key: [one for part in (*parts, table) for one in getattr(part, key)] for key in ("rows", "claims")}
     return replace(table, **every)
 
 

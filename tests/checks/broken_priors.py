@@ -225,7 +225,6 @@ class Offering(Sound):
         seen = observations.images.clamp(max=1) * observations.masks[..., None]
         return Samples({name: 0.5 * level * render + 0.5 * seen for name, render in renders.items()})
 
-
     def refine(self, observations: Observations, renders: Mapping[str, Tensor]) -> Samples:
         assert observations.visibility is not None
         return Samples({"albedo": 0.5 * renders["albedo"] * (1 + observations.visibility)})
@@ -274,7 +273,8 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "exits when asked": (changed(sample=lambda self, observations, *, seed, guidance=None: sys.exit(0)), "a sample"),
     "NaN": (put("specular", torch.nan), "samples"),
     "above its ceiling": (
-        sample_as(lambda samples: replace(samples, ceilings={"specular": torch.full((3,), 0.01)})), "specular: ceiling"
+        sample_as(lambda samples: replace(samples, ceilings={"specular": torch.full((3,), 0.01)})),
+        "specular: ceiling",
     ),
     "albedo above 1": (put("albedo", 1.1), "albedo: range"),
     "negative light": (edit(specular=lambda s: -s), "specular: range"),
@@ -300,9 +300,7 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "network not counted": (Uncounted, "cost: network_calls"),
     "distill takes no seed": (offering(distill=lambda self, observations, renders: {}), "distillation"),
     "distills one component": (offering(distill=distill_as(lambda e: {"albedo": e["albedo"]})), "distilled estimates"),
-    "distills at random": (
-        offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"
-    ),
+    "distills at random": (offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"),
     "writes to renders": (offering(distill=overwrite_renders), "inputs"),
     "refine takes no renders": (offering(refine=lambda self, observations: {}), "refinement"),
     "refines to NaN": (offering(refine=refine_as(lambda a: a / a)), "a corrected fit"),

@@ -53,44 +53,30 @@ ODD = np.zeros((31, 37), np.float32)
 ODD3 = np.zeros((7, 20, 3), np.float32)
 WRONG: dict[str, tuple[Callable[[Scene], object], str]] = {
     "nothing": (lambda s: None, "expected a Scene, found NoneType"),
-    "dict": (vars, "expected a Scene, found dict"),
     "name": (lambda s: replace(s, name=5), "name: expected one line of text, found 5"),
     "no views": (lambda s: replace(s, train=()), "expected at least one training view"),
     "view": (lambda s: replace(s, test=("0000",)), "test view 0000: expected a View with a Camera, found str"),
     "image type": (lambda s: first(s, image=s.test[0].image.astype(float)), r"image: expected \(32, 32, 3\) float32, found.*64"),
-    "image is a list": (lambda s: first(s, image=s.test[0].image.tolist()), "image: expected.*, found list"),
-    "image shape": (lambda s: first(s, image=ODD), r"image: expected \(32, 32, 3\) float32, found \(31, 37\)"),
     "nan": (lambda s: first(s, image=s.test[0].image * np.float32(np.nan)), "image: expected finite values from 0 to 1e"),
     "negative": (lambda s: first(s, image=s.test[0].image - 1), "image: expected finite values from 0 to 1e.*, found -1"),
     "straight alpha": (lambda s: first(s, image=s.test[0].image + 1), "expected radiance premultiplied by the mask"),
     "mask of 255": (lambda s: first(s, mask=255 * s.test[0].mask), "mask: expected finite values from 0 to 1, found 0 to 255"),
     "no object": (lambda s: first(s, mask=0 * s.test[0].mask), "mask: expected a pixel above 0.5"),
-    "albedo": (lambda s: first(s, albedo=100 * s.test[0].albedo), "albedo: expected finite values from 0 to 1"),
     "roughness": (lambda s: first(s, roughness=s.test[0].roughness - 1), "roughness: expected.* from 0 to 1, found -1"),
-    "roughness shape": (lambda s: first(s, roughness=s.test[0].roughness[..., None]), r"roughness: expected \(32, 32\)"),
-    "normals": (lambda s: first(s, normal=2 * s.test[0].normal), "normal: expected finite values from -1 to 1"),
     "focal": (lambda s: camera(s, focal=(0.0, 1.0)), "camera: focal: expected 2 numbers from 0.032 to 3.2e"),
     "centre": (lambda s: camera(s, centre=(np.nan, 1.0)), "camera: centre: expected 2 numbers"),
     "world": (lambda s: camera(s, to_world=2 * np.eye(4)), "camera: expected a rotation and a translation"),
-    "3 x 4": (lambda s: camera(s, to_world=np.eye(4)[:3]), "camera: expected a rotation and a translation"),
     "camera": (lambda s: camera(s, width=31), r"image: expected \(32, 31, 3\)"),
     "light of a test view": (lambda s: first(s, light="night"), "expected the training light"),
     "light": (lambda s: lights(s, night=np.zeros((4, 8, 3), np.float32)), "light night: expected radiance above 0"),
-    "light shape": (lambda s: lights(s, night=np.ones((4, 4, 3), np.float32)), r"light night: expected \(4, 8, 3\)"),
     "light below 0": (lambda s: lights(s, night=-np.ones((4, 8, 3), np.float32)), "light night: expected finite values from 0"),
     "faces": (lambda s: replace(s, mesh=replace(s.mesh, faces=s.mesh.faces + 1)), "faces: expected vertices 0 to"),
-    "face type": (lambda s: replace(s, mesh=replace(s.mesh, faces=s.mesh.faces.astype(float))), r"expected \(F, 3\) int32"),
     "uv": (lambda s: replace(s, mesh=replace(s.mesh, uv=2 * s.mesh.uv)), "uv: expected finite values from 0 to 1"),
     "mesh": (lambda s: replace(s, mesh="cube"), "mesh: expected a Mesh, found str"),
     "generator": (lambda s: replace(s, train=(view for view in s.train)), "train: expected a tuple, found <generator"),
-    "camera in a list": (lambda s: first(s, camera=[1.0]), "expected a View with a Camera"),
-    "one focal length": (lambda s: camera(s, focal=40.0), "camera: focal: expected 2 numbers from .*, found 40.0"),
-    "large focal length": (lambda s: camera(s, focal=(1e300, 1e300)), "camera: focal: expected 2 numbers"),
     "width of half pixels": (lambda s: camera(s, width=32.0), "camera: width: expected a whole number from 1 to .*, found 32.0"),
-    "matrix beyond": (lambda s: camera(s, to_world=1e300 * np.eye(4)), "camera: expected a rotation and a translation"),
     "metallic": (lambda s: replace(s, metallic="yes"), "metallic: expected true or false, found 'yes'"),
     "saturation": (lambda s: replace(s, saturated_share=float("nan")), "saturated_share: expected a number from 0 to 1, found nan"),
-    "bright light": (lambda s: lights(s, night=np.full((4, 8, 3), 1e38, np.float32)), "light night: expected finite values from"),
     "oblong texture": (lambda s: replace(s, truth=replace(s.truth, albedo=ODD3)), "true albedo texture: expected"),
     "valid": (lambda s: first(s, valid=s.test[0].mask), r"valid: expected \(32, 32\) bool, found \(32, 32\) float32"),
 }  # fmt: skip
@@ -152,13 +138,6 @@ def test_held_out_views_and_cameras(tiny: Scene) -> None:
     assert cross.startswith("mesh, cameras and masks")
     assert "OpenCV" in cross
     assert [other.partition(":")[0] for other in others] == ["masks"]  # such cameras leave no hull
-
-
-def test_a_reader_that_raises(tiny: Scene) -> None:
-    def leave(scene: Scene) -> object:
-        raise SystemExit(0)
-
-    assert crosses(Reading(tiny, leave)) == ["scene: SystemExit: 0"]
 
 
 def test_differences_are_found_wherever_they_are(tiny: Scene) -> None:

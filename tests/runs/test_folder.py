@@ -143,21 +143,6 @@ def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:
     assert not list(tmp_path.glob(".*.exr"))
 
 
-def test_files_of_others_are_left_alone(folder: RunFolder, tmp_path: Path) -> None:
-    """A run that goes on below the folder is writing its own; a folder that is refused is not touched at all."""
-    mine, below = tmp_path / ".tmp-mine", folder.path / "nested" / ".tmp-checkpoint.pt"
-    below.parent.mkdir()
-    for path in (mine, below):
-        path.write_bytes(b"half")
-    folder.__exit__(None, None, None)
-    RunFolder(folder.path, CONFIG, HASH).__exit__(None, None, None)
-    (tmp_path / METRICS_FILE).write_text("{}")
-    with pytest.raises(InputError, match="not a run's folder"):
-        RunFolder(tmp_path, CONFIG, HASH)
-    assert mine.exists()
-    assert below.exists()
-
-
 def test_a_folder_with_nothing_but_a_failed_run_is_used_again(folder: RunFolder) -> None:
     """After the scene was mended, which makes it another configuration."""
     folder.save_checkpoint({"step": 3})
@@ -193,21 +178,3 @@ def test_kill_9_while_writing_leaves_a_whole_file(tmp_path: Path) -> None:
         process.wait()
         process.stdout.close()
         assert len(json.loads((tmp_path / "big.json").read_text())["filler"]) == 20000
-
-
-def test_second_process_waits_for_the_first(tmp_path: Path) -> None:
-    notes: list[str] = []
-    process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE)
-    assert process.stdout is not None
-    process.stdout.readline()
-
-    def note_and_release(text: str) -> None:
-        notes.append(text)
-        process.kill()  # the kernel releases the lock of a process that is gone
-
-    with RunFolder(tmp_path, {"seed": 0}, HASH, note_and_release):
-        pass
-    process.wait()
-    process.stdout.close()
-    assert len(notes) == 1
-    assert "another process is working on this run; waiting" in notes[0]

@@ -14,11 +14,6 @@ def test_exposure_shows_all_but_the_brightest_hundredth_of_the_foreground() -> N
     assert exposure(images, masks) == pytest.approx(2)
 
 
-def test_exposure_of_no_foreground_is_one() -> None:
-    assert exposure(np.full((1, 4, 4, 3), 3.0, np.float32), np.zeros((1, 4, 4), np.float32)) == 1
-    assert exposure([], []) == 1
-
-
 def test_one_exposure_serves_images_of_different_sizes() -> None:
     """199 pixels of 4 and two of 10, in two pictures: the brightest hundredth is left out."""
     images = [np.full((10, 10, 3), 4.0), np.full((1, 101, 3), 4.0)]
@@ -36,9 +31,3 @@ def test_cut_out_is_the_square_around_the_object_also_at_an_edge(corner: tuple[i
     expected = np.full((side, side, 3), GREY)
     expected[CUT_MARGIN + 1 : -CUT_MARGIN - 1, CUT_MARGIN:-CUT_MARGIN] = 1
     np.testing.assert_array_equal(found, expected)
-
-
-def test_cut_out_of_nothing_is_grey() -> None:
-    nothing = np.zeros((8, 8), np.float32)
-    assert extent(nothing) == 1
-    assert (cut_out(on_grey(np.ones((8, 8, 3)), nothing), nothing, 5) == GREY).all()

@@ -39,16 +39,12 @@ def test_how_far_a_record_can_be_trusted_stands_in_it() -> None:
 
 WRONG = [
     ({"schema": 1}, "schema: expected 2, found 1"),
-    ({"row": 3}, "row: expected text, found 3"),
     ({"row": "a\0b"}, "row: expected a name of 1 to 200 printable characters"),
-    ({"seed": -1}, "seed: expected 0 or more, found -1"),
     ({"status": "done"}, "unknown value of status: 'done'"),
-    ({"metrics": []}, "metrics: expected a table"),
     ({"metrics": {}}, "metrics: expected the scores of a finished run, found none"),
     ({"metrics": {"albedo": {"psnr": "20"}}}, "metrics.albedo.psnr: expected "),
     ({"reasons": {}}, "metrics.roughness.mse: expected a number, or why there is none"),
     ({"per_image": {"albedo": 3}}, "per_image.albedo: expected a table"),
-    ({"files": {"albedo.exr": None}}, "files.albedo.exr: expected text, found None"),
     ({"status": "failed"}, "error: expected why the run failed, found nothing"),
 ]
 
