@@ -8,8 +8,6 @@ from typing import Any
 
 import pytest
 
-from ia_bench.cli.check import main as check
-from ia_bench.cli.usage import choices
 from ia_bench.common import registry
 from ia_bench.common.errors import InputError
 
