@@ -13,6 +13,7 @@ COMMANDS = {
     "run": ("ia_bench.cli.run", "reconstruct one scene and score what was recovered"),
     "table": ("ia_bench.cli.table", "every row x scene x seed of a table, then its report"),
     "report": ("ia_bench.cli.report", "the tables, curves and page of runs that are there already"),
+    "score": ("ia_bench.cli.score", "scores of what other software recovered: a mesh with textures, or pictures"),
     "rescore": ("ia_bench.cli.rescore", "scores of finished runs under another protocol"),
     "pack": ("ia_bench.cli.pack", "finished runs as one file that others can score again"),
     "verify": ("ia_bench.cli.verify", "whether the files in packs give the scores that they say"),

@@ -28,9 +28,10 @@ class Environment(Protocol):
 
 @dataclass(frozen=True)
 class LatLongEnvironment:
-    """A lat-long map whose ``texels`` (H, W, 3) each have one radiance all over."""
+    """A lat-long map whose ``texels`` (H, W, 3) each have one radiance all over; ``name``: what its scene calls it."""
 
     texels: Tensor
+    name: str = ""
 
     def radiance(self, directions: Tensor) -> Tensor:
         """See :class:`Environment`: the texel that a direction falls into, without interpolation."""

@@ -15,7 +15,7 @@ from ia_bench.common.exit_codes import log
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.costs import CostTracker
-from ia_bench.methods.info import MethodInfo
+from ia_bench.methods.info import Declared, HeldOut, MethodInfo
 from ia_bench.methods.photographs import Photographs
 from ia_bench.methods.plan import Plan, choose_prior_views, make_plan
 from ia_bench.methods.views import evenly_spread
@@ -42,6 +42,7 @@ class Problem:
             surface often enough. The image loss uses every view.
         keep_samples: Whether unguided samples of priors that have a fingerprint are kept between runs.
         truth: The scene with its truth, for a method that declares ``sees_truth``; None for all others.
+        held_out: Names and cameras of the views that are scored, for a method that declares ``brought``; empty for all others.
         note: Takes one-line messages to the user.
         costs: Where seconds of baking are booked.
     """
@@ -54,6 +55,7 @@ class Problem:
     prior_views: int | str = "auto"
     keep_samples: bool = True
     truth: Scene | None = None
+    held_out: HeldOut = field(default_factory=dict)
     note: Callable[[str], None] = log.warning
     costs: CostTracker = field(default_factory=CostTracker)
 
@@ -258,12 +260,14 @@ class Result:
             are no part of it.
         counters: What a reader of the results should know of the fit, such as "network_calls".
         steps: How many steps it took, 0 for a method that takes none.
+        declared: What is said of results that were made elsewhere; None for what this run has made.
     """
 
     reconstruction: Reconstruction
     seconds: Mapping[str, float] = field(default_factory=dict)
     counters: Mapping[str, int] = field(default_factory=dict)
     steps: int = 0
+    declared: Declared | None = None
 
 
 class ProgressBar(Protocol):

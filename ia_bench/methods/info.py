@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
 
 from ia_bench.common.errors import InputError, PluginError
 
 if TYPE_CHECKING:
-    from ia_bench.scenes.scene import Scene
+    from ia_bench.scenes.scene import Camera, Scene
 
 AUTO = "auto"
 """The name of a coupling that leaves the choice to the prior."""
+HeldOut = Mapping[str, "tuple[tuple[str, Camera], ...]"]
+"""Folder of pictures, as ``method=images`` reads them -> name and camera of every view that is scored by one of its pictures."""
 PREDICTED = frozenset({"albedo", "roughness", "view_synthesis", "relighting"})
 NEEDED = frozenset({"mesh", "uv"})
 
@@ -26,6 +30,8 @@ class MethodInfo:
         sees_truth: Whether it is given the truth; such a method is marked in every table.
         fits_exposures: Whether it heeds ``scene.exposures_differ``; of one that does not, a run says so where it matters.
         needs: What a scene must have for it, some of "mesh" and "uv"; a run of one that lacks it is refused.
+        brought: Whether it fits nothing, but takes over what was made elsewhere: it is told ``problem.held_out``, and its result
+            says what is ``declared`` in place of what a run measures.
         predicts: What can be scored of it, some of "albedo", "roughness", "view_synthesis" and "relighting".
         paper: Where it was published.
         deviations: In what it differs from there, one sentence each.
@@ -34,6 +40,7 @@ class MethodInfo:
     uses_prior: bool
     sees_truth: bool = False
     fits_exposures: bool = False
+    brought: bool = False
     needs: frozenset[str] = NEEDED
     predicts: frozenset[str] = PREDICTED
     paper: str = ""
@@ -50,6 +57,33 @@ class MethodInfo:
         mesh = scene.mesh
         there = {"mesh": mesh is not None and len(mesh.faces) > 0, "uv": mesh is not None and bool(mesh.uv.any())}
         return sorted(self.needs - {name for name, has in there.items() if has})
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What whoever brings results says of them; tables mark it as declared.
+
+    Attributes:
+        authors: Who made them.
+        code: What made them: a name, an address, a commit.
+        hardware: On what machine.
+        seconds: How long that took, without scoring; None where nobody says.
+    """
+
+    authors: str = ""
+    code: str = ""
+    hardware: str = ""
+    seconds: Annotated[float, Field(ge=0)] | None = None
+
+
+def held_out(scene: Scene) -> HeldOut:
+    """Which views of a scene are scored by which pictures: maps of test views, renders of novel views by their light."""
+    test = tuple((view.name, view.camera) for view in scene.test)
+    folders = {"albedo": test, "roughness": test}
+    for light in dict.fromkeys(view.light for view in scene.novel):
+        views = tuple((view.name, view.camera) for view in scene.novel if view.light == light)
+        folders["view_synthesis" if light == "train" else f"relighting/{light}"] = views
+    return folders
 
 
 def check_declarations(name: str, method: Any) -> None:  # noqa: ANN401 (anything may claim to be a method)

@@ -48,7 +48,7 @@ def checked_result(name: str, result: Any) -> Result:  # noqa: ANN401 (whatever 
     seconds = {what: float(value) for what, value in _numbers(f"{who}: seconds", result.seconds, Real)}
     counters = {what: int(value) for what, value in _numbers(f"{who}: counters", result.counters, Integral)}
     ((_, steps),) = _numbers(who, {"steps": result.steps}, Integral)
-    return Result(checked_reconstruction(name, result.reconstruction), seconds, counters, int(steps))
+    return Result(checked_reconstruction(name, result.reconstruction), seconds, counters, int(steps), result.declared)
 
 
 def checked_reconstruction(name: str, found: Any) -> Reconstruction:  # noqa: ANN401 (whatever the method returned)

@@ -6,7 +6,7 @@ the union where both are 0 or 1. A mesh in another place or unit, and cameras in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ VIEWS = 8
 SIDE = 64  # pixels of the larger side, at most: larger images are looked at in blocks
 GOOD, LEAST = 0.9, 0.3
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # turns +y into +z
-MISTAKES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+MISTAKES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {
     **{f"transform_matrix taken as {what}": mended for what, mended in CONVENTIONS.items()},
     "the mesh taken as one with +y up": lambda matrix: Y_UP.T @ matrix,
     "the cameras taken as those of a world with +y up": lambda matrix: Y_UP @ matrix,
@@ -29,8 +29,22 @@ MISTAKES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 """Conventions of others: what would have to be done to a camera for it to be in ours."""
 
 
-def check_agreement(scene: Scene, note: Callable[[str], None]) -> float:
-    """Tell how far the mesh covers the masks of the training views, and below GOOD the likely cause. Below LEAST: InputError."""
+USUAL = (
+    "transform_matrix has to be camera-to-world in the OpenGL convention (the camera looks along its -z axis, +y is up), "
+    "in the units and at the place of the mesh, and the masks those of the whole mesh"
+)
+
+
+def check_agreement(
+    scene: Scene,
+    note: Callable[[str], None],
+    mistakes: Mapping[str, Callable[[np.ndarray], np.ndarray]] = MISTAKES,
+    usual: str = USUAL,
+) -> float:
+    """Tell how far the mesh covers the masks of the training views, and below GOOD the likely cause. Below LEAST: InputError.
+
+    The cause is the one of ``mistakes`` without which it would cover them best, or else the ``usual`` one.
+    """
     views = [_small(view) for view in scene.train[:: max(1, len(scene.train) // VIEWS)][:VIEWS]]
     rays = make_rays(scene.expect_mesh(), torch.device("cpu"))  # not those of a run, which counts its rays
     found = _agreement(rays, views)
@@ -38,15 +52,12 @@ def check_agreement(scene: Scene, note: Callable[[str], None]) -> float:
     if found >= GOOD:
         note(f"mesh and masks: {said}")
         return found
-    cause = (
-        "transform_matrix has to be camera-to-world in the OpenGL convention (the camera looks along its -z axis, +y is up), "
-        "in the units and at the place of the mesh, and the masks those of the whole mesh"
-    )
-    for mistake, mended in MISTAKES.items():
+    best, cause = max(GOOD, found + 0.1), usual
+    for mistake, mended in mistakes.items():
         cameras = [replace(view.camera, to_world=mended(view.camera.to_world)) for view in views]
         otherwise = _agreement(rays, [replace(view, camera=camera) for view, camera in zip(views, cameras, strict=True)])
-        if otherwise > max(GOOD, found + 0.1):
-            cause = f"with {mistake} it would be {otherwise:.2f}"
+        if otherwise > best:
+            best, cause = otherwise, f"with {mistake} it would be {otherwise:.2f}"
     message = f"{scene.source}: expected the mesh to cover the masks of the images, found {said}; {cause}"
     if found < LEAST:
         raise InputError(message)

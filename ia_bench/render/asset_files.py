@@ -63,14 +63,26 @@ def read_asset(
     if not parts:
         raise InputError(f"{path}: expected triangles, found none")
     surfaces = {name: _reduced(surfaces[name], texture_size) for name in dict.fromkeys(part.material for part in parts)}
-    whole = (np.eye(4) if matrix is None else np.asarray(matrix, np.float64)) @ TO_Z_UP[up]
     parts, surface, assumed = _as_one(path, [_with_uv(path, part, surfaces) for part in parts], surfaces, note)
-    mesh = _joined(path, parts, whole, note)
-    radiance = None
-    if light is not None:
-        radiance = turned(read_light(light), _rotation(whole @ TO_Z_UP[up].T) @ _about_z(light_turn))
+    mesh = _joined(path, parts, note)
     assert surface.roughness is not None
-    return Assets(mesh, surface.albedo, surface.roughness, surface.metallic, radiance, assumed)
+    asset = moved(Assets(mesh, surface.albedo, surface.roughness, surface.metallic, assumed=assumed), TO_Z_UP[up])
+    if light is not None:
+        asset = replace(asset, light=turned(read_light(light), _about_z(light_turn)))
+    return asset if matrix is None else moved(asset, np.asarray(matrix, np.float64))
+
+
+def moved(asset: Assets, matrix: np.ndarray) -> Assets:
+    """The asset where a ``matrix`` (4, 4) moves it, its light turned by the rotation that is nearest to it."""
+    mesh, linear = asset.mesh, matrix[:3, :3]
+    left, _, right = np.linalg.svd(linear)
+    place = Mesh(
+        (mesh.vertices @ linear.T + matrix[:3, 3]).astype(np.float32),
+        np.ascontiguousarray(wound(mesh.faces, matrix)),
+        turned_normals(mesh.normals, matrix).astype(np.float32),
+        mesh.uv,
+    )
+    return replace(asset, mesh=place, light=None if asset.light is None else turned(asset.light, left @ right))
 
 
 # ---- one mesh with one set of textures -----------------------------------------------------------------------------
@@ -133,14 +145,14 @@ def _as_one(
             sheet = sheets.setdefault(what, np.zeros((side, side, *image.shape[2:]), np.float32))
             edges = ((1, 1), (1, 1), (0, 0))[: image.ndim]
             sheet[top : top + height + 2, left : left + width + 2] = np.pad(_enlarged(image, height, width), edges, mode="edge")
-    moved = []
+    placed = []
     for part in parts:
         (top, left), (height, width) = corners[part.material], size_of[part.material]
         assert part.uv is not None
         u, v = part.uv.T
         uv = np.stack([(left + 1 + u * width) / side, 1 - (top + 1 + (1 - v) * height) / side], -1)
-        moved.append(replace(part, uv=uv))
-    return moved, Surface(**sheets), assumed
+        placed.append(replace(part, uv=uv))
+    return placed, Surface(**sheets), assumed
 
 
 def _shelves(sizes: Mapping[str, tuple[int, int]]) -> tuple[dict[str, tuple[int, int]], int]:
@@ -186,8 +198,8 @@ def _reduced(surface: Surface, size: int | None) -> Surface:
     return Surface(**{name: smaller(image) for name, image in surface.maps.items()})
 
 
-def _joined(path: Path, parts: Sequence[Part], matrix: np.ndarray, note: Note) -> Mesh:
-    """One mesh of all parts, moved by a ``matrix`` (4, 4)."""
+def _joined(path: Path, parts: Sequence[Part], note: Note) -> Mesh:
+    """One mesh of all parts."""
     vertices, faces, normals, uv, count = [], [], [], [], 0
     for part in parts:
         vertices.append(part.vertices)
@@ -195,22 +207,12 @@ def _joined(path: Path, parts: Sequence[Part], matrix: np.ndarray, note: Note) -
         normals.append(np.full(part.vertices.shape, np.nan) if part.normals is None else part.normals)
         uv.append(part.uv)
         count += len(part.vertices)
-    stored = turned_normals(np.concatenate(normals), matrix)
-    placed = np.concatenate(vertices) @ matrix[:3, :3].T + matrix[:3, 3]
+    stored = np.concatenate(normals)
     known = None if np.isnan(stored).all() else stored
-    mesh, notes = sound_mesh(path, placed, wound(np.concatenate(faces), matrix), known, np.concatenate(uv))  # type: ignore[arg-type]
+    mesh, notes = sound_mesh(path, np.concatenate(vertices), np.concatenate(faces), known, np.concatenate(uv))  # type: ignore[arg-type]
     for line in notes:
         note(line)
     return mesh
-
-
-def _rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) that is nearest to what a matrix (4, 4) does."""
-    if np.array_equal(matrix[:3, :3], np.eye(3)):
-        return np.eye(3)
-    left, _, right = np.linalg.svd(matrix[:3, :3])
-    found: np.ndarray = left @ right
-    return found
 
 
 def _about_z(degrees: float) -> np.ndarray:

@@ -250,7 +250,8 @@ def _mtl_surface(path: Path, name: str, said: Mapping[str, str], note: Note) -> 
             return None
         file = file_below(path.parent, _texture_name(path, said[key]), f"{where}: map_{key[4:].capitalize()}")
         if file.suffix.lower() == ".exr":
-            return _grey_as_colour(file)
+            stored = read_exr(file, None, grey=True)[..., :3]
+            return np.broadcast_to(stored, (*stored.shape[:2], 3))
         stored = read_values(file)[..., :3]
         return srgb_to_linear(stored) if srgb else stored
 
@@ -303,10 +304,3 @@ def _is_number(word: str) -> bool:
         return math.isfinite(float(word))
     except ValueError:
         return False
-
-
-def _grey_as_colour(path: Path) -> np.ndarray:
-    try:
-        return read_exr(path, 3)
-    except InputError:
-        return np.repeat(read_exr(path, 1), 3, -1)

@@ -134,6 +134,11 @@ class TexturedReconstruction:
         """Where it draws."""
         return self._stage.device
 
+    @property
+    def mesh(self) -> Mesh:
+        """What the textures lie on."""
+        return self._stage.mesh
+
     @classmethod
     def of(cls, assets: Assets, stage: Stage) -> TexturedReconstruction:
         """What assets hold, on a stage of their mesh."""
@@ -199,7 +204,7 @@ class TexturedReconstruction:
         """See :meth:`Reconstruction.assets`."""
         metallic = self.material.metallic
         return Assets(
-            mesh=self._stage.mesh,
+            mesh=self.mesh,
             albedo=self.material.albedo.cpu().numpy(),
             roughness=self.material.roughness[..., 0].cpu().numpy(),
             metallic=None if metallic is None else metallic[..., 0].cpu().numpy(),

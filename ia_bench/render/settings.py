@@ -19,6 +19,10 @@ REFERENCE_LIGHT_ROWS = 128  # of the map by which an environment that is no map 
 """The renderer by which methods are compared: all shadows traced, a layered coat, and these. They are part of the protocol."""
 
 
+BROUGHT = "pictures as they were brought"
+"""In the place of a renderer where pictures were made elsewhere: nothing about them can be changed, the scale of albedo no more."""
+
+
 @dataclass(frozen=True)
 class RenderSettings:
     """How much work one pixel gets.

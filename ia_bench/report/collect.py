@@ -12,6 +12,7 @@ Columns of :class:`Runs`, empty where a run has none (None for a text, NaN for a
     config_hash             the first digits of it
     <component>_<metric>    a score, also under other definitions ("albedo_linear_psnr") and of a shape ("geometry_depth")
     seconds, seconds_PHASE  what the row costs, and every phase by itself
+    declared, declared_...  "yes" where these seconds are what somebody says of results made elsewhere, and what else they say
     peak_memory_bytes, rays, network_calls
     folder                  where it lies; of a published run, the runs.csv
     reasons                 metric key -> why its score is undefined
@@ -57,6 +58,7 @@ WHOLE = ("seed", "photographs", "threads", "peak_memory_bytes", "rays", "network
 KEPT = ("folder", "reasons", "curve", "curve_problem")  # never written
 SCORES = tuple(metric.column for metric in METRICS)
 TIMES, RESCORED = "seconds_", "rescored_from_"  # what the columns of phases, and of the run behind a new score, begin with
+DECLARED = "declared"  # what the columns begin with that hold what is said of results made elsewhere
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def collect(folders: Iterable[Path] | Mapping[Path, CellKey | None], published: 
 def as_table(records: Iterable[Record]) -> Runs:
     """The table of records, which may lack any column but those of the cell."""
     runs = pd.DataFrame(list(records), dtype=object)
-    texts = [*TEXTS, *(name for name in runs if name.startswith(RESCORED))]
+    texts = [*TEXTS, *(name for name in runs if name.startswith((RESCORED, DECLARED)))]
     others = [name for name in runs if name not in {*texts, *WHOLE, *KEPT, *SCORES, "seconds"}]
     phases = [name for name in others if name.startswith(TIMES)]
     numbers = [*SCORES, *(name for name in others if name not in phases), "seconds", *phases]
@@ -148,6 +150,7 @@ def read_run(folder: Path) -> Record:
         "peak_memory_bytes": record.peak_memory_bytes,
         "rays": record.rays,
         "network_calls": record.network_calls,
+        **_declared(record),
         "photographs": views if type(views) is int and views > 0 else None,
         "reasons": {**{metric.key: NOT_SCORED for metric in METRICS if record.score(metric.key) is None}, **record.reasons},
     }
@@ -155,6 +158,15 @@ def read_run(folder: Path) -> Record:
         return {**found, "curve": read_curve(folder / CURVE)}
     except InputError as error:
         return {**found, "curve_problem": str(error)}
+
+
+def _declared(record: RunRecord) -> Record:
+    """What is said of results that were made elsewhere, whose seconds are none of this machine's; nothing of others."""
+    said = record.declared
+    if said is None:
+        return {}
+    known = {f"{DECLARED}_{key}": str(value) for key, value in said.items() if value not in (None, "")}
+    return {"seconds": said.get("seconds"), "peak_memory_bytes": None, **known, DECLARED: "yes"}
 
 
 def read_published(path: Path) -> list[Record]:
@@ -201,7 +213,7 @@ def _value_of(column: str, text: str) -> tuple[Any, str]:
     """The value of a text in a runs.csv, None where it is none, and what a column that has to hold one expects there."""
     if column in ("sees_truth", "clean"):
         return {"true": True, "false": False}.get(text.lower()), "true or false"
-    if column in TEXTS or column.startswith(RESCORED):
+    if column in TEXTS or column.startswith((RESCORED, DECLARED)):
         return text, ""
     try:
         number = float(text)

@@ -130,8 +130,10 @@ class Findings:
 
     @property
     def seconds_compare(self) -> bool:
-        """Whether seconds rank anything: all finished runs are of one machine, with one number of threads."""
+        """Whether seconds rank anything: all finished runs are of one machine, with one number of threads, and measured."""
         done = finished(self.runs)
+        if "declared" in done and done["declared"].notna().any():
+            return False
         return all(done[name].nunique(dropna=False) <= 1 and done[name].notna().all() for name in ("cpu", "threads"))
 
 

@@ -153,6 +153,7 @@ class Line:
     peak_memory_bytes: float | None  # the largest of its runs
     failed: int  # number of failed runs, of ``runs``
     runs: int  # number of runs
+    declared: bool = False  # whether its results were made elsewhere, so that its seconds are what somebody says
 
 
 @dataclass(frozen=True)
@@ -266,6 +267,7 @@ def block(runs: Runs, rows: Sequence[str], scenes: Sequence[str], title: str) ->
                 peak_memory_bytes=None if pd.isna(memory) else int(memory),
                 failed=len(mine) - len(done),
                 runs=len(mine),
+                declared="declared" in mine and bool(mine["declared"].notna().any()),
             )
         )
     leaders = {metric.key: _leader(runs, lines, metric, len(scenes)) for metric in METRICS}

@@ -119,7 +119,7 @@ def results_table(block: Block, notes: Mapping[str, int], metrics: Sequence[Metr
             text = estimate_text(one.values[metric.key], metric, block.scenes)
             why = tuple(notes[reason] for reason in one.reasons[metric.key])
             cells.append(Entry(text, block.is_best(one.row, metric), why))
-        seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}"
+        seconds = "–" if one.seconds is None else f"{one.seconds.mean:.1f}{' (declared)' if one.declared else ''}"
         memory = "–" if one.peak_memory_bytes is None else f"{one.peak_memory_bytes / 2**20:.0f} MiB"
         body.append([*cells, seconds, memory, f"{one.failed}/{one.runs}"])
     return Printed(["Row", *(metric.title for metric in metrics), *COSTS], body)

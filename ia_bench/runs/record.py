@@ -65,6 +65,8 @@ class RunRecord:
         capture: What the scene was left with.
         environment: Machine, threads, versions and commit.
         files: Every other file that the run wrote -> its SHA-256.
+        declared: "authors", "code", "hardware" and "seconds" of results that were made elsewhere, as whoever brings them says;
+            these seconds count in place of the run's own. None for a run that has made its results itself.
         rescored_from: Hash, protocol and commits of the run whose results are scored here again; empty for a run of its own.
     """
 
@@ -100,6 +102,7 @@ class RunRecord:
     capture: dict[str, Any] = field(default_factory=dict)
     environment: dict[str, Any] = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
+    declared: dict[str, str | float | None] | None = None
     rescored_from: dict[str, str | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -16,6 +16,7 @@ from ia_bench.common.machine import commit
 from ia_bench.common.progress import Begin, Progress, unseen
 from ia_bench.common.settings import parsed
 from ia_bench.material.textures import Material
+from ia_bench.render.asset_files import read_asset
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import RunConfig, slug
@@ -85,7 +86,7 @@ class Recovered:
         return found if whole else captured(found, self.config.capture, lambda line: None)
 
     def reconstruction(self, stage: Stage) -> TexturedReconstruction:
-        """What the run recovered, on a stage of its scene's mesh; some methods recover no light of the whole scene.
+        """What the run recovered, on a stage of its scene's mesh, or on its own; some methods recover no light of the whole scene.
 
         Raises InputError where a texture is missing.
         """
@@ -97,6 +98,9 @@ class Recovered:
         def optional(name: str, channels: int) -> torch.Tensor | None:
             return texture(name, channels) if (self.folder / f"{name}.exr").is_file() else None
 
+        if self.record.declared is not None:  # an asset that was brought, whose mesh may be another one
+            asset = read_asset(self.folder / "asset.glb", note=lambda line: None)
+            stage = Stage(asset.mesh, stage.device)
         material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
         return TexturedReconstruction(stage, material, optional("light", 3), coat=self.config.render.coat)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import resource
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -18,7 +19,7 @@ from ia_bench.common.registry import create
 from ia_bench.methods.contract import Method, Monitor, Problem
 from ia_bench.methods.costs import CostTracker
 from ia_bench.methods.couplings.base import coupling_of
-from ia_bench.methods.info import MethodInfo
+from ia_bench.methods.info import MethodInfo, held_out
 from ia_bench.methods.validation import reconstruct
 from ia_bench.priors.contract import NoPrior, Prior
 from ia_bench.priors.inputs import beside_run
@@ -75,6 +76,7 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
         "counters": {**counts, **result.counters},
         "plan": problem.plan.record() if "plan" in vars(problem) else {"needed": [], "left_out": []},
         "capture": capture_record(scene, config.capture),
+        "declared": None if result.declared is None else asdict(result.declared),
     }
     return folder.write_record(RunRecord(**found, config_hash=folder.config_hash, status="ok"))
 
@@ -118,6 +120,7 @@ def problem_of(config: RunConfig, scene: Scene, info: MethodInfo, *, note: Calla
         prior_views=config.prior.views,
         keep_samples=config.prior.cache,
         truth=scene if info.sees_truth else None,
+        held_out=held_out(scene) if info.brought else {},
         note=note,
         costs=costs,
     )

@@ -23,8 +23,10 @@ def expect_size_to_read(path: Path, width: int, height: int) -> None:
         raise InputError(f"{path}: expected at most {MAX_PIXELS} pixels (8192 x 8192), found {width} x {height}; make it smaller")
 
 
-def read_exr(path: Path, channels: int | None) -> np.ndarray:
+def read_exr(path: Path, channels: int | None, *, grey: bool = False) -> np.ndarray:
     """Read ``channels`` of an image (1: Y, 3: RGB, 4: RGBA; None: RGBA where it has alpha, else RGB) as (H, W, channels) float32.
+
+    ``grey``: None may also be Y, of an image without red.
 
     The image is as large as the display window; where the data window has less, as renderers crop what is empty, it is 0.
     Raises InputError, naming the file, when it is missing, unreadable, of another channel layout, or holds NaN or Inf.
@@ -42,7 +44,7 @@ def read_exr(path: Path, channels: int | None) -> np.ndarray:
             found = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable OpenEXR file ({error})") from None
-    names = {1: "Y", 3: "RGB", 4: "RGBA"}[channels or (4 if "A" in found else 3)]
+    names = {1: "Y", 3: "RGB", 4: "RGBA"}[channels or (1 if grey and "R" not in found else 4 if "A" in found else 3)]
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"{path}: expected channels {', '.join(names)}, found {', '.join(sorted(found))}")

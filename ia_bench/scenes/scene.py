@@ -39,6 +39,14 @@ class Mesh:
     normals: np.ndarray
     uv: np.ndarray
 
+    def same_as(self, other: Mesh | None, *, uv: bool = False) -> bool:
+        """Whether both have the same triangles at the same places, to rounding; with ``uv`` also in the texture."""
+        if other is None or self.faces.shape != other.faces.shape:
+            return False
+        size = 1e-5 * float(np.ptp(other.vertices, axis=0).max())
+        pairs = [(self.vertices, other.vertices, size), *([(self.uv, other.uv, 1e-5)] if uv else [])]
+        return all(np.allclose(own[self.faces], theirs[other.faces], rtol=0, atol=most) for own, theirs, most in pairs)
+
 
 @dataclass(frozen=True)
 class Camera:

@@ -163,7 +163,8 @@ def _record(
     protocol = scores.protocol
     views: dict[str, Views] = {name: _paired(predictions, truth, name, protocol) for name in NO_TRUTH}
     views["aligned_albedo"] = aligned = _aligned(scores, protocol.alignment, views["albedo"], suffix)
-    if isinstance(aligned, str) and truth.relighting is not None and protocol.alignment != "none":
+    relit = predictions.relighting is not None or truth.relighting is None or protocol.alignment == "none"
+    if isinstance(aligned, str) and not relit:
         views["relighting"] = aligned  # what is relit is the aligned albedo: where there is none, its reason is the reason
     for component in COMPONENTS:
         _record_one(scores, component, views[component], metrics, suffix)

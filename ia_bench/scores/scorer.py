@@ -14,7 +14,7 @@ from ia_bench.common.progress import Begin, unseen
 from ia_bench.light.environment import Environment, LatLongEnvironment
 from ia_bench.render.gbuffer import primary_rays
 from ia_bench.render.reconstruction import Quality, Reconstruction, TexturedReconstruction
-from ia_bench.render.settings import REFERENCE
+from ia_bench.render.settings import BROUGHT, REFERENCE
 from ia_bench.render.stage import Stage, camera_key
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Mesh, Scene, View
@@ -127,7 +127,7 @@ class Scorer:
         lights = dict.fromkeys(view.light for view in scene.novel)
         self._novel = {light: tuple(view for view in scene.novel if view.light == light) for light in lights}
         self._lights: dict[str, Environment] = {
-            name: LatLongEnvironment(torch.from_numpy(scene.truth.lights[name]).to(device))
+            name: LatLongEnvironment(torch.from_numpy(scene.truth.lights[name]).to(device), name)
             for name in lights
             if name != "train" and name in scene.truth.lights
         }
@@ -156,19 +156,25 @@ class Scorer:
         if self.drawn is not None:
             scores.counts["textures"] = self.drawn[0].counts()
         task.advance(task.total - task.done)
-        scores.geometry.update(self._geometry())
+        scores.geometry.update(self._geometry(None if self.drawn is None else self.drawn[0].mesh))
         for name in self._novel:
             if name != "train" and name not in self._lights:
                 scores.reasons[f"per_image.relighting.{name}"] = "left out: the scene has no environment map of this light"
         return scores
 
-    def _geometry(self) -> dict[str, Any]:
-        """How far the scene's mesh is from the true one and from the masks; nothing where it is the scene's own."""
-        truth, mesh = self._scene.truth, self._scene.mesh
-        if mesh is None or truth is None or not self._scene.mesh_is_made:
+    def _geometry(self, recovered: Mesh | None) -> dict[str, Any]:
+        """How far the mesh, recovered or made, is from the true one and from the masks; nothing where it is the scene's own."""
+        truth, given = self._scene.truth, self._scene.mesh
+        mesh, made = recovered or given, self._scene.mesh_is_made
+        own = recovered is not None and not recovered.same_as(given)
+        if mesh is None or truth is None or not (made or own):
             return {}
         views = self._scene.test or self._scene.novel
-        return score_geometry(self._stage_of(mesh), truth.mesh, views, self._protocol.mask_threshold)
+        return score_geometry(self._stage_of(mesh), truth.mesh if made else given, views, self._protocol.mask_threshold)
+
+    def pictures(self, reconstruction: Reconstruction) -> Predictions:
+        """The pictures of a reconstruction that are scored, of every view."""
+        return self._predict(reconstruction, self._truth(1), 1, self._protocol.samples_per_pixel)
 
     def quick(self, reconstruction: Reconstruction) -> dict[str, float | None]:
         """The metric columns of curve.csv, from a fixed subset of the views."""
@@ -200,7 +206,7 @@ class Scorer:
         drawn: Callable[[int], None] = lambda views: None,
     ) -> Predictions:
         """The pictures that ``truth`` is compared with, None for what the reconstruction cannot give; ``drawn`` is told of each."""
-        protocol = self._protocol
+        protocol, brought = self._protocol, reconstruction.renderer == BROUGHT
         wanted = [name for name in MAPS if getattr(truth, name) is not None]
         quality = Quality(protocol.render_points, samples, protocol.seed)
         cameras = [view.camera for view in self._scene.test[::stride]]
@@ -213,12 +219,12 @@ class Scorer:
             cameras = [view.camera for view in views]
             images = reconstruction.render(cameras, light=self._lights.get(light), albedo_scale=scale, quality=quality)
             drawn(len(views))
-            return images and images.exposed([view.exposure for view in views])
+            return images if images is None or brought else images.exposed([view.exposure for view in views])
 
         view_synthesis = rendered("train", None) if truth.view_synthesis is not None else None
         relighting, scale = None, None
-        if protocol.alignment == "none":
-            scale = np.ones(3)  # what is not aligned needs no truth to be relit
+        if protocol.alignment == "none" or brought:
+            scale = np.ones(3)  # what is not aligned, or cannot be any more, needs no truth to be relit
         elif albedo is not None and truth.albedo is not None:
             scale = albedo_scale(albedo, truth.albedo, protocol)
         if truth.relighting and scale is not None:

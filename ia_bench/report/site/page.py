@@ -70,7 +70,8 @@ MEASURES = {
 """Name of a metric -> how it is measured."""
 COSTS = {
     "seconds": "Baking, prior and fit, without scoring and without the preparation of the scene (its capture, a mesh made for it), "
-    "which is the same for every row: mean over scenes and seeds, on the machine that each run names",
+    "which is the same for every row: mean over scenes and seeds, on the machine that each run names; of results "
+    "that were made elsewhere what is declared of them",
     "memory": "The largest resident memory of any of the row's processes",
     "failed": "Runs that ended without scores, of all runs. They enter no mean",
 }
@@ -226,7 +227,7 @@ def _numbers(one: Line, block: Block) -> list[Number]:
     seconds, memory = None if one.seconds is None else one.seconds.mean, one.peak_memory_bytes
     return [
         *numbers,
-        Number("seconds", "–" if seconds is None else f"{seconds:.1f}", short(seconds)),
+        Number("seconds", "–" if seconds is None else f"{seconds:.1f}{' (declared)' if one.declared else ''}", short(seconds)),
         Number("memory", "–" if memory is None else f"{memory / 2**20:.0f}", short(memory), headline=False),
         Number("failed", f"{one.failed}/{one.runs}", one.failed),
     ]

@@ -229,8 +229,8 @@ def write_pictures(
     except InputError as error:
         note(f"no pictures for the report: {error}")
     else:
-        if scene.mesh_is_made:
-            packed.solid["mesh"] = solid(scene.expect_mesh())
+        if scene.mesh_is_made or not found.mesh.same_as(scene.mesh, uv=True):
+            packed.solid["mesh"] = solid(found.mesh)
         folder.write_bytes(PICTURES, packed.zipped())
 
 
