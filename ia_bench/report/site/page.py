@@ -70,8 +70,7 @@ MEASURES = {
 """Name of a metric -> how it is measured."""
 COSTS = {
     "seconds": "Baking, prior and fit, without scoring and without the preparation of the scene (its capture, a mesh made for it), "
-    "which is the same for every row: mean over scenes and seeds, on the machine that each run names; of results "
-    "that were made elsewhere what is declared of them",
+    "which is the same for every row: mean over scenes and seeds, on the machine that each run names (or as declared)",
     "memory": "The largest resident memory of any of the row's processes",
     "failed": "Runs that ended without scores, of all runs. They enter no mean",
 }
