@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ia_bench.scores.metrics import Compared, lpips, psnr, squared_error, ssim
+from ia_bench.scores.metrics import Compared, lpips, psnr, root_squared_error, squared_error, ssim
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,8 @@ class Metric:
     """One column.
 
     Attributes:
-        component: What is measured, as in metrics.json: "albedo", "aligned_albedo", "view_synthesis", "relighting", "roughness".
+        component: What is measured, as in metrics.json: "albedo", "aligned_albedo", "view_synthesis", "relighting", "roughness",
+            "light" (by balls under it), "log_light".
         name: The metric's own, as in metrics.json.
         of: Two pictures of one view -> a number. Raises :class:`ia_bench.scores.metrics.Undefined` where there is none.
         group: The component as the paper prints it.
@@ -74,6 +75,8 @@ METRICS = (
     *_image_metrics("view_synthesis", "View synthesis"),
     *_image_metrics("relighting", "Relighting"),
     Metric("roughness", "mse", squared_error, "Roughness", "MSE", higher_is_better=False, digits=4, on_curve=True),
+    Metric("light", "psnr", psnr, "Light", "PSNR", higher_is_better=True, digits=2),
+    Metric("log_light", "rmse", root_squared_error, "Light", "log RMSE", higher_is_better=False, digits=3),
 )
 
 COMPONENTS = tuple(dict.fromkeys(metric.component for metric in METRICS))

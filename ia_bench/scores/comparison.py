@@ -36,12 +36,16 @@ class Predictions:
         roughness: (H, W) of the test views.
         view_synthesis: (H, W, 3) radiance under the training light.
         relighting: The same per novel light, rendered with the *aligned* albedo.
+        light: (H, W, 3) radiance of balls under the recovered light (:func:`ia_bench.scores.balls.ball_pictures`).
+        log_light: (H, W, 3), its log (:func:`ia_bench.scores.balls.log_radiance`).
     """
 
     albedo: Images | None = None
     roughness: Images | None = None
     view_synthesis: Images | None = None
     relighting: Mapping[str, Images] | None = None
+    light: Images | None = None
+    log_light: Images | None = None
 
 
 @dataclass(frozen=True)
@@ -142,13 +146,18 @@ def pictures(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     """Compare two pictures in an encoding, of the object alone or as whole images."""
     settings = protocol.comparison
     if settings.area == "object":
-        _expect_finite(view, view.mask)
-        predicted, true, clipped = _encoded(view, encoding)
-        return Compared.of_object(predicted, true, view.mask, protocol, clipped)
+        return of_object(view, protocol, encoding)
     scored = _eroded(view.mask, settings.erosion)
     _expect_finite(view, scored, everywhere=True)
     predicted, true, clipped = _encoded(view, encoding, _scale(view, scored, settings))
     return _whole(view, protocol, scored, (predicted, true), clipped)
+
+
+def of_object(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
+    """Compare two pictures of the object alone, under any protocol."""
+    _expect_finite(view, view.mask)
+    predicted, true, clipped = _encoded(view, encoding)
+    return Compared.of_object(predicted, true, view.mask, protocol, clipped)
 
 
 def linear_pictures(view: Pair, protocol: Protocol) -> Compared:
@@ -185,6 +194,12 @@ def roughness(view: Pair, protocol: Protocol) -> Compared:
         return Compared(view.predicted, view.true, view.mask, protocol)
     pair = _composed(view, protocol.comparison, scored, (view.predicted, view.true))
     return Compared(*pair, view.known, protocol, whole=True)
+
+
+def logarithms(view: Pair, protocol: Protocol) -> Compared:
+    """Compare what is a logarithm already as it is."""
+    _expect_finite(view, view.mask)
+    return Compared(view.predicted, view.true, view.mask, protocol)
 
 
 def _expect_finite(view: Pair, scored: np.ndarray, *, everywhere: bool = False) -> None:

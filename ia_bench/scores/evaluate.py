@@ -33,7 +33,13 @@ NO_TRUTH = {
     "view_synthesis": "the scene has no held-out view under its training light",
     "relighting": "the scene has no view under a novel light whose map it knows",
     "roughness": "the scene has no true roughness in its test views",
+    "light": "the scene does not know its training light",
+    "log_light": "the scene does not know its training light",
 }
+
+
+NEVER_WHOLE = ("roughness", "light", "log_light")
+"""Components that have no score of whole images: there is nothing around them."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +124,7 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
     views = _record(scores, predictions, truth, METRICS)
     psnr = [METRIC_OF["albedo.psnr"]]
     for name, of in views.items():
-        if name != "roughness":
+        if name not in NEVER_WHOLE:
             over_white = partial(comparison.over_white, protocol=protocol, encoding=_encoding(name, protocol))
             scores.record(f"{name}_whole_image", of, over_white, psnr)
     other: Encoding = "linear" if protocol.albedo_encoding == "srgb" else "srgb"
@@ -159,7 +165,7 @@ def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> np.ndar
 def _record(
     scores: Scores, predictions: Predictions, truth: Predictions, metrics: tuple[Metric, ...], suffix: str = ""
 ) -> dict[str, Views]:
-    """Score the five components by those of ``metrics`` that belong to each; return what was compared."""
+    """Score the components by those of ``metrics`` that belong to each; return what was compared."""
     protocol = scores.protocol
     views: dict[str, Views] = {name: _paired(predictions, truth, name, protocol) for name in NO_TRUTH}
     views["aligned_albedo"] = aligned = _aligned(scores, protocol.alignment, views["albedo"], suffix)
@@ -173,9 +179,14 @@ def _record(
 
 def _record_one(scores: Scores, component: str, views: Views, metrics: tuple[Metric, ...], suffix: str) -> None:
     """One component, as the protocol compares it."""
-    compare: Callable[[Pair], Compared] = partial(comparison.roughness, protocol=scores.protocol)
-    if component != "roughness":
-        compare = partial(comparison.pictures, protocol=scores.protocol, encoding=_encoding(component, scores.protocol))
+    protocol = scores.protocol
+    by_component: dict[str, Callable[[Pair], Compared]] = {
+        "roughness": partial(comparison.roughness, protocol=protocol),
+        "light": partial(comparison.of_object, protocol=protocol, encoding=protocol.radiance_encoding),
+        "log_light": partial(comparison.logarithms, protocol=protocol),
+    }
+    pictures = partial(comparison.pictures, protocol=protocol, encoding=_encoding(component, protocol))
+    compare = by_component.get(component, pictures)
     scores.record(component + suffix, views, compare, [metric for metric in metrics if metric.component == component])
 
 

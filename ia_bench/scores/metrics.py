@@ -84,6 +84,11 @@ def squared_error(pair: Compared) -> float:
     return _squared_error(pair.predicted, pair.true, pair.area)
 
 
+def root_squared_error(pair: Compared) -> float:
+    """The square root of :func:`squared_error`, in the pictures' own unit."""
+    return float(np.sqrt(squared_error(pair)))
+
+
 def psnr(pair: Compared) -> float:
     """Peak signal-to-noise ratio -10 log10(MSE) in dB, peak 1; +inf for pictures that are identical in the area.
 

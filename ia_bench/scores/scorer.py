@@ -18,9 +18,10 @@ from ia_bench.render.settings import BROUGHT, REFERENCE
 from ia_bench.render.stage import Stage, camera_key
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Mesh, Scene, View
+from ia_bench.scores.balls import ball_pictures, log_radiance
 from ia_bench.scores.comparison import Predictions
 from ia_bench.scores.evaluate import REDRAWN, Scores, albedo_scale, score, score_again, score_quick
-from ia_bench.scores.metrics import check_weights
+from ia_bench.scores.metrics import Undefined, check_weights
 from ia_bench.scores.protocol import Protocol
 
 SIDE = 2  # rays along a side of a pixel
@@ -131,6 +132,8 @@ class Scorer:
             for name in lights
             if name != "train" and name in scene.truth.lights
         }
+        train = scene.truth.lights.get("train")
+        self._train_light = None if train is None else LatLongEnvironment(torch.from_numpy(train))
 
     def full(self, reconstruction: Reconstruction, begin: Begin = unseen) -> Scores:
         """Every number of the protocol; and what can be exported is drawn by the reference renderer, too, and scored again.
@@ -179,7 +182,7 @@ class Scorer:
     def quick(self, reconstruction: Reconstruction) -> dict[str, float | None]:
         """The metric columns of curve.csv, from a fixed subset of the views."""
         stride, samples = self._protocol.curve_stride, min(self._protocol.curve_samples, self._protocol.samples_per_pixel)
-        truth = self._truth(stride)
+        truth = replace(self._truth(stride), light=None, log_light=None)  # no columns of the curve
         own = self._predict(reconstruction, truth, stride, samples)
         exported = self._exported(reconstruction) if own.relighting is None else None
         if exported is not None:
@@ -195,6 +198,8 @@ class Scorer:
             roughness=_true(test, "roughness"),
             view_synthesis=_true(self._novel.get("train", ())[::stride], "image"),
             relighting={name: images for name in self._lights if (images := _true(self._novel[name][::stride], "image"))} or None,
+            light=_pictures_of(self._train_light, ball_pictures),
+            log_light=_pictures_of(self._train_light, log_radiance),
         )
 
     def _predict(
@@ -231,7 +236,10 @@ class Scorer:
             factors = torch.from_numpy(scale).float().to(self._device)
             relit = {name: rendered(name, factors) for name in truth.relighting}
             relighting = {name: images for name, images in relit.items() if images is not None} or None
-        return Predictions(albedo, roughness, view_synthesis, relighting)
+        own = reconstruction.environment
+        light = _pictures_of(own, ball_pictures) if truth.light is not None else None
+        log_light = _pictures_of(own, log_radiance) if truth.log_light is not None else None
+        return Predictions(albedo, roughness, view_synthesis, relighting, light, log_light)
 
     def _exported(self, reconstruction: Reconstruction) -> TexturedReconstruction | None:
         """The textures and the light of a method with another renderer than the reference; None where there are none."""
@@ -243,6 +251,14 @@ class Scorer:
         if self._stage is None or self._stage.mesh is not mesh:
             self._stage = Stage(mesh, self._device)
         return self._stage
+
+
+def _pictures_of(light: Environment | None, draw: Callable[[Environment], Images]) -> Images | None:
+    """What stands for a light in scores; None for none, and for one that is black."""
+    try:
+        return None if light is None else draw(light)
+    except Undefined:
+        return None
 
 
 def _true(views: Sequence[View], component: str) -> Images | None:

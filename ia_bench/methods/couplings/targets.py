@@ -30,10 +30,11 @@ class Targets(WeightedCoupling):
     Attributes:
         ssi: How renders are aligned with the prior's albedo, per view: "scale", "scale_shift" (mean and spread, as in Ranftl et
             al. 2022) or "none".
+        sets_albedo: Whether a fit starts from the prior's albedo, averaged over the views on the surface.
     """
 
     ssi: Literal["scale_shift", "scale", "none"] = "scale"
-    sets_albedo = True
+    sets_albedo: bool = True
 
     def prepare(self, samples: PixelSamples, problem: Problem) -> None:
         """Encode the targets, and choose the pixels that estimate the alignment."""

@@ -126,8 +126,17 @@ class FitSettings:
         return {"pixels": self.pixels * render.samples * BYTES_PER_SAMPLE}
 
 
+PLAIN_ADAM: Mapping[str, Any] = {  # of all tensors from the first step, along equation 5 with an L1, and nothing else
+    "image_loss": "l1",
+    "weights": {"smooth_light": 0.0},
+    "rates": {"scale_ambiguity": 0.0},
+    "multigrid_rates": {"albedo": 0.0, "roughness": 0.0, "metallic": 0.0, "light": 0.0},
+    "albedo_start": 0.0,
+    "roughness_start": 0.0,
+}
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "smoke": {"stage1_steps": 12, "stage2_steps": 6, "pixels": 512},
     "full": {"stage1_steps": 800, "stage2_steps": 400, "weights": {"smooth_light": 0.001, "smooth_light_final": 0.05}},
+    "letter": {**PLAIN_ADAM, "stage1_steps": 1200, "stage2_steps": 800},
     "paper": {"stage1_steps": 20_000, "stage2_steps": 15_000, "pixels": 4096},
 }
