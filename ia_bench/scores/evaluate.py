@@ -18,7 +18,7 @@ import numpy as np
 
 from ia_bench.scenes.images import Images
 from ia_bench.scores import comparison
-from ia_bench.scores.columns import COMPONENTS, CURVE_METRICS, METRIC_OF, METRICS, Metric
+from ia_bench.scores.columns import COMPONENTS, CURVE_METRICS, MEASURED, METRIC_OF, METRICS, Metric
 from ia_bench.scores.comparison import VARIANTS, Pair, Predictions, pairs, scale, stacked
 from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined
 from ia_bench.scores.protocol import Encoding, Protocol
@@ -121,7 +121,7 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
         ValueError: Predictions and truth differ in views, shapes or lights, or the truth is not finite.
     """
     scores = Scores(protocol, renderer)
-    views = _record(scores, predictions, truth, METRICS)
+    views = _record(scores, predictions, truth, MEASURED)
     psnr = [METRIC_OF["albedo.psnr"]]
     for name, of in views.items():
         if name not in NEVER_WHOLE:
@@ -172,9 +172,10 @@ def _record(
     relit = predictions.relighting is not None or truth.relighting is None or protocol.alignment == "none"
     if isinstance(aligned, str) and not relit:
         views["relighting"] = aligned  # what is relit is the aligned albedo: where there is none, its reason is the reason
-    for component in COMPONENTS:
-        _record_one(scores, component, views[component], metrics, suffix)
-    return {component: views[component] for component in COMPONENTS}
+    found = {component: views[component] for component in dict.fromkeys(metric.component for metric in metrics)}
+    for component, of in found.items():
+        _record_one(scores, component, of, metrics, suffix)
+    return found
 
 
 def _record_one(scores: Scores, component: str, views: Views, metrics: tuple[Metric, ...], suffix: str) -> None:

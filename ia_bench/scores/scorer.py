@@ -146,7 +146,7 @@ class Scorer:
         views = sum(len(of) for of in (truth.albedo, truth.view_synthesis, *(truth.relighting or {}).values()) if of is not None)
         task = begin("scores", max(views, 1) * (2 if exported is None else 3))
         own = self._predict(reconstruction, truth, 1, samples, task.advance)
-        redrawn = None if exported is None else self._predict(exported, truth, 1, samples, task.advance)
+        redrawn = None if exported is None else self._predict(exported, _without_light(truth), 1, samples, task.advance)
         if own.relighting is None and redrawn is not None and redrawn.relighting is not None:
             own, renderer = replace(own, relighting=redrawn.relighting), f"{renderer}; under novel lights {REFERENCE}"
         if exported is not None and redrawn is not None:
@@ -182,7 +182,7 @@ class Scorer:
     def quick(self, reconstruction: Reconstruction) -> dict[str, float | None]:
         """The metric columns of curve.csv, from a fixed subset of the views."""
         stride, samples = self._protocol.curve_stride, min(self._protocol.curve_samples, self._protocol.samples_per_pixel)
-        truth = replace(self._truth(stride), light=None, log_light=None)  # no columns of the curve
+        truth = _without_light(self._truth(stride))
         own = self._predict(reconstruction, truth, stride, samples)
         exported = self._exported(reconstruction) if own.relighting is None else None
         if exported is not None:
@@ -251,6 +251,11 @@ class Scorer:
         if self._stage is None or self._stage.mesh is not mesh:
             self._stage = Stage(mesh, self._device)
         return self._stage
+
+
+def _without_light(truth: Predictions) -> Predictions:
+    """What curves, and pictures of another renderer, are compared with."""
+    return replace(truth, light=None, log_light=None)
 
 
 def _pictures_of(light: Environment | None, draw: Callable[[Environment], Images]) -> Images | None:
