@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ia_bench.cli import run
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import OK, command, say
 from ia_bench.common.files import is_file, shown
 
@@ -93,8 +93,6 @@ def overrides(path: Path, options: dict[str, str]) -> list[str]:
 
 def _parsed(arguments: list[str]) -> tuple[str, dict[str, str], list[str]]:
     """What is scored, the options, and the settings. Raises InputError naming an argument that is none of them."""
-    from ia_bench.common.errors import unknown
-
     known = {*OPTIONS, "scene", "row", "out", "pictures"}
     what, options, settings, rest = "", dict[str, str](), list[str](), list(arguments)
     while rest:
