@@ -44,16 +44,16 @@ notebooks: setup-notebooks ## run the notebooks from top to bottom and keep what
 	IA_BENCH_DATASETS=$(CURDIR)/datasets $(PY) examples/notebooks/run.py
 
 table: setup ## the paper's table: every row x scene x seed (ARGS="seeds=0,1 scenes=hat preset=full ...")
-	$(PY) -m ia_bench.table $(ARGS)
+	.venv/bin/ia-bench table $(ARGS)
 
 value: setup ## what priors are worth with fewer and poorer photographs: four hours of one core (ARGS="table=value_eight", docs/value.md)
 	IA_BENCH_DATASETS=$${IA_BENCH_DATASETS:-datasets:$(DATASETS)} \
-		$(PY) -m ia_bench.table $(if $(findstring table=,$(ARGS)),,table=value) $(ARGS)
+		.venv/bin/ia-bench table $(if $(findstring table=,$(ARGS)),,table=value) $(ARGS)
 
 TABLE ?= paper
 RESULTS = results/$(basename $(notdir $(TABLE)))
 report: setup ## the report of a table's runs again, without running (TABLE=longer_fits RUNS=FOLDER)
-	$(PY) -m ia_bench.cli.report $(or $(RUNS),$(RESULTS)) --out $(RESULTS) --table $(TABLE) $(ARGS)
+	.venv/bin/ia-bench report $(or $(RUNS),$(RESULTS)) --out $(RESULTS) --table $(TABLE) $(ARGS)
 
 test: setup ## the fast tests
 	$(PY) -m pytest -n 2 -m "not slow" $(ARGS)

@@ -2,7 +2,7 @@
 
     python -m benchmarks.former_commit COMMIT [--scene hat] [--rounds 5] [--mitsuba] [--out results/former] [OVERRIDE...]
 
-Every fit is a run of its own, `python -m ia_bench prior=none threads=1` with the OVERRIDEs, in a process whose clock is the CPU
+Every fit is a run of its own, `ia-bench run prior=none threads=1` with the OVERRIDEs, in a process whose clock is the CPU
 time of its one thread; the sides take turns, round after round, with the seed of the round. Of each it prints when a level of the
 aligned albedo and of relighting was first measured (least, median and largest over the rounds) and how many times sooner this
 code had it; the figure has the curves of all rounds.
@@ -96,7 +96,7 @@ def main() -> None:
     """Run the sides in turns, print the tables, write curves and figure."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("commit", help="to compare this code with")
-    parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help="of python -m ia_bench, for all sides")
+    parser.add_argument("overrides", nargs="*", metavar="OVERRIDE", help="of ia-bench run, for all sides")
     parser.add_argument("--scene", default="hat")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--mitsuba", action="store_true", help="a third side: method=mitsuba_adam")

@@ -25,7 +25,7 @@ SMALL = ("protocol.map_points=1", "protocol.render_points=1", "protocol.samples_
 def main() -> None:
     """Run the rows in turns and print a line for each."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("rows", nargs="+", metavar="ROW", help="overrides of python -m ia_bench, with spaces between")
+    parser.add_argument("rows", nargs="+", metavar="ROW", help="overrides of ia-bench run, with spaces between")
     parser.add_argument("--scenes", nargs="+", default=["hat"])
     parser.add_argument("--rounds", type=int, default=2)
     wanted = parser.parse_args()

@@ -2,7 +2,7 @@
 
     python benchmarks/startup.py [--rounds N] [OVERRIDE...]
 
-OVERRIDEs are those of ``python -m ia_bench``, ``scene=hat`` if there are none. Every start is a process of its own, and medians of
+OVERRIDEs are those of ``ia-bench run``, ``scene=hat`` if there are none. Every start is a process of its own, and medians of
 the rounds are shown. A phase's seconds are its own, without those of a phase inside it; a package's import counts as its own
 wherever it stands. The kernels are compiled already: on a new machine the first start of all waits for that.
 """
@@ -71,7 +71,7 @@ class Stopwatch:
 
 
 def start(overrides: list[str]) -> None:
-    """Run ``python -m ia_bench`` in this process up to its first step, print seconds by phase as JSON, and exit."""
+    """Run ``ia-bench run`` in this process up to its first step, print seconds by phase as JSON, and exit."""
     watch, plain, wanted = Stopwatch(), builtins.__import__, dict(PHASES)
 
     def importing(name: str, *rest: Any, **named: Any) -> object:  # noqa: ANN401 (as the built-in function has them)
@@ -106,7 +106,7 @@ def main() -> None:
     if sys.argv[1:2] == ["--start"]:
         return start(sys.argv[2:])
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("overrides", nargs="*", default=["scene=hat"], metavar="OVERRIDE", help="of python -m ia_bench")
+    parser.add_argument("overrides", nargs="*", default=["scene=hat"], metavar="OVERRIDE", help="of ia-bench run")
     parser.add_argument("--rounds", type=int, default=3)
     wanted = parser.parse_args()
     rounds: list[tuple[dict[str, float], dict[str, float]]] = []

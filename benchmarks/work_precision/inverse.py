@@ -1,6 +1,6 @@
 """The inverse half of the work-precision diagrams: whole fits of the scene ``tiny``, error against seconds.
 
-Every fit is a run of ``python -m ia_bench`` with other settings, so what is compared is what a user gets, but for indirect
+Every fit is a run of ``ia-bench run`` with other settings, so what is compared is what a user gets, but for indirect
 light and the layered coat, which the other side has not. The learning rates fall over a fit's own steps, so every point is a
 fit of its own, not a moment of a longer one. All ways of dividing a budget draw the same number of samples in all: steps x
 fit.pixels x render.samples. Mitsuba's plain loop (the method ``mitsuba_adam``) draws as many on the object. Of the oracle it

@@ -93,5 +93,5 @@ def _scenes_here() -> set[str]:
 def _description(path: Path) -> str:
     """The comment that follows the command at the top of a YAML file."""
     lines = path.read_text(encoding="utf-8").splitlines()
-    command = next(number for number, line in enumerate(lines) if line.startswith(("# python -m", "# ia-bench")))
+    command = next(number for number, line in enumerate(lines) if line.startswith("# ia-bench run"))
     return lines[command + 1].removeprefix("#").strip()

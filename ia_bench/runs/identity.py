@@ -89,7 +89,7 @@ def setup(config: RunConfig) -> dict[str, Any]:
     """What config.json keeps beside the identity: the command line and the configuration, which can be run again from anywhere."""
     paths = [path for plugin, options in _plugins(config) for path in _files_of(plugin, options)]
     settings = _mapped(asdict(config), lambda text: str(_path_in(text, paths) or text))
-    return {"command": shlex.join(("python", "-m", "ia_bench", *settings.pop("command"))), "config": settings}
+    return {"command": shlex.join(("ia-bench", "run", *settings.pop("command"))), "config": settings}
 
 
 def hash_of(content: Mapping[str, Any]) -> str:

@@ -51,7 +51,7 @@ def started() -> list[str]:
 @pytest.mark.parametrize("path", sorted(conf_folder().glob("table/*.yaml")), ids=lambda path: path.stem)
 def test_shipped_table_is_well_formed(path: Path) -> None:
     table = load_table(path.stem)
-    command = "# make table " if path.stem == "paper" else f"# python -m ia_bench.table table={path.stem}\n"
+    command = "# make table " if path.stem == "paper" else f"# ia-bench table table={path.stem}\n"
     assert path.read_text().startswith(command)
     scenes = tuple(table.scenes[:1])  # composing hundreds of cells takes long
     cells = cells_of(table, scenes=scenes)

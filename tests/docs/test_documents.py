@@ -14,6 +14,8 @@ from urllib.parse import unquote
 
 import pytest
 
+from ia_bench.cli.main import COMMANDS
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("docs", "datasets", "examples", "baselines", "training", "ia_bench", "benchmarks")
 BELOW = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))
@@ -82,7 +84,7 @@ def test_files_that_are_named_exist(document: Path) -> None:
 
 @pytest.mark.parametrize("document", WRITTEN, ids=name)
 def test_commands_that_are_named_exist(document: Path) -> None:
-    """``python -m MODULE`` of this project can be found and run, ``make TARGET`` is a target."""
+    """``python -m MODULE`` of this project can be found and run, ``ia-bench COMMAND`` is one, ``make TARGET`` is a target."""
     code = code_of(document.read_text(encoding="utf-8"))
     targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
     wrong = []
@@ -91,6 +93,7 @@ def test_commands_that_are_named_exist(document: Path) -> None:
             places = [root / module.replace(".", "/") for root in (ROOT, ROOT / "baselines", ROOT / "training")]
             if not any(place.with_suffix(".py").is_file() or (place / "__main__.py").is_file() for place in places):
                 wrong.append(f"python -m {module}")
+        wrong += [f"ia-bench {name}" for name in re.findall(r"\bia-bench ([a-z]\w*)", line) if name not in COMMANDS]
         wrong += [f"make {target}" for target in re.findall(r"^make ([a-z-]+)", line) if target not in targets]
     assert not wrong, "\n".join(wrong)
 

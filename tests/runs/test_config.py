@@ -30,9 +30,9 @@ def test_shipped_choice_composes_and_says_how(path: Path, tmp_path: Path) -> Non
     chosen = getattr(config, path.parent.name)
     name = chosen if isinstance(chosen, str) else chosen["name"] if isinstance(chosen, dict) else chosen.name
     assert name == path.stem
-    commands = [line for line in path.read_text().splitlines()[:2] if line.startswith("# python -m ia_bench ")]
+    commands = [line for line in path.read_text().splitlines()[:2] if line.startswith("# ia-bench run ")]
     assert len(commands) == 1, "opens with the command that uses it"
-    words = shlex.split(commands[0].removeprefix("# python -m ia_bench "))
+    words = shlex.split(commands[0].removeprefix("# ia-bench run "))
     overrides = [word for word in words if word != "device=cuda"]
     assert f"{path.parent.name}={path.stem}" in overrides
     compose([*(word.replace("=FOLDER", f"={tmp_path}").replace("=FILE", f"={tmp_path}") for word in overrides), "device=cpu"])

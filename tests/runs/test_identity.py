@@ -165,7 +165,7 @@ def test_the_setup_holds_the_command_line_and_absolute_paths(monkeypatch: pytest
         Path(name).write_bytes(b"one")
     overrides = [f"scene.path={scenes / 'hat'}", "row='a b'", "protocol.lpips.weights=model.safetensors"]
     found = setup(compose(overrides))
-    assert shlex.split(found["command"]) == ["python", "-m", "ia_bench", *overrides]
+    assert shlex.split(found["command"]) == ["ia-bench", "run", *overrides]
     assert found["config"]["protocol"]["lpips"]["weights"] == str(tmp_path / "model.safetensors")
     assert found["config"]["scene"]["path"] == str(scenes / "hat")
     assert parsed(RunConfig, found["config"]).row_name == "a b"

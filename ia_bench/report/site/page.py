@@ -279,7 +279,7 @@ def _row(line: Line, findings: Findings) -> dict[str, Any]:
         "bound": BOUNDS.get(line.row),
         "truth": line.sees_truth,
         "paper": paper and {"method": paper.method, "values": paper.values},
-        "command": shlex.join(["python", "-m", "ia_bench", *row.overrides]) if row.overrides else "",
+        "command": shlex.join(["ia-bench", "run", *row.overrides]) if row.overrides else "",
     }
 
 

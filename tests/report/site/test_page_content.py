@@ -113,4 +113,4 @@ def test_a_run_tells_its_command_and_what_many_runs_share_is_told_once(write_run
     assert found["machines"] == [{"cpu": "Abacus 2", "threads": 1, "packages.torch": "3", "packages.numpy": None}]
     assert [run["command"] for run in found["runs"]] == ["python -m ia_bench seed=0", "python -m ia_bench seed=1"]
     assert [run["files"] for run in found["runs"]] == [{"a.exr": "0123456789ab"}] * 2
-    assert found["rows"][0]["command"] == """python -m ia_bench prior=none 'row='"'"'a, b'"'"''"""
+    assert found["rows"][0]["command"] == """ia-bench run prior=none 'row='"'"'a, b'"'"''"""
