@@ -75,15 +75,10 @@ def _rows(manifest: Manifest, place: Path, states: dict[str, str] | None) -> dic
             count = sum(states.get(run.folder) == "verified" for run in runs)
             mark = ", verified" if count == len(runs) else ", not verified"
             said.append(f"{count} of {len(runs)} runs scored again with the same result")
-        declared = any(_declares(RunRecord.read(place / run.folder)) for run in runs)
+        declared = any(RunRecord.read(place / run.folder).declared is not None for run in runs)
         said.append("seconds as they declare them" if declared else "seconds as measured by the runs")
         found[row] = f"{row} ({manifest.authors}{mark})", "; ".join([*said, *filter(None, [manifest.note])])
     return found
-
-
-def _declares(record: RunRecord) -> bool:
-    """Whether whoever brought the results says how long they took, and no run has measured it."""
-    return bool(getattr(record, "declared", None))
 
 
 def _verified(path: Path) -> dict[str, dict[str, str]]:

@@ -15,6 +15,7 @@ COMMANDS = {
     "report": ("ia_bench.cli.report", "the tables, curves and page of runs that are there already"),
     "score": ("ia_bench.cli.score", "scores of what other software recovered: a mesh with textures, or pictures"),
     "rescore": ("ia_bench.cli.rescore", "scores of finished runs under another protocol"),
+    "relight": ("ia_bench.cli.relight", "pictures of what was recovered under lights of your own"),
     "pack": ("ia_bench.cli.pack", "finished runs as one file that others can score again"),
     "verify": ("ia_bench.cli.verify", "whether the files in packs give the scores that they say"),
     "board": ("ia_bench.cli.board", "the report over packs of several people"),

@@ -1,0 +1,110 @@
+"""``ia-bench relight RUN|ASSET --light my.hdr --out FILE``: what was recovered, under lights of your own."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ia_bench.common.arguments import at_least
+from ia_bench.common.errors import InputError
+from ia_bench.common.exit_codes import OK, say, status_of
+from ia_bench.common.machine import limit_threads
+from ia_bench.common.paths import make_writable
+from ia_bench.common.progress import Progress
+
+if TYPE_CHECKING:
+    from ia_bench.runs.relighting import Background
+
+STEPS = 36  # of a turn, where the file is an animation and nobody says how many
+EXAMPLES = """\
+  ia-bench relight runs/hat/none-1234 --light my.hdr --out hat.png                      a still, from a held-out view
+  ia-bench relight asset.glb --light a.hdr b.exr --background light --out strip.png     two lights side by side
+  ia-bench relight asset.glb --light my.hdr --views orbit --turn 36 --out turning.webp  the object turns
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    about = f"{__doc__.partition(': ')[2]}\n\n{EXAMPLES}"
+    kind = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(prog="ia-bench relight", description=about, formatter_class=kind, allow_abbrev=False)
+    parser.add_argument("what", type=Path, metavar="RUN|ASSET", help="the folder of a run, or a .glb, .gltf or .obj")
+    parser.add_argument("--light", nargs="+", type=Path, required=True, help="lat-long maps, .hdr or .exr; several side by side")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".png, .webp, .gif, or .mp4 (by ffmpeg)")
+    views = "still, orbit (the object turns), test (all held-out views) or a view's name (default: a held-out one, else still)"
+    parser.add_argument("--views", metavar="VIEW", help=views)
+    turn = f"pictures of a whole turn of the light, or of the object (default: 1, of .gif and .mp4 {STEPS})"
+    parser.add_argument("--turn", type=at_least(1), metavar="N", help=turn)
+    parser.add_argument("--seconds", type=float, default=3.0, help="that an animation lasts (default: 3)")
+    parser.add_argument("--size", type=at_least(16), default=512, help="height of a picture in pixels (default: 512)")
+    parser.add_argument("--samples", type=at_least(2), default=128, help="directions of light a pixel (default: 128)")
+    behind = "transparent, light or white (default: transparent; of .gif and .mp4 light)"
+    parser.add_argument("--background", choices=("transparent", "light", "white"), metavar="WHAT", help=behind)
+    parser.add_argument("--exposure", default="auto", metavar="EV", help="a number; auto: nearly all of the object below white")
+    parser.add_argument("--scene", type=Path, help="folder of the run's scene, if it is no longer where the run found it")
+    parser.add_argument("--up", choices=("y", "z"), default="y", help="the axis of an asset's file that points up (default: y)")
+    parser.add_argument("--threads", type=at_least(1), default=len(os.sched_getaffinity(0)), help="CPU threads (default: all)")
+    wanted = parser.parse_args(arguments)
+    return status_of(lambda: _relight(wanted))
+
+
+def _relight(wanted: argparse.Namespace) -> int:
+    ev = _exposure(wanted.exposure)
+    if not (math.isfinite(wanted.seconds) and wanted.seconds > 0):
+        raise InputError(f"--seconds: expected more than 0, found {wanted.seconds:g}")
+    moving = wanted.out.suffix in (".gif", ".mp4")
+    turn = wanted.turn or (STEPS if moving and wanted.views != "test" else 1)
+    background: Background = wanted.background or ("light" if moving else "transparent")
+    limit_threads(wanted.threads)
+    import torch
+
+    from ia_bench.render.reconstruction import Quality
+    from ia_bench.runs import relighting
+    from ia_bench.scenes.exr import read_light
+
+    make_writable(wanted.out.parent, "--out")
+    if not wanted.what.exists():
+        raise InputError(f"{wanted.what}: expected the folder of a run, or a .glb, .gltf or .obj file, found none")
+    lights = [read_light(path) for path in wanted.light]
+    for path, light in zip(wanted.light, lights, strict=True):
+        if not light.any():
+            raise InputError(f"{path}: expected a light, found a black map")
+    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    with Progress() as progress:
+        scene = None
+        if wanted.what.is_dir():
+            found, scene = relighting.of_run(wanted.what, device, wanted.scene)
+        else:
+            found = relighting.of_asset(wanted.what, device, progress.note, wanted.up)
+        views = wanted.views or (scene.test[0].name if scene is not None and scene.test else relighting.STILL)
+        frames = relighting.frames_of(views, turn, found.assets().mesh, scene, wanted.size)
+        relighting.expect_format(wanted.out, background, len(frames))
+        task = progress.task("pictures", len(frames) * len(lights))
+        quality = Quality(points=3, samples=wanted.samples)
+        drawn = [
+            relighting.draw(found, light, frames, background=background, ev=ev, quality=quality, advance=task.advance)
+            for light in lights
+        ]
+    relighting.write_pictures(wanted.out, relighting.laid_out(drawn), seconds=wanted.seconds)
+    for path, one in zip(wanted.light, drawn, strict=True):
+        say(f"{path}: exposure {one.exposure:+.2f} EV", sys.stdout)
+    say(str(wanted.out), sys.stdout)
+    return OK
+
+
+def _exposure(text: str) -> float | None:
+    """The EV, None for auto. Raises InputError."""
+    if text == "auto":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= 64:
+        raise InputError(f"--exposure: expected auto or a number from -64 to 64, found {text}")
+    return value
