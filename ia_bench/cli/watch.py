@@ -29,7 +29,7 @@ LEAST_SECONDS, MOST_SECONDS = 0.2, 86_400
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     parser = argparse.ArgumentParser(prog="ia-bench watch", description=__doc__, allow_abbrev=False)
-    parser.add_argument("runs", type=Path, metavar="RUNS", help="a table's results, or any folder with runs")
+    parser.add_argument("runs", type=Path, metavar="RUNS", help="a table's results")
     parser.add_argument("--out", type=Path, metavar="FOLDER", help=f"folder to write the page into (default: RUNS/{LIVE})")
     parser.add_argument("--every", type=float, default=2.0, metavar="SECONDS", help="seconds between two looks (default: 2)")
     wanted = parser.parse_args(arguments)
@@ -51,7 +51,7 @@ def watch(runs: Path, out: Path, every: float) -> int:
     try:
         while True:
             if shown != key_of(overview):
-                page = _write(overview, runs, out, every)
+                page = _write(overview, out, every)
                 if shown is None:
                     say(f"{page} opens in a browser and follows the runs; Ctrl-C ends the watch, not the runs", sys.stdout)
                 shown = key_of(overview)
@@ -65,11 +65,9 @@ def watch(runs: Path, out: Path, every: float) -> int:
         return OK
 
 
-def _write(overview: Overview, runs: Path, out: Path, every: float) -> Path:
-    table, title = Table(), f"Runs: {runs.resolve().name}"
-    if overview.plan is not None:
-        title = f"Table: {title_of(overview.plan.table)}"
-        with suppress(InputError):  # not known here: no notes, reference and claims
-            table = load_table(overview.plan.table)
+def _write(overview: Overview, out: Path, every: float) -> Path:
+    table = Table()
+    with suppress(InputError):  # not known here: no notes, reference and claims
+        table = load_table(overview.plan.table)
     live = {"key": key_of(overview), "every": every}
-    return write_page(findings_so_far(overview, table), title, out, live=live)
+    return write_page(findings_so_far(overview, table), f"Table: {title_of(overview.plan.table)}", out, live=live)

@@ -10,7 +10,6 @@ import re
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -28,7 +27,7 @@ from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import find_run_folders, held_since, recorded_at
 from ia_bench.runs.identity import hash_of, identity
 from ia_bench.runs.launchers import Local
-from ia_bench.runs.record import METRICS_FILE, RunRecord, RunSetup
+from ia_bench.runs.record import METRICS_FILE, RunRecord
 from ia_bench.runs.table import Row, SceneEntry, Table, load_table, quoted, some_rows, title_of
 
 CELLS = "cells.json"
@@ -237,9 +236,9 @@ class CellStatus:
 
 @dataclass(frozen=True)
 class Overview:
-    """Where all cells of a folder stand, and the plan that lists them, None where no table was run there."""
+    """Where all cells of a table stand, and the plan that lists them."""
 
-    plan: CellList | None
+    plan: CellList
     cells: tuple[CellStatus, ...]
 
     def of(self, *states: str) -> list[CellStatus]:
@@ -262,31 +261,15 @@ class Overview:
 
         begun = [max(0.0, expected(one.cell) - (one.seconds or 0.0)) for one in running]
         waiting = [expected(one.cell) for one in self.of(WAITING)]
-        side_by_side = self.plan.jobs if self.plan is not None and self.plan.jobs is not None else len(running)
-        return max(sum((*begun, *waiting)) / max(1, side_by_side), *begun, 0.0)
+        return max(sum((*begun, *waiting)) / max(1, self.plan.jobs or len(running)), *begun, 0.0)
 
 
 def look(results: Path) -> Overview:
-    """Where the cells of a table stand, or every run folder below ``results`` where no table has listed its cells.
-
-    Raises InputError where there is neither.
-    """
+    """Where the cells of a table stand. Raises InputError for a folder that no table was run in."""
     plan = read_cells(results)
-    if plan is not None:
-        return Overview(plan, tuple(_stands(cell, plan.started) for cell in plan.cells))
-    cells: list[CellStatus] = []
-    for folder in find_run_folders(results):
-        record = _record(folder, recorded_at(folder))
-        with suppress(InputError):  # a folder without both files is another program's
-            if record is not None:
-                named = record.row, record.scene, record.seed
-            else:
-                config = parsed(RunConfig, RunSetup.read(folder).config)
-                named = config.row_name, config.scene.name, config.seed
-            cells.append(_stands(Planned(*named, "", folder, folder / "log"), 0.0))
-    if not cells:
-        raise InputError(f"{results}: expected the results of a table, or a folder with runs, found none")
-    return Overview(None, tuple(cells))
+    if plan is None:
+        raise InputError(f"{results}: expected the results of a table, which has a {CELLS}, found none")
+    return Overview(plan, tuple(_stands(cell, plan.started) for cell in plan.cells))
 
 
 def _stands(cell: Planned, started: float) -> CellStatus:
@@ -294,7 +277,7 @@ def _stands(cell: Planned, started: float) -> CellStatus:
     record = _record(cell.folder, written)
     if began is not None:
         return CellStatus(cell, RUNNING, max(0.0, time.time() - began), _last_progress(cell.log))
-    if record is None or (cell.config_hash and record.config_hash != cell.config_hash):
+    if record is None or record.config_hash != cell.config_hash:
         return CellStatus(cell, WAITING)
     if record.status == "ok":
         return CellStatus(cell, FINISHED, record.time_s.get("total"), written=written)

@@ -25,7 +25,6 @@ from ia_bench.scores.protocol import Protocol
 
 NATIVE_READER = "ia_bench.readers.native:NativeReader"
 DEFAULT_METHOD = "two_stage"  # of conf/config.yaml
-THREADS_A_CORE = 32  # more threads than that a core, which computes as a larger machine would, are a slip
 
 
 @dataclass(frozen=True)
@@ -158,10 +157,6 @@ def resolved(content: Mapping[str, Any], here: bool = True) -> RunConfig:
         with suppress(InputError, Fault):  # a folder that is none of its format: told when the scene is read
             made = registry.create("reader", reader.name, reader.target, reader.options, Path(scene.path))
         scene = replace(scene, name=getattr(made, "label", Path(scene.path).name))
-    cores = os.cpu_count() or 1
-    if config.threads is not None and config.threads > THREADS_A_CORE * cores:
-        most = f"1 to {THREADS_A_CORE * cores} on this machine of {cores} cores"
-        raise InputError(f"threads: expected {most}, found {config.threads}")
     return replace(
         config,
         scene=scene,

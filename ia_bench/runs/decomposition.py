@@ -75,25 +75,21 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
     Only the PNG of a spread is brightened, by SPREAD_GAIN.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    written, cells = [], [("image", _shown(parts.image, parts.mask, _exposure(parts.image)))]
+    exposure = float(min(1.0, 1 / max(np.quantile(parts.image.max(-1), EXPOSED_QUANTILE), 1e-12)))  # of what would clip
+    written, shown = [], [("image", _shown(parts.image, parts.mask, exposure))]
     for component, mean in parts.mean.items():
-        exposure = 1.0 if component == "albedo" else _exposure(parts.image)
-        kinds = [("", mean, exposure, component)]
+        gain = 1.0 if component == "albedo" else exposure
+        kinds = [(component, mean, gain, component)]
         if parts.samples > 1:
-            caption = f"{component} {SPREAD_GAIN:g} x spread"
-            kinds.append(("_spread", parts.spread[component], SPREAD_GAIN * exposure, caption))
-        for suffix, values, brightness, caption in kinds:
-            picture = _shown(values, parts.mask, brightness)
-            exr, png = (folder / f"{name}_{component}{suffix}.{kind}" for kind in ("exr", "png"))
-            write_exr(exr, np.dstack([values, parts.mask]), half=False)
-            with whole_file(png) as partial:
-                Image.fromarray(picture).save(partial)
-            written += [exr, png]
-            cells.append((caption, picture))
-    sheet = folder / f"{name}_sheet.png"
-    with whole_file(sheet) as partial:
-        _sheet(cells).save(partial)
-    return [*written, sheet]
+            more = f"{component} {SPREAD_GAIN:g} x spread"
+            kinds.append((f"{component}_spread", parts.spread[component], SPREAD_GAIN * gain, more))
+        for part, values, brightness, caption in kinds:
+            shown.append((caption, _shown(values, parts.mask, brightness)))
+            write_exr(folder / f"{name}_{part}.exr", np.dstack([values, parts.mask]), half=False)
+            _save(shown[-1][1], folder / f"{name}_{part}.png")
+            written += [folder / f"{name}_{part}.exr", folder / f"{name}_{part}.png"]
+    _save(_sheet(shown), folder / f"{name}_sheet.png")
+    return [*written, folder / f"{name}_sheet.png"]
 
 
 def make_prior(name: str, options: Mapping[str, Any] | Sequence[str]) -> Any:  # noqa: ANN401 (any prior)
@@ -152,34 +148,29 @@ def reduced(radiance: np.ndarray, coverage: np.ndarray, size: int) -> tuple[np.n
     if scale >= 1:
         return radiance, coverage
     shape = max(round(width * scale), 1), max(round(height * scale), 1)
-    channels = [
-        np.asarray(Image.fromarray(channel).resize(shape, Image.Resampling.BOX))
-        for channel in np.moveaxis(np.dstack([radiance, coverage]), -1, 0)
-    ]
-    stacked = np.stack(channels, -1).clip(0)
+    planes = np.moveaxis(np.dstack([radiance, coverage]), -1, 0)
+    stacked = np.stack([np.asarray(Image.fromarray(one).resize(shape, Image.Resampling.BOX)) for one in planes], -1).clip(0)
     return np.ascontiguousarray(stacked[..., :3]), stacked[..., 3].clip(0, 1)
 
 
-def _exposure(image: np.ndarray) -> float:
-    """1, or less for an image that would clip on a display."""
-    return float(min(1.0, 1 / max(np.quantile(image.max(-1), EXPOSED_QUANTILE), 1e-12)))
+def _shown(linear: np.ndarray, mask: np.ndarray, exposure: float) -> Image.Image:
+    """A picture in sRGB with straight alpha, of premultiplied linear values."""
+    return Image.fromarray(np.round(255 * np.dstack([display(linear, mask, exposure), mask])).astype(np.uint8))
 
 
-def _shown(linear: np.ndarray, mask: np.ndarray, exposure: float) -> np.ndarray:
-    """(H, W, 4) uint8, sRGB with straight alpha, of premultiplied linear values."""
-    return np.round(255 * np.dstack([display(linear, mask, exposure), mask])).astype(np.uint8)
+def _save(picture: Image.Image, path: Path) -> None:
+    with whole_file(path) as partial:
+        picture.save(partial)
 
 
-def _sheet(cells: list[tuple[str, np.ndarray]]) -> Image.Image:
+def _sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
     """The pictures side by side over white, with their names above."""
-    height, width = cells[0][1].shape[:2]
-    zoom = max(1, round(192 / max(height, width)))
-    line, gap = 20, 8
-    sheet = Image.new("RGB", (len(cells) * (width * zoom + gap) + gap, height * zoom + line + gap), "white")
-    draw = ImageDraw.Draw(sheet)
-    for column, (name, picture) in enumerate(cells):
+    width, height = pictures[0][1].size
+    zoom, line, gap = max(1, round(192 / max(height, width))), 20, 8
+    sheet = Image.new("RGB", (len(pictures) * (width * zoom + gap) + gap, height * zoom + line + gap), "white")
+    for column, (name, picture) in enumerate(pictures):
         left = gap + column * (width * zoom + gap)
-        shown = Image.fromarray(picture).resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
-        sheet.paste(shown, (left, line), shown)
-        draw.text((left, 4), name, fill="black")
+        large = picture.resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
+        sheet.paste(large, (left, line), large)
+        ImageDraw.Draw(sheet).text((left, 4), name, fill="black")
     return sheet

@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 import os
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from ia_bench.common.errors import InputError
 from ia_bench.runs.cells import FAILED, FINISHED, RUNNING, WAITING, look, read_cells
-from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import find_run_folders, lock_folder
 
 HASH = "0" * 64
@@ -88,34 +86,17 @@ def test_the_time_left_is_that_of_the_rows_own_cells_shared_by_the_jobs(tmp_path
         assert look(tmp_path).seconds_left() == pytest.approx(70, abs=2)  # what one cell takes, no job can shorten
 
 
-def test_runs_without_a_table_are_found_and_called_as_their_configuration_says(tmp_path: Path) -> None:
-    cell(tmp_path, "a-b", status="ok", time_s={"total": 1.0}, row="a (b)")
-    begun = cell(tmp_path, "a-b", 1)
-    config = asdict(compose(["scene=tiny", "device=cpu", "seed=1", "row='a (b)'"]))
-    (begun / "config.json").write_text(json.dumps({"config_hash": HASH, "identity": {}, "config": config}))
-    found = [(one.cell.row, one.cell.scene, one.cell.seed, one.state) for one in look(tmp_path).cells]
-    assert found == [("a (b)", "hat", 0, FINISHED), ("a (b)", "tiny", 1, WAITING)]
-
-
 def test_files_of_other_programs_are_no_runs(tmp_path: Path) -> None:
-    """Weights have a config.json too, and whoever measures something may call it metrics.json."""
-    cell(tmp_path, "a", status="ok", time_s={"total": 1.0})
-    for place, name, content in (("weights", "config", {"size": 64}), ("other", "metrics", {"seed": None, "time_s": 3.0})):
-        (tmp_path / place).mkdir()
-        (tmp_path / place / f"{name}.json").write_text(json.dumps(content))
-    assert [one.cell.row for one in look(tmp_path).cells] == ["a"]
-    assert tmp_path / "weights" not in find_run_folders(tmp_path)
+    """Weights have a config.json too."""
+    mine = cell(tmp_path, "a", status="ok", time_s={"total": 1.0})
+    (tmp_path / "weights").mkdir()
+    (tmp_path / "weights" / "config.json").write_text(json.dumps({"size": 64}))
+    assert find_run_folders(tmp_path) == [mine]
 
 
 def test_what_is_no_table_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected the results of a table, or a folder with runs, found none"):
+    with pytest.raises(InputError, match=r"expected the results of a table, which has a cells\.json, found none"):
         look(tmp_path)
     (tmp_path / "cells.json").write_text('{"table": "paper", "jobs": 1, "cells": [{"row": "a"}]}')
     with pytest.raises(InputError, match=r"cells\.json: expected the cells of a table: cells.0.scene: expected a value"):
         read_cells(tmp_path)
-    spoiled = {"row": 3, "scene": [], "seed": "0", "config_hash": None, "folder": "a\0b", "log": {}}
-    good = {"row": "a", "scene": "hat", "seed": 0, "config_hash": "", "folder": "a", "log": "b"}
-    for key, value in spoiled.items():
-        (tmp_path / "cells.json").write_text(json.dumps({"table": "paper", "jobs": 1, "cells": [good | {key: value}]}))
-        with pytest.raises(InputError, match=r"cells\.json: expected "):
-            read_cells(tmp_path)

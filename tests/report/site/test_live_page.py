@@ -115,7 +115,7 @@ def test_the_page_shows_the_cells_their_curves_and_what_has_finished_since(
     ("arguments", "message"),
     [
         (["nowhere"], "nowhere: expected a folder with runs, found none"),
-        (["."], "expected the results of a table, or a folder with runs, found none"),
+        (["."], "expected the results of a table, which has a cells.json, found none"),
         ([".", "--every", "0"], "--every: expected 0.2 to 86400 seconds, found 0"),
         ([".", "--every", "inf"], "--every: expected 0.2 to 86400 seconds, found inf"),
     ],
