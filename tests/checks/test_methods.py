@@ -16,7 +16,7 @@ from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.checks import methods
 from ia_bench.checks.finding import Finding
-from ia_bench.checks.methods import check_method, with_other_truth
+from ia_bench.checks.methods import check_method
 from ia_bench.cli.check import main
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
@@ -145,14 +145,6 @@ def test_what_finds_the_truth_is_found(tiny: Scene) -> None:
         return Problem(scene.blind(), RenderSettings(bounces=0))
 
     assert failed(findings(Peeping, tiny, hand_over)) == ["the same seed again, with another truth"]
-
-
-def test_the_true_mesh_behind_a_smoothed_capture_is_another_truth(tiny: Scene) -> None:
-    smoothed = captured(tiny, CaptureSettings(geometry="smoothed"), lambda line: None)
-    other = with_other_truth(smoothed)
-    assert other.mesh is smoothed.mesh
-    assert not np.array_equal(other.truth.mesh.vertices, tiny.expect_mesh().vertices)
-    assert not np.array_equal(other.truth.mesh.normals, tiny.expect_mesh().normals)
 
 
 def test_what_writes_to_the_scene_is_found(tiny: Scene) -> None:

@@ -40,13 +40,6 @@ def test_ssim_agrees_with_scikit_image_away_from_the_border() -> None:
     assert ssim(of(GUESS, TRUE, inner)) == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize("outside", [0.0, 3.0, np.nan])
-def test_what_is_outside_the_mask_changes_nothing(outside: float) -> None:
-    painted = np.where(DISC[..., None], GUESS, outside)
-    assert psnr(of(painted, TRUE, DISC)) == psnr(of(GUESS, TRUE, DISC))
-    assert ssim(of(painted, TRUE, DISC)) == ssim(of(GUESS, TRUE, DISC))
-
-
 def test_images_smaller_than_the_window_have_no_ssim_but_a_psnr() -> None:
     small = np.ones((10, 40), bool)
     with pytest.raises(Undefined, match="image of 40 x 10 pixels is smaller than the window of 11"):
