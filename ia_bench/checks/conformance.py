@@ -6,7 +6,7 @@ is shown it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -66,25 +66,16 @@ class Subject:
         self.make, self.prior, self.stack = make, prior, stack
         self.info, self.components = prior.info, sorted(prior.info.provides)
         self.modified: set[str] = set()
-        self.costs: list[Mapping[str, int]] = []
-        self.forwards = self._asked = 0  # calls of networks, and how often the prior was asked
+        self.network_calls = self.forwards = self._asked = 0  # as it counts them, as they are, and how often it was asked
 
     def ask(
         self, asked: Stack | Observations, *, seed: int = 0, guidance: Images | None = None, prior: Prior | None = None
     ) -> Samples:
         """One sample of the prior under test, or of another instance of it, which sees no geometry of a stack."""
         shown = asked.shown(self.info.wants - GEOMETRY) if isinstance(asked, Stack) else asked
-        return self._watched((prior or self.prior).sample, shown, guidance=guidance, seed=seed)
+        return self.watched((prior or self.prior).sample, shown, guidance=guidance, seed=seed)
 
-    def distill(self, stack: Stack, renders: Images) -> Samples:
-        """Estimates of ``renders`` by the prior under test."""
-        return self._watched(self.prior.distill, stack.shown(self.info.wants - GEOMETRY), renders=renders, seed=0)
-
-    def refine(self, stack: Stack, renders: Images) -> Samples:
-        """The material of ``renders`` as the prior under test corrects it, which sees the geometry that it wants."""
-        return self._watched(self.prior.refine, stack.shown(self.info.wants), renders=renders)
-
-    def _watched(self, call: Callable[..., Samples], shown: Observations, **given: Any) -> Samples:  # noqa: ANN401 (as the call)
+    def watched(self, call: Callable[..., Samples], shown: Observations, **given: Any) -> Samples:  # noqa: ANN401 (as the call)
         """What ``call`` returns; remembers which of its inputs it wrote to, and what it cost."""
         tables = {"true": shown.truth, **{what: value for what, value in given.items() if isinstance(value, Mapping)}}
         given |= {what: dict(value) for what, value in given.items() if isinstance(value, Mapping)}
@@ -94,19 +85,16 @@ class Subject:
         self._asked += 1  # another state of the global generators each time: a sample must not depend on them
         torch.manual_seed(self._asked)
         np.random.seed(self._asked)
-        with register_module_forward_pre_hook(lambda module, inputs: self._count()):
+        with register_module_forward_pre_hook(lambda module, inputs: setattr(self, "forwards", self.forwards + 1)):
             samples = call(shown, **given)
         self.modified |= {n for n, v in inputs.items() if not torch.equal(v.nan_to_num(), kept[n].nan_to_num())}
         for name, value in kept.items():  # so that one wrong write fails no later rule
             inputs[name].copy_(value)
         if isinstance(samples, Samples) and isinstance(samples.values, Mapping):
-            self.costs.append(samples.cost)
+            self.network_calls += samples.cost.get("network_calls", 0)
             copies = {name: value.clone() if isinstance(value, Tensor) else value for name, value in samples.values.items()}
             samples = replace(samples, values=copies)  # because the prior may write to what it has handed out
         return samples
-
-    def _count(self) -> None:
-        self.forwards += 1
 
     @cached_property
     def base(self) -> Samples:
@@ -150,12 +138,12 @@ def _judge_sound(subject: Subject, what: str, samples: Samples, stack: Stack) ->
 
 
 def _other_images(subject: Subject) -> Iterator[Finding]:
-    others = {
-        f"{ODD[0]} x {ODD[1]} images": painted_ball(*ODD, len(subject.stack.images)),
-        "all-black images": subject.stack.black(),
-        "a view with an empty mask": subject.stack.with_empty_view(),
-    }
-    for what, stack in others.items():
+    odd = painted_ball(*ODD, len(subject.stack.images))
+    for what, stack in (
+        (f"{ODD[0]} x {ODD[1]} images", odd),
+        ("all-black images", subject.stack.black()),
+        ("a view with an empty mask", subject.stack.with_empty_view()),
+    ):
         yield _judge_sound(subject, what, subject.ask(stack), stack)
 
 
@@ -165,10 +153,10 @@ def _other_images(subject: Subject) -> Iterator[Finding]:
 def _repeatable(subject: Subject) -> Iterator[Finding]:
     base, other = subject.base, subject.ask(subject.stack, seed=1)
     largest = {name: _largest(base.values[name], other.values[name]) for name in subject.components}
-    text = ", ".join(f"{name} differs by at most {value:.3g}" for name, value in largest.items())
-    stochastic, differs = subject.info.stochastic, any(value > 0 for value in largest.values())
+    stochastic = subject.info.stochastic
     expected = f"{'another' if stochastic else 'the same'} sample, because stochastic = {stochastic}"
-    yield judge(differs == stochastic, "another seed", expected, text)
+    text = ", ".join(f"{name} differs by at most {value:.3g}" for name, value in largest.items())
+    yield judge(any(value > 0 for value in largest.values()) == stochastic, "another seed", expected, text)
     yield _same("same seed again", base, subject.ask(subject.stack))
     yield _same("same seed, new instance", base, subject.ask(subject.stack, prior=subject.make()))
 
@@ -200,9 +188,9 @@ def _largest(a: Tensor, b: Tensor) -> float:
 # ---- guidance, and what a prior may offer besides ----------------------------------------------------------------------
 
 
-def _fitted(stack: Stack) -> Images:
+def _fitted(stack: Stack, names: Iterable[str] = COMPONENTS) -> dict[str, Tensor]:
     """What a fit might render of a stack, which is no sample: the truth, darker and flatter."""
-    return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in COMPONENTS}
+    return {name: 0.7 * stack.truth(name) + 0.1 * stack.masks[..., None] for name in names}
 
 
 def _guided(subject: Subject) -> Iterator[Finding]:
@@ -210,7 +198,7 @@ def _guided(subject: Subject) -> Iterator[Finding]:
         yield Finding("skip", "guidance", "", "the prior is not guidable, so it is never given any")
         return
     stack, base = subject.stack, subject.base
-    render = {name: value for name, value in _fitted(stack).items() if name in subject.components}
+    render = _fitted(stack, subject.components)
     guided = subject.ask(stack, guidance=render)
     for name in subject.components:
         before, after = (float((samples.values[name] - render[name]).abs().mean()) for samples in (base, guided))
@@ -229,26 +217,29 @@ def _guided(subject: Subject) -> Iterator[Finding]:
 
 def _distilled(subject: Subject) -> Iterator[Finding]:
     if hasattr(subject.prior, "distill"):
-        renders = {name: value for name, value in _fitted(subject.stack).items() if name in subject.components}
-        estimates = subject.distill(subject.stack, renders)
-        finding = _judge_sound(subject, "distilled estimates", estimates, subject.stack)
+        given = {"renders": _fitted(subject.stack, subject.components), "seed": 0}
+
+        def distilled() -> Samples:
+            return subject.watched(subject.prior.distill, subject.stack.shown(subject.info.wants - GEOMETRY), **given)
+
+        finding = _judge_sound(subject, "distilled estimates", estimates := distilled(), subject.stack)
         yield finding
         if finding.status == "pass":
-            yield _same("distilled again", estimates, subject.distill(subject.stack, renders))
-
-
-def _finished(stack: Stack) -> Images:
-    """What a finished fit might show in a stack, of which nothing else is known: half rough, a little off, matt."""
-    masks = stack.masks[..., None]
-    more = {"radiance": 0.9 * stack.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2).clone()}
-    return {**_fitted(stack), **more}
+            yield _same("distilled again", estimates, distilled())
 
 
 def _refined(subject: Subject) -> Iterator[Finding]:
     if not hasattr(subject.prior, "refine"):
         return
+
+    def refined(stack: Stack) -> Samples:
+        """What the prior corrects of a finished fit, of which nothing else is known: half rough, a little off, matt."""
+        masks = stack.masks[..., None]
+        more = {"radiance": 0.9 * stack.images, "roughness": 0.5 * masks, "evidence": 0.1 * masks.expand(-1, -1, -1, 2).clone()}
+        return subject.watched(subject.prior.refine, stack.shown(subject.info.wants), renders={**_fitted(stack), **more})
+
     stack = subject.stack
-    corrected = subject.refine(stack, _finished(stack))
+    corrected = refined(stack)
     what, expected = "a corrected fit", "a finite albedo, and roughness if any, zero where the mask is"
     try:
         checked(type(subject.prior).__qualname__, "refine", corrected, None, tuple(stack.images.shape))
@@ -257,9 +248,9 @@ def _refined(subject: Subject) -> Iterator[Finding]:
         return
     outside = max(float(maps[stack.masks == 0].abs().max()) for maps in corrected.values.values())
     yield judge(outside <= 1e-6, what, expected, f"at most {outside:.3g} outside")
-    yield _same("corrected again", corrected, subject.refine(stack, _finished(stack)))
-    yield _beside_others("one corrected on its own", subject.refine(stack.one(0), _finished(stack.one(0))).values, corrected)
-    subject.refine(stack.with_empty_view(), _finished(stack.with_empty_view()))
+    yield _same("corrected again", corrected, refined(stack))
+    yield _beside_others("one corrected on its own", refined(stack.one(0)).values, corrected)
+    refined(stack.with_empty_view())
 
 
 def _with_geometry(subject: Subject) -> Iterator[Finding]:
@@ -304,7 +295,7 @@ def _untouched(subject: Subject) -> Iterator[Finding]:
 
 def _counted(subject: Subject) -> Iterator[Finding]:
     if subject.forwards:
-        calls = sum(cost.get("network_calls", 0) for cost in subject.costs)
+        calls = subject.network_calls
         yield judge(calls > 0, "cost: network_calls", "some, because the prior asks a network", f"{calls} in all samples")
 
 

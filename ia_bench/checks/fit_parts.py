@@ -22,31 +22,24 @@ from ia_bench.priors.contract import COMPONENTS, Samples
 PIXELS = 512  # of a step
 SIDE, STEPS = 32, 100  # texels of the material, steps of the fit
 AN_ANSWER = "an answer as the contract describes it"
+Rules = Callable[[Callable[[], Any], Problem], Iterator[Finding]]
 
 
 def check_coupling(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
     """Check the coupling that ``make()`` returns; an instance for every question. Never raises for what the coupling does."""
-
-    def new() -> Coupling:
-        return checked_coupling("", make())
-
-    yield from guarded("a question", AN_ANSWER, lambda: _of_kind(Coupling, make, lambda: _coupling(new, problem)))
+    return guarded("a question", AN_ANSWER, lambda: _of_kind(Coupling, make, checked_coupling, _coupling, problem))
 
 
 def check_regulariser(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
     """Check the regulariser that ``make()`` returns. Never raises for what the regulariser does."""
-
-    def new() -> Regulariser:
-        return checked_regulariser("", make())
-
-    yield from guarded("a question", AN_ANSWER, lambda: _of_kind(Regulariser, make, lambda: _regulariser(new, problem)))
+    return guarded("a question", AN_ANSWER, lambda: _of_kind(Regulariser, make, checked_regulariser, _regulariser, problem))
 
 
-def _of_kind(kind: type, make: Callable[[], Any], rules: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
+def _of_kind(kind: type, make: Callable[[], Any], checked: Callable[..., Any], rules: Rules, problem: Problem) -> Iterator[Finding]:
     made = make()
     yield judge(isinstance(made, kind), "construction", f"a {kind.__module__}.{kind.__name__}", type(made).__name__)
     if isinstance(made, kind):
-        yield from rules()
+        yield from rules(lambda: checked("", make()), problem)
 
 
 def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding]:
@@ -105,12 +98,10 @@ def _regulariser(new: Callable[[], Regulariser], problem: Problem) -> Iterator[F
     generator = torch.Generator().manual_seed(0)
     material = Material(torch.rand(SIDE, SIDE, 3, generator=generator), 0.2 + 0.6 * torch.rand(SIDE, SIDE, 1, generator=generator))
     before = material.albedo.clone(), material.roughness.clone()
+    other = new()
+    other.prepare(problem)
     with torch.no_grad():
-        moved = regulariser.apply(material, _state(problem))
-        again = regulariser.apply(material, _state(problem))
-        other = new()
-        other.prepare(problem)
-        another = other.apply(material, _state(problem))
+        moved, again, another = (one.apply(material, _state(problem)) for one in (regulariser, regulariser, other))
     change = float((moved.albedo - material.albedo).abs().mean())
     yield Finding("pass", "a material", "", f"as large as before, finite; albedo moves by {change:.2g} in the mean")
     same = torch.equal(material.albedo, before[0]) and torch.equal(material.roughness, before[1])

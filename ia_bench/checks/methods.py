@@ -8,6 +8,7 @@ method says it predicts, and scored.
 from __future__ import annotations
 
 import io
+import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -52,15 +53,11 @@ class Memory:
     def __init__(self, *, deadly: bool = False) -> None:
         self.state: bytes | None = None
         self.deadly = deadly
-        self._asked = 0
 
     def monitor(self) -> Monitor:
         """What a process is given that starts with this memory."""
-        return Monitor.silent(save=self._save, load=self._load, stopping=self._stopping)
-
-    def _stopping(self) -> bool:
-        self._asked += 1
-        return self.deadly and self._asked > 1
+        asked = itertools.count(1)
+        return Monitor.silent(save=self._save, load=self._load, stopping=lambda: next(asked) > 1 and self.deadly)
 
     def _save(self, state: dict[str, Any]) -> None:
         buffer = io.BytesIO()

@@ -50,11 +50,9 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
     yield from (Finding("pass", "note of the reader", "", note) for note in scene.notes)
     yield _equal("without truth", "the same training views and no truth", lambda: (read(truth=False).blind(), scene.blind()))
 
-    def twice() -> tuple[Scene, Scene]:
-        reader = make()
-        return reader.read(truth=True), reader.read(truth=True)
-
-    yield _equal("reading again", "an equal scene", twice, "the scene of the same reader")
+    reader = make()
+    same = "the scene of the same reader"
+    yield _equal("reading again", "an equal scene", lambda: (reader.read(truth=True), reader.read(truth=True)), same)
     yield _equal("another reader", "an equal scene", lambda: (scene, read(truth=True)))
     seen = {view.image.tobytes() for view in scene.train}
     repeated = [view.name for view in (*scene.test, *scene.novel) if view.image.tobytes() in seen]
@@ -62,7 +60,11 @@ def check_reader(make: Callable[[], SceneReader], sheet: Path | None = None) -> 
     yield from guarded(AGREEMENT, "an answer", lambda: _agreement(scene))
     yield from check_views(scene.train, meshless=scene.mesh is None)
     if sheet is not None:
-        yield from guarded("contact sheet", "a picture of the scene", lambda: _drawn(scene, sheet))
+        yield from guarded(
+            "contact sheet",
+            "a picture of the scene",
+            lambda: iter([Finding("pass", "contact sheet", "", str(write_sheet(scene, sheet)))]),
+        )
     lacking = unscored(scene)
     for name in COMPONENTS:
         said_of = f"not scored: {lacking[name]}" if name in lacking else "scored"
@@ -110,12 +112,7 @@ def _agreement(scene: Scene) -> Iterator[Finding]:
     yield judge(agrees, AGREEMENT, f"an intersection over union of {GOOD} at least", said[-1])
 
 
-def _drawn(scene: Scene, path: Path) -> Iterator[Finding]:
-    write_sheet(scene, path)
-    yield Finding("pass", "contact sheet", "", str(path))
-
-
-def write_sheet(scene: Scene, path: Path) -> None:
+def write_sheet(scene: Scene, path: Path) -> Path:
     """Write some photographs, held-out ones last, with the mesh's outline in red: on the object's edge where all is well."""
     held_out = scene.test or scene.novel
     views = [*scene.train[:: max(1, len(scene.train) // SHOWN)][:SHOWN], *held_out[:: max(1, len(held_out) // ROW)][:ROW]]
@@ -133,6 +130,7 @@ def write_sheet(scene: Scene, path: Path) -> None:
     pixels = (255 * sheet.swapaxes(1, 2).reshape(len(sheet) * tall, ROW * wide, 3)).round().astype(np.uint8)
     with whole_file(path) as partial:
         Image.fromarray(pixels).save(partial, format="PNG")
+    return path
 
 
 def difference(one: object, two: object, where: str = "scene") -> str | None:
