@@ -70,14 +70,6 @@ class Compared:
         inside = mask[..., None]
         return cls(np.where(inside, predicted, 1.0), np.where(inside, true, 1.0), mask, protocol or Protocol(), clipped=clipped)
 
-    def expect_windows(self, side: int) -> None:
-        """Raise Undefined for pictures that a window of ``side`` pixels does not fit into, NoScoredPixel for an empty area."""
-        if not self.area.any():
-            raise NoScoredPixel
-        height, width = self.area.shape
-        if min(height, width) < side:
-            raise Undefined(f"image of {width} x {height} pixels is smaller than the window of {side}")
-
 
 def squared_error(pair: Compared) -> float:
     """Mean of (predicted - true)^2 over the area's pixels and channels. Raises NoScoredPixel on an empty area."""
@@ -107,13 +99,17 @@ def ssim(pair: Compared) -> float:
 
     Raises Undefined on pictures smaller than the window, NoScoredPixel on an empty area.
     """
-    settings = pair.protocol.ssim
-    pair.expect_windows(settings.window)
+    settings, (height, width) = pair.protocol.ssim, pair.area.shape
+    if not pair.area.any():
+        raise NoScoredPixel
+    if min(height, width) < settings.window:
+        raise Undefined(f"image of {width} x {height} pixels is smaller than the window of {settings.window}")
     if pair.whole:
-        found = _similarity(pair.predicted, pair.true, settings)
         border = settings.window // 2 if settings.border == "valid" else 0
-        return float(found[border : len(found) - border, border : found.shape[1] - border].mean())
-    seen = tuple(_reach(places, settings.window) for places in np.nonzero(pair.area))  # no window of a scored pixel looks farther
+        found = _similarity(pair.predicted, pair.true, settings)
+        return float(found[border : height - border, border : width - border].mean())
+    reach, places = settings.window, np.nonzero(pair.area)  # no window of a scored pixel looks farther
+    seen = tuple(slice(max(int(at.min()) - reach, 0), int(at.max()) + reach + 1) for at in places)
     return float(_similarity(pair.predicted[seen], pair.true[seen], settings)[pair.area[seen]].mean())
 
 
@@ -134,11 +130,6 @@ def _similarity(predicted: np.ndarray, true: np.ndarray, settings: SsimSettings)
     luminance = (2 * mean_x * mean_y + C1) / (mean_x**2 + mean_y**2 + C1)
     structure = (2 * (xy - mean_x * mean_y) + C2) / (xx - mean_x**2 + yy - mean_y**2 + C2)
     return luminance * structure
-
-
-def _reach(places: np.ndarray, window: int) -> slice:
-    """The range from a ``window`` before the first of some rows or columns to a window behind the last one."""
-    return slice(max(int(places.min()) - window, 0), int(places.max()) + window + 1)
 
 
 if TYPE_CHECKING:
