@@ -149,15 +149,14 @@ def pictures(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
         return of_object(view, protocol, encoding)
     scored = _eroded(view.mask, settings.erosion)
     _expect_finite(view, scored, everywhere=True)
-    predicted, true, clipped = _encoded(view, encoding, _scale(view, scored, settings))
-    return _whole(view, protocol, scored, (predicted, true), clipped)
+    return _whole(view, protocol, scored, *_encoded(view, encoding, _scale(view, scored, settings)))
 
 
 def of_object(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     """Compare two pictures of the object alone, under any protocol."""
     _expect_finite(view, view.mask)
-    predicted, true, clipped = _encoded(view, encoding)
-    return Compared.of_object(predicted, true, view.mask, protocol, clipped)
+    pair, clipped = _encoded(view, encoding)
+    return Compared.of_object(*pair, view.mask, protocol, clipped)
 
 
 def linear_pictures(view: Pair, protocol: Protocol) -> Compared:
@@ -171,15 +170,14 @@ def linear_pictures(view: Pair, protocol: Protocol) -> Compared:
     _expect_finite(view, scored, everywhere=True)
     shown = (view.true * scored[..., None]).clip(0, 1)
     gain = linear_to_srgb(shown).mean() / shown.mean() if shown.mean() > 1e-8 else 1.0
-    predicted, cut_predicted = _clip(view.predicted * _scale(view, scored, settings) * gain, settings.hdr_clip, view.mask)
-    true, cut_true = _clip(view.true * gain, settings.hdr_clip, view.mask)
-    return _whole(view, protocol, scored, (predicted, true), (cut_predicted, cut_true))
+    scale = _scale(view, scored, settings)
+    return _whole(view, protocol, scored, *_encoded(view, "linear", scale, gain=float(gain), largest=settings.hdr_clip))
 
 
 def over_white(view: Pair, protocol: Protocol, encoding: Encoding) -> Compared:
     """Compare all known pixels, as most papers print it: both pictures lie over white by their own coverage."""
     _expect_finite(view, view.mask, everywhere=True)
-    predicted, true, clipped = _encoded(view, encoding)
+    (predicted, true), clipped = _encoded(view, encoding)
     own, other = (coverage[..., None].clip(0, 1) for coverage in view.coverage)
     pair = own * predicted + (1 - own), other * true + (1 - other)
     return Compared(*pair, view.known, protocol, whole=True, clipped=clipped)
@@ -212,19 +210,18 @@ def _expect_finite(view: Pair, scored: np.ndarray, *, everywhere: bool = False) 
         raise Undefined(f"the prediction is not finite in {count}{'' if everywhere else ' scored'} pixels")
 
 
-def _encoded(view: Pair, encoding: Encoding, scale: np.ndarray | float = 1.0) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
-    """Prediction times ``scale``, and truth, both encoded and clipped to [0, 1]; and how many values of each were clipped."""
-    predicted, cut_predicted = encode(view.predicted * scale, encoding, view.mask)
-    true, cut_true = encode(view.true, encoding, view.mask)
-    return predicted, true, (cut_predicted, cut_true)
+def _encoded(
+    view: Pair, encoding: Encoding, scale: np.ndarray | float = 1.0, *, gain: float = 1.0, largest: float = 1.0
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[int, int]]:
+    """Prediction times ``scale``, and truth, both times ``gain``, encoded and clipped; and how many values of each were clipped."""
+    parts = view.predicted * scale * gain, view.true * gain
+    (predicted, of_predicted), (true, of_true) = (encode(values, encoding, view.mask, largest) for values in parts)
+    return (predicted, true), (of_predicted, of_true)
 
 
-def encode(linear: np.ndarray, encoding: Encoding, inside: np.ndarray) -> tuple[np.ndarray, int]:
-    """Encode (H, W, 3) linear values and clip them to [0, 1]; also the number of values ``inside`` (H, W) clipped."""
-    return _clip(linear_to_srgb(linear) if encoding == "srgb" else linear, 1.0, inside)
-
-
-def _clip(values: np.ndarray, largest: float, inside: np.ndarray) -> tuple[np.ndarray, int]:
+def encode(linear: np.ndarray, encoding: Encoding, inside: np.ndarray, largest: float = 1.0) -> tuple[np.ndarray, int]:
+    """Encode (H, W, 3) linear values and clip them to [0, largest]; also the number of values ``inside`` (H, W) clipped."""
+    values = linear_to_srgb(linear) if encoding == "srgb" else linear
     beyond = ((values < 0) | (values > largest)) & inside[..., None]
     return np.clip(values, 0.0, largest), int(beyond.sum())
 

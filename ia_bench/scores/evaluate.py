@@ -46,16 +46,8 @@ NEVER_WHOLE = ("roughness", "light", "log_light")
 class Scores:
     """Numbers of one run, each a number, +inf (PSNR of identical images) or None, with the reason of every non-number.
 
-    Attributes:
-        protocol: What they are computed under.
-        renderer: The name of what drew the pictures.
-        metrics: Component -> metric -> mean.
-        variants: The same under other definitions, each named.
-        per_image: Component (-> light) -> metric -> one value per view.
-        reasons: Dotted path -> why it is null in JSON.
-        counts: Component -> numbers of views, pixels, clipped values; "textures" -> texels, and those drawn rougher than they are.
-        albedo_scales: Alignment -> RGB scale, None where there is none.
-        geometry: The recovered shape against the true one, empty where it was given.
+    What each holds is said of :class:`ia_bench.runs.record.RunRecord`, which keeps them; ``counts["textures"]`` has texels, and
+    those that are drawn rougher than they are.
     """
 
     protocol: Protocol
@@ -121,11 +113,12 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
         ValueError: Predictions and truth differ in views, shapes or lights, or the truth is not finite.
     """
     scores = Scores(protocol, renderer)
-    views = _record(scores, predictions, truth, MEASURED)
+    views = record_all(scores, predictions, truth, MEASURED)
     psnr = [METRIC_OF["albedo.psnr"]]
     for name, of in views.items():
         if name not in NEVER_WHOLE:
-            over_white = partial(comparison.over_white, protocol=protocol, encoding=_encoding(name, protocol))
+            encoding = protocol.albedo_encoding if "albedo" in name else protocol.radiance_encoding
+            over_white = partial(comparison.over_white, protocol=protocol, encoding=encoding)
             scores.record(f"{name}_whole_image", of, over_white, psnr)
     other: Encoding = "linear" if protocol.albedo_encoding == "srgb" else "srgb"
     in_other = partial(comparison.pictures, protocol=protocol, encoding=other)
@@ -142,15 +135,10 @@ def score(predictions: Predictions, truth: Predictions, protocol: Protocol, *, r
     return scores
 
 
-def score_again(scores: Scores, predictions: Predictions, truth: Predictions, suffix: str) -> None:
-    """Record the components of other pictures of the same reconstruction as variants, named by ``suffix``."""
-    _record(scores, predictions, truth, METRICS, suffix)
-
-
 def score_quick(predictions: Predictions, truth: Predictions, protocol: Protocol) -> dict[str, float | None]:
     """Return the metric columns of curve.csv; None stands for an undefined value."""
     scores = Scores(protocol)
-    _record(scores, predictions, truth, CURVE_METRICS)
+    record_all(scores, predictions, truth, CURVE_METRICS)
     return {metric.column: scores.metrics[metric.component][metric.name] for metric in CURVE_METRICS}
 
 
@@ -162,7 +150,7 @@ def albedo_scale(predicted: Images, true: Images, protocol: Protocol) -> np.ndar
         return None
 
 
-def _record(
+def record_all(
     scores: Scores, predictions: Predictions, truth: Predictions, metrics: tuple[Metric, ...], suffix: str = ""
 ) -> dict[str, Views]:
     """Score the components by those of ``metrics`` that belong to each; return what was compared."""
@@ -181,18 +169,14 @@ def _record(
 def _record_one(scores: Scores, component: str, views: Views, metrics: tuple[Metric, ...], suffix: str) -> None:
     """One component, as the protocol compares it."""
     protocol = scores.protocol
-    by_component: dict[str, Callable[[Pair], Compared]] = {
-        "roughness": partial(comparison.roughness, protocol=protocol),
-        "light": partial(comparison.of_object, protocol=protocol, encoding=protocol.radiance_encoding),
-        "log_light": partial(comparison.logarithms, protocol=protocol),
+    encoding = protocol.albedo_encoding if "albedo" in component else protocol.radiance_encoding
+    ways: dict[str, Callable[..., Compared]] = {
+        "roughness": comparison.roughness,
+        "light": partial(comparison.of_object, encoding=encoding),
+        "log_light": comparison.logarithms,
     }
-    pictures = partial(comparison.pictures, protocol=protocol, encoding=_encoding(component, protocol))
-    compare = by_component.get(component, pictures)
+    compare = partial(ways.get(component, partial(comparison.pictures, encoding=encoding)), protocol=protocol)
     scores.record(component + suffix, views, compare, [metric for metric in metrics if metric.component == component])
-
-
-def _encoding(component: str, protocol: Protocol) -> Encoding:
-    return protocol.albedo_encoding if "albedo" in component else protocol.radiance_encoding
 
 
 def _paired(predictions: Predictions, truth: Predictions, what: str, protocol: Protocol) -> Views:
@@ -247,16 +231,16 @@ def explain(values: Sequence[Value]) -> str | None:
     if not values:
         return "no image"
     where: dict[str, list[int]] = {}
+    said = []
     for index, value in enumerate(values):
         if isinstance(value, Undefined):
             where.setdefault(str(value), []).append(index)
         elif math.isinf(value):
             where.setdefault("identical", []).append(index)
-    named = {
-        reason: "every image" if len(found) == len(values) else f"image{'s' * (len(found) > 1)} {', '.join(map(str, found))}"
-        for reason, found in where.items()
-    }
-    return "; ".join(f"{reason} ({images})" for reason, images in named.items()) or None
+    for reason, found in where.items():
+        images = f"image{'s' * (len(found) > 1)} {', '.join(map(str, found))}"
+        said.append(f"{reason} ({'every image' if len(found) == len(values) else images})")
+    return "; ".join(said) or None
 
 
 def finite_or_none(tree: object) -> object:

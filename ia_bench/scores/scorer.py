@@ -19,8 +19,9 @@ from ia_bench.render.stage import Stage, camera_key
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Mesh, Scene, View
 from ia_bench.scores.balls import ball_pictures, log_radiance
+from ia_bench.scores.columns import METRICS
 from ia_bench.scores.comparison import Predictions
-from ia_bench.scores.evaluate import REDRAWN, Scores, albedo_scale, score, score_again, score_quick
+from ia_bench.scores.evaluate import REDRAWN, Scores, albedo_scale, record_all, score, score_quick
 from ia_bench.scores.metrics import Undefined, check_weights
 from ia_bench.scores.protocol import Protocol
 
@@ -155,7 +156,7 @@ class Scorer:
             self.drawn = (reconstruction, own) if isinstance(reconstruction, TexturedReconstruction) else None
         scores = score(own, truth, self._protocol, renderer=renderer)
         if redrawn is not None:
-            score_again(scores, redrawn, truth, REDRAWN)
+            record_all(scores, redrawn, truth, METRICS, REDRAWN)
         if self.drawn is not None:
             scores.counts["textures"] = self.drawn[0].counts()
         task.advance(task.total - task.done)
