@@ -12,7 +12,7 @@ from typing import Any
 from hydra import compose as hydra_compose
 from hydra import initialize_config_dir
 from hydra.core.config_store import ConfigStore
-from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException, OverrideParseException
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException
 
@@ -95,16 +95,12 @@ def explain(error: Exception) -> str:
         names = sorted(str(name) for name in node if name != "hydra") if isinstance(node, DictConfig) else []
         return unknown("setting", re.split(r"[.@]", last)[0], names, prefix=f"{parent}." if parent else "")
     if isinstance(cause, OmegaConfBaseException):
-        where = f"{cause.full_key}: " if cause.full_key else ""
-        return where + str(cause).splitlines()[0]
-    if isinstance(error, ConfigCompositionException):
-        text = " ".join(str(error).split())
-        several = re.match(r"Ambiguous value for argument '([^']+)'", text)
-        if several:
-            key = several[1].removeprefix("++")
-            return f"{key}: expected one value; several runs are a table: ia-bench table seeds=0,1 scenes=hat,ship"
-        return text
-    return str(error)
+        return (f"{cause.full_key}: " if cause.full_key else "") + str(cause).splitlines()[0]
+    text = " ".join(str(error).split())
+    if several := re.match(r"Ambiguous value for argument '([^']+)'", text):
+        key = several[1].removeprefix("++")
+        return f"{key}: expected one value; several runs are a table: ia-bench table seeds=0,1 scenes=hat,ship"
+    return text
 
 
 def _named_plugins(kind: registry.Kind, overrides: Sequence[str]) -> list[registry.Plugin]:

@@ -12,7 +12,6 @@ reader sees the old one, the new one or none.
 from __future__ import annotations
 
 import csv
-import errno
 import fcntl
 import hashlib
 import io
@@ -203,8 +202,7 @@ def lock_folder(path: Path, note: Callable[[str], None]) -> BinaryIO:
         path.mkdir(parents=True, exist_ok=True)
         lock = os.fdopen(os.open(path / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "rb")
     except OSError as error:
-        why = f"its {LOCK} is a symbolic link" if error.errno == errno.ELOOP else error.strerror
-        raise InputError(f"{path}: cannot be used as a run's folder ({why})") from None
+        raise InputError(f"{path}: cannot be used as a run's folder ({error.strerror})") from None
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -220,14 +218,11 @@ def held_since(path: Path) -> float | None:
 
     Nothing is made or changed; a process that begins just now waits for a moment.
     """
-    try:
-        with os.fdopen(os.open(path / LOCK, os.O_RDONLY | os.O_NOFOLLOW), "rb") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return os.fstat(lock.fileno()).st_mtime
-    except OSError:  # never locked
-        return None
+    with suppress(OSError), os.fdopen(os.open(path / LOCK, os.O_RDONLY | os.O_NOFOLLOW), "rb") as lock:  # else never locked
+        try:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return os.fstat(lock.fileno()).st_mtime
     return None
 
 
@@ -246,8 +241,7 @@ def folders_among(paths: Sequence[Path], note: Callable[[str], object]) -> list[
     """
     folders = [path for path in paths if path.is_dir()]
     files = [path for path in paths if path.is_file()] if folders else []
-    wrong = [str(path) for path in paths if path not in (*folders, *files)]
-    if wrong:
+    if wrong := [str(path) for path in paths if path not in (*folders, *files)]:
         raise InputError(f"{', '.join(wrong)}: expected a folder with runs, found none")
     for path in files:
         note(f"{path}: passed over, since it is a file and no folder with runs")

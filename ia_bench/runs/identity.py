@@ -11,7 +11,6 @@ import os
 import shlex
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +47,9 @@ def identity(config: RunConfig) -> dict[str, Any]:
     for plugin, options in _plugins(config):
         paths = _files_of(plugin, options)
         content[plugin.kind] |= {
-            "options": _mapped(content[plugin.kind]["options"], partial(_without_path, paths)),
+            "options": _mapped(
+                content[plugin.kind]["options"], lambda text, paths=paths: CONTENT if _path_in(text, paths) else text
+            ),
             "files": [_content(path) for path in paths if plugin.kind != "reader"],
             "code": registry.foreign_code(plugin.kind, plugin.name, plugin.target),
         }
@@ -114,9 +115,9 @@ def run_folder(config: RunConfig, key: str) -> Path:
 
 
 def _content(root: Path, paths: Iterable[Path] | None = None) -> str:
-    """SHA-256 (hex) over names below ``root`` and bytes of the files among ``paths``, and in its folders of all but documents.
+    """SHA-256 (hex) over names below ``root`` and bytes of the files among ``paths`` (None: ``root``), and all in its folders.
 
-    ``paths``: None for ``root`` itself.
+    Documents decide nothing.
     """
     try:
         found: list[Path] = []
@@ -171,10 +172,6 @@ def _path_in(text: str, paths: Collection[Path] = ()) -> Path | None:
         return path if known or os.sep in text and path.is_dir() else None
     except (OSError, ValueError, RuntimeError):  # no name of a file
         return None
-
-
-def _without_path(paths: Collection[Path], text: str) -> str:
-    return CONTENT if _path_in(text, paths) else text
 
 
 def _paths_in(options: Mapping[str, Any]) -> list[Path]:

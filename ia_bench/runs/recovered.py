@@ -6,7 +6,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from ia_bench.capture.capture import captured
@@ -16,7 +15,6 @@ from ia_bench.common.machine import commit
 from ia_bench.common.progress import Begin, Progress, unseen
 from ia_bench.common.settings import parsed
 from ia_bench.material.textures import Material
-from ia_bench.render.asset_files import read_asset
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import RunConfig, slug
@@ -92,15 +90,11 @@ class Recovered:
         """
 
         def texture(name: str, channels: int) -> torch.Tensor:
-            image: np.ndarray = read_exr(self.folder / f"{name}.exr", channels)
-            return torch.from_numpy(image).to(stage.device)
+            return torch.from_numpy(read_exr(self.folder / f"{name}.exr", channels)).to(stage.device)
 
         def optional(name: str, channels: int) -> torch.Tensor | None:
             return texture(name, channels) if (self.folder / f"{name}.exr").is_file() else None
 
-        if self.record.declared is not None:  # an asset that was brought, whose mesh may be another one
-            asset = read_asset(self.folder / "asset.glb", note=lambda line: None)
-            stage = Stage(asset.mesh, stage.device)
         material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
         return TexturedReconstruction(stage, material, optional("light", 3), coat=self.config.render.coat)
 

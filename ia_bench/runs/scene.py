@@ -83,13 +83,10 @@ class ToldPrior(WrappedPrior):
         return replace(observations, truth={name: self._truth(name, observations.views) for name in self.info.provides})
 
     def _truth(self, component: str, views: tuple[int, ...]) -> Tensor:
-        every, images = self._views(), []
-        for view in (every[number] for number in views):
-            image = getattr(view, component)
-            if image is None:
-                raise InputError(f"prior {self.stands_for}: training view {view.name} has no ground-truth {component}")
-            images.append(image)
-        return torch.from_numpy(np.stack(images)).float()
+        chosen = [self._views()[number] for number in views]
+        if lacking := [view.name for view in chosen if getattr(view, component) is None]:
+            raise InputError(f"prior {self.stands_for}: training view {lacking[0]} has no ground-truth {component}")
+        return torch.from_numpy(np.stack([getattr(view, component) for view in chosen])).float()
 
 
 def _true_views(scene: Scene, problem: Problem) -> tuple[View, ...]:

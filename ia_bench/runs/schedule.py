@@ -98,9 +98,8 @@ def _end_of(job: Job, log: Path) -> tuple[str | None, bool]:
         return None, False
     if status < 0:
         return f"worker died: killed by signal {-status}", True
-    lines = log.read_text(encoding="utf-8", errors="replace").split("\n") if log.exists() else []
-    last = next((line.strip() for line in reversed(lines) if line.strip()), "no output")
-    return f"exit status {status}: {last}", status in (INTERRUPTED, TERMINATED)
+    lines = log.read_text(encoding="utf-8", errors="replace").strip().split("\n") if log.exists() else []
+    return f"exit status {status}: {lines[-1].strip() if lines else 'no output'}", status in (INTERRUPTED, TERMINATED)
 
 
 def _failed(cell: Cell, problem: str, log: Path, before: int) -> str:

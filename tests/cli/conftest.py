@@ -14,7 +14,7 @@ from command_line import HERE
 @pytest.fixture
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty current folder, two scenes, and the fake run in this process and in those it starts."""
-    for scene in ("hat", "ship"):
+    for scene in ("hat", "ship", "console", "figurine"):
         (tmp_path / "datasets" / "scenes" / scene).mkdir(parents=True)
     monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))
     monkeypatch.setenv("FAKE_LOG", str(tmp_path / "log"))
