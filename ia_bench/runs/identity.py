@@ -11,6 +11,7 @@ import os
 import shlex
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +48,7 @@ def identity(config: RunConfig) -> dict[str, Any]:
     for plugin, options in _plugins(config):
         paths = _files_of(plugin, options)
         content[plugin.kind] |= {
-            "options": _mapped(
-                content[plugin.kind]["options"], lambda text, paths=paths: CONTENT if _path_in(text, paths) else text
-            ),
+            "options": _mapped(content[plugin.kind]["options"], partial(_without_path, paths)),
             "files": [_content(path) for path in paths if plugin.kind != "reader"],
             "code": registry.foreign_code(plugin.kind, plugin.name, plugin.target),
         }
@@ -172,6 +171,10 @@ def _path_in(text: str, paths: Collection[Path] = ()) -> Path | None:
         return path if known or os.sep in text and path.is_dir() else None
     except (OSError, ValueError, RuntimeError):  # no name of a file
         return None
+
+
+def _without_path(paths: Collection[Path], text: str) -> str:
+    return CONTENT if _path_in(text, paths) else text
 
 
 def _paths_in(options: Mapping[str, Any]) -> list[Path]:
