@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 import torch
 
-from ia_bench.capture.capture import captured
-from ia_bench.capture.settings import CaptureSettings
 from ia_bench.checks import methods
 from ia_bench.checks.finding import Finding
 from ia_bench.checks.methods import check_method
@@ -153,14 +151,7 @@ def test_what_writes_to_the_scene_is_found(tiny: Scene) -> None:
             problem.scene.train[0].image[0, 0] = 1
             return super().result(problem, grey)
 
-    class Believer(Walk):
-        def result(self, problem: Problem, grey: torch.Tensor) -> Result:
-            problem.scene.train[0].valid[:] = True
-            return super().result(problem, grey)
-
     assert failed(findings(Painter, tiny)) == ["the scene"]
-    eight_bits = captured(tiny, CaptureSettings(radiometry="ldr", percentile=90.0), lambda line: None)
-    assert failed(findings(Believer, eight_bits)) == ["the scene"]
 
 
 class Dark:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from run_folders import CONFIG, HASH
-from shipped_choices import CONF
 
+from ia_bench.common.paths import conf_folder
 from ia_bench.runs.folder import RunFolder
 
 
@@ -22,7 +22,7 @@ def folder(tmp_path: Path):
 def scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Scene folders of every shipped name, with just enough in them to be told apart."""
     root = tmp_path / "datasets" / "scenes"
-    for path in CONF.glob("scene/*.yaml"):
+    for path in conf_folder().glob("scene/*.yaml"):
         (root / path.stem).mkdir(parents=True)
         (root / path.stem / "scene.json").write_text(json.dumps({"name": path.stem}))
     monkeypatch.setenv("IA_BENCH_DATASETS", str(tmp_path / "datasets"))

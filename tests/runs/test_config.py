@@ -9,9 +9,9 @@ from types import UnionType
 from typing import Annotated, Union, get_args, get_origin, get_type_hints
 
 import pytest
-from shipped_choices import CONF
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.paths import conf_folder
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.two_stage.settings import FitSettings, LearningRates, LossWeights
 from ia_bench.render.settings import RenderSettings
@@ -21,7 +21,7 @@ from ia_bench.runs.identity import identity
 from ia_bench.scores.protocol import Protocol
 
 pytestmark = pytest.mark.usefixtures("scenes")
-GROUP_FILES = sorted(path for path in CONF.glob("*/*.yaml") if path.parent.name not in ("table", "regulariser"))
+GROUP_FILES = sorted(path for path in conf_folder().glob("*/*.yaml") if path.parent.name not in ("table", "regulariser"))
 
 
 @pytest.mark.parametrize("path", GROUP_FILES, ids=lambda path: f"{path.parent.name}={path.stem}")

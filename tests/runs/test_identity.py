@@ -11,7 +11,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from shipped_choices import _variations
 
 from ia_bench.common.settings import parsed
 from ia_bench.methods.two_stage.settings import FitSettings
@@ -32,6 +31,19 @@ class Silent:
 class Says(Silent):
     def files(self): return [self.folder / "mine" / "0.png"]
 """
+
+
+def _variations(settings):
+    """The same settings with one leaf changed, for every leaf but those that decide no number."""
+    found = []
+    for leaf in dataclasses.fields(settings):
+        value = getattr(settings, leaf.name)
+        if dataclasses.is_dataclass(value):
+            found += [dataclasses.replace(settings, **{leaf.name: changed}) for changed in _variations(value)]
+        elif leaf.name not in ("regularise", "regulariser_options"):  # numbers and texts
+            other = value + "x" if isinstance(value, str) else not value if isinstance(value, bool) else value + 1
+            found.append(dataclasses.replace(settings, **{leaf.name: other}))
+    return found
 
 
 def config_hash(config: RunConfig) -> str:
