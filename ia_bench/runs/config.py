@@ -37,10 +37,10 @@ class SceneConfig:
 
 @dataclass(frozen=True)
 class PluginConfig:
-    """A plugin: the class ``target`` (``"module:Class"``) called with ``options``.
+    """A plugin: the class ``target`` (``"module:Class"``) called with ``options``, a reader with the scene's folder before them.
 
-    A reader is called with the scene's folder before them. Those of a method, whose ``Options`` say what they may be, are complete
-    in a resolved configuration: those of the command line over those of the preset over the defaults.
+    The options of a method, whose ``Options`` say what they may be, are complete in a resolved configuration: those of the command
+    line over those of the preset over the defaults.
     """
 
     name: str
@@ -198,16 +198,16 @@ def resolve_scene_folder(scene: SceneConfig, reader: ReaderConfig | None = None)
     if reader is not None and reader.target != NATIVE_READER:
         return None
     roots = scenes_folders()
-    found = [root / scene.name for root in roots if (root / scene.name).is_dir()]
-    if not found:
-        there = sorted({folder.name for root in roots for folder in root.iterdir() if folder.is_dir()})
-        message = unknown(f"scene in {' or '.join(map(str, roots))}:", scene.name, there)
-        if roots[0].is_relative_to(PACKAGE):
-            message += f". {MORE_SCENES}"
-        elif (conf_folder() / "scene" / f"{scene.name}.yaml").is_file():
-            message += f". It has a recipe: make scenes SCENES={scene.name}, then {SCENES_VARIABLE}=results/datasets"
-        raise InputError(message)
-    return found[0]
+    for root in roots:
+        if (root / scene.name).is_dir():
+            return root / scene.name
+    there = sorted({folder.name for root in roots for folder in root.iterdir() if folder.is_dir()})
+    message = unknown(f"scene in {' or '.join(map(str, roots))}:", scene.name, there)
+    if roots[0].is_relative_to(PACKAGE):
+        message += f". {MORE_SCENES}"
+    elif (conf_folder() / "scene" / f"{scene.name}.yaml").is_file():
+        message += f". It has a recipe: make scenes SCENES={scene.name}, then {SCENES_VARIABLE}=results/datasets"
+    raise InputError(message)
 
 
 def slug(text: str) -> str:
@@ -248,10 +248,9 @@ def _method(config: RunConfig, here: bool) -> PluginConfig:
     """The method with all its options, those of the preset among them."""
     method = config.method
     kind = method_class(method)
-    defaults = fields(kind.Options)
     key = "method.options" if config.fit is None else "fit"
     given = merged(kind.presets.get(config.preset, {}), method.options)
-    options = parsed(kind.Options, merged(given, config.fit or {}) if defaults else given, key)
+    options = parsed(kind.Options, merged(given, config.fit or {}) if fields(kind.Options) else given, key)
     demand = {f"render.{name}": size for name, size in config.render.memory().items()}
     if hasattr(options, "memory"):
         demand |= {f"{key}.{name}": size for name, size in options.memory(config.render).items()}

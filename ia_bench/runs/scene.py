@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from ia_bench.capture.capture import captured
 from ia_bench.common.errors import InputError, PluginError
@@ -80,13 +79,12 @@ class ToldPrior(WrappedPrior):
         """The observations with truth, which pictures that are no training views do not have."""
         if observations.views is None:
             return observations
-        return replace(observations, truth={name: self._truth(name, observations.views) for name in self.info.provides})
-
-    def _truth(self, component: str, views: tuple[int, ...]) -> Tensor:
-        chosen = [self._views()[number] for number in views]
-        if lacking := [view.name for view in chosen if getattr(view, component) is None]:
-            raise InputError(f"prior {self.stands_for}: training view {lacking[0]} has no ground-truth {component}")
-        return torch.from_numpy(np.stack([getattr(view, component) for view in chosen])).float()
+        chosen, truth = [self._views()[number] for number in observations.views], {}
+        for name in self.info.provides:
+            if lacking := [view.name for view in chosen if getattr(view, name) is None]:
+                raise InputError(f"prior {self.stands_for}: training view {lacking[0]} has no ground-truth {name}")
+            truth[name] = torch.from_numpy(np.stack([getattr(view, name) for view in chosen])).float()
+        return replace(observations, truth=truth)
 
 
 def _true_views(scene: Scene, problem: Problem) -> tuple[View, ...]:
