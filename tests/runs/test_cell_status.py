@@ -67,7 +67,7 @@ def test_every_state_is_told_from_what_lies_in_the_folders(tmp_path: Path) -> No
     assert {one.cell.row: one.state for one in look(tmp_path).cells}["running"] == WAITING  # nobody holds it any more
 
 
-def test_the_time_left_is_that_of_the_rows_own_cells_shared_by_the_jobs(tmp_path: Path) -> None:
+def test_the_time_left_is_that_of_the_rows_own_cells_shared_by_the_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Row a took 100 s and row b 40 s. To do: a twice, b once, and c, which is expected to take their mean of 70 s; one of a has
     been at work for 30 s. So 100 + 40 + 70 + 70 s of work for two jobs."""
     plan(tmp_path, ("a", 0), ("b", 0), ("a", 1), ("a", 2), ("b", 1), ("c", 0))
@@ -76,6 +76,7 @@ def test_the_time_left_is_that_of_the_rows_own_cells_shared_by_the_jobs(tmp_path
     cell(tmp_path, "b", status="ok", time_s={"total": 40.0})
     running = cell(tmp_path, "a", 1)
     now = time.time()
+    monkeypatch.setattr(time, "time", lambda: now)
     for path in (tmp_path / "cells.json", running / "config.json"):
         os.utime(path, (now - 900, now - 900))  # begun before, interrupted, and gone on with half a minute ago
     with lock_folder(running, print):

@@ -49,6 +49,7 @@ def browser() -> Iterator[Any]:
 def open_page(browser: Any) -> Iterator[Callable[[Path], Any]]:
     """A function that opens a folder's page, 1280 pixels wide; whatever goes wrong in it or leaves its folder fails the test."""
     context = browser.new_context(viewport={"width": 1280, "height": 900})
+    context.set_default_timeout(1_200_000)  # of a busy machine
     wrong: list[str] = []
 
     def open_(folder: Path) -> Any:
