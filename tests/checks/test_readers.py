@@ -179,7 +179,7 @@ def test_the_command(
     assert main(["reader=native", f"scene.path={tmp_path}"]) == 1
     assert "scene.json: no such file" in capsys.readouterr().out
     for words, message in [
-        (["reader=native", "prior=none"], "unknown setting of ia_bench.check 'prior'"),
+        (["reader=native", "prior=none"], "unknown setting of ia-bench check 'prior'"),
         (["reader=nativ"], "unknown reader 'nativ'; did you mean 'native'?"),
         (["reader=native", "scene.path=nowhere"], "no such folder"),
         (["reader=native", "reader.options.uv=mash"], "unknown value of reader.options.uv: 'mash'; did you mean 'mesh'?"),
