@@ -38,7 +38,7 @@ from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.images import Images, display
 from ia_bench.scenes.scene import Camera, Scene
-from ia_bench.scores.columns import METRICS
+from ia_bench.scores.metrics import METRICS
 from ia_bench.scores.scorer import Scorer
 
 Scored = dict[str, dict[str, float | None]]

@@ -38,7 +38,7 @@ from ia_bench.common.settings import parsed
 from ia_bench.report.curves import read_curve
 from ia_bench.runs.folder import CURVE
 from ia_bench.runs.record import CHANGED, METRICS_FILE, RunRecord, RunSetup
-from ia_bench.scores.columns import METRIC_OF, METRICS
+from ia_bench.scores.metrics import METRIC_OF, METRICS
 
 Runs: TypeAlias = pd.DataFrame
 Record = dict[str, Any]

@@ -15,7 +15,7 @@ import pandas as pd
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
-from ia_bench.scores.columns import CURVE_METRICS, Metric
+from ia_bench.scores.metrics import CURVE_METRICS, Metric
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ from ia_bench.report.statistics import Block, Estimate, Paired, Verdict, block, 
 from ia_bench.report.table import BOUNDS, RENDERED, PaperRow, counterparts, paper_rows
 from ia_bench.report.worth import Gain, gains
 from ia_bench.runs.table import Table
-from ia_bench.scores.columns import METRICS
+from ia_bench.scores.metrics import METRICS
 
 MEAN = "mean over scenes"
 OF_EACH_RUN = ("seed", "scene", "threads", "rescored_from")

@@ -18,7 +18,7 @@ from scipy.stats import t as student
 
 from ia_bench.report.collect import CELL, Runs, finished, reason_of
 from ia_bench.runs.table import Claim
-from ia_bench.scores.columns import METRIC_OF, METRICS, Metric
+from ia_bench.scores.metrics import METRIC_OF, METRICS, Metric
 
 CONFIDENCE = 0.95
 HOW_JUDGED = """\

@@ -10,7 +10,7 @@ from importlib import resources
 
 from ia_bench.common.errors import InputError
 from ia_bench.report.statistics import Block, Estimate, Paired, Verdict
-from ia_bench.scores.columns import METRICS, Metric
+from ia_bench.scores.metrics import METRICS, Metric
 
 BOUNDS = {"ceiling": "ceiling", "constant": "floor"}
 """Rows that optimise nothing and bound all others, and what they are: the truth rendered, and one grey."""

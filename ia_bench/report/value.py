@@ -19,7 +19,7 @@ from ia_bench.report.statistics import CONFIDENCE
 from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.report.worth import NOTHING_LEFT_OUT, SHOWN, Gain, Map, maps, worth
 from ia_bench.report.write import begins_with, csv_text, pipe_table, remove_all_but, write_text
-from ia_bench.scores.columns import METRIC_OF
+from ia_bench.scores.metrics import METRIC_OF
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

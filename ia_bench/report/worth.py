@@ -19,7 +19,7 @@ from ia_bench.report.collect import Record, Runs
 from ia_bench.report.statistics import CONFIDENCE, Estimate, Paired, Scores, better, means, side_by_side
 from ia_bench.report.table import BOUNDS, carried_text
 from ia_bench.runs.table import Row, Table, capture_of, crossed_name
-from ia_bench.scores.columns import METRIC_OF, METRICS, Metric
+from ia_bench.scores.metrics import METRIC_OF, METRICS, Metric
 
 REPLICATES = 10_000
 POWER = 0.8

@@ -27,7 +27,7 @@ from ia_bench.report.findings import MEAN, Findings, analyse
 from ia_bench.report.statistics import HOW_JUDGED, Paired, tally
 from ia_bench.report.table import Entry, Printed, carried_text
 from ia_bench.runs.table import Table
-from ia_bench.scores.columns import METRICS
+from ia_bench.scores.metrics import METRICS
 
 TITLE = "# Results\n"
 """How the template report.md begins."""

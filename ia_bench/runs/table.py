@@ -16,7 +16,7 @@ from ia_bench.common.files import read_yaml, user_path
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.ranges import Name
 from ia_bench.common.settings import flat, parsed
-from ia_bench.scores.columns import METRIC_OF
+from ia_bench.scores.metrics import METRIC_OF
 
 SET_BY_TABLE = ("scene", "scene.name", "scene.path", "reader", "seed", "row", "out")
 """Settings that a table sets for every cell. No command line sets them, nor does a row, which sets no others of a reader either."""

@@ -18,9 +18,18 @@ import numpy as np
 
 from ia_bench.scenes.images import Images
 from ia_bench.scores import comparison
-from ia_bench.scores.columns import COMPONENTS, CURVE_METRICS, MEASURED, METRIC_OF, METRICS, Metric
 from ia_bench.scores.comparison import VARIANTS, Pair, Predictions, pairs, scale, stacked
-from ia_bench.scores.metrics import Compared, NoScoredPixel, Undefined
+from ia_bench.scores.metrics import (
+    COMPONENTS,
+    CURVE_METRICS,
+    MEASURED,
+    METRIC_OF,
+    METRICS,
+    Compared,
+    Metric,
+    NoScoredPixel,
+    Undefined,
+)
 from ia_bench.scores.protocol import Encoding, Protocol
 
 REDRAWN = "_reference"

@@ -19,10 +19,9 @@ from ia_bench.render.stage import Stage, camera_key
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Mesh, Scene, View
 from ia_bench.scores.balls import ball_pictures, log_radiance
-from ia_bench.scores.columns import METRICS
 from ia_bench.scores.comparison import Predictions
 from ia_bench.scores.evaluate import REDRAWN, Scores, albedo_scale, record_all, score, score_quick
-from ia_bench.scores.metrics import Undefined, check_weights
+from ia_bench.scores.metrics import METRICS, Undefined, check_weights
 from ia_bench.scores.protocol import Protocol
 
 SIDE = 2  # rays along a side of a pixel

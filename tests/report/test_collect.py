@@ -19,7 +19,7 @@ from ia_bench.report.curves import read_curve
 from ia_bench.report.write import write_report
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Claim, Table
-from ia_bench.scores.columns import METRICS
+from ia_bench.scores.metrics import METRICS
 
 TRIPLES = ("albedo", "aligned_albedo", "view_synthesis", "relighting")
 TABLE = Table(reference="none", claims=[Claim("ours", "none")])

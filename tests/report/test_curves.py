@@ -11,7 +11,7 @@ import pytest
 
 from ia_bench.report.collect import Runs, collect
 from ia_bench.report.curves import draw_scene, save
-from ia_bench.scores.columns import CURVE_METRICS
+from ia_bench.scores.metrics import CURVE_METRICS
 
 Write = Callable[..., Path]
 RISES = "stage1,0,0,10,10,10,10,0.1\nstage1,50,5,16,16,16,16,0.05\nstage2,100,20,24,24,24,24,0.01\n"

@@ -22,7 +22,7 @@ from ia_bench.report.statistics import (
     tally,
 )
 from ia_bench.runs.table import Claim
-from ia_bench.scores.columns import METRICS
+from ia_bench.scores.metrics import METRICS
 
 RANDOM = np.random.default_rng(0)
 PSNR, ROUGHNESS = METRICS[0], METRICS[-1]

@@ -19,7 +19,7 @@ from ia_bench.report.table import best_paper_methods, paper_rows
 from ia_bench.report.write import Report, tex, write_report
 from ia_bench.runs.folder import find_run_folders
 from ia_bench.runs.table import Claim, Row, Table
-from ia_bench.scores.columns import METRICS
+from ia_bench.scores.metrics import METRICS
 
 Write = Callable[..., Path]
 ROOT = Path(__file__).parents[2]

@@ -36,7 +36,7 @@ from ia_bench.report.write import remove_all_but, write_text
 from ia_bench.runs.pictures.packing import compact
 from ia_bench.runs.record import RunRecord
 from ia_bench.runs.table import Row, crossed_name
-from ia_bench.scores.columns import CURVE_METRICS, METRICS, Metric
+from ia_bench.scores.metrics import CURVE_METRICS, METRICS, Metric
 
 INDEX, PARTS = "index.html", "parts"
 VIEWER, PICTURES = "model-viewer-umd.min.js", "pictures.js"
