@@ -195,6 +195,31 @@ def test_several_materials_share_one_texture_and_keep_their_values(tmp_path: Pat
         np.testing.assert_allclose(at(asset.roughness, there)[:, 0], rough, atol=1e-5)
 
 
+def test_blenders_own_exporter() -> None:
+    """``by_blender.py`` made the file: a sphere with painted maps about (0, 0, .5), and a plain cube about (.8, .1, .3), z up."""
+    rng = np.random.default_rng(0)
+    base, packed = (rng.integers(0, 256, (8, 8, 3))[::-1] / np.float32(255) for _ in range(2))  # Blender's first row is the lowest
+    asset, notes = read(Path(__file__).with_name("by_blender.glb"))
+    np.testing.assert_allclose(asset.mesh.vertices.min(0), [-0.5, -0.5, 0], atol=1e-3)
+    np.testing.assert_allclose(asset.mesh.vertices.max(0), [1.1, 0.5, 1], atol=1e-3)
+    centres = asset.mesh.vertices[asset.mesh.faces].mean(1)
+    in_cube = (np.abs(centres - [0.8, 0.1, 0.3]) < 0.301).all(-1)
+    middle = asset.mesh.uv[asset.mesh.faces].mean(1)
+    plain = at(asset.albedo, middle[in_cube]), at(asset.roughness, middle[in_cube]), at(asset.metallic, middle[in_cube])
+    for found, expected in zip(plain, ([0.02, 0.4, 0.1], 0.35, 0), strict=True):
+        np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=1e-6)
+    # Of the sphere, the UV of every vertex follow from its place: longitude and latitude.
+    painted = np.unique(asset.mesh.faces[~in_cube])
+    x, y, z = (asset.mesh.vertices[painted] - [0, 0, 0.5]).T / 0.5
+    inside = (np.abs(z) < 0.99) & (np.abs(np.arctan2(y, x)) < 3)  # off the poles, and off the seam
+    uv = np.stack([0.5 + np.arctan2(y, x) / (2 * np.pi), 0.5 + np.arcsin(z.clip(-1, 1)) / np.pi], -1)[inside]
+    there = asset.mesh.uv[painted][inside]
+    np.testing.assert_allclose(at(asset.albedo, there), at(srgb_to_linear(base), uv), atol=0.01)
+    np.testing.assert_allclose(at(asset.roughness, there), at(packed[..., 1], uv), atol=0.01)
+    np.testing.assert_allclose(at(asset.metallic, there), at(packed[..., 2], uv), atol=0.01)
+    assert notes == ["by_blender.glb: textures of 2 materials are laid side by side into one of 13 x 13 texels"]
+
+
 def test_a_large_texture_is_reduced(tmp_path: Path) -> None:
     values = picture(0, 8, 8)
     path = gltf(tmp_path / "a.glb", lambda header: None, baseColorTexture=Image.fromarray(values))

@@ -1,0 +1,127 @@
+"""``ia-bench score``: a run's own asset and pictures come back with the run's scores, as rows that say what is declared."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ia_bench.cli.score import USAGE, main
+from ia_bench.report.collect import collect
+from ia_bench.report.statistics import block
+from ia_bench.report.table import results_table
+from ia_bench.runs.composition import compose
+from ia_bench.runs.execute import execute
+from ia_bench.runs.recovered import Rescorer
+
+SMALL = ["protocol.map_points=2", "protocol.render_points=2", "protocol.samples_per_pixel=8", "device=cpu", "threads=1"]
+
+
+def metrics(folder: Path) -> dict[str, dict[str, float]]:
+    return json.loads((folder / "metrics.json").read_text())["metrics"]
+
+
+def differences(folder: Path, other: Path) -> dict[str, float]:
+    """The largest difference of each metric, over components."""
+    found: dict[str, float] = {}
+    for component, values in metrics(folder).items():
+        for name, value in values.items():
+            if "light" not in component:  # which is not seen in pictures
+                found[name] = max(found.get(name, 0.0), abs(value - metrics(other)[component][name]))
+    return found
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short fit of tiny."""
+    folder = tmp_path_factory.mktemp("runs") / "none"
+    execute(compose(["scene=tiny", "preset=smoke", *SMALL, f"out={folder}"]))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def asset_run(run: Path) -> Path:
+    out = run.parent / "asset"
+    declared = ["--seconds", "3.5", "--authors", "Ada, Bo", "--code=their own", "--row", "theirs"]
+    files = [str(run / "asset.glb"), "--light", str(run / "light.exr")]
+    assert main([*files, "--scene", "tiny", "--out", str(out), *declared, *SMALL]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def pictures_run(run: Path) -> Path:
+    assert main([str(run), "--pictures", str(run.parent / "pictures")]) == 0
+    out = run.parent / "images"
+    assert main([str(run.parent / "pictures"), "--scene", "tiny", "--out", str(out), *SMALL]) == 0
+    return out
+
+
+def test_an_asset_brought_back_has_the_scores_of_its_run(run: Path, asset_run: Path) -> None:
+    found = differences(run, asset_run)
+    assert (found["psnr"] < 0.02, found["mse"] < 0.0002, found["ssim"] < 1e-3) == (True, True, True), found
+
+
+def test_pictures_brought_back_have_the_scores_of_their_run(run: Path, pictures_run: Path) -> None:
+    assert max(differences(run, pictures_run).values()) < 1e-6
+
+
+def test_an_asset_is_rescored_on_its_own_mesh(asset_run: Path, tmp_path: Path) -> None:
+    again = Rescorer(compose(["scene=tiny", *SMALL]).protocol, tmp_path).rescore(asset_run)
+    assert max(differences(asset_run, again).values()) < 1e-3
+
+
+def test_what_is_declared_is_marked_as_declared(asset_run: Path, pictures_run: Path) -> None:
+    record = json.loads((asset_run / "metrics.json").read_text())
+    assert record["declared"] == {"authors": "Ada, Bo", "code": "their own", "hardware": "", "seconds": 3.5}
+    runs = collect([asset_run, pictures_run]).runs
+    assert runs["declared"].tolist() == ["yes", "yes"]
+    assert runs["declared_authors"].tolist() == ["Ada, Bo", None]
+    printed = results_table(block(runs, ["theirs", "images"], ["tiny"], "tiny"), dict.fromkeys(["no reason given"], 1))
+    assert [row[-3] for row in printed.body] == ["3.5 (declared)", "–"]
+
+
+def test_other_files_make_another_run(run: Path, tmp_path: Path) -> None:
+    """The same path with other bytes is another configuration."""
+    from ia_bench.runs.identity import hash_of, identity
+
+    path = tmp_path / "asset.glb"
+    hashes = []
+    for content in ((run / "asset.glb").read_bytes(), (run / "asset.glb").read_bytes() + b" "):
+        path.write_bytes(content)
+        hashes.append(hash_of(identity(compose(["scene=tiny", "method=asset", f"method.options.path={path}", *SMALL]))))
+    assert hashes[0] != hashes[1]
+
+
+MISTAKES: dict[str, tuple[list[str], str]] = {
+    "nothing": ([], "expected a mesh (.glb, .gltf, .obj) or a folder of pictures, found nothing"),
+    "no scene": (["RUN/asset.glb"], "--scene: expected the scene that it was recovered of"),
+    "other scene": (["RUN/asset.glb", "--scene", "hta"], "unknown scene"),
+    "unknown option": (["RUN/asset.glb", "--scnee", "hat"], "unknown option '--scnee'; did you mean '--scene'?"),
+    "no value": (["RUN/asset.glb", "--scene"], "--scene: expected a value"),
+    "a run": (["RUN", "--scene", "tiny"], "expected results of other software, found a run"),
+    "two": (["RUN/asset.glb", "b.glb", "--scene", "tiny"], "b.glb: expected one mesh or folder"),
+    "absent": (["gone.glb", "--scene", "tiny"], "method.options.path="),
+    "another file": (["RUN/metrics.json", "--scene", "tiny"], "expected a mesh (.glb, .gltf, .obj) or a folder of pictures"),
+    "up": (["RUN/asset.glb", "--scene", "tiny", "--up", "x"], "unknown value of method.options.up: 'x'"),
+    "light absent": (["RUN/asset.glb", "--scene", "tiny", "--light", "gone.hdr"], "method.options.light="),
+    "seconds": (["RUN/asset.glb", "--scene", "tiny", "--seconds", "-3"], "method.options.declared.seconds"),
+    "both": (["RUN", "--pictures", "OUT", "--scene", "tiny"], "--pictures: expected no other option with it, found --scene"),
+}
+
+
+@pytest.mark.parametrize("case", MISTAKES)
+def test_a_mistake_is_one_line_and_status_2(case: str, run: Path, capfd: Any) -> None:
+    arguments, said = MISTAKES[case]
+    assert main([text.replace("RUN", str(run)) for text in arguments]) == 2
+    shown = capfd.readouterr().err
+    assert said in shown
+    assert shown.count("\n") == 1
+
+
+def test_help_fits_one_screen(capfd: Any) -> None:
+    assert main(["--help"]) == 0
+    assert capfd.readouterr().out.rstrip() == USAGE.rstrip()
+    assert len(USAGE.splitlines()) <= 40
+    assert max(map(len, USAGE.splitlines())) <= 121
