@@ -10,11 +10,15 @@ from pathlib import Path
 from ia_bench.common.errors import InputError
 from ia_bench.common.exit_codes import OK, say, status_of
 from ia_bench.common.paths import make_writable
+from ia_bench.common.suggestions import unknown
 
 EXAMPLES = """\
 SCENE is a name or a folder; SETTING=VALUE is any of a run's that decide what is photographed: reader=..., capture.views=8.
 
-  ia-bench export hat --for prior OUT --size 512      photographs for a network; prior=files takes its predictions back
+  ia-bench export hat OUT --format nerfstudio           a folder that others' code reads, and our reader=nerfstudio
+  ia-bench export hat OUT --for prior --size 512        photographs for a network; prior=files takes its predictions back
+
+Formats: native, nerfstudio, blender-nerf, tensoir, nerfactor, synthetic4relight, stanford_orb, neilf, dtu, colmap, llff
 """
 
 
@@ -24,7 +28,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     shape = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser("ia-bench export", None, about, EXAMPLES, formatter_class=shape, allow_abbrev=False)
     parser.add_argument("given", nargs="+", metavar="SCENE OUT [SETTING=VALUE ...]", help="what is written, and where")
-    parser.add_argument("--for", dest="purpose", choices=["prior"], required=True, help="training photographs for a network")
+    parser.add_argument("--format", help="the layout that is written, with mesh, truth and lights where it has a place for them")
+    parser.add_argument("--for", dest="purpose", choices=["prior"], help="training photographs for a network, instead of a format")
     parser.add_argument("--size", type=int, help="of --for prior: side of the squares that photographs are resized into")
     backgrounds = ["black", "grey", "white", "transparent"]
     parser.add_argument("--background", choices=backgrounds, default="black", help="of --for prior (default: black)")
@@ -46,12 +51,30 @@ def _export(wanted: argparse.Namespace) -> int:
     out = Path(named[0])
     if out.is_dir() and any(out.iterdir()):
         raise InputError(f"{out}: expected a new folder, or an empty one, found files in it")
-    from ia_bench.runs.composition import compose  # brings in Hydra, as what follows brings in torch
+    from ia_bench.readers.writers.formats import FORMATS, exposed, exposure  # brings in torch, as what follows
+    from ia_bench.runs.composition import compose
     from ia_bench.runs.scene import captured_scene, tell
 
+    if (wanted.format is None) == (wanted.purpose is None):
+        raise InputError(f"ia-bench export: expected --format NAME ({', '.join(FORMATS)}) or --for prior, found neither or both")
+    if wanted.format is not None and wanted.format not in FORMATS:
+        raise InputError(unknown("--format", wanted.format, FORMATS))
     scene = captured_scene(compose(settings), lambda line: say(line, sys.stderr))
     tell(scene, lambda line: say(line, sys.stderr))
     make_writable(out, "OUT")
+    if wanted.format is not None:
+        form = FORMATS[wanted.format]
+        factor = 1.0 if form.linear else exposure(scene)
+        options = form.write(out, exposed(scene, factor))
+        if factor < 1:
+            say(
+                f"radiance of photographs and lights times {factor:.4g}, so that 8 bits hold 98 % of the object's pixels",
+                sys.stdout,
+            )
+        values = "".join(f" reader.options.{key}={str(value).replace(' ', '')}" for key, value in options.items())
+        say(f"{out}: {scene.name} as {wanted.format}; it is read back by", sys.stdout)
+        say(f"  ia-bench check reader={form.reader} scene.path={out}{values}", sys.stdout)
+        return OK
     from ia_bench.priors.for_networks import ABOUT, README, write_photographs
 
     write_photographs(out, scene.train, size=wanted.size, background=wanted.background, crop=wanted.crop)

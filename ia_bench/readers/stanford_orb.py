@@ -82,8 +82,9 @@ class StanfordOrbReader(FolderReader):
         notes, own = list[str](), self._place / self.label
         train = [self.view(self._view(self.label, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
         held_out = [self._view(self.label, *frame, notes) for frame in self.kept(frames_of(own / "transforms_test.json"))]
-        seen = [self.view(view) for view in held_out]
-        test = [self.view(self._with_truth(view)) for view in held_out] if truth else list(seen)
+        seen, albedo = [self.view(view) for view in held_out], self._truths / self.label / "pseudo_gt_albedo"
+        tested = self.told(held_out, lambda view: albedo / f"{view.name}.png")
+        test = [self.view(self._with_truth(view) if truth else view) for view in tested]
         lights: dict[str, np.ndarray] = {}
         for where, frame in self.kept(self._novel_frames()):
             name = text(where, frame, "scene_name", "")

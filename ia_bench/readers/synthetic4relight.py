@@ -43,9 +43,11 @@ class Synthetic4RelightReader(FolderReader):
         train = [self.view(self._view(*frame, "_rgb.exr", notes)) for frame in frames_of(folder / "transforms_train.json")]
         test, novel = list[View](), list[View]()
         held_out = frames_of(folder / "transforms_test.json") if (folder / "transforms_test.json").is_file() else []
+        tested = self.told(held_out, lambda frame: folder / f"{frame[1].get('file_path')}_albedo.png")
         for where, frame in self.kept(held_out):
             view = self._view(where, frame, "_rgba.png", notes)
-            test.append(self.view(self._with_truth(where, frame, view) if truth else view))
+            if (where, frame) in tested:
+                test.append(self.view(self._with_truth(where, frame, view) if truth else view))
             novel.append(self.view(view))
             for path in sorted((folder / RELIT).glob(f"*_{view.name}.png")):
                 photo, light = photograph(path, None, notes), path.stem.removesuffix(f"_{view.name}")

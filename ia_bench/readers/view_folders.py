@@ -61,12 +61,15 @@ class ViewFolders(FolderReader):
         if len(lit) < len(held_out):
             without = f"{len(held_out) - len(lit)} of {len(held_out)} held-out views have no photograph"
             notes.append(f"{without} {self.photographs[0]} and are left out")
+        tested = self.told(lit, lambda folder: folder / "albedo.png")
         for folder in self.kept(lit):
             view = self._view(folder, self._photo(folder), notes)
             novel.append(self.view(view))
             for path in sorted(folder.glob("rgba_*.png")):
                 if self.is_novel(light := path.stem.removeprefix("rgba_")):
                     novel.append(self.view(self._view(folder, path, notes, light)))
+            if folder not in tested:
+                continue
             if truth:
                 albedo = true_map(folder / "albedo.png", view.mask, "linear")
                 view = replace(view, albedo=albedo, normal=true_normal(folder / "normal.png", view.mask))

@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from ia_bench.cli.table import main
+from ia_bench.readers.writers.frames import write_nerfstudio
 from ia_bench.scenes.scene import Scene
-
-sys.path.append(str(Path(__file__).parents[1] / "readers"))
-from nerf_writers import write_nerfstudio
-from written import scene_to_write
 
 TABLE = """
 scenes:
   - tiny
-  - {name: their tiny, reader: nerfstudio, path: PATH, options: {every: 4, mesh: PATH/mesh.ply}}
+  - {name: their tiny, reader: nerfstudio, path: PATH, options: {every: 4}}
 rows: [{name: nothing known, overrides: [prior=none]}]
 """
 
 
 @pytest.mark.slow
-def test_two_readers_make_one_table(tiny: Scene, tiny_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_readers_make_one_table(tiny: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    write_nerfstudio(tmp_path / "data" / "capture", scene_to_write(tiny))
-    (tmp_path / "data" / "capture" / "mesh.ply").write_bytes((tiny_folder / "mesh.ply").read_bytes())
+    write_nerfstudio(tmp_path / "data" / "capture", tiny)
     Path("mine.yaml").write_text(TABLE.replace("PATH", str(tmp_path / "data" / "capture")))
     assert main(["table=mine.yaml", "preset=smoke", "jobs=1", "device=cpu", "protocol.samples_per_pixel=4"]) == 0
     found = pd.read_csv("results/mine/runs.csv").set_index("scene")

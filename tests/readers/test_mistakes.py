@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from layouts import LAYOUTS, Layout, scene_to_write
 from PIL import Image
-from test_round_trips import LAYOUTS, read
-from written import Layout, save_exr, scene_to_write
+from test_round_trips import read
 
 from ia_bench.common.errors import InputError
+from ia_bench.readers.writers.parts import Options, save_exr
 from ia_bench.render.agreement import check_agreement
 from ia_bench.scenes.exr import read_exr
 from ia_bench.scenes.scene import Scene
@@ -116,6 +117,16 @@ def posed(change: Callable[[Array], Array], *numbers: int) -> Spoil:
     return edit(SFM, spoil)
 
 
+def rows(change: Callable[[Array], Array]) -> Spoil:
+    """The matrices (3, 5) of poses_bounds.npy, changed."""
+
+    def spoil(folder: Path) -> None:
+        stored = np.load(folder / POSES)
+        np.save(folder / POSES, np.array([[*change(row[:15].reshape(3, 5)).ravel(), *row[15:]] for row in stored]))
+
+    return spoil
+
+
 def smaller(values: Array) -> Array:
     return values[:24, :28]
 
@@ -133,6 +144,7 @@ def turned_rows(values: Array) -> Array:
 
 
 RESCALED, FARTHER = (np.array([[*row, shift]] * 3 + [[1, 1, 1, 1]]) for row, shift in (((2, 2, 2), 2), ((1, 1, 1), 3)))
+SQUEEZED = np.array([[0, 0, 0, 0, 32.0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]])
 HUGE_HEADER = b"\x93NUMPY\x01\x00\x76\x00" + b"{'descr':'<f8','fortran_order':False,'shape':(1000000,1000000,3)}".ljust(117) + b"\n"
 """Of a file of three thousand billion numbers, none of which is there."""
 
@@ -140,9 +152,10 @@ HUGE_HEADER = b"\x93NUMPY\x01\x00\x76\x00" + b"{'descr':'<f8','fortran_order':Fa
 AXES = r"look away from it; usually OpenCV's axes .* are exchanged"
 RADIANS = "expected radians between 0 and pi, found 38"
 MESH = "expected the mesh to cover the masks of the images"
-WHOLE, TRAIN, CAMERAS, SFM = "transforms.json", "transforms_train.json", "cameras.npz", "inputs/sfm_scene.json"
-SPARSE, OWN, OUTPUT = "sparse/0", "blender_HDR/tiny_scene001", "output/transforms_train.json"
-NORMALS, META = "ground_truth/tiny_scene001/surface_normal/0001.npy", "train_003/metadata.json"
+WHOLE, TRAIN, SFM, POSES = "transforms.json", "transforms_train.json", "inputs/sfm_scene.json", "poses_bounds.npy"
+CAMERAS = "cameras.npz"
+SPARSE, OWN, OUTPUT = "sparse/0", "blender_HDR/object_scene001", "output/transforms_train.json"
+NORMALS, META = "ground_truth/object_scene001/surface_normal/0001.npy", "train_003/metadata.json"
 
 
 def view_folders(photo: str) -> Mistakes:
@@ -178,9 +191,9 @@ MISTAKES: dict[str, Mistakes] = {
     },
     "blender": {
         "no frame": (edit(TRAIN, lambda c: c.update(frames=[])), "expected at least one training view, found none"),
-        "no photograph": (gone("train/r_0003.png"), r"frames\[3\]: file_path: \./train/r_0003: no such file"),
+        "no photograph": (gone("train/r_3.png"), r"frames\[3\]: file_path: \./train/r_3: no such file"),
         "no field of view": (edit(TRAIN, lambda c: c.pop("camera_angle_x")), "expected camera_angle_x or fl_x, found neither"),
-        "another size": (picture("train/r_0003.png", to=smaller), "expected 32 x 32 pixels like train/r_0000 with"),
+        "another size": (picture("train/r_3.png", to=smaller), "expected 32 x 32 pixels like train/r_0 with"),
     },
     "tensoir": view_folders("rgba_sunset_000.png"),
     "nerfactor": {
@@ -190,8 +203,8 @@ MISTAKES: dict[str, Mistakes] = {
         "no photograph": (gone("train/003_rgb.exr"), r"frames\[3\]: file_path: ./train/003_rgb.exr: no such file"),
         "OpenCV axes": (matrix(TRAIN, other_axes, every=True), AXES),
         "relit in another size": (picture("test_rli/city_001.png", to=smaller), "city_001.png: expected 32 x 32 pixels"),
-        "no maps": (lambda folder: gone("maps")(folder.parent), "no such folder"),
-        "no such map": (lambda folder: gone("maps/night.exr")(folder.parent), "no environment map of night"),
+        "no maps": (gone("lights"), "no such folder"),
+        "no such map": (gone("lights/night.exr"), "no environment map of night"),
     },
     "dtu": {
         "no cameras": (gone(CAMERAS), "cameras.npz: no such file"),
@@ -210,13 +223,24 @@ MISTAKES: dict[str, Mistakes] = {
             picture("images/0004.png", "masks/0004.png.png", to=smaller),
             "0004.png: expected 32 x 32 pixels like camera 1 of the sparse model, found 28 x 24",
         ),
-        "fisheye": (word(f"{SPARSE}/cameras.txt", "OPENCV", "OPENCV_FISHEYE"), "camera 1: expected one of .*OPENCV_FISHEYE"),
+        "fisheye": (word(f"{SPARSE}/cameras.txt", "PINHOLE", "SIMPLE_RADIAL_FISHEYE"), "camera 1: expected one of .*_FISHEYE"),
         "rotation of zeros": (
             text(f"{SPARSE}/images.txt", "".join(f"{n} 0 0 0 0 0 0 3 1 {n:04}.png\n\n" for n in range(1, 20))),
             "image 2: expected a rotation as a unit quaternion, found",
         ),
         "one name for two": (word(f"{SPARSE}/images.txt", "0004.png", "0003.png"), "expected every photograph once"),
         "no poses": (text(f"{SPARSE}/images.txt", "# nothing\n"), "expected photographs with a pose in the sparse model"),
+    },
+    "llff": {
+        "no poses": (gone(POSES), r"poses_bounds\.npy: no such file"),
+        "a photograph is missing": (gone("images/003.png"), r"expected 18 x 17 numbers, a row a photograph .*\(19, 17\)"),
+        "no mask": (gone("masks/003.png"), r"images/003\.png: expected a mask .*masks/003\.png, found none"),
+        "axes of OpenGL": (rows(lambda row: row[:, [1, 0, 2, 3, 4]] * [1, -1, 1, 1, 1]), f"{AXES}|{MESH}"),
+        "axes of OpenCV": (rows(lambda row: row * [1, 1, -1, 1, 1]), "row 1: pose: expected a rotation.*det = -1"),
+        "scaled": (rows(lambda row: row * [2, 2, 2, 2, 1]), "pose: expected a rotation"),
+        "no focal length": (rows(lambda row: row * [1, 1, 1, 1, 0]), "expected height, width and focal length above 0, found"),
+        "another aspect": (rows(lambda row: row * [1, 1, 1, 1, 1] + SQUEEZED), r"expected the aspect of 32 x 64 pixels"),
+        "no numbers": (text(POSES, "no array"), r"poses_bounds\.npy: expected arrays of numbers"),
     },
     "neilf": {
         "README's key": (edit(SFM, lambda c: c.update(image_list=c.pop("image_path"))), "expected image_path, found none"),
@@ -246,7 +270,6 @@ MISTAKES: dict[str, Mistakes] = {
             r"frames\['CA3'\]: file_path: expected every photograph once",
         ),
     },
-    "openillumination_opengl": {},
     "objects_with_lighting": {
         "no photographs": (gone("test/inputs"), r"expected photographs image_0000\.png, image_0001\.png, ..., found none"),
         "two exposures": (text("test/inputs/exposure.txt", "0.1 0.2\n"), r"exposure\.txt: expected 1 x 1 finite numbers"),
@@ -264,11 +287,11 @@ MISTAKES: dict[str, Mistakes] = {
     },
     "stanford_orb": {
         "no dataset": (gone("blender_HDR"), "expected the dataset's folder, with blender_HDR in it, found none"),
-        "no capture": (gone(OWN), "unknown reader.options.capture 'tiny_scene001'; did you mean"),
+        "no capture": (gone(OWN), "unknown reader.options.capture 'object_scene001'; did you mean"),
         "transposed": (matrix(f"{OWN}/{TRAIN}", np.transpose), "transform_matrix: expected the last row 0 0 0 1"),
         "OpenCV axes": (matrix(f"{OWN}/{TRAIN}", other_axes, every=True), AXES),
-        "capture not there": (gone("blender_HDR/tiny_scene002"), r"blender_HDR/tiny_scene002/test/0000\.exr: no such file"),
-        "no map": (gone("ground_truth/tiny_scene002/env_map/0001.exr"), "no environment map .*tiny_scene002/env_map/0001.exr"),
+        "capture not there": (gone("blender_HDR/object_scene002"), r"blender_HDR/object_scene002/test/0000\.exr: no such file"),
+        "no map": (gone("ground_truth/object_scene002/env_map/0001.exr"), "no environment map .*object_scene002/env_map/0001.exr"),
         "normals in a picture": (array(NORMALS, np.ones((32, 32))), r"0001\.npy: expected \(32, 32, 3\) values"),
         "complex normals": (array(NORMALS, np.ones((32, 32, 3), complex)), r"0001\.npy: expected at most .* real numbers"),
         "large normals": (array(NORMALS, np.full((32, 32, 3), 1e300)), r"from -1.1 to 1.1, found .* up to 1e\+300"),
@@ -278,11 +301,11 @@ MISTAKES: dict[str, Mistakes] = {
 }
 
 
-def said_of(layout: Layout, folder: Path, mesh: Path) -> str:
+def said_of(layout: Layout, folder: Path, given: Options) -> str:
     """What a run is told of the folder: the one error, or all notes."""
     notes: list[str] = []
     try:
-        scene = read(layout, folder, mesh)
+        scene = read(layout, folder, given)
         notes += scene.notes
         check_agreement(scene, notes.append)
     except InputError as error:
@@ -290,31 +313,32 @@ def said_of(layout: Layout, folder: Path, mesh: Path) -> str:
     return "\n".join(notes)
 
 
-CASES = [(one, mistake) for one in LAYOUTS for mistake in MISTAKES[one.id]]
+CASES = [(one, mistake) for one in LAYOUTS for mistake in MISTAKES.get(one.id, {})]
 
 
 @pytest.fixture(scope="session")
-def sound(tmp_path_factory: pytest.TempPathFactory, tiny: Scene) -> dict[str, Path]:
-    """The scene `tiny` in every format, with what lies beside its folder; read only."""
+def sound(tmp_path_factory: pytest.TempPathFactory, tiny: Scene) -> dict[str, tuple[Path, Options]]:
+    """The scene `tiny` in every format, and the options that read it; read only."""
     places = {}
     for layout in LAYOUTS:
-        places[layout.id] = tmp_path_factory.mktemp(f"sound_{layout.id}")
-        layout.write(places[layout.id] / "tiny", scene_to_write(tiny))
+        folder = tmp_path_factory.mktemp(f"sound_{layout.id}") / "tiny"
+        places[layout.id] = folder, layout.write(folder, scene_to_write(tiny))
     return places
 
 
 @pytest.mark.parametrize(("layout", "mistake"), CASES, ids=[f"{one.id}-{mistake}" for one, mistake in CASES])
-def test_a_typical_mistake_is_told(layout: Layout, mistake: str, sound: dict[str, Path], tmp_path: Path, tiny_folder: Path) -> None:
+def test_a_typical_mistake_is_told(layout: Layout, mistake: str, sound: dict[str, tuple[Path, Options]], tmp_path: Path) -> None:
     spoil, says = MISTAKES[layout.id][mistake]
-    folder = Path(shutil.copytree(sound[layout.id], tmp_path / "place")) / "tiny"
+    (whole, given), folder = sound[layout.id], tmp_path / "tiny"
+    shutil.copytree(whole, folder)
     spoil(folder)
-    said = said_of(layout, folder, tiny_folder / "mesh.ply")
+    said = said_of(layout, folder, {**given, **({"lights": str(folder / "lights")} if "lights" in given else {})})
     assert re.search(says, said), said
     assert "\n" not in said or not said.startswith("error")
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.id)
-def test_nothing_is_said_of_a_sound_folder(layout: Layout, sound: dict[str, Path], tiny_folder: Path) -> None:
-    said = said_of(layout, sound[layout.id] / "tiny", tiny_folder / "mesh.ply")
+def test_nothing_is_said_of_a_sound_folder(layout: Layout, sound: dict[str, tuple[Path, Options]]) -> None:
+    said = said_of(layout, *sound[layout.id])
     assert "warning" not in said
     assert "expected" not in said

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from nerf_writers import write_blender, write_nerfstudio
-from written import scene_to_write
+from layouts import scene_to_write
 
 from ia_bench.common.errors import InputError
 from ia_bench.readers.nerfstudio import NerfstudioReader
+from ia_bench.readers.writers.frames import write_blender, write_nerfstudio
 from ia_bench.scenes.scene import Scene
 
 TRAIN, VAL, TEST = "train_filenames", "val_filenames", "test_filenames"

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calibrated_writers import write_dtu
-from nerf_writers import write_nerfstudio
+from layouts import STEP, scene_to_write, unlit
 from PIL import Image
-from written import STEP, scene_to_write, unlit
 
 from ia_bench.common.errors import InputError
 from ia_bench.readers.dtu import DtuReader
 from ia_bench.readers.nerfstudio import NerfstudioReader
 from ia_bench.readers.pictures import picture_below, pictures_in
+from ia_bench.readers.writers.calibrated import write_dtu
+from ia_bench.readers.writers.frames import write_nerfstudio
 from ia_bench.scenes.photograph import read_mask
 from ia_bench.scenes.scene import Scene
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from nerf_writers import write_nerfstudio
+from layouts import scene_to_write
 from PIL import Image
-from written import scene_to_write
 
 from ia_bench.capture.capture import captured
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.readers.nerfstudio import NerfstudioReader
 from ia_bench.readers.pictures import recorded_exposure
+from ia_bench.readers.writers.frames import write_nerfstudio
 from ia_bench.scenes.images import Images
 from ia_bench.scenes.scene import Scene, Truth
 from ia_bench.scores.protocol import Protocol

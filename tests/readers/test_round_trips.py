@@ -1,7 +1,7 @@
 """Every format of others' data: the scene `tiny`, written as that format describes it, is read back as what it was.
 
-Cameras are compared to 1e-6, photographs to their quantisation, truth to the truth. To add a format, write a Layout
-(nerf_writers.py, calibrated_writers.py) from its description. A mirror ball proves how each format lays a light out.
+Cameras are compared to 1e-6, photographs to their quantisation, truth to the truth. To add a format, write its writer
+(ia_bench/readers/writers/) from its description and a line of layouts.py. A mirror ball proves how each format lays a light out.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from calibrated_writers import LAYOUTS as CALIBRATED
-from nerf_writers import LAYOUTS as WITH_FRAMES
-from written import (
+from layouts import (
+    LAYOUTS,
     STEP,
     TINTS,
     TRAIN_LIGHT,
@@ -26,7 +25,7 @@ from written import (
     expect_photo,
     reflected,
     scene_to_write,
-    straight,
+    with_maps,
 )
 
 from ia_bench.checks.readers import difference
@@ -34,50 +33,53 @@ from ia_bench.common.registry import create, find
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.readers.base import FolderReader
 from ia_bench.readers.contract import SPLITS, TRUTH_OF_VIEWS, check_scene, unscored
+from ia_bench.readers.writers.parts import Options
 from ia_bench.render.agreement import GOOD, check_agreement
+from ia_bench.scenes.images import straight
 from ia_bench.scenes.scene import Scene, View
 
-LAYOUTS = (*WITH_FRAMES, *CALIBRATED)
+Written = dict[str, tuple[Path, Options]]
 every_layout = pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.id)
+of_others = pytest.mark.parametrize("layout", [one for one in LAYOUTS if one.name != "native"], ids=lambda layout: layout.id)
 
 
-def read(layout: Layout, folder: Path, mesh: Path, *, truth: bool = True, **options: object) -> Scene:
+def read(layout: Layout, folder: Path, given: Options, *, truth: bool = True, **options: object) -> Scene:
     """The scene that a reader finds in a folder, as a run gets it."""
+    return check_scene(made(layout, folder, given, **options).read(truth), truth=truth)
+
+
+def made(layout: Layout, folder: Path, given: Options, **options: object) -> FolderReader:
+    """The reader of ``folder``, with the options that its writer told."""
     if layout.name == "colmap":
         pytest.importorskip("pycolmap", reason="needs the extra colmap")
-    return check_scene(made(layout, folder, folder, mesh, **options).read(truth), truth=truth)
-
-
-def made(layout: Layout, folder: Path, written: Path, mesh: Path, **options: object) -> FolderReader:
-    """The reader of ``folder``, where a copy may lie of what was ``written``, with what lies beside that."""
-    given = {**({} if layout.own_mesh else {"mesh": str(mesh)}), **layout.options(written), **options}
-    reader: FolderReader = create("reader", layout.name, find("reader", layout.name).target, given, folder / layout.root)
+    target = find("reader", layout.name).target
+    reader: FolderReader = create("reader", layout.name, target, {**given, **options}, folder / layout.root)
     return reader
 
 
 @pytest.fixture(scope="session")
-def written(tmp_path_factory: pytest.TempPathFactory, tiny: Scene) -> dict[str, Path]:
+def written(tmp_path_factory: pytest.TempPathFactory, tiny: Scene) -> Written:
     """The scene `tiny` in every format; read only."""
     folders = {}
     for layout in LAYOUTS:
-        folders[layout.id] = tmp_path_factory.mktemp(layout.id) / "tiny"
-        layout.write(folders[layout.id], scene_to_write(tiny))
+        folder = tmp_path_factory.mktemp(layout.id) / "tiny"
+        folders[layout.id] = folder, layout.write(folder, scene_to_write(tiny))
     return folders
 
 
 @pytest.fixture
-def folder(layout: Layout, written: dict[str, Path]) -> Path:
-    return written[layout.id]
+def folder(layout: Layout, written: Written) -> Path:
+    return written[layout.id][0]
 
 
-@pytest.fixture(scope="session")
-def mesh(tiny_folder: Path) -> Path:
-    return tiny_folder / "mesh.ply"
+@pytest.fixture
+def given(layout: Layout, written: Written) -> Options:
+    return written[layout.id][1]
 
 
 @every_layout
-def test_what_was_written_is_read_back(layout: Layout, folder: Path, mesh: Path, tiny: Scene) -> None:
-    scene, expected = read(layout, folder, mesh), layout.expected(scene_to_write(tiny))
+def test_what_was_written_is_read_back(layout: Layout, folder: Path, given: Options, tiny: Scene) -> None:
+    scene, expected = read(layout, folder, given), layout.expected(scene_to_write(tiny))
     for split in SPLITS:
         assert [view.light for view in getattr(scene, split)] == [view.light for view in getattr(expected, split)]
         for view, one in zip(getattr(scene, split), getattr(expected, split), strict=True):
@@ -105,21 +107,19 @@ def expect_truth(name: str, found: np.ndarray, true: np.ndarray, mask: np.ndarra
 
 
 @every_layout
-def test_without_truth_the_same_photographs_and_nothing_else(layout: Layout, folder: Path, mesh: Path) -> None:
-    blind, told = (read(layout, folder, mesh, truth=truth) for truth in (False, True))
+def test_without_truth_the_same_photographs_and_nothing_else(layout: Layout, folder: Path, given: Options) -> None:
+    blind, told = (read(layout, folder, given, truth=truth) for truth in (False, True))
     assert blind.truth is None
     for split in SPLITS:
         for one, other in zip(getattr(blind, split), getattr(told, split), strict=True):
             assert np.array_equal(one.image, other.image)
 
 
-@every_layout
-def test_the_files_that_a_reader_names_are_all_that_it_reads(layout: Layout, folder: Path, mesh: Path, tmp_path: Path) -> None:
+@of_others
+def test_the_files_that_a_reader_names_are_all_that_it_reads(layout: Layout, folder: Path, given: Options, tmp_path: Path) -> None:
     """Where nothing else is there, the scene is the same. What lies in the folder besides is not among them."""
     (folder / "a_note.md").write_text("not read")
-    if layout.name == "colmap":
-        pytest.importorskip("pycolmap", reason="needs the extra colmap")
-    files = made(layout, folder, folder, mesh).files()
+    files = made(layout, folder, given).files()
     assert files == sorted(set(files))
     for path in files:
         if path.is_relative_to(folder):
@@ -127,14 +127,14 @@ def test_the_files_that_a_reader_names_are_all_that_it_reads(layout: Layout, fol
             shutil.copy(path, tmp_path / path.relative_to(folder))
     assert sum(path.is_file() for path in tmp_path.rglob("*")) < sum(path.is_file() for path in folder.rglob("*"))
     for truth in (False, True):
-        copy = check_scene(made(layout, tmp_path, folder, mesh).read(truth), truth=truth)
-        scenes = copy, read(layout, folder, mesh, truth=truth)
+        copy = check_scene(made(layout, tmp_path, given).read(truth), truth=truth)
+        scenes = copy, read(layout, folder, given, truth=truth)
         assert difference(*(replace(scene, name="", source="", notes=()) for scene in scenes)) is None
 
 
-@every_layout
-def test_smaller_images_and_fewer_held_out_views(layout: Layout, folder: Path, mesh: Path) -> None:
-    whole, small = read(layout, folder, mesh), read(layout, folder, mesh, shrink=4, held_out=2)
+@of_others
+def test_smaller_images_and_fewer_held_out_views(layout: Layout, folder: Path, given: Options) -> None:
+    whole, small = read(layout, folder, given), read(layout, folder, given, shrink=4, held_out=2)
     held_out = "test" if whole.test else "novel"
     names = [{view.name for view in getattr(scene, held_out)} for scene in (small, whole)]
     assert len({view.camera.to_world.tobytes() for view in getattr(small, held_out)}) == 2
@@ -158,8 +158,8 @@ def blocks(values: np.ndarray, side: int) -> np.ndarray:
 
 
 @every_layout
-def test_what_cannot_be_scored(layout: Layout, folder: Path, mesh: Path) -> None:
-    lacking = unscored(read(layout, folder, mesh))
+def test_what_cannot_be_scored(layout: Layout, folder: Path, given: Options) -> None:
+    lacking = unscored(read(layout, folder, given))
     assert ("view_synthesis" in lacking) == (layout.name == "objects_with_lighting")
     assert ("relighting" in lacking) == (not layout.lights or "albedo" not in layout.known)
     assert ("albedo" in lacking, "roughness" in lacking) == ("albedo" not in layout.known, "roughness" not in layout.known)
@@ -169,26 +169,27 @@ with_lights = pytest.mark.parametrize("layout", [one for one in LAYOUTS if one.l
 
 
 @with_lights
-def test_lights_are_read_as_what_they_were(layout: Layout, folder: Path, mesh: Path) -> None:
-    scene = read(layout, folder, mesh)
+def test_lights_are_read_as_what_they_were(layout: Layout, folder: Path, given: Options) -> None:
+    scene = read(layout, folder, given)
     assert scene.truth is not None
     assert {view.light for view in scene.novel} - {"train"} <= set(scene.truth.lights)
     for name, radiance in scene.truth.lights.items():
         true = blender_map(layout.formula(name), len(radiance))  # the layout that is ours, too
         exact = true.max(-1, keepdims=True) / 128 + 1e-5  # a mantissa of 8 bits, cut off
-        assert (np.abs(radiance - true) <= exact + (0.03 if layout.name == "stanford_orb" else 0)).all()  # which is resampled
+        assert (
+            np.abs(radiance - true) <= exact + (0.08 if layout.name == "stanford_orb" else 0)
+        ).all()  # which is resampled, from texels of 11 degrees
 
 
 @with_lights
-def test_a_mirror_ball_shows_the_light_that_the_map_holds(layout: Layout, tmp_path: Path, mesh: Path, tiny: Scene) -> None:
+def test_a_mirror_ball_shows_the_light_that_the_map_holds(layout: Layout, tmp_path: Path, tiny: Scene) -> None:
     """Photographs of a ball that reflects a light: what its map holds where the ball reflects to is what they show."""
     test = tuple(ball_seen(view, TRAIN_LIGHT) for view in tiny.test)
     novel = tuple(
         v for one, view in zip(test, tiny.test, strict=True) for v in (one, *(relit_ball(view, light) for light in TINTS))
     )
-    ball = replace(tiny, train=tuple(ball_seen(view, TRAIN_LIGHT) for view in tiny.train), test=test, novel=novel)
-    layout.write(tmp_path / "ball", ball)
-    scene = read(layout, tmp_path / "ball", mesh)
+    ball = replace(with_maps(tiny), train=tuple(ball_seen(view, TRAIN_LIGHT) for view in tiny.train), test=test, novel=novel)
+    scene = read(layout, tmp_path / "ball", layout.write(tmp_path / "ball", ball))
     assert scene.truth is not None
     views = [view for view in (*scene.train, *scene.novel) if view.light in scene.truth.lights]
     assert ball_error(views, scene.truth.lights) < 0.025  # of texels of 11 degrees, .02, and of 8 bits

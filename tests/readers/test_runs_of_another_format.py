@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from nerf_writers import write_nerfactor
-from written import TRAIN_LIGHT, scene_to_write
+from layouts import TRAIN_LIGHT, scene_to_write
 
 from ia_bench.common.errors import InputError
+from ia_bench.readers.writers.view_folders import write_nerfactor
 from ia_bench.runs.composition import compose
 from ia_bench.runs.folder import RunFolder
 from ia_bench.runs.identity import hash_of, identity, setup
@@ -27,7 +27,7 @@ def finished(tmp_path: Path, tiny: Scene, tiny_folder: Path, monkeypatch: pytest
     write_nerfactor(tmp_path / "theirs" / "tiny", scene_to_write(tiny))
     monkeypatch.chdir(tmp_path / "theirs")
     (tmp_path / "theirs" / "mesh.ply").write_bytes((tiny_folder / "mesh.ply").read_bytes())
-    files = ["scene.path=tiny", "reader.options.lights=./maps", "reader.options.mesh=mesh.ply"]
+    files = ["scene.path=tiny", "reader.options.lights=tiny/lights", "reader.options.mesh=mesh.ply"]
     config = compose(["reader=nerfactor", *files, "prior=none", "device=cpu", "capture=phone"])
     content = identity(config)
     with RunFolder(tmp_path / "run", content, hash_of(content), setup=setup(config)) as folder:
@@ -46,7 +46,7 @@ def test_it_is_read_from_where_the_run_found_it(finished: Path) -> None:
 
 
 def test_what_has_changed_or_gone_since_is_named(finished: Path) -> None:
-    lights = finished.parent / "theirs" / "maps"
+    lights = finished.parent / "theirs" / "tiny" / "lights"
     (lights / f"{TRAIN_LIGHT}.hdr").write_bytes(np.arange(9, dtype=np.uint8).tobytes())
     with pytest.raises(InputError, match=r"config.json: expected the files of the run's scene, tiny, found other ones"):
         Recovered(finished).read_scene()

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calibrated_writers import write_stanford_orb
-from written import STEEPEST, STEP, save_png, scene_to_write, to_srgb
+from layouts import STEEPEST, STEP, scene_to_write
 
 from ia_bench.readers.stanford_orb import StanfordOrbReader
+from ia_bench.readers.writers.frames import write_stanford_orb
+from ia_bench.readers.writers.parts import save_png
+from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Scene
 
-CAPTURE, NAME = "tiny_scene001", "0000"
+CAPTURE, NAME = "object_scene001", "0000"
 ALBEDO = (0.5, 0.25, 0.125)
 DEPTH = 3.0
 
@@ -38,7 +40,7 @@ def test_truth_is_multiplied_by_coverage_once(folder: Path, side: int, suffix: s
     there = ((one if side == 32 else two).mask > 0)[..., None]
     picture = folder / "ground_truth" / CAPTURE / "pseudo_gt_albedo" / f"{NAME}.png"
     if suffix == ".png":
-        save_png(picture, to_srgb(there * ALBEDO))
+        save_png(picture, linear_to_srgb(there * ALBEDO))
     else:
         picture.unlink()
         save(folder, "pseudo_gt_albedo", there * ALBEDO)

@@ -1,28 +1,42 @@
-"""What the writers of datasets share: lights as formulas, photographs of a mirror ball, and pictures as programs store them.
+"""What round trips share: lights as formulas, photographs of a mirror ball, formats, and how far what is read back may be off.
 
-A writer makes a folder in another format from a scene of ours, from the description of that format alone: no code of the
-readers is used. What it writes is quantised as that format is; the bounds of :func:`expect_same` follow from the quantisation.
+Writers (ia_bench/readers/writers/) follow the description of a format alone and use no code of the readers; those of datasets that
+nobody exports into are here. What is written is quantised as its format is, and the bounds follow from the quantisation.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 from PIL import Image
 
-from ia_bench.scenes.scene import Camera, Scene, View
+from ia_bench.readers.writers.formats import FORMATS
+from ia_bench.readers.writers.parts import (
+    Options,
+    Write,
+    angle_x,
+    encoded,
+    held_out,
+    intrinsics,
+    save_hdr,
+    save_json,
+    save_obj,
+    save_png,
+    world_to_camera,
+)
+from ia_bench.scenes.images import straight
+from ia_bench.scenes.scene import OPENCV_AXES, Camera, Scene, Truth, View
 
 Light = Callable[[np.ndarray], np.ndarray]
 STEP = 0.5 / 255  # half of a step of 8 bits
 STEEPEST = 2.28  # slope of the sRGB decoding, at 1
 TINTS = {"city": (1.0, 0.8, 0.5), "night": (0.3, 0.4, 0.9)}
 TRAIN_LIGHT = "sunset"
+EXPOSURE = -0.5
 
 
 def lobes(*parts: tuple[tuple[float, float, float], tuple[float, float, float]]) -> Light:
@@ -71,76 +85,11 @@ def ball_seen(view: View, light: str, radius: float = 0.6) -> View:
     return View(view.name, view.camera, image, hit.astype(np.float32), view.light)
 
 
-# ---------------------------------------------------------------- pictures and files
-def to_srgb(linear: np.ndarray) -> np.ndarray:
-    """IEC 61966-2-1, clipped to what 8 bits hold."""
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-
-
-def straight(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Colours without the coverage that they were multiplied by, 0 where there is none."""
-    share = mask if image.ndim == 2 else mask[..., None]
-    return np.where(share > 0, image / np.maximum(share, 1e-9), 0)
-
-
-def save_png(path: Path, colour: np.ndarray, alpha: np.ndarray | None = None) -> None:
-    """8 bits of values from 0 to 1: (H, W) or (H, W, 3), with alpha (H, W) or without."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    layers = colour if alpha is None else np.concatenate([colour, alpha[..., None]], -1)
-    Image.fromarray(np.round(np.clip(layers, 0, 1) * 255).astype(np.uint8)).save(path)
-
-
-def save_photo(path: Path, view: View) -> None:
-    """A photograph as Blender saves it: sRGB, straight alpha."""
-    save_png(path, to_srgb(straight(view.image, view.mask)), view.mask)
-
-
-def save_exr(path: Path, image: np.ndarray) -> None:
-    """A linear picture (H, W, 3) in half floats."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    channels = {name: np.ascontiguousarray(image[..., c].astype(np.float16)) for c, name in enumerate("RGB")}
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, channels) as file:
-        file.write(str(path))
-
-
-def save_hdr(path: Path, radiance: np.ndarray) -> None:
-    """A Radiance picture, rows encoded as runs of at most two and of single bytes."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    height, width = radiance.shape[:2]
-    _, exponent = np.frexp(radiance.max(-1))
-    mantissa = np.floor(radiance * np.exp2(8.0 - exponent)[..., None]).clip(0, 255)
-    pixels = np.concatenate([mantissa, (exponent + 128)[..., None]], -1).astype(np.uint8)
-    content = bytearray(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n" + f"-Y {height} +X {width}\n".encode())
-    for row in pixels:
-        content += bytes([2, 2, width >> 8, width & 255])
-        for channel in range(4):
-            values = row[:, channel].tolist()
-            while values:
-                if len(values) > 1 and values[0] == values[1]:
-                    content += bytes([130, values[0]])
-                    values = values[2:]
-                else:
-                    content += bytes([1, values[0]])
-                    values = values[1:]
-    path.write_bytes(bytes(content))
-
-
 def blender_map(light: Light, height: int = 16) -> np.ndarray:
     """A light as Blender's world texture: u = 1/2 - azimuth / (2 pi) from the left, v = the angle from +z / pi from the top."""
     v, u = np.meshgrid((np.arange(height) + 0.5) / height, (np.arange(2 * height) + 0.5) / (2 * height), indexing="ij")
     azimuth, polar = (0.5 - u) * 2 * np.pi, v * np.pi
     return light(np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1))
-
-
-def save_json(path: Path, content: object) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(content))
-
-
-def angle_x(camera: Camera) -> float:
-    """What a camera sees across, in radians."""
-    return 2 * float(np.arctan(0.5 * camera.width / camera.focal[0]))
 
 
 # ---------------------------------------------------------------- what is to be read back
@@ -168,37 +117,112 @@ def three_held_out(scene: Scene) -> Scene:
     return replace(scene, test=scene.test[:3], novel=scene.test[:3])
 
 
+def scene_to_write(tiny: Scene) -> Scene:
+    """The shipped scene with test views that are also there under novel lights, as most datasets have them; lights by formula."""
+    return with_maps(replace(tiny, novel=under_novel_lights(tiny.test)))
+
+
+def with_maps(scene: Scene) -> Scene:
+    """The scene with the maps of LIGHTS, the training light among them."""
+    maps = {"train" if name == TRAIN_LIGHT else name: blender_map(light).astype(np.float32) for name, light in LIGHTS.items()}
+    return replace(scene, truth=Truth(maps))
+
+
+# ---------------------------------------------------------------- OpenIllumination
+def write_openillumination(folder: Path, scene: Scene, axes: np.ndarray = OPENCV_AXES) -> Options:
+    """JPEG of full chroma; OpenCV's axes."""
+    for split, masks in (("train", "com_masks"), ("test", "obj_masks")):
+        frames: dict[str, Any] = {}
+        for number, view in enumerate(getattr(scene, split)):
+            name = f"CA{number}" if split == "train" else f"NB{number}"
+            place = folder / "Lights" / "013" / "raw_undistorted" / f"{name}.JPG"
+            place.parent.mkdir(parents=True, exist_ok=True)
+            colour = np.where(view.mask[..., None] > 0, encoded(view), 0.3)
+            Image.fromarray(np.round(255 * colour).astype(np.uint8)).save(place, format="jpeg", quality=100, subsampling=0)
+            save_png(folder / "output" / masks / f"{name}.png", view.mask)
+            matrix = (view.camera.to_world @ axes).tolist()
+            more = {"camera_angle_x": angle_x(view.camera), "calib_imgw": view.camera.width, "light_idx": 0}
+            frames[name] = {"file_path": f"./images/{name}", "transform_matrix": matrix, **more}
+        save_json(folder / "output" / f"transforms_{split}.json", {"frames": frames})
+    save_obj(folder / "mesh.obj", scene)
+    return {"shrink": 1}
+
+
+def write_openillumination_opengl(folder: Path, scene: Scene) -> Options:
+    return write_openillumination(folder, scene, np.eye(4))
+
+
+# ---------------------------------------------------------------- Objects With Lighting
+def save_owl(folder: Path, before: str, number: int, view: View) -> None:
+    colour = (straight(view.image, view.mask) * 2.0**EXPOSURE).clip(0, 1) ** (1 / 2.2)
+    save_png(folder / f"{before}image_{number:04}.png", np.where(view.mask[..., None] > 0, colour, 0.3))
+    save_png(folder / f"{before}mask_{number:04}.png", np.stack([view.mask] * 3, -1))
+    to_camera = world_to_camera(view.camera)
+    size = [[view.camera.width, view.camera.height, 3]]
+    rows = np.vstack([intrinsics(view.camera, 0.5), to_camera[:, :3], to_camera[:, 3], size])
+    np.savetxt(folder / f"{before}camera_{number:04}.txt", rows)
+
+
+def write_objects_with_lighting(folder: Path, scene: Scene) -> Options:
+    for number, view in enumerate(scene.train):
+        save_owl(folder / "test", "inputs/", number, view)
+    (folder / "test" / "inputs" / "exposure.txt").write_text(f"{EXPOSURE}\n")
+    save_hdr(folder / "test" / "env_512_rotated.hdr", blender_map(LIGHTS[TRAIN_LIGHT]))
+    for number, view in enumerate(owl_expected(scene).novel):
+        save_owl(folder / "test", "gt_", number, view)
+        (folder / "test" / f"gt_exposure_{number:04}.txt").write_text(f"{EXPOSURE}\n")
+        save_hdr(folder / "test" / f"gt_env_512_rotated_{number:04}.hdr", blender_map(LIGHTS[NIGHT]))
+    save_obj(folder / "test" / "mesh.obj", scene)
+    return {}
+
+
+NIGHT = "night"
+
+
+def owl_expected(scene: Scene) -> Scene:
+    """Each held-out photograph has a map of its own; all are of one light here."""
+    novel = [view for view in scene.novel if view.light == NIGHT]
+    return replace(scene, test=(), novel=tuple(replace(v, light=f"gt_{number:04}") for number, v in enumerate(novel)))
+
+
+# ---------------------------------------------------------------- formats
+OTHERS = {"city": "object_scene002", "night": "object_scene003"}
+
+
+def orb_expected(scene: Scene) -> Scene:
+    """Stanford-ORB's views under another light each have a light of their own: the map as their camera sees it."""
+    relit = [(number, view) for number, camera in enumerate(held_out(scene)) for view in camera.relit]
+    others = tuple(replace(view, light=f"{OTHERS[view.light]}_{number:04}") for number, view in relit)
+    return replace(scene, novel=(*scene.test, *others))
+
+
 @dataclass(frozen=True)
 class Layout:
     """A format, and what a scene is once it went through it.
 
     Attributes:
         name: Of the reader.
-        write: Writes a scene into a folder. Its novel cameras are those of its test views.
+        write: Writes a scene into a folder.
         expected: The part of the scene that the format holds.
         known: Which truth of test views it holds.
         lights: Whether it has maps of lights.
-        options: Of the reader, for a folder.
         linear: Which splits are not 8-bit sRGB.
         binary: Whether a pixel is either covered or not.
         steps: How many steps of 8 bits a value may be off, for lossy files.
         white: The radiance at which 8 bits end.
-        own_mesh: Whether the writer writes a mesh.
         root: The folder below the written one that scene.path names.
         stands_for: The light of LIGHTS that the format's name of a novel light means.
     """
 
     name: str
-    write: Callable[[Path, Scene], None]
+    write: Write
     expected: Callable[[Scene], Scene] = as_written
     known: tuple[str, ...] = ()
     lights: bool = False
-    options: Callable[[Path], Mapping[str, Any]] = lambda folder: {}
     linear: tuple[str, ...] = ()
     binary: bool = False
     steps: float = 1.0
     white: float = 1.0
-    own_mesh: bool = False
     root: str = ""
     stands_for: Callable[[str], str] = lambda name: name
 
@@ -212,9 +236,36 @@ class Layout:
         return self.write.__name__.removeprefix("write_")
 
 
-def scene_to_write(tiny: Scene) -> Scene:
-    """The shipped scene with test views that are also there under novel lights, as most datasets have them."""
-    return replace(tiny, novel=under_novel_lights(tiny.test))
+ALL = ("train", "test", "novel")
+ORB = {"stands_for": lambda name: next(light for light, capture in OTHERS.items() if name.startswith(capture))}
+WRITTEN: Mapping[str, Mapping[str, Any]] = {
+    "native": {"known": ("albedo", "roughness", "normal"), "lights": True, "linear": ALL},
+    "nerfstudio": {"expected": unlit},
+    "blender-nerf": {"expected": unlit},
+    "tensoir": {"known": ("albedo", "normal"), "lights": True},
+    "nerfactor": {"known": ("albedo", "normal"), "lights": True},
+    "synthetic4relight": {"known": ("albedo", "roughness"), "lights": True, "linear": ("train",)},
+    "stanford_orb": {"expected": orb_expected, "known": ("albedo", "normal"), "lights": True, "linear": ALL, **ORB},
+    "neilf": {"expected": three_held_out, "known": ("albedo", "roughness"), "linear": ALL, "binary": True},
+    "dtu": {"expected": three_held_out},
+    "colmap": {"expected": three_held_out},
+    "llff": {"expected": three_held_out},
+}
+"""Every format of ``ia-bench export``."""
+LAYOUTS = (
+    *(Layout(FORMATS[name].reader, FORMATS[name].write, **about) for name, about in WRITTEN.items()),
+    Layout("openillumination", write_openillumination, unlit, steps=8),
+    Layout("openillumination", write_openillumination_opengl, unlit, steps=8),
+    Layout(
+        "objects_with_lighting",
+        write_objects_with_lighting,
+        owl_expected,
+        lights=True,
+        white=2.0**-EXPOSURE,
+        root="test",
+        stands_for=lambda name: NIGHT,
+    ),
+)
 
 
 def expect_camera(found: Camera, expected: Camera, exact: float = 1e-6) -> None:
@@ -236,15 +287,3 @@ def expect_photo(found: View, expected: View, layout: Layout, split: str) -> Non
     assert excess.max() <= 0, f"{found.name}: {excess.max():.4f} beyond the quantisation"
     # A wrong transfer curve or a second alpha is a bias: rounding has none.
     assert abs(float((found.image - colour * mask[..., None]).mean())) < 0.1 * step
-
-
-def save_obj(path: Path, scene: Scene, place: np.ndarray) -> None:
-    """The scene's mesh, moved by a rotation, a scale and a translation (4, 4), as Wavefront OBJ."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    mesh = scene.expect_mesh()
-    turned = place[:3, :3] / np.cbrt(np.linalg.det(place[:3, :3]))
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in (mesh.vertices @ place[:3, :3].T + place[:3, 3]).tolist()]
-    lines += [f"vt {u!r} {v!r}" for u, v in mesh.uv.tolist()]
-    lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in (mesh.normals @ turned.T).tolist()]
-    lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in face) for face in (mesh.faces + 1).tolist()]
-    path.write_text("\n".join(lines) + "\n")

@@ -1,0 +1,209 @@
+"""What writers of other formats share: held-out cameras, matrices of other conventions, and pictures, maps and meshes as files.
+
+A writer follows the description of its format alone and uses no code of the readers, so that each can be judged by the other.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from ia_bench.common.errors import InputError
+from ia_bench.scenes.color import linear_to_srgb
+from ia_bench.scenes.exr import write_exr
+from ia_bench.scenes.images import straight
+from ia_bench.scenes.scene import OPENCV_AXES, Camera, Mesh, Scene, View
+
+Options = dict[str, Any]
+Write = Callable[[Path, Scene], Options]
+"""Writes a scene into a folder and returns the options with which our reader of the format takes it back."""
+LIGHTS = "lights"  # the folder of environment maps
+HELD_OUT = 8  # every so many-th photograph is held out by those who read formats without splits
+OFF_CENTRE = 0.51  # pixels by which a principal point may miss the middle where a format has none
+
+
+# ---------------------------------------------------------------- views
+@dataclass(frozen=True)
+class HeldOut:
+    """A held-out camera: its photograph under the training light, with the truth of a test view, and those under others."""
+
+    view: View
+    relit: tuple[View, ...]
+
+
+def held_out(scene: Scene) -> list[HeldOut]:
+    """The cameras of test views and then those of novel views, of those that have a photograph under the training light."""
+    cameras: dict[bytes, list[View]] = {}
+    for view in (*scene.test, *scene.novel):
+        cameras.setdefault(view.camera.to_world.tobytes(), []).append(view)
+    found = []
+    for views in cameras.values():
+        lit = [view for view in views if view.light == "train"]
+        if lit:
+            relit = {view.light: view for view in views if view.light != "train"}
+            found.append(HeldOut(lit[0], tuple(relit.values())))
+    return found
+
+
+def mixed(scene: Scene) -> tuple[list[View], list[int], int]:
+    """All photographs under the training light in one list, the places of held-out ones, and every how many-th those are.
+
+    Those with a true albedo are held out before others. They are every 8th from the first on where there are as many; otherwise
+    fewer, or every more-th.
+    """
+    train, others = list(scene.train), [camera.view for camera in held_out(scene)]
+    others = [view for view in others if view.albedo is not None] or others
+    wanted = -(-len(train) // (HELD_OUT - 1))
+    for count in range(min(wanted, len(others)), 0, -1):
+        total, every = len(train) + count, HELD_OUT if count == wanted else -(-(len(train) + count) // count)
+        places = list(range(0, total, every))
+        if len(places) == count and every >= 2:
+            chosen = [others[number * len(others) // count] for number in range(count)]
+            rest, kept = iter(train), iter(chosen)
+            return [next(kept) if place % every == 0 else next(rest) for place in range(total)], places, every
+    return train, [], HELD_OUT
+
+
+def own_light(scene: Scene, name: str) -> str:
+    """What the training light is called in a format that calls it ``name`` as a rule: that, unless another light is called so."""
+    return name if name not in {view.light for view in scene.novel} else "train"
+
+
+# ---------------------------------------------------------------- cameras
+def angle_x(camera: Camera) -> float:
+    """What a camera sees across, in radians."""
+    return 2 * float(np.arctan(0.5 * camera.width / camera.focal[0]))
+
+
+def world_to_camera(camera: Camera, size: float = 1.0, middle: np.ndarray | float = 0.0) -> np.ndarray:
+    """R and t of OpenCV, x_camera = R x + t (3, 4), in a world of other units: there, the object is ``size`` times ours."""
+    rotation = (camera.to_world @ OPENCV_AXES)[:3, :3].T
+    return np.c_[rotation, -rotation @ (size * camera.position + middle)]
+
+
+def intrinsics(camera: Camera, first_pixel: float) -> np.ndarray:
+    """K, with the centre of the first pixel at ``first_pixel``."""
+    shift = 0.5 - first_pixel
+    return np.array([[camera.focal[0], 0, camera.centre[0] - shift], [0, camera.focal[1], camera.centre[1] - shift], [0, 0, 1]])
+
+
+def expect_central(name: str, views: Sequence[View], *, alike: bool = False) -> None:
+    """Raise InputError for a camera that the format ``name`` cannot hold: one focal length, and no principal point.
+
+    ``alike``: all views have one field of view and one size.
+    """
+    first = views[0].camera
+    for view in views:
+        camera = view.camera
+        off = max(abs(camera.centre[0] - camera.width / 2), abs(camera.centre[1] - camera.height / 2))
+        skewed = abs(camera.focal[0] / camera.focal[1] - 1) > 1e-3
+        other = (camera.width, camera.height) != (first.width, first.height) or abs(camera.focal[0] / first.focal[0] - 1) > 1e-6
+        if off > OFF_CENTRE or skewed or (alike and other):
+            found = (
+                "another camera than the first view's" if off <= OFF_CENTRE and not skewed else f"{camera.focal}, {camera.centre}"
+            )
+            raise InputError(
+                f"--format {name}: expected views of one focal length whose principal point is the middle, found {found} in view "
+                f"{view.name}; nerfstudio, colmap and dtu hold every camera"
+            )
+
+
+# ---------------------------------------------------------------- files
+def flat(name: str) -> str:
+    """The name of a view as that of a file in one folder."""
+    return name.replace("/", "_")
+
+
+def save_json(path: Path, content: object) -> None:
+    """Write JSON, with the folders that lead to it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content, indent=1))
+
+
+def save_png(path: Path, colour: np.ndarray, alpha: np.ndarray | None = None) -> None:
+    """Write 8 bits of values from 0 to 1: (H, W) or (H, W, 3), with alpha (H, W) or without."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    layers = colour if alpha is None else np.concatenate([colour, alpha[..., None]], -1)
+    Image.fromarray(np.round(np.clip(layers, 0, 1) * 255).astype(np.uint8)).save(path)
+
+
+def encoded(view: View) -> np.ndarray:
+    """The colours of a photograph in sRGB, straight, black beyond the object."""
+    return linear_to_srgb(straight(view.image, view.mask).clip(0, 1))
+
+
+def save_photo(path: Path, view: View) -> None:
+    """Write a photograph as Blender saves it: 8-bit sRGB, straight alpha."""
+    save_png(path, encoded(view), view.mask)
+
+
+def save_bare_photo(path: Path, view: View) -> None:
+    """Write a photograph as 8-bit sRGB without a mask, grey where nothing is."""
+    save_png(path, np.where(view.mask[..., None] > 0, encoded(view), 0.3))
+
+
+def save_exr(path: Path, image: np.ndarray) -> None:
+    """Write a linear picture (H, W, 3) in half floats, or in whole ones where those do not reach."""
+    write_exr(path, image, half=bool(image.max(initial=0) <= np.finfo(np.float16).max))
+
+
+def save_truth(path: Path, values: np.ndarray | None, mask: np.ndarray, *, srgb: bool = False, alpha: bool = True) -> None:
+    """Write what is known of a view, albedo or roughness premultiplied by ``mask``, straight in 8 bits; nothing for None."""
+    if values is not None:
+        plain = straight(values, mask)
+        plain = plain if plain.ndim == 3 else np.stack([plain] * 3, -1)
+        save_png(path, linear_to_srgb(plain.clip(0, 1)) if srgb else plain, mask if alpha else None)
+
+
+def unit_normals(view: View) -> np.ndarray | None:
+    """The true normals of a view at unit length, (H, W, 3); 0 beyond the object."""
+    if view.normal is None:
+        return None
+    return view.normal / np.maximum(np.linalg.norm(view.normal, axis=-1, keepdims=True), 1e-9)
+
+
+def save_hdr(path: Path, radiance: np.ndarray) -> None:
+    """Write a Radiance picture, (r, g, b) 2^(136 - e) cut to 8 bits of each, in plain rows."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _, exponent = np.frexp(radiance.max(-1))
+    mantissa = np.floor(radiance * np.exp2(8.0 - exponent)[..., None]).clip(0, 255)
+    pixels = np.concatenate([mantissa, (exponent + 128)[..., None]], -1).clip(0, 255).astype(np.uint8)
+    height, width = radiance.shape[:2]
+    path.write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (height, width) + pixels.tobytes())
+
+
+def save_lights(folder: Path, scene: Scene, own: str, suffix: str = ".hdr", strength: float = 1.0) -> Options:
+    """Write the environment maps LIGHT.hdr or .exr below ``folder``, the training light's, called ``own``, over ``strength``.
+
+    Returns the option of our readers that names them; none where there are none.
+    """
+    maps = scene.truth.lights if scene.truth is not None else {}
+    for name, radiance in maps.items():
+        values = radiance / strength if name == "train" else radiance
+        (save_hdr if suffix == ".hdr" else save_exr)(folder / LIGHTS / f"{own if name == 'train' else name}{suffix}", values)
+    return {"lights": str(folder / LIGHTS)} if maps else {}
+
+
+def placed_mesh(mesh: Mesh, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and normals moved by a rotation, one scale and a translation (4, 4)."""
+    rotation = place[:3, :3] / np.cbrt(np.linalg.det(place[:3, :3]))
+    return mesh.vertices @ place[:3, :3].T + place[:3, 3], mesh.normals @ rotation.T
+
+
+def save_obj(path: Path, scene: Scene, place: np.ndarray | None = None) -> None:
+    """Write the scene's mesh, moved by a rotation, a scale and a translation (4, 4), as Wavefront OBJ; nothing if it has none."""
+    if scene.mesh is None:
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    vertices, normals = placed_mesh(scene.mesh, np.eye(4) if place is None else place)
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+    lines += [f"vt {u!r} {v!r}" for u, v in scene.mesh.uv.tolist()]
+    lines += [f"vn {x!r} {y!r} {z!r}" for x, y, z in normals.tolist()]
+    lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in face) for face in (scene.mesh.faces + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n")
