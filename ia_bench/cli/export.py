@@ -7,10 +7,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ia_bench.common.errors import InputError
+from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.exit_codes import OK, say, status_of
 from ia_bench.common.paths import make_writable
-from ia_bench.common.suggestions import unknown
 
 EXAMPLES = """\
 SCENE is a name or a folder; SETTING=VALUE is any of a run's that decide what is photographed: reader=..., capture.views=8.

@@ -81,9 +81,9 @@ class FolderReader:
         count = min(self.held_out or len(items), len(items))
         return [items[place * len(items) // count] for place in range(count)]
 
-    def told(self, items: Sequence[T], file: Callable[[T], Path]) -> list[T]:
-        """Those held-out cameras that have a ``file`` of true albedo, or all where none has: maps are scored on these."""
-        return [item for item in items if file(item).is_file()] or list(items)
+    def told(self, items: Sequence[T], *files: Callable[[T], Path]) -> list[T]:
+        """The held-out cameras that have one of these ``files`` of true albedo, all where none has: maps are scored on them."""
+        return [item for item in items if any(file(item).is_file() for file in files)] or list(items)
 
     def view(self, view: View) -> View:
         """The view at the size that was asked for. Raises InputError where nothing is left of it."""

@@ -83,7 +83,7 @@ class StanfordOrbReader(FolderReader):
         train = [self.view(self._view(self.label, *frame, notes)) for frame in frames_of(own / "transforms_train.json")]
         held_out = [self._view(self.label, *frame, notes) for frame in self.kept(frames_of(own / "transforms_test.json"))]
         seen, albedo = [self.view(view) for view in held_out], self._truths / self.label / "pseudo_gt_albedo"
-        tested = self.told(held_out, lambda view: albedo / f"{view.name}.png")
+        tested = self.told(held_out, *(lambda view, end=end: albedo / f"{view.name}{end}" for end in (".png", ".npy")))
         test = [self.view(self._with_truth(view) if truth else view) for view in tested]
         lights: dict[str, np.ndarray] = {}
         for where, frame in self.kept(self._novel_frames()):

@@ -85,7 +85,7 @@ def ball_seen(view: View, light: str, radius: float = 0.6) -> View:
     return View(view.name, view.camera, image, hit.astype(np.float32), view.light)
 
 
-def blender_map(light: Light, height: int = 16) -> np.ndarray:
+def blender_map(light: Light, height: int = 32) -> np.ndarray:
     """A light as Blender's world texture: u = 1/2 - azimuth / (2 pi) from the left, v = the angle from +z / pi from the top."""
     v, u = np.meshgrid((np.arange(height) + 0.5) / height, (np.arange(2 * height) + 0.5) / (2 * height), indexing="ij")
     azimuth, polar = (0.5 - u) * 2 * np.pi, v * np.pi

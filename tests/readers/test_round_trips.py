@@ -177,8 +177,8 @@ def test_lights_are_read_as_what_they_were(layout: Layout, folder: Path, given: 
         true = blender_map(layout.formula(name), len(radiance))  # the layout that is ours, too
         exact = true.max(-1, keepdims=True) / 128 + 1e-5  # a mantissa of 8 bits, cut off
         assert (
-            np.abs(radiance - true) <= exact + (0.08 if layout.name == "stanford_orb" else 0)
-        ).all()  # which is resampled, from texels of 11 degrees
+            np.abs(radiance - true) <= exact + (0.05 if layout.name == "stanford_orb" else 0)
+        ).all()  # which is resampled, from texels of 6 degrees
 
 
 @with_lights
@@ -192,7 +192,7 @@ def test_a_mirror_ball_shows_the_light_that_the_map_holds(layout: Layout, tmp_pa
     scene = read(layout, tmp_path / "ball", layout.write(tmp_path / "ball", ball))
     assert scene.truth is not None
     views = [view for view in (*scene.train, *scene.novel) if view.light in scene.truth.lights]
-    assert ball_error(views, scene.truth.lights) < 0.025  # of texels of 11 degrees, .02, and of 8 bits
+    assert ball_error(views, scene.truth.lights) < 0.025  # of texels of 6 degrees, .02, and of 8 bits
     for spoil in WRONG_MAPS:
         assert ball_error(views, {name: spoil(radiance).copy() for name, radiance in scene.truth.lights.items()}) > 0.04
 

@@ -37,6 +37,12 @@ def frame_of(view: View, path: str, **more: Any) -> dict[str, Any]:  # noqa: ANN
     return {"file_path": path, "transform_matrix": view.camera.to_world.tolist(), **more}
 
 
+def lens_of(camera: Camera) -> dict[str, float]:
+    """The intrinsics of a frame, in pixels."""
+    (fx, fy), (cx, cy) = camera.focal, camera.centre
+    return {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": camera.width, "h": camera.height}
+
+
 def save_frames(path: Path, views: Sequence[View], frames: list[dict[str, Any]]) -> None:
     """Write the file of a split whose views have one field of view."""
     save_json(path, {"camera_angle_x": angle_x(views[0].camera), "frames": frames} if views else {"frames": []})
@@ -50,12 +56,12 @@ def write_nerfstudio(folder: Path, scene: Scene) -> Options:
             name = f"{split}_{number:04}.png"
             save_png(folder / "images" / name, encoded(view))
             save_png(folder / "masks" / name, view.mask)
-            (fx, fy), (cx, cy), camera = view.camera.focal, view.camera.centre, view.camera
-            lens = {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": camera.width, "h": camera.height}
-            frames.append(frame_of(view, f"images/{name}", mask_path=f"masks/{name}", **lens))
+            frames.append(frame_of(view, f"images/{name}", mask_path=f"masks/{name}", **lens_of(view.camera)))
             names[split].append(f"images/{name}")
+    shared = {key: value for key, value in lens_of(scene.train[0].camera).items() if all(frame[key] == value for frame in frames)}
+    frames = [{key: value for key, value in frame.items() if key not in shared} for frame in frames]
     splits = {f"{split}_filenames": listed for split, listed in names.items()}
-    save_json(folder / "transforms.json", {"camera_model": "OPENCV", **splits, "frames": frames})
+    save_json(folder / "transforms.json", {"camera_model": "OPENCV", **shared, **splits, "frames": frames})
     save_obj(folder / "mesh.obj", scene)
     return {}
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ia_bench.readers.writers.frames import frame_of
+from ia_bench.readers.writers.frames import frame_of, lens_of
 from ia_bench.readers.writers.parts import Options, flat, save_exr, save_json, save_png
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.exr import write_exr
@@ -23,17 +23,16 @@ def write_native(folder: Path, scene: Scene) -> Options:
     for split in ("train", "test", "novel"):
         frames = []
         for number, view in enumerate(getattr(scene, split)):
-            name, camera = f"{number:04}_{flat(view.name)}", view.camera
+            name = f"{number:04}_{flat(view.name)}"
             name = name if view.light == "train" else f"{name}_{view.light}"
             write_exr(folder / f"images/{split}/{name}.exr", np.dstack([view.image, view.mask]), half=False)
-            (fx, fy), (cx, cy), more = camera.focal, camera.centre, dict[str, Any](light=view.light)
+            more = dict[str, Any](light=view.light)
             for kind in KNOWN:
                 values = getattr(view, kind)
                 if values is not None:
                     more[f"{kind}_path"] = f"truth/{split}/{kind}/{name}.exr"
                     write_exr(folder / more[f"{kind}_path"], values, half=False)
-            lens = {"fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": camera.width, "h": camera.height}
-            frames.append(frame_of(view, f"images/{split}/{name}.exr", **lens, **more))
+            frames.append(frame_of(view, f"images/{split}/{name}.exr", **lens_of(view.camera), **more))
         if frames:
             save_json(folder / f"transforms_{split}.json", {"frames": frames})
     lights, textures = dict[str, str](), dict[str, str]()
