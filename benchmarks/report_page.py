@@ -71,7 +71,8 @@ def _pictures(runs: Sequence[Path]) -> list[bytes]:
                 scene_renderer = SceneRenderer(recovered.read_scene(whole=True))
                 true = scene_renderer.truth(turned=False)
             assert true is not None
-            kept = bundle(scene_renderer, true, recovered.reconstruction(scene_renderer.stage), recovered.scale)
+            textured = recovered.reconstruction(scene_renderer.stage)
+            kept = bundle(scene_renderer, true, textured, scene_renderer.recovered(textured, recovered.scale))
         found.append(kept.zipped())
     return found
 

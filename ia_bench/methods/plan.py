@@ -89,7 +89,7 @@ def make_plan(scene: Scene, stage: Stage, settings: RenderSettings) -> Plan:
     probe, decisions = _Probe.of(scene, stage), {}
     for name, decide in DECISIONS.items():
         chosen = getattr(settings, name)
-        decision = decide(probe) if chosen == "auto" else Decision(chosen, "set by the user")
+        decision = decide(probe) if chosen == "auto" else Decision(chosen, "as it was set")
         decisions[name] = replace(decision, what=f"render.{name}")
     value = {name: decision.value for name, decision in decisions.items()}
     _check_memory(replace(settings, **value))
@@ -101,7 +101,7 @@ def choose_prior_views(scene: Scene, stage: Stage, setting: int | str) -> Decisi
     """How many training views a prior is asked about: the ``setting``, or with "auto" as many as show the surface often enough."""
     what = "prior.views"
     if setting != "auto":
-        return Decision(setting, "every training view is looked at" if setting == "all" else "set by the user", what=what)
+        return Decision(setting, "every training view is looked at" if setting == "all" else "as it was set", what=what)
     probe, total = _Probe.of(scene, stage), len(scene.train)
     cameras = [scene.train[view].camera for view in spreading_order(scene, total)]
     points = probe.points(PROBE_POINTS, probe.generator())

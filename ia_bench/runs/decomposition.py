@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image
 
 from ia_bench.common.atomic_file import whole_file
 from ia_bench.common.errors import InputError
 from ia_bench.runs.composition import compose
+from ia_bench.runs.pictures.preview import labelled
 from ia_bench.scenes.exr import write_exr
 from ia_bench.scenes.images import display
 from ia_bench.scenes.photograph import read_photograph
@@ -28,6 +29,7 @@ SPREAD_GAIN = 4.0
 """The spread is shown this much brighter; it is a standard deviation of linear values and mostly small."""
 EXPOSED_QUANTILE = 0.99
 """This share of an HDR image's pixels fits below white on the sheet."""
+SHEET = 200  # pixels of width for each picture of a sheet
 LEAST = {"samples": 1, "size": 8, "seed": 0}
 
 
@@ -88,7 +90,7 @@ def write_decomposition(parts: Decomposition, folder: Path, name: str) -> list[P
             write_exr(folder / f"{name}_{part}.exr", np.dstack([values, parts.mask]), half=False)
             _save(shown[-1][1], folder / f"{name}_{part}.png")
             written += [folder / f"{name}_{part}.exr", folder / f"{name}_{part}.png"]
-    _save(_sheet(shown), folder / f"{name}_sheet.png")
+    _save(labelled([shown], width=len(shown) * SHEET), folder / f"{name}_sheet.png")
     return [*written, folder / f"{name}_sheet.png"]
 
 
@@ -161,16 +163,3 @@ def _shown(linear: np.ndarray, mask: np.ndarray, exposure: float) -> Image.Image
 def _save(picture: Image.Image, path: Path) -> None:
     with whole_file(path) as partial:
         picture.save(partial)
-
-
-def _sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
-    """The pictures side by side over white, with their names above."""
-    width, height = pictures[0][1].size
-    zoom, line, gap = max(1, round(192 / max(height, width))), 20, 8
-    sheet = Image.new("RGB", (len(pictures) * (width * zoom + gap) + gap, height * zoom + line + gap), "white")
-    for column, (name, picture) in enumerate(pictures):
-        left = gap + column * (width * zoom + gap)
-        large = picture.resize((width * zoom, height * zoom), Image.Resampling.NEAREST)
-        sheet.paste(large, (left, line), large)
-        ImageDraw.Draw(sheet).text((left, 4), name, fill="black")
-    return sheet

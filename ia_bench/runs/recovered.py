@@ -132,7 +132,8 @@ class Rescorer:
             progress = progress or Progress(quiet=True)
             scores = self.score(run, progress.task).as_dict()
             scale = drawn_scale(scores["albedo_scales"], self.protocol.alignment)
-            write_pictures(kept, self._scene, self._scorer.drawn, scale, progress.note)
+            title = f"{record.scene}, {record.row}, seed {record.seed}"
+            write_pictures(kept, self._scene, self._scorer.drawn, scale, title, progress)
             for name in ASSETS:
                 if (folder / name).is_file():
                     with kept.path_for(name) as path:

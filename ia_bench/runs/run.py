@@ -63,7 +63,8 @@ def run(config: RunConfig, folder: RunFolder, progress: Progress, known: Mapping
     write_assets(folder, result.reconstruction)
     with costs.exclude("pictures"):
         scale = drawn_scale(scores.albedo_scales, config.protocol.alignment)
-        write_pictures(folder, scene, scorer.drawn, scale, progress.note)
+        title = f"{config.scene.name}, {config.row_name}, seed {config.seed}"
+        write_pictures(folder, scene, scorer.drawn, scale, title, progress)
     asked = method.info.uses_prior and problem.prior.info.sees_truth
     found = {
         **known,

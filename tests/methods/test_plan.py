@@ -167,7 +167,7 @@ def test_a_users_setting_is_taken_and_recorded_as_such(name: str) -> None:
     plan = plan_of(plate(FILLING), FROM_ABOVE, **{name: USERS[name]})
     assert getattr(plan, name) == USERS[name] != getattr(usual, name)
     (found,) = [d for d in plan.decisions if d.what == f"render.{name}"]
-    assert (found.value, found.why, found.measured, found.left_out) == (USERS[name], "set by the user", None, None)
+    assert (found.value, found.why, found.measured, found.left_out) == (USERS[name], "as it was set", None, None)
     others = [d for d in plan.decisions if d.what != found.what]
     assert others == [d for d in usual.decisions if d.what != found.what]
 

@@ -95,7 +95,9 @@ def keep_pictures() -> Callable[..., None]:
         renderer = SceneRenderer(runs[0].read_scene(whole=True))
         truth = renderer.truth(turned=False)
         for run in runs:
-            (run.folder / PICTURES).write_bytes(bundle(renderer, truth, run.reconstruction(renderer.stage), run.scale).zipped())
+            found = run.reconstruction(renderer.stage)
+            packed = bundle(renderer, truth, found, renderer.recovered(found, run.scale))
+            (run.folder / PICTURES).write_bytes(packed.zipped())
 
     return keep
 

@@ -7,7 +7,7 @@ coverage, inside the true mask. What a scene has no truth of (photographs of one
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -141,17 +141,24 @@ class SceneRenderer:
             pictures.sheets["light"] = [_light_map(self._truth.lights["train"], self._truth.lights["train"])]
         return pictures
 
-    def recovered(self, found: TexturedReconstruction, scale: torch.Tensor, scored: Predictions | None = None) -> Pictures:
+    def recovered(
+        self,
+        found: TexturedReconstruction,
+        scale: torch.Tensor,
+        scored: Predictions | None = None,
+        turned: Callable[[], None] = lambda: None,
+    ) -> Pictures:
         """The same of what was recovered: its albedo also aligned by ``scale`` where a true one is known, and relit with that.
 
-        Views that a scorer has drawn of it already are taken from ``scored``; all others are drawn here.
+        Views that a scorer has drawn of it already are taken from ``scored``; all others are drawn here. ``turned`` is told of each
+        of the TURNS.
         """
         drawn = self._drawn(found, scale, scored or Predictions())
         pictures = self._pictures(drawn)
         if drawn.albedo is not None and "albedo" in self.masks:
             aligned = tuple(scale.cpu().numpy() * image for image in drawn.albedo.images)
             self._add(pictures, "aligned", self.test, Images(aligned, drawn.albedo.coverage))
-        self._add_turns(pictures, found, scale)
+        self._add_turns(pictures, found, scale, turned)
         if found.environment is not None:
             true_light = self._truth.lights.get("train")
             rows = found.environment.texels.shape[0] if true_light is None else true_light.shape[0]
@@ -188,13 +195,20 @@ class SceneRenderer:
             self._add(pictures, "relit", views, (drawn.relighting or {})[light], light)
         return pictures
 
-    def _add_turns(self, pictures: Pictures, found: TexturedReconstruction, scale: torch.Tensor | None) -> None:
+    def _add_turns(
+        self,
+        pictures: Pictures,
+        found: TexturedReconstruction,
+        scale: torch.Tensor | None,
+        turned: Callable[[], None] = lambda: None,
+    ) -> None:
         """Add the middle view of the first novel light, under that light as it goes round the object."""
         for name, views in [*self.relit.items()][:1]:
-            light, turned = self._truth.lights[name], [views[len(views) // 2]]
+            light, view = self._truth.lights[name], [views[len(views) // 2]]
             for turn in range(TURNS):
                 around = np.roll(light, round(turn * light.shape[1] / TURNS), axis=1)
-                self._add(pictures, "turned", turned, self._rendered(found, turned, around, scale), name)
+                self._add(pictures, "turned", view, self._rendered(found, view, around, scale), name)
+                turned()
 
     def _rendered(
         self, found: TexturedReconstruction, views: Sequence[View], light: np.ndarray | None, scale: torch.Tensor | None

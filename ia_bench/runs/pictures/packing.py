@@ -10,7 +10,7 @@ import gzip
 import io
 import json
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,15 @@ from typing import Any
 import numpy as np
 import torch
 from PIL import Image
-from torch import Tensor
 
 from ia_bench.common.errors import InputError
+from ia_bench.common.progress import Progress
 from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.render.asset_files import glb
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.runs.folder import RunFolder
-from ia_bench.runs.pictures.drawing import VERSION, Pictures, SceneRenderer
+from ia_bench.runs.pictures.drawing import TURNS, VERSION, Pictures, SceneRenderer
+from ia_bench.runs.pictures.preview import PREVIEW, preview
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scenes.scene import Mesh, Scene
 from ia_bench.scores.comparison import Predictions
@@ -181,11 +182,8 @@ class Bundle:
         return buffer.getvalue()
 
 
-def bundle(
-    scene_renderer: SceneRenderer, true: Pictures, found: TexturedReconstruction, scale: Tensor, scored: Predictions | None = None
-) -> Bundle:
-    """Draw and pack what was recovered. ``true``: the same views of the truth; ``scored`` as of :meth:`SceneRenderer.recovered`."""
-    pictures = scene_renderer.recovered(found, scale, scored)
+def bundle(scene_renderer: SceneRenderer, true: Pictures, found: TexturedReconstruction, pictures: Pictures) -> Bundle:
+    """Pack the ``pictures`` of what was recovered (:meth:`SceneRenderer.recovered`). ``true``: the same views of the truth."""
     errors, tile = {}, 0
     for name, original in COMPARED.items():
         if name in pictures.values and original in true.values:
@@ -214,24 +212,32 @@ def write_pictures(
     scene: Scene,
     drawn: tuple[TexturedReconstruction, Predictions] | None,
     scale: list[float] | None,
-    note: Callable[[str], None],
+    title: str,
+    progress: Progress,
 ) -> None:
-    """Write pictures.zip: what a report shows of the run, of the views that were drawn for its scores; ``scale`` aligns the albedo.
+    """Write what a report shows of the run, pictures.zip, and preview.png below a ``title``; ``scale`` aligns the albedo.
 
-    Nothing of a reconstruction without textures; a scene that cannot be pictured is told to ``note``.
+    Views that were drawn for the scores are not drawn again. Nothing is written of a reconstruction without textures; a scene that
+    cannot be pictured is noted.
     """
     if drawn is None:
         return
     found, predictions = drawn
+    task = progress.task("pictures", TURNS + 1)
     try:
         scene_renderer = SceneRenderer(scene)
-        packed = bundle(scene_renderer, scene_renderer.truth(turned=False), found, torch.tensor(scale or [1.0] * 3), predictions)
+        true = scene_renderer.truth(turned=False)
+        pictures = scene_renderer.recovered(found, torch.tensor(scale or [1.0] * 3), predictions, task.advance)
+        packed = bundle(scene_renderer, true, found, pictures)
     except InputError as error:
-        note(f"no pictures for the report: {error}")
+        progress.note(f"no pictures for the report: {error}")
     else:
+        with folder.path_for(PREVIEW) as path:
+            preview(title, true, pictures).save(path, "PNG")
         if scene.mesh_is_made or not found.mesh.same_as(scene.mesh, uv=True):
             packed.solid["mesh"] = solid(found.mesh)
         folder.write_bytes(PICTURES, packed.zipped())
+        task.advance(task.total - task.done)
 
 
 def read_bundle(folder: Path) -> Bundle | None:

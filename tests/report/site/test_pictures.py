@@ -144,7 +144,8 @@ def test_a_run_that_recovered_no_light_is_pictured_without_what_needs_one(
     (perfect_run / "light.exr").unlink()
     scene_renderer, truth = drawn
     run = Recovered(perfect_run)
-    packed = bundle(scene_renderer, truth, run.reconstruction(scene_renderer.stage), run.scale)
+    found = run.reconstruction(scene_renderer.stage)
+    packed = bundle(scene_renderer, truth, found, scene_renderer.recovered(found, run.scale))
     assert set(packed.sheets) == {"albedo", "aligned", "roughness", "relit", "turned"}
     assert set(packed.errors["sheets"]) == {"albedo", "aligned", "roughness", "relit"}
 
@@ -187,7 +188,7 @@ def test_only_what_needs_a_truth_that_is_missing_is_left_out(
     for rendered, photograph, mask in zip(pictures.values["view"], truth.values["view"], scene_renderer.masks["view"], strict=True):
         assert np.abs(rendered - photograph)[mask].mean() < 0.05  # Monte Carlo noise at 64 samples a pixel
     assert len(pictures.sheets["albedo"]) == len(truth.sheets["photograph"]) == 4
-    packed = bundle(scene_renderer, truth, found, run.scale)
+    packed = bundle(scene_renderer, truth, found, pictures)
     of_albedo = {"albedo", "aligned"} if "albedo" in truth.sheets else set()
     comparable = {"view", "relit"} | of_albedo | set(truth.sheets) & {"roughness"}
     assert set(packed.errors["sheets"]) == set(pictures.sheets) & comparable
@@ -197,7 +198,8 @@ def test_only_what_needs_a_truth_that_is_missing_is_left_out(
 def test_training_photographs_stand_for_a_scene_that_holds_none_out(tiny: Scene, perfect_run: Path) -> None:
     """Their names are kept, and a page draws those, of however many photographs it reads."""
     scene_renderer, run = SceneRenderer(lacking(tiny, "albedo", "roughness", "lights", "test", "novel")), Recovered(perfect_run)
-    packed = bundle(scene_renderer, scene_renderer.truth(), run.reconstruction(scene_renderer.stage), run.scale)
+    found = run.reconstruction(scene_renderer.stage)
+    packed = bundle(scene_renderer, scene_renderer.truth(), found, scene_renderer.recovered(found, run.scale))
     names = [view.name for view in tiny.train]
     assert packed.views["fitted"] == scene_renderer.fitted
     assert (scene_renderer.fitted[0], scene_renderer.fitted[-1], len(set(scene_renderer.fitted))) == (names[0], names[-1], 6)
