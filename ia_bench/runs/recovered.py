@@ -15,6 +15,7 @@ from ia_bench.common.machine import commit
 from ia_bench.common.progress import Begin, Progress, unseen
 from ia_bench.common.settings import parsed
 from ia_bench.material.textures import Material
+from ia_bench.render.asset_files import read_asset
 from ia_bench.render.reconstruction import TexturedReconstruction
 from ia_bench.render.stage import Stage
 from ia_bench.runs.config import RunConfig, slug
@@ -95,8 +96,13 @@ class Recovered:
         def optional(name: str, channels: int) -> torch.Tensor | None:
             return texture(name, channels) if (self.folder / f"{name}.exr").is_file() else None
 
+        assumed = frozenset[str]()
+        if self.record.declared is not None:  # an asset that was brought: its mesh may be another one, its roughness unknown
+            stage = Stage(read_asset(self.folder / "asset.glb", note=lambda line: None).mesh, stage.device)
+            unknown = self.record.reasons.get("roughness.mse", "").startswith("the method does not predict")
+            assumed = frozenset({"roughness"} if unknown else ())
         material = Material(texture("albedo", 3), texture("roughness", 1), optional("metallic", 1))
-        return TexturedReconstruction(stage, material, optional("light", 3), coat=self.config.render.coat)
+        return TexturedReconstruction(stage, material, optional("light", 3), coat=self.config.render.coat, assumed=assumed)
 
 
 class Rescorer:

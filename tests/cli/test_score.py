@@ -6,9 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import trimesh
 
 from ia_bench.cli.score import USAGE, main
+from ia_bench.render.asset_files import moved, read_asset
 from ia_bench.report.collect import collect
 from ia_bench.report.statistics import block
 from ia_bench.report.table import results_table
@@ -67,9 +70,23 @@ def test_pictures_brought_back_have_the_scores_of_their_run(run: Path, pictures_
     assert max(differences(run, pictures_run).values()) < 1e-6
 
 
-def test_an_asset_is_rescored_on_its_own_mesh(asset_run: Path, tmp_path: Path) -> None:
-    again = Rescorer(compose(["scene=tiny", *SMALL]).protocol, tmp_path).rescore(asset_run)
-    assert max(differences(asset_run, again).values()) < 1e-3
+def test_an_asset_is_rescored_on_its_own_mesh(run: Path, tmp_path: Path) -> None:
+    asset = read_asset(run / "asset.glb", note=print)
+    larger = moved(asset, np.diag([1.03, 1.03, 1.03, 1]))
+    solid = trimesh.Trimesh(larger.mesh.vertices, larger.mesh.faces)
+    (tmp_path / "larger.obj").write_text(f"mtllib m.mtl\n{solid.export(file_type='obj')}")
+    (tmp_path / "m.mtl").write_text("newmtl one\nKd .5 .4 .3\n")
+    options = ["--up", "z", "--light", str(run / "light.exr"), "--scene", "tiny", "--out", str(tmp_path / "run")]
+    assert main([str(tmp_path / "larger.obj"), *options, *SMALL]) == 0
+    before = json.loads((tmp_path / "run" / "metrics.json").read_text())
+    again = Rescorer(compose(["scene=tiny", *SMALL]).protocol, tmp_path).rescore(tmp_path / "run")
+    after = json.loads((again / "metrics.json").read_text())
+    assert before["metrics"]["roughness"]["mse"] is after["metrics"]["roughness"]["mse"] is None
+    assert before["geometry"]["chamfer"] > 0.002
+    for group, name in (("metrics", "view_synthesis"), ("metrics", "albedo"), ("geometry", "")):
+        found, expected = ((record[group].get(name) or record[group]) for record in (after, before))
+        for key in ("psnr", "chamfer", "depth", "mask_iou"):
+            assert found.get(key, 0) == pytest.approx(expected.get(key, 0), abs=2e-3)
 
 
 def test_what_is_declared_is_marked_as_declared(asset_run: Path, pictures_run: Path) -> None:

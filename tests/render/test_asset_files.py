@@ -20,6 +20,7 @@ from PIL import Image
 from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 from ia_bench.common.errors import InputError
+from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import fetch
 from ia_bench.render.asset_files import ROUGHNESS, glb, read_asset
 from ia_bench.render.asset_parts import asset_files
@@ -131,6 +132,18 @@ def test_up_matrix_and_turned_light(tmp_path: Path) -> None:
     moved, _ = read(path, up="z", matrix=quarter, light=tmp_path / "l.exr")
     np.testing.assert_allclose(moved.mesh.vertices, np.stack([5 - 2 * y, 2 * x, 2 * z], -1), atol=1e-6)
     np.testing.assert_array_equal(moved.light, as_it_is.light)
+
+
+def test_the_light_of_nvdiffrec_turned_by_a_quarter_comes_from_where_it_came_from(tmp_path: Path) -> None:
+    """There texel (v, u) holds what comes from (sin t sin p, cos t, -sin t cos p) with t = pi v, p = 2 pi u - pi, y up."""
+    theta, phi = np.meshgrid((np.arange(32) + 0.5) * np.pi / 32, (np.arange(64) + 0.5) * 2 * np.pi / 64 - np.pi, indexing="ij")
+    x, y, z = np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)
+    there = np.stack([x, y, z], -1)  # whatever comes from a direction is that direction, and 2
+    write_exr(tmp_path / "probe.exr", there + 2, half=False)
+    path = gltf(tmp_path / "a.glb", lambda header: None)
+    light = torch.from_numpy(read(path, light=tmp_path / "probe.exr", light_turn=90)[0].light)
+    ours = torch.from_numpy(np.stack([x, -z, y], -1).reshape(-1, 3)).float()  # the same directions with z up, as for the mesh
+    np.testing.assert_allclose(LatLongEnvironment(light).radiance(ours), there.reshape(-1, 3) + 2, atol=1e-5)
 
 
 def test_obj_by_trimesh(tmp_path: Path) -> None:
