@@ -247,13 +247,13 @@ def _made(chosen: argparse.Namespace) -> int:
 
 def _from_repositories(sources: Sequence[dict[str, Any]], out: Path, sums: dict[str, str]) -> int:
     """Fetch what is not there yet; how many sources failed."""
-    failed, without = 0, list[str]()
+    failed, without = 0, dict[str, int]()
     for source in sources:
         wanted = files_of(source, sums)
         if all((out / path).is_file() for path in wanted):
             continue
         if "recipe" not in source:
-            without += [f"{source['repository']} ({len(wanted)} files)"]
+            without[source["repository"]] = without.get(source["repository"], 0) + len(wanted)
             continue
         try:
             fetched(source, out, sums)
@@ -262,7 +262,8 @@ def _from_repositories(sources: Sequence[dict[str, Any]], out: Path, sums: dict[
             failed += 1
             print(f"{source['repository']} at {source['commit'][:10]}: left out: {error}", file=sys.stderr)
     if without:
-        print(f"Not to be fetched, since how they were changed is not a recipe yet (FROM=FOLDER copies them): {', '.join(without)}")
+        names = ", ".join(without)
+        print(f"{sum(without.values())} files are only to be had by FROM=FOLDER, as how they were changed is no recipe: of {names}")
     return failed
 
 

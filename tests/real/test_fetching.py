@@ -77,7 +77,7 @@ def test_a_light_is_the_nearest_rgbe_to_the_mean_of_four(
     assert (np.abs(found - mean) <= mean.max(-1, keepdims=True) / 256).all()
     shown, said = capsys.readouterr()
     assert "1 of 3 files, 0 of them as they are listed" in shown
-    assert "nobody/objects (1 files)" in shown
+    assert "1 files are only to be had by FROM=FOLDER, as how they were changed is no recipe: of nobody/objects" in shown
     assert said.count("\n") == 1
     assert said.startswith("nobody/lights at 0000000000: left out: git fetch")
 
