@@ -97,7 +97,9 @@ def _saturated_share(before: Sequence[View], after: Sequence[View]) -> float:
 
 def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
     """What metrics.json says of the capture of a ``scene`` that was captured by these ``settings``."""
-    faults = {} if settings.faults == FaultSettings() else {"faults": asdict(settings.faults)}
+    further: dict[str, Any] = {} if settings.faults == FaultSettings() else {"faults": asdict(settings.faults)}
+    if any(view.exposure is not None for view in (*scene.test, *scene.novel)):
+        further["recorded_exposures"] = "divided out"
     return {
         "views": len(scene.train),
         "radiometry": settings.radiometry,
@@ -105,5 +107,5 @@ def record(scene: Scene, settings: CaptureSettings) -> dict[str, Any]:
         "geometry": settings.geometry,
         "triangles": 0 if scene.mesh is None else len(scene.mesh.faces),
         "saturated_share": scene.saturated_share,
-        **faults,
+        **further,
     }

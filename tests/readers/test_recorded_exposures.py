@@ -12,7 +12,7 @@ import torch
 from layouts import scene_to_write
 from PIL import Image
 
-from ia_bench.capture.capture import captured
+from ia_bench.capture.capture import captured, record
 from ia_bench.capture.settings import CaptureSettings
 from ia_bench.common.errors import InputError
 from ia_bench.readers.nerfstudio import NerfstudioReader
@@ -55,6 +55,8 @@ def test_training_images_become_those_of_one_exposure(tiny: Scene) -> None:
     assert all(view.exposure is None for view in found.novel if view.light != "train")
     assert len([note for note in notes if "recorded exposures differ by up to 2.5 times" in note]) == 1
     assert not found.exposures_differ
+    assert record(found, CaptureSettings())["recorded_exposures"] == "divided out"
+    assert "recorded_exposures" not in record(captured(tiny, CaptureSettings(), notes.append), CaptureSettings())
     assert captured(exposed(tiny), CaptureSettings(exposure="per_image"), notes.append).exposures_differ
 
 
