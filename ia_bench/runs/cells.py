@@ -107,9 +107,8 @@ def make_cells(
 ) -> list[Cell]:
     """Every row x capture x scene x seed, composed and checked; row after row, so that jobs side by side differ in scene.
 
-    The request's seeds replace the table's, not those of a row that has its own. A row whose prior or method cannot be used
-    has no cell: ``broken`` is told why, once. Raises InputError where there is no cell, or one twice, and for such a row where
-    nobody is told.
+    The request's seeds replace the table's. A row whose prior or method cannot be used has no cell: ``broken`` is told why, once.
+    Raises InputError where there is no cell, or one twice, and for such a row where nobody is told.
     """
     seeds, rows = table.seeds if request.seeds is None else request.seeds, table.crossed_rows
     scenes = table.entries(request.scenes)
@@ -126,7 +125,7 @@ def make_cells(
     cells = []
     for place, row in enumerate(rows):
         try:
-            for seed in seeds if row.seeds is None else row.seeds:
+            for seed in seeds:
                 for number, scene in enumerate(scenes):
                     config = replace(composed(place, number), seed=seed)
                     content = identity(config)

@@ -71,7 +71,6 @@ class Row:
         name: What tables call it.
         overrides: Of the configuration, which make it.
         note: What a reader has to know of it.
-        seeds: Its own, None for the table's.
         paper: The row of the paper's table 1 that it stands for, None for one that the paper has not.
         captures: Labels of those of the table's captures that it is run with, None for all of them.
     """
@@ -79,7 +78,6 @@ class Row:
     name: Name
     overrides: list[str]
     note: str = ""
-    seeds: Seeds | None = None
     paper: str | None = None
     captures: Annotated[list[str], Some] | None = None
 

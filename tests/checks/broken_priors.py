@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -97,69 +98,32 @@ def when_guided(change: Callable[[dict, Tensor, Mapping], object]) -> type[Sound
     return spoiled(spoil)
 
 
-class Variant(Sound):
-    """One whose samples pass through ``vary``."""
+def varied(vary: Callable[[Any, Tensor, object], Tensor]) -> type[Sound]:
+    """A prior whose samples pass through ``vary(prior, value, guidance)``."""
 
-    def sample(self, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
-        samples = super().sample(observations, seed=seed, guidance=guidance)
-        return replace(samples, values={name: self.vary(value, guidance) for name, value in samples.values.items()})
+    def sample(self: Sound, observations: Observations, *, seed: int, guidance: Any = None) -> Samples:
+        samples = Sound.sample(self, observations, seed=seed, guidance=guidance)
+        return replace(samples, values={name: vary(self, value, guidance) for name, value in samples.values.items()})
 
-    def vary(self, value: Tensor, guidance: object) -> Tensor:
-        raise NotImplementedError
-
-
-class Forgets(Variant):
-    """Remembers guidance that it was given once."""
-
-    seen = False
-
-    def vary(self, value: Tensor, guidance: object) -> Tensor:
-        self.seen |= guidance is not None
-        return 0.9 * value if self.seen and guidance is None else value
+    return changed(sample=sample, drawn=0, guided=False, factor=0.0)
 
 
-class Counting(Variant):
-    """Every sample depends on how many were drawn before."""
-
-    drawn = 0
-
-    def vary(self, value: Tensor, guidance: object) -> Tensor:
-        self.drawn += 1
-        return value / self.drawn
+def counting(prior: Any, value: Tensor, guidance: object) -> Tensor:
+    prior.drawn += 1
+    return value / prior.drawn
 
 
-class Unequal(Variant):
-    """Two instances differ."""
-
-    made = 0
-
-    def __init__(self) -> None:
-        super().__init__()
-        Unequal.made += 1
-        self.factor = 1 / Unequal.made
-
-    def vary(self, value: Tensor, guidance: object) -> Tensor:
-        return self.factor * value
+def forgetting(prior: Any, value: Tensor, guidance: object) -> Tensor:
+    prior.guided |= guidance is not None
+    return 0.9 * value if prior.guided and guidance is None else value
 
 
-class WeakStill(Sound):
-    """Moves even at strength 0."""
-
-    def sample(self, observations: Observations, *, seed: int, guidance: Mapping | None = None) -> Samples:
-        samples = super().sample(observations, seed=seed)
-        values = {n: 0.5 * (v + guidance[n]) if guidance else v for n, v in samples.values.items()}
-        return replace(samples, values=values)
+def unequal(prior: Any, value: Tensor, guidance: object) -> Tensor:
+    prior.factor = prior.factor or 1 / next(INSTANCES)
+    return prior.factor * value
 
 
-class Uncounted(Variant):
-    """Asks a network, which lies in a list, and never counts its calls."""
-
-    def __init__(self, *, guidance_strength: float = 1.0) -> None:
-        super().__init__(guidance_strength=guidance_strength)
-        self.networks = [{"any": torch.nn.Identity()}]
-
-    def vary(self, value: Tensor, guidance: object) -> Tensor:
-        return self.networks[0]["any"](value)
+INSTANCES = itertools.count(1)
 
 
 def shown_as(change: Callable[[Observations], Observations]) -> type[Sound]:
@@ -258,19 +222,22 @@ BROKEN: dict[str, tuple[Callable[[], object], str]] = {
     "stochastic but is not": (edit(albedo=lambda s: 0 * s, specular=lambda s: 0 * s), "another seed"),
     "stochastic undeclared": (declaring(stochastic=False), "another seed"),
     "torch's global generator": (spoiled(lambda s, *_: s["specular"].mul_(torch.rand(1))), "same seed again"),
-    "counts its samples": (Counting, "same seed again"),
-    "instances differ": (Unequal, "same seed, new instance"),
+    "counts its samples": (varied(counting), "same seed again"),
+    "instances differ": (varied(unequal), "same seed, new instance"),
     "normalised by the batch": (spoiled(lambda s, images, *_: s["specular"].div_(0.1 + images.mean())), "an image on its own"),
     "away from the guidance": (when_guided(lambda s, out, g: s["specular"].mul_(2).add_(1 - out)), "guided specular"),
     "guided outside the mask": (when_guided(lambda s, out, g: s["albedo"].add_(0.1 * out)), "guided sample"),
-    "remembers guidance": (Forgets, "guidance = None afterwards"),
-    "guided at strength 0": (WeakStill, "guidance of strength 0"),
+    "remembers guidance": (varied(forgetting), "guidance = None afterwards"),
+    "guided at strength 0": (
+        when_guided(lambda s, out, g: s.update({n: 0.5 * (s[n] + g[n]) for n in g})),
+        "guidance of strength 0",
+    ),
     "NaN swallowed": (Lenient, "a NaN pixel"),
     "obscure about shapes": (shown_as(obscure), "images of one channel"),
     "any mask will do": (shown_as(any_mask), "masks of another size"),
     "writes to images": (spoiled(lambda s, images, *_: images.mul_(0.5)), "inputs"),
     "writes to guidance": (when_guided(lambda s, out, g: g["albedo"].zero_()), "inputs"),
-    "network not counted": (Uncounted, "cost: network_calls"),
+    "network not counted": (varied(lambda prior, value, guidance: torch.nn.Identity()(value)), "cost: network_calls"),
     "distill takes no seed": (offering(distill=lambda self, observations, renders: {}), "distillation"),
     "distills one component": (offering(distill=distill_as(lambda e: {"albedo": e["albedo"]})), "distilled estimates"),
     "distills at random": (offering(distill=distill_as(lambda e: {n: v * torch.rand(1) for n, v in e.items()})), "distilled again"),

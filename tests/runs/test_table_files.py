@@ -25,7 +25,6 @@ def test_bad_table_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         ("includes: [bad]", "includes: expected tables that do not include each other, found bad in bad"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: b}]", "claims: unknown row 'b'"),
         ("rows: [{name: a, overrides: []}]\nclaims: [{better: a, worse: a, metrics: [albedo]}]", "unknown metric 'albedo'"),
-        ("rows: [{name: a, overrides: [], seeds: []}]", r"rows.0.seeds: expected at least one, found \[\]"),
         *((f"rows: [{{name: {name}, overrides: []}}]", "rows.0.name: expected a name of 1 to 200 printable") for name in BAD_NAMES),
         ("scenes: [{name: a}, a]", "scenes: expected different names, found a, a"),
         ("scenes: [{name: a, path: 3}]", "scenes.0"),
