@@ -8,6 +8,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError, create_model
@@ -54,6 +55,14 @@ def parsed(kind: type[T], content: Mapping[str, Any], key: str = "") -> T:
     ``key`` is put before the names.
     """
     return _checked(TypeAdapter(_forbidding(kind)), kind, content, key)
+
+
+def parsed_file(kind: type[T], path: Path, content: Mapping[str, Any], said: str = "", advice: str = "") -> T:
+    """:func:`parsed` of what a file holds: its name, and what is ``said`` of it, stand before what is wrong, ``advice`` after."""
+    try:
+        return parsed(kind, content)
+    except InputError as error:
+        raise InputError(f"{path}: {said}{error}{advice}") from None
 
 
 def check_arguments(factory: Callable[..., Any], options: Mapping[str, Any], key: str, given: int = 0) -> None:

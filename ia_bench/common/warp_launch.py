@@ -46,9 +46,7 @@ def launch(kernel: wp.Kernel, count: int, *arguments: object, device: torch.devi
     _each([partial(run, *share) for share in _ranges(count, device)])
 
 
-def launch_summing(
-    kernel: wp.Kernel, count: int, *arguments: object, sums: Sequence[Tensor | None], device: torch.device
-) -> None:
+def launch_summing(kernel: wp.Kernel, count: int, *arguments: object, sums: Sequence[Tensor | None], device: torch.device) -> None:
     """The same for a kernel whose last parameters are ``sums``, to which any item may add anywhere.
 
     Sums into one place by two threads would be lost, so every range but the first has some of its own, which are added at the

@@ -21,7 +21,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.ranges import Name
 from ia_bench.common.registry import BrokenPlugin
-from ia_bench.common.settings import parsed
+from ia_bench.common.settings import parsed_file
 from ia_bench.runs.composition import compose, written_out
 from ia_bench.runs.config import RunConfig, slug
 from ia_bench.runs.folder import find_run_folders, held_since, recorded_at
@@ -184,11 +184,7 @@ def read_cells(results: Path) -> CellList | None:
     path = results / CELLS
     if not path.exists():
         return None
-    content = read_json(path)
-    try:
-        found = parsed(CellList, content)
-    except InputError as error:
-        raise InputError(f"{path}: expected the cells of a table: {error}") from None
+    found = parsed_file(CellList, path, read_json(path), "expected the cells of a table: ")
     cells = tuple(replace(cell, folder=results / cell.folder, log=results / cell.log) for cell in found.cells)
     return replace(found, cells=cells, started=path.stat().st_mtime)
 

@@ -18,7 +18,7 @@ from pydantic import ConfigDict, Field
 from ia_bench.common.errors import Fault, InputError
 from ia_bench.common.files import read_json
 from ia_bench.common.ranges import Name
-from ia_bench.common.settings import parsed
+from ia_bench.common.settings import parsed, parsed_file
 
 METRICS_FILE = "metrics.json"
 CONFIG = "config.json"
@@ -122,11 +122,7 @@ class RunRecord:
         path = folder / METRICS_FILE
         if not os.path.lexists(path):
             raise FileNotFoundError(path)
-        content = read_json(path)
-        try:
-            return parsed(cls, content)
-        except InputError as error:
-            raise InputError(f"{path}: {error}; delete its folder to run again") from None
+        return parsed_file(cls, path, read_json(path), advice="; delete its folder to run again")
 
     def as_json(self) -> bytes:
         """What the file holds. Raises Fault for a value that no program can rely on: of another type, NaN or infinite."""
@@ -188,12 +184,7 @@ class RunSetup:
     @classmethod
     def read(cls, folder: Path) -> RunSetup:
         """That of a run's folder. Raises InputError where there is none, or something else."""
-        path = folder / CONFIG
-        content = read_json(path)
-        try:
-            return parsed(cls, content)
-        except InputError as error:
-            raise InputError(f"{path}: expected the configuration of a run: {error}") from None
+        return parsed_file(cls, folder / CONFIG, read_json(folder / CONFIG), "expected the configuration of a run: ")
 
 
 def finished_record(folder: Path, config_hash: str) -> RunRecord | None:

@@ -13,7 +13,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.common.files import user_path
 from ia_bench.common.machine import commit
 from ia_bench.common.progress import Begin, Progress, unseen
-from ia_bench.common.settings import parsed
+from ia_bench.common.settings import parsed_file
 from ia_bench.material.textures import Material
 from ia_bench.render.asset_files import read_asset
 from ia_bench.render.reconstruction import TexturedReconstruction
@@ -54,10 +54,7 @@ class Recovered:
         if self.record.status != "ok":
             raise InputError(f"{folder / METRICS_FILE}: expected a finished run, found status {self.record.status!r}")
         self.folder, self.setup = folder, RunSetup.read(folder)
-        try:
-            self.config = parsed(RunConfig, self.setup.config)
-        except InputError as error:
-            raise InputError(f"{folder / CONFIG}: config: {error}") from None
+        self.config = parsed_file(RunConfig, folder / CONFIG, self.setup.config, "config: ")
         scene = self.setup.identity.get("scene")
         self.scene_content = scene.get("content") if isinstance(scene, dict) else None
         alignment = str(self.record.protocol_description.get("alignment"))

@@ -15,7 +15,7 @@ from ia_bench.common.errors import InputError, unknown
 from ia_bench.common.files import read_yaml, user_path
 from ia_bench.common.paths import conf_folder
 from ia_bench.common.ranges import Name
-from ia_bench.common.settings import flat, parsed
+from ia_bench.common.settings import flat, parsed, parsed_file
 from ia_bench.scores.metrics import METRIC_OF
 
 SET_BY_TABLE = ("scene", "scene.name", "scene.path", "reader", "seed", "row", "out")
@@ -235,10 +235,7 @@ def _whole(name: str, within: tuple[str, ...]) -> Table:
     if name in within:
         raise InputError(f"{path}: includes: expected tables that do not include each other, found {' in '.join((name, *within))}")
     own = read_yaml(path)
-    try:
-        table = parsed(Table, own)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    table = parsed_file(Table, path, own)
     parts = [_whole(other, (name, *within)) for other in table.includes]
     if not parts:
         return table
