@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any
 
 import torch
@@ -32,35 +31,30 @@ def _begin() -> None:
 _begin()
 
 
-def launch(kernel: wp.Kernel, count: int, *arguments: object, device: torch.device) -> None:
+def launch(kernel: wp.Kernel, count: int, *arguments: object, device: torch.device, sums: Sequence[Tensor | None] = ()) -> None:
     """Run ``kernel`` for ``count`` items; it reads and writes tensors among its ``arguments`` in place.
 
     A kernel's first parameter is the number of the first item of its range, which is given here. Tensors have to be contiguous
     and of the kernel's own types (a ``vec3`` is a last axis of 3, for instance).
+
+    Its last parameters are ``sums``, to which any item may add anywhere. Sums into one place by two threads would be lost, so every
+    range but the first has some of its own, which are added at the end. None stands for a sum that the kernel leaves alone.
     """
-    values = _values(kernel, arguments, device)
+    share = max(LEAST_ITEMS, -(-count // (torch.get_num_threads() if device.type == "cpu" else 1)))
+    starts = range(0, count, share)
+    own = [[s if first == 0 or s is None else torch.zeros_like(s) for s in sums] for first in starts]
 
-    def run(first: int, items: int) -> None:
-        wp.launch(kernel, items, [first, *values], device=str(device))
+    def run(first: int, into: Sequence[Tensor | None]) -> None:
+        values = [first, *_values(kernel, [*arguments, *into], device)]
+        wp.launch(kernel, min(share, count - first), values, device=str(device))
 
-    _each([partial(run, *share) for share in _ranges(count, device)])
-
-
-def launch_summing(kernel: wp.Kernel, count: int, *arguments: object, sums: Sequence[Tensor | None], device: torch.device) -> None:
-    """The same for a kernel whose last parameters are ``sums``, to which any item may add anywhere.
-
-    Sums into one place by two threads would be lost, so every range but the first has some of its own, which are added at the
-    end. None stands for a sum that the kernel leaves alone.
-    """
-    ranges = _ranges(count, device)
-    own = [[s if k == 0 or s is None else torch.zeros_like(s) for s in sums] for k in range(len(ranges))]
-
-    def run(first: int, items: int, into: Sequence[Tensor | None]) -> None:
-        wp.launch(kernel, items, [first, *_values(kernel, [*arguments, *into], device)], device=str(device))
-
-    _each([partial(run, *share, into) for share, into in zip(ranges, own, strict=True)])
-    for others in own[1:]:
-        for total, part in zip(own[0], others, strict=True):
+    others = [_pool.submit(run, *given) for given in zip(starts[1:], own[1:], strict=True)]
+    for given in zip(starts[:1], own, strict=False):  # the first in this thread
+        run(*given)
+    for other in others:
+        other.result()
+    for more in own[1:]:
+        for total, part in zip(own[0], more, strict=True):
             if total is not None and part is not None:
                 total += part
 
@@ -77,19 +71,3 @@ def _values(kernel: wp.Kernel, arguments: Sequence[object], device: torch.device
                 raise ValueError(f"{kernel.key}({argument.label}): expected {argument.type.ndim} axes, found {value.ndim}")
         values.append(value)
     return values
-
-
-def _ranges(count: int, device: torch.device) -> list[tuple[int, int]]:
-    """First item and number of items of each thread's share."""
-    threads = torch.get_num_threads() if device.type == "cpu" else 1
-    share = max(LEAST_ITEMS, -(-count // threads))
-    return [(first, min(share, count - first)) for first in range(0, count, share)]
-
-
-def _each(jobs: Sequence[Callable[[], None]]) -> None:
-    """Do the jobs at once; the first in this thread."""
-    others = [_pool.submit(job) for job in jobs[1:]]
-    for job in jobs[:1]:
-        job()
-    for other in others:
-        other.result()

@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter
 from torch import Tensor
 from torch.autograd.function import FunctionCtx
 
-from ia_bench.common.warp_launch import launch, launch_summing
+from ia_bench.common.warp_launch import launch
 from ia_bench.geometry.grid import DistanceGrid
 from ia_bench.geometry.warp_march import gather, gather_adjoint
 from ia_bench.scenes.scene import View
@@ -126,5 +126,5 @@ class _Gather(torch.autograd.Function):
         sums = torch.zeros_like(values), torch.zeros_like(features) if of_features is None else of_features
         of_each = [one.contiguous() for one in of_outputs]
         given = *of_rays, values, features, width, stride, *outputs, *of_each
-        launch_summing(gather_adjoint, len(of_each[1]), *given, sums=sums, device=values.device)
+        launch(gather_adjoint, len(of_each[1]), *given, sums=sums, device=values.device)
         return sums[0], sums[1] if of_features is None else None, None, None, None, None

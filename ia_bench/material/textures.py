@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ia_bench.common.warp_launch import launch, launch_summing
+from ia_bench.common.warp_launch import launch
 from ia_bench.material.warp_textures import look_up, look_up_adjoint
 
 
@@ -68,7 +68,7 @@ class _Fetch(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:  # noqa: ANN401 (torch's context)
         (uv,), texture = ctx.saved_tensors, gradients[0].new_zeros(ctx.shape)
-        launch_summing(look_up_adjoint, len(uv), uv, gradients[0].contiguous(), sums=[texture], device=uv.device)
+        launch(look_up_adjoint, len(uv), uv, gradients[0].contiguous(), sums=[texture], device=uv.device)
         return texture, None
 
 
@@ -79,7 +79,7 @@ def splat(uv: Tensor, values: Tensor, size: int) -> tuple[Tensor, Tensor]:
     """
     summed = values.new_zeros(size, size, values.shape[-1] + 1)
     weighed = torch.cat([values, torch.ones_like(uv[:, :1])], 1)
-    launch_summing(look_up_adjoint, len(uv), uv.contiguous(), weighed, sums=[summed], device=uv.device)
+    launch(look_up_adjoint, len(uv), uv.contiguous(), weighed, sums=[summed], device=uv.device)
     total = summed[..., -1]
     return summed[..., :-1] / total.clamp_min(1e-12)[..., None], total
 

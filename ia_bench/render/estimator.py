@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ia_bench.common.warp_launch import launch, launch_summing
+from ia_bench.common.warp_launch import launch
 from ia_bench.light.latlong import LatLongSampler
 from ia_bench.light.warp_latlong import tables_of
 from ia_bench.material.brdf import coat_reflectance
@@ -150,5 +150,5 @@ class _Shade(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:  # noqa: ANN401 (torch's context)
         leaves, given = ctx.saved_tensors, [gradient.contiguous() for gradient in gradients]
         adjoints = [None if leaf is None else torch.zeros_like(leaf) for leaf in leaves]
-        launch_summing(shade_adjoint, len(given[0]), *leaves, *ctx.fixed, *given, sums=adjoints, device=given[0].device)
+        launch(shade_adjoint, len(given[0]), *leaves, *ctx.fixed, *given, sums=adjoints, device=given[0].device)
         return None, *adjoints

@@ -5,12 +5,12 @@ A new metric is a function, and one line in :data:`METRICS`: it is then computed
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import socket
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import ExitStack, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ import numpy as np
 
 from ia_bench.common.errors import InputError, first_line
 from ia_bench.common.paths import PACKAGE
+from ia_bench.common.registry import process_state_kept
 from ia_bench.scenes.color import linear_to_srgb
 from ia_bench.scores.protocol import LpipsSettings, Protocol, SsimSettings
 
@@ -141,7 +142,7 @@ if TYPE_CHECKING:
 
 SHIPPED = {"squeeze": PACKAGE / "scores" / "weights" / "lpips_squeeze.safetensors"}  # networks that need no download
 SMALLEST = 32  # pixels; AlexNet's deepest features vanish below 31
-DOWNLOAD_SECONDS = 10.0  # of silence before a download is given up; torch.hub itself would wait for minutes
+DOWNLOAD_SECONDS = 10.0  # of silence before a download is given up
 
 
 def lpips(pair: Compared) -> float:
@@ -180,7 +181,8 @@ def layer_distances(predicted: np.ndarray, true: np.ndarray, settings: LpipsSett
     from lpips import normalize_tensor
 
     batch = torch.from_numpy(np.stack([predicted, true]).astype(np.float32)).permute(0, 3, 1, 2)
-    with torch.inference_mode(), _one_thread():
+    with process_state_kept(), torch.inference_mode():
+        torch.set_num_threads(1)  # on a busy machine, threads of a small network that wait for each other cost a hundred times more
         layers = zip(network.lins, network.net(network.scaling_layer(2 * batch - 1)), strict=True)
         pairs = ((head, *normalize_tensor(features).split(1)) for head, features in layers)
         return [head((one - other) ** 2) for head, one, other in pairs]
@@ -206,7 +208,11 @@ def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
     weights = settings.weights or SHIPPED.get(settings.net)
     own = weights is None
     try:
-        with torch.random.fork_rng(devices=[]), _quiet_and_impatient():  # random weights are drawn before ours are read
+        # Random weights are drawn before ours are read; torch.hub chats on stdout, warns, and waits for minutes.
+        with process_state_kept(), redirect_stdout(sys.stderr), warnings.catch_warnings(), ExitStack() as afterwards:
+            warnings.simplefilter("ignore", UserWarning)
+            afterwards.callback(socket.setdefaulttimeout, socket.getdefaulttimeout())
+            socket.setdefaulttimeout(DOWNLOAD_SECONDS)
             network = package.LPIPS(net=settings.net, spatial=True, pnet_rand=not own, pretrained=own, verbose=False)
     except (OSError, RuntimeError) as error:  # no connection; a download that does not match its checksum
         return f"weights of lpips net {settings.net} are not cached and cannot be downloaded: {first_line(error)}"
@@ -219,32 +225,6 @@ def load(settings: LpipsSettings) -> lpips_package.LPIPS | str:
         except (OSError, RuntimeError, SafetensorError) as error:
             return f"{weights} is no full state dict of lpips net {settings.net}: {first_line(error)}"
     return network.to(memory_format=torch.channels_last).eval().requires_grad_(False)
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Run small networks on one thread: on a busy machine, threads waiting for each other cost a hundred times more."""
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
-@contextlib.contextmanager
-def _quiet_and_impatient() -> Iterator[None]:
-    """Keep torch.hub's chatter off stdout, its deprecation warnings away, and its download from hanging."""
-    before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(DOWNLOAD_SECONDS)
-    try:
-        with contextlib.redirect_stdout(sys.stderr), warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            yield
-    finally:
-        socket.setdefaulttimeout(before)
 
 
 # ---- the metrics as data: scores, tables and figures follow it ----

@@ -10,7 +10,7 @@ import pytest
 import torch
 import warp as wp
 
-from ia_bench.common.warp_launch import LEAST_ITEMS, launch, launch_summing
+from ia_bench.common.warp_launch import LEAST_ITEMS, launch
 
 CPU = torch.device("cpu")
 COUNTS = (0, 1, LEAST_ITEMS - 1, LEAST_ITEMS, LEAST_ITEMS + 1, 3 * LEAST_ITEMS + 7)
@@ -60,7 +60,7 @@ def test_no_sum_is_lost_between_threads(count: int, threads: int) -> None:
     vectors = torch.randint(9, (count, 3), generator=torch.Generator().manual_seed(0)).float()
     scale = torch.arange(count).float() % 5
     total, other = torch.full((2, 3), 7.0), torch.zeros(1)
-    launch_summing(_sums, count, vectors, scale, 1, sums=[total, other], device=CPU)
+    launch(_sums, count, vectors, scale, 1, sums=[total, other], device=CPU)
     wanted = torch.stack([vectors[::2].sum(0), vectors[1::2].sum(0)]) + 7
     assert torch.equal(total, wanted)
     assert float(other) == float(scale.sum())
@@ -69,7 +69,7 @@ def test_no_sum_is_lost_between_threads(count: int, threads: int) -> None:
 def test_none_stands_for_an_array_and_for_a_sum_of_nothing(threads: int) -> None:
     count = 4 * LEAST_ITEMS
     total = torch.zeros(2, 3)
-    launch_summing(_sums, count, torch.ones(count, 3), None, 0, sums=[total, None], device=CPU)
+    launch(_sums, count, torch.ones(count, 3), None, 0, sums=[total, None], device=CPU)
     assert torch.equal(total, torch.full((2, 3), count / 2))
 
 

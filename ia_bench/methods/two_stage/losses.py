@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ia_bench.common.warp_launch import launch_summing
+from ia_bench.common.warp_launch import launch
 from ia_bench.methods.contract import Problem, StepRender
 from ia_bench.methods.photographs import one_sided
 from ia_bench.methods.two_stage.kernels import differences
@@ -187,7 +187,7 @@ class _Smoothness(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, texture: Tensor, pairs: PixelPairs, pixels: Tensor) -> Tensor:  # noqa: ANN401 (torch's context)
         ctx.gradient, totals = torch.zeros_like(texture), texture.new_zeros(len(pixels))
-        launch_summing(
+        launch(
             differences, len(pixels), pixels, pairs.index, pairs.similarity, pairs.uv, texture, totals,
             sums=[ctx.gradient], device=texture.device,
         )  # fmt: skip
