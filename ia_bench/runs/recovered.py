@@ -153,22 +153,17 @@ class Rescorer:
         Raises InputError for a run of another scene, one that has left no textures, and one that was drawn by a renderer of its
         own, which is not stored: what the reference renderer makes of its textures is no score of the same row.
         """
-        stage, scorer = self._scene_of(run)
-        reconstruction = run.reconstruction(stage)
+        on_gpu = run.config.device == "cuda" and torch.cuda.is_available()  # as the scores of the run itself are
+        device = torch.device("cuda" if on_gpu else "cpu")
+        key = (run.scene_content, run.config.reader, run.config.capture, device)
+        if key != self._key:  # another scene than that of the run before
+            self._scene = run.read_scene(self.scene)
+            self._stage, self._scorer = Stage(self._scene.expect_mesh(), device), Scorer(self._scene, self.protocol, device)
+            self._key = key
+        reconstruction = run.reconstruction(self._stage)
         if run.record.renderer != reconstruction.renderer:
             raise InputError(
                 f"{run.folder / METRICS_FILE}: renderer: expected {reconstruction.renderer}, found {run.record.renderer}: its own "
                 f"renderer is gone; run it again with protocol={self.protocol.name}"
             )
-        return scorer.full(reconstruction, begin)
-
-    def _scene_of(self, run: Recovered) -> tuple[Stage, Scorer]:
-        """The stage and the scorer of the run's scene; those of the run before where that is the same."""
-        on_gpu = run.config.device == "cuda" and torch.cuda.is_available()  # as the scores of the run itself are
-        device = torch.device("cuda" if on_gpu else "cpu")
-        key = (run.scene_content, run.config.reader, run.config.capture, device)
-        if key != self._key:
-            scene = run.read_scene(self.scene)
-            self._stage, self._scorer = Stage(scene.expect_mesh(), device), Scorer(scene, self.protocol, device)
-            self._key, self._scene = key, scene
-        return self._stage, self._scorer
+        return self._scorer.full(reconstruction, begin)

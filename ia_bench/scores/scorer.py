@@ -53,18 +53,13 @@ def score_geometry(found: Stage, true: Mesh | None, views: Sequence[View], mask_
 def _against_masks(views: Sequence[View], seen: Sequence[_Seen], mask_threshold: float) -> dict[str, float | str]:
     if not views:
         return dict.fromkeys(("mask_iou", "missed_share"), "the scene has no held-out view")
-    both = either = masked = missed = scored = 0.0
-    for view, one in zip(views, seen, strict=True):
-        coverage = one.hit.reshape(*view.mask.shape, -1).double().mean(-1).numpy()
-        both += float(np.minimum(view.mask, coverage).sum())
-        either += float(np.maximum(view.mask, coverage).sum())
-        masked += float(view.mask.sum())
-        inside = view.mask > mask_threshold
-        missed += float((inside & (coverage == 0)).sum())
-        scored += float(inside.sum())
+    masks = np.concatenate([view.mask.ravel() for view in views])
+    seen_of = zip(views, seen, strict=True)
+    covers = np.concatenate([one.hit.reshape(view.mask.size, -1).double().mean(-1).numpy() for view, one in seen_of])
+    inside, both, either = masks > mask_threshold, np.minimum(masks, covers).sum(), np.maximum(masks, covers).sum()
     return {
-        "mask_iou": both / either if masked else "no held-out view has a mask that shows the object",
-        "missed_share": missed / scored if scored else "no scored pixel",
+        "mask_iou": float(both / either) if masks.any() else "no held-out view has a mask that shows the object",
+        "missed_share": float((inside & (covers == 0)).sum() / inside.sum()) if inside.any() else "no scored pixel",
     }
 
 
