@@ -25,7 +25,7 @@ from typing import Any
 
 FIRST_STEP = "first step"
 PHASES = {
-    "ia_bench.runs.composition:to_run_config": "settings checked",
+    "ia_bench.runs.composition:resolved": "settings checked",
     "ia_bench.runs.execute:identity": "identity",
     "ia_bench.runs.run:read_scene": "scene",
     "ia_bench.runs.scene:check_agreement": "mesh and masks",

@@ -67,16 +67,11 @@ def compose(overrides: Sequence[str], here: bool = True) -> RunConfig:
     register(overrides)
     try:
         with initialize_config_dir(str(conf_folder()), version_base="1.3"):
-            return replace(to_run_config(hydra_compose("config", list(overrides)), here), command=given)
+            content = OmegaConf.to_container(hydra_compose("config", list(overrides)), resolve=True)
+        assert isinstance(content, dict)
+        return replace(resolved({str(key): value for key, value in content.items()}, here), command=given)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(explain(error)) from error
-
-
-def to_run_config(composed: DictConfig, here: bool = True) -> RunConfig:
-    """Hydra's result, checked and resolved for this machine. Raises InputError for what it cannot mean."""
-    content = OmegaConf.to_container(composed, resolve=True)
-    assert isinstance(content, dict)
-    return resolved({str(key): value for key, value in content.items()}, here)
 
 
 def explain(error: Exception) -> str:
