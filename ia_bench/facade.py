@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -32,16 +32,16 @@ from ia_bench.report.collect import collect
 from ia_bench.runs.composition import compose
 from ia_bench.runs.execute import execute
 from ia_bench.runs.folder import find_run_folders
-from ia_bench.runs.pictures.drawing import exposure
 from ia_bench.runs.recovered import Recovered
+from ia_bench.runs.relighting import Background, draw, frames_of
 from ia_bench.runs.scene import read_scene
 from ia_bench.scenes.exr import read_exr
-from ia_bench.scenes.images import Images, display
 from ia_bench.scenes.scene import Camera, Scene
 from ia_bench.scores.metrics import METRICS
 from ia_bench.scores.scorer import Scorer
 
-Scored = dict[str, dict[str, float | None]]
+Light: TypeAlias = str | Path | np.ndarray
+Scored: TypeAlias = dict[str, dict[str, float | None]]
 """Component -> metric -> mean, as metrics.json has them."""
 PLAIN = "_./:-+~"
 """What a text may hold beside letters and digits that Hydra reads as it stands."""
@@ -140,7 +140,7 @@ class Fit(Recovered):
         on_gpu = self.config.device == "cuda" and torch.cuda.is_available()
         return self.reconstruction(Stage(self.scene.expect_mesh(), torch.device("cuda" if on_gpu else "cpu")))
 
-    def render(self, camera: Camera, light: str | Path | np.ndarray | None = None, *, samples: int = 64) -> np.ndarray:
+    def render(self, camera: Camera, light: Light | None = None, *, samples: int = 64) -> np.ndarray:
         """Linear radiance (H, W, 3) that a camera sees, premultiplied by coverage, by the reference renderer.
 
         Args:
@@ -152,18 +152,26 @@ class Fit(Recovered):
         Raises:
             InputError: There is no such light, or none was recovered.
         """
-        return self._drawn(camera, light, samples).images[0]
+        found, texels = self._textured, None if light is None else self._texels(light)
+        environment = None if texels is None else LatLongEnvironment(torch.from_numpy(texels).to(found.device))
+        with process_state_kept():
+            drawn = found.render([camera], light=environment, albedo_scale=None, quality=Quality(2, samples))
+        if drawn is None:
+            raise InputError(f"light: expected one, since method={self.config.method.name} recovers none, found None")
+        return drawn.images[0]
 
-    def relight(self, light: str | Path | np.ndarray, camera: Camera | None = None, *, samples: int = 64) -> Image.Image:
-        """The object under another light as a picture with transparent background, exposed for the object.
+    def relight(
+        self, light: Light, view: str = "still", *, size: int = 512, samples: int = 64, background: Background = "transparent"
+    ) -> Image.Image:
+        """The object under another light as a picture, exposed for the object; ``ia-bench relight`` also makes animations.
 
-        ``light`` and ``samples`` as in :meth:`render`; ``camera``: None for that of the first held-out view.
+        ``light`` and ``samples`` as in :meth:`render`; ``view``: the name of a view of the scene, or "still", from the side and
+        above; ``size``: height in pixels; ``background``: "transparent", "light" or "white".
         """
-        views = (*self.scene.test, *self.scene.novel, *self.scene.train)
-        drawn = self._drawn(camera or views[0].camera, light, samples)
-        coverage = drawn.coverage[0]
-        shown = display(drawn.images[0], coverage, exposure(drawn.images, drawn.coverage))
-        return Image.fromarray(np.round(255 * np.dstack([shown, coverage.clip(0, 1)])).astype(np.uint8))
+        frames = frames_of(view, 1, self.scene.expect_mesh(), self.scene, size)
+        with process_state_kept():
+            drawn = draw(self._textured, self._texels(light), frames, background=background, quality=Quality(3, samples))
+        return Image.fromarray(np.round(255 * drawn.pictures[0]).astype(np.uint8))
 
     def save(self, path: str | Path) -> Path:
         """Write the object with its textures as a glTF binary, which any viewer opens. Raises InputError for another suffix."""
@@ -183,19 +191,11 @@ class Fit(Recovered):
         image: np.ndarray = read_exr(path, channels)
         return image[..., 0] if channels == 1 else image
 
-    def _drawn(self, camera: Camera, light: str | Path | np.ndarray | None, samples: int) -> Images:
-        found, texels = self._textured, None
+    def _texels(self, light: Light) -> np.ndarray:
         if isinstance(light, np.ndarray):
-            texels = light
-        elif light is not None:
-            lights = {} if self.scene.truth is None else self.scene.truth.lights
-            texels = lights[str(light)] if str(light) in lights else read_light(user_path("light", str(light)))
-        environment = None if texels is None else LatLongEnvironment(torch.from_numpy(np.float32(texels)).to(found.device))
-        with process_state_kept():
-            drawn = found.render([camera], light=environment, albedo_scale=None, quality=Quality(2, samples))
-        if drawn is None:
-            raise InputError(f"light: expected one, since method={self.config.method.name} recovers none, found None")
-        return drawn
+            return np.asarray(light, np.float32)
+        lights = {} if self.scene.truth is None else self.scene.truth.lights
+        return lights[str(light)] if str(light) in lights else read_light(user_path("light", str(light)))
 
 
 def fit(

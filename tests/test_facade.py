@@ -64,7 +64,8 @@ def test_a_light_is_a_name_a_file_or_an_array(fit: ib.Fit, scene: ib.LoadedScene
     np.testing.assert_array_equal(named, given)
     np.testing.assert_array_equal(fit.render(camera), fit.render(camera, fit.light))
     np.testing.assert_allclose(fit.render(camera, 2 * fit.light), 2 * fit.render(camera), rtol=1e-5)
-    assert fit.relight(name).mode == "RGBA"
+    relit = fit.relight(name, scene.test[0].name, size=16, samples=8)
+    assert (relit.mode, relit.size) == ("RGBA", (16, 16))
     with pytest.raises(ib.InputError, match="light=dusk: no such file"):
         fit.render(camera, "dusk")
 

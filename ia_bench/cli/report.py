@@ -48,7 +48,7 @@ def _report(wanted: argparse.Namespace) -> int:
     table = _compared_with(load_table(wanted.table) if wanted.table else Table(), wanted.reference)
     rows = [row.name for row in table.crossed_rows]
     published = [run for path in tables for run in read_published(path) if not wanted.only or run["row"] in rows]
-    first = wanted.runs[0].resolve()
+    first = wanted.runs[0] if wanted.runs[0].name not in ("", "..") else wanted.runs[0].resolve()
     out = wanted.out or first.with_name(f"{first.stem if wanted.runs[0] in tables else first.name}-report")
     make_writable(out, "--out")
     report = write_report(folders_with_cells(folders, complain), out, table, published)

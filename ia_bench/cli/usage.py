@@ -91,7 +91,6 @@ def _scenes_here() -> set[str]:
 
 
 def _description(path: Path) -> str:
-    """The comment that follows the command at the top of a YAML file."""
-    lines = path.read_text(encoding="utf-8").splitlines()
-    command = next(number for number, line in enumerate(lines) if line.startswith("# ia-bench run"))
-    return lines[command + 1].removeprefix("#").strip()
+    """The first comment of a YAML file that is no command."""
+    comments = (line.removeprefix("# ") for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("# "))
+    return next((line for line in comments if not line.startswith(("ia-bench ", "python -m "))), "")

@@ -35,6 +35,20 @@ def test_runs_of_several_folders_are_reported_together(tmp_path: Path, capsys: p
     assert "+2.00" in (tmp_path / "out" / "report.md").read_text()
 
 
+def test_without_a_folder_it_lies_beside_the_runs_and_a_browser_opens_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(Path("runs", "a"), "none", 20.0)
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) == 1)
+    assert main(["runs/a", "--open"]) == main(["runs/a", "--open"]) == 0
+    page = tmp_path / "runs" / "a-report" / "page" / "index.html"
+    assert opened == [page.as_uri()] * 2
+    assert page.is_file()
+    assert capsys.readouterr().out.endswith("no browser was found here; open runs/a-report/page/index.html in one\n")
+
+
 def test_a_reference_is_found_by_the_name_that_its_captures_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Runs on one's own photographs are called after their capture: none, hull."""
     write(tmp_path / "runs" / "a", "none, hull", 20.0)
