@@ -33,22 +33,6 @@ def test_on_a_plane_at_right_angles_it_is_a_gaussian_filter():
     assert float(image.sum()) == pytest.approx(1, abs=1e-5)
 
 
-@pytest.mark.parametrize("edge", ["normal", "depth"])
-def test_a_step_that_the_guides_know_is_kept(edge: str):
-    guides = plane()
-    right = guides.column >= WIDTH // 2
-    normal, depth = guides.normal.clone(), guides.depth.clone()
-    if edge == "normal":
-        normal[right] = torch.tensor([0.7071, 0.0, 0.7071])
-    else:
-        depth[right] += 1.0
-    values = right.float()[:, None]
-    kept = denoise(values, Guides(guides.row, guides.column, normal, depth, guides.shape), 2.0)
-    assert float((kept - values).abs().max()) < 1e-3
-    blurred = denoise(values, guides, 2.0)
-    assert float((blurred - values).abs().max()) > 0.3
-
-
 @pytest.mark.slow
 def test_on_its_home_ground_it_recovers_the_material(tiny: Scene):
     """Photographs of a matt and glossy object by the reference renderer with the paper's coat, nearly without noise.

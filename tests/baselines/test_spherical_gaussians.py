@@ -17,7 +17,6 @@ from ia_bench_baselines.common.spherical_gaussians.lobes import (
     clamped_cosine_integral,
     fibonacci_axes,
     hemisphere_integral,
-    lobe_integral,
     product,
 )
 from ia_bench_baselines.common.spherical_gaussians.sampling import draw_directions
@@ -43,12 +42,6 @@ def random_lobes(count: int, seed: int, *shape: int) -> SphericalGaussians:
     axis = torch.nn.functional.normalize(torch.randn(*shape, count, 3, generator=generator), dim=-1)
     sharpness = torch.exp(torch.rand(*shape, count, generator=generator) * math.log(100)) * 2
     return SphericalGaussians(axis, sharpness, torch.rand(*shape, count, 3, generator=generator))
-
-
-@pytest.mark.parametrize("sharpness", [0.1, 3.0, 300.0])
-def test_energy_is_the_integral_over_the_sphere(sharpness: float) -> None:
-    expected = float(SOLID_ANGLE @ lobe(tilted(50), sharpness))
-    assert float(lobe_integral(torch.tensor(sharpness))) == pytest.approx(expected, rel=1e-3)
 
 
 PAIRS = [(4.0, 4.0, 180.0), (0.03, 900.0, 120.0), (50.0, 20.0, 15.0), (3e4, 2.0, 70.0)]

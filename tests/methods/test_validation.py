@@ -14,7 +14,6 @@ import pytest
 import torch
 
 from ia_bench.common.errors import PluginError
-from ia_bench.light.environment import LatLongEnvironment
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Monitor, Problem, Result
 from ia_bench.methods.info import MethodInfo, check_declarations
@@ -151,13 +150,6 @@ def test_answers_are_checked_as_they_are_given(tiny: Scene) -> None:
             asked(of, **parts)
 
 
-def test_a_light_of_its_own_kind_is_a_light() -> None:
-    light = SimpleNamespace(radiance=lambda directions: directions, latlong=lambda height: LIGHT)
-    found = checked_reconstruction("mine", Own(environment=light))
-    assert found.environment is light
-    assert checked_reconstruction("mine", Own(environment=LatLongEnvironment(LIGHT))).environment is not None
-
-
 class Careless:
     """A method that changes the process, and says what it saw when it was scored."""
 
@@ -221,8 +213,3 @@ def test_what_a_class_declares_is_checked_before_it_is_made(part: str, value: ob
     check_declarations("mine", SimpleNamespace(**declared))
     with pytest.raises(PluginError, match=f"^method mine: {part}: expected "):
         check_declarations("mine", SimpleNamespace(**declared | {part: value}))
-
-
-def test_an_info_that_cannot_be_meant() -> None:
-    with pytest.raises(ValueError, match="predicts: expected a frozenset of some of albedo, relighting, .*, found "):
-        MethodInfo(uses_prior=False, predicts=frozenset({"depth"}))

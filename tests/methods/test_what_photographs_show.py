@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from small_fit import SETTINGS, Record, altered, fit, losses_of, make_problem
+from small_fit import SETTINGS, Record, altered, fit, losses_of
 from torch import Tensor
 
 from ia_bench.capture.capture import captured
@@ -15,14 +15,11 @@ from ia_bench.capture.settings import CaptureSettings
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods import photographs
-from ia_bench.methods.contract import Monitor, Problem
+from ia_bench.methods.contract import Problem
 from ia_bench.methods.couplings.sampler import pixel_samples
 from ia_bench.methods.photographs import one_sided
-from ia_bench.methods.regularisers.context import effective_view_count
 from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import fitted_views
-from ia_bench.methods.truth_seers import Constant, NoOptions
-from ia_bench.methods.two_stage.fit import start_albedo
 from ia_bench.methods.two_stage.losses import dual_buffer_loss
 from ia_bench.methods.two_stage.parameters import Parameters
 from ia_bench.priors.contract import NoPrior, Samples
@@ -54,22 +51,6 @@ def test_the_crossed_loss_is_one_sided_in_both_halves() -> None:
         assert usual.min() > 0
         assert given.tolist() == [usual[0], 0, usual[2]]
         one_sidedly, as_ever = (dual_buffer_loss(first, second, CLIP, 0.1, known) for known in (KNOWN, None))
-
-
-def test_a_loss_of_unknown_pixels_pulls_nothing(tiny: Scene) -> None:
-    """Black and unknown everywhere: no render is too bright. Known and black: every texture and the light are pulled down."""
-    found = {}
-    for known in (True, False):
-        valid = np.full((32, 32), known)
-        black = replace(tiny, train=tuple(replace(v, image=0 * v.image, valid=valid) for v in tiny.train))
-        problem = make_problem(black.blind())
-        settings = replace(SETTINGS, weights=replace(SETTINGS.weights, smooth_albedo=0, smooth_roughness=0, smooth_light=0))
-        parameters, generator = Parameters(problem, settings), torch.Generator().manual_seed(0)
-        losses, _ = losses_of(problem, settings)(torch.arange(200), parameters, 50, 100, generator)
-        sum(losses.values()).backward()
-        found[known] = float(parameters.tensors["log_light"].grad.abs().sum()), float(parameters.tensors["albedo"].grad.abs().sum())
-    assert min(found[True]) > 0
-    assert found[False] == (0, 0)
 
 
 def cut_off(problem: Problem) -> Problem:
@@ -108,26 +89,6 @@ def test_a_prior_that_is_right_corrects_nothing_and_targets_nothing_there(proble
     assert black.any()
     assert not targets.weight[black].any()
     assert float(targets.weight.mean()) == pytest.approx(1, rel=1e-5)
-
-
-def test_texels_that_are_seen_in_such_pixels_alone_are_not_seen(problem: Problem) -> None:
-    few = altered(problem, scene=replace(problem.scene, train=problem.scene.train[:2]))
-    vars(few).pop("gbuffer")
-    cut = cut_off(few)
-    whole_sees, cut_sees = (Parameters(one, SETTINGS).observed for one in (few, cut))
-    assert not (cut_sees & ~whole_sees).any()
-    assert 0.05 < float((whole_sees & ~cut_sees).float().sum() / whole_sees.float().sum()) < 0.7
-    assert float(effective_view_count(cut, 64).sum()) < 0.95 * float(effective_view_count(few, 64).sum())
-
-
-def test_the_constants_light_is_that_of_the_pixels_that_are_known(problem: Problem, scene: Scene) -> None:
-    """The mean of what lies inside is about that of all; black in a third of the pixels would be a third less."""
-    lights = []
-    for one in (problem, cut_off(problem)):
-        found = Constant(NoOptions()).fit(altered(one, truth=scene), seed=0, monitor=Monitor.silent())
-        assets = found.reconstruction.assets()
-        lights.append(assets.light[0, 0])
-    np.testing.assert_allclose(lights[1], lights[0], rtol=0.2)
 
 
 def test_what_a_prior_is_shown_of_a_fit_is_exposed_as_the_photographs_are(problem: Problem, scene: Scene) -> None:
@@ -204,12 +165,3 @@ def test_pixels_that_are_left_out_pull_nowhere(problem: Problem) -> None:
         pulls.append(float(parameters.tensors["albedo"].grad.abs().sum()))
     assert pulls[0] > 0
     assert pulls[1] == 0
-
-
-def test_a_fit_starts_from_the_colour_of_what_is_not_left_out(problem: Problem) -> None:
-    colours = []
-    for one in (problem, altered(problem, scene=tight(problem.scene))):
-        parameters = Parameters(one, SETTINGS)
-        start_albedo(parameters, one, 0.5, None)
-        colours.append(parameters.tensors["albedo"][0, 0].detach())
-    torch.testing.assert_close(colours[1], colours[0], rtol=0.05, atol=0)

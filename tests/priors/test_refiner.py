@@ -13,7 +13,6 @@ from torch import Tensor
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
-from ia_bench.common.errors import InputError
 from ia_bench.priors.contract import COMPONENTS, Observations, Refiner
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.refiner import (
@@ -83,14 +82,6 @@ def test_levels_are_no_part_of_what_it_sees() -> None:
     torch.testing.assert_close(roughness[inside], torch.full_like(roughness[inside], 0.45))
 
 
-def test_no_change_gives_back_the_material() -> None:
-    parts = renders()
-    found = seen(STACK.images, parts).corrected(torch.zeros(3, 4, *STACK.masks.shape[1:]))
-    whole = STACK.masks == 1
-    for name, maps in zip(("albedo", "roughness"), found, strict=True):
-        torch.testing.assert_close(maps[whole], parts[name][whole], rtol=1e-4, atol=1e-5)
-
-
 def test_views_without_anything_stay_as_they_are(folders: dict[str, str]) -> None:
     prior = RefinerPrior(**folders, precision="float32")
     parts = renders()
@@ -117,13 +108,6 @@ def test_what_lies_around_the_object_does_not_matter(folders: dict[str, str]) ->
     found = prior.refine(wider, {name: framed(render) for name, render in parts.items()}).values
     for name, maps in plain.items():
         torch.testing.assert_close(found[name][:, 4:-4, 4:-4], maps, rtol=1e-5, atol=1e-6)
-
-
-def test_what_is_missing_is_named(folders: dict[str, str]) -> None:
-    prior = RefinerPrior(**folders)
-    known = {name: values for name, values in renders().items() if name not in ("roughness", "specular")}
-    with pytest.raises(InputError, match=r"expected a fit's roughness and specular and view_count beside the images, found none"):
-        prior.refine(replace(shown(), view_count=None), known)
 
 
 def test_weights_come_back(tmp_path: Path) -> None:

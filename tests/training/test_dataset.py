@@ -58,13 +58,6 @@ def test_permuted_channels_stay_together():
         assert torch.equal(changed["specular"][n], images["specular"][n][..., orders[0]])
 
 
-def test_a_mirrored_image_has_mirrored_normals():
-    images = shard()
-    changed = augment(images, Augmentation(mirror=1, permute=0, cast=0), torch.Generator())
-    torch.testing.assert_close(changed["image"], images["image"].flip(2))
-    torch.testing.assert_close(changed["normal"], images["normal"].flip(2) * torch.tensor([-1.0, 1, 1]))
-
-
 def test_geometry_is_withheld_as_often_as_asked(folder):
     images, config = TrainingImages(folder), NetworkConfig(size=16, channels=(16, 32))
     assert len(images) == 12
@@ -74,12 +67,6 @@ def test_geometry_is_withheld_as_often_as_asked(folder):
     assert with_geometry.shape == (12, 8, 16, 16)
     assert bool((with_geometry[:, 4:].abs().sum((1, 2, 3)) > 0).all())
     assert bool((without[:, 4:] == 0).all())
-
-
-def test_shards_of_two_sizes_are_refused(folder):
-    write_shard(shard_path(folder, 2), shard(size=32), ShardInfo(0, 12, 6, 32))
-    with pytest.raises(InputError, match="expected images of 16 pixels, found 32"):
-        TrainingImages(folder)
 
 
 INFO = ShardInfo(seed=3, first=512, count=2, size=5, redrawn=1)

@@ -84,13 +84,6 @@ def interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-def test_fits_that_show_nothing_are_named_by_their_folder(folders: Path, tmp_path: Path) -> None:
-    black = made_up(0, 0)
-    write_fit(fit_path(tmp_path, 0, 0), {**black, "image": 0 * black["image"]}, FitInfo(0, 8))
-    with pytest.raises(InputError, match=f"{tmp_path}: expected fits that show something and are finite, found none"):
-        Views(tmp_path)
-
-
 def test_views_are_recoloured_and_turned_together(folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The error of an untouched albedo does not depend on the order of the colours, nor on the side."""
     monkeypatch.setattr("ia_bench_training.refiner.ZOOM", 1.0)

@@ -5,7 +5,6 @@ from priors.tiny_network import tiny_weights
 from training.test_dataset import shard
 
 from ia_bench.priors.contract import PriorInfo, Samples
-from ia_bench.priors.diffusion.prior import DiffusionPrior
 from ia_bench.scores.comparison import scale
 from ia_bench_training.shards import ShardInfo, shard_path, write_shard
 from ia_bench_training.single_view import main
@@ -56,21 +55,3 @@ def test_the_command_scores_scenes_and_shards(tmp_path, tiny_folder, capsys):
     assert shards.startswith("| diffusion | shards (2) |")
     assert "±" in shards
     assert not torch.isnan(torch.tensor([float(cell.split()[0]) for cell in shards.split("|")[3:-1]])).any()
-
-
-@pytest.mark.parametrize("scene", [True, False])
-def test_geometry_reaches_a_prior_that_reads_it(tmp_path, tiny_folder, scene):
-    if not scene:
-        write_shard(shard_path(tmp_path, 0), shard(count=3), ShardInfo(5, 0, 3, 16))
-    examples = load_examples(str(tiny_folder if scene else tmp_path), 2, geometry=True)
-    normals, visibility, masks = examples.shown.normals, examples.shown.visibility, examples.shown.masks
-    inside = masks > 0.99
-    assert normals.shape == examples.shown.images.shape
-    assert float(normals[inside].norm(dim=-1).median()) == pytest.approx(1, abs=0.01)
-    assert visibility.shape == (*masks.shape, 1)
-    assert 0.1 < float(visibility[inside].mean()) < 1
-    options = {"weights": str(tiny_weights(tmp_path / "weights", geometry=True)), "steps": 1}
-    reading, blind = DiffusionPrior(**options, geometry=True), DiffusionPrior(**options)
-    with_geometry = score(reading, examples, samples=1, seed=0)
-    without = score(blind, examples, samples=1, seed=0)
-    assert with_geometry["one sample"] != without["one sample"]

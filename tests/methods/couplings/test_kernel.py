@@ -93,25 +93,6 @@ def test_pairs_lie_in_one_view_within_the_radius(problem: Problem, seen: Tensor)
     assert not torch.equal(other, partner)
 
 
-def test_constant_prediction_asks_for_a_constant_albedo(problem: Problem, seen: Tensor, texture: Tensor) -> None:
-    one = kernel(problem, torch.full_like(seen, 0.4))
-    pixels = torch.arange(len(seen))
-    flat = torch.full_like(texture, 0.37)
-    assert loss(one, pixels, flat) < 1e-5
-    assert loss(one, pixels, texture) > 0.05
-
-
-def test_edges_of_the_prediction_are_free(problem: Problem) -> None:
-    """A texture of two colours: predicted as such it costs nothing, and all the more where the prediction has no edge."""
-    left = torch.arange(64) < 32
-    texture = torch.where(left[:, None], torch.tensor([0.8, 0.2, 0.2]), torch.tensor([0.1, 0.3, 0.7])).expand(64, 64, 3)
-    picture = problem.pixels_of(texture_images(problem.renderer.surface, problem.gbuffer, texture))
-    pixels = torch.arange(len(picture))
-    knows = loss(kernel(problem, picture), pixels, texture)
-    blind = loss(kernel(problem, torch.full_like(picture, 0.4)), pixels, texture)
-    assert knows < 0.15 * blind  # pixels in which the colours mix remain
-
-
 def test_scale_of_a_view_changes_nothing(problem: Problem, seen: Tensor, texture: Tensor) -> None:
     scale = torch.exp(0.4 * torch.randn(16, generator=torch.Generator().manual_seed(2)))
     spoiled = seen * scale[problem.gbuffer.pixel // SIZE][:, None]
@@ -132,17 +113,3 @@ def test_edge_pixels_and_masked_ones_are_no_partners(problem: Problem, seen: Ten
     unmasked = tuple(replace(view, mask=np.zeros_like(view.mask)) for view in problem.scene.train)
     blind = altered(problem, scene=replace(problem.scene, train=unmasked))
     assert loss(kernel(blind, seen), torch.arange(len(seen)), texture) == 0
-
-
-def test_gradient_reaches_both_pixels(problem: Problem, seen: Tensor, texture: Tensor) -> None:
-    one = kernel(problem, torch.full_like(seen, 0.4))
-    pixels = torch.arange(0, len(seen), 7)
-    atlas = texture.clone().requires_grad_(True)
-    loss_of(one, pixels, atlas).backward()
-    assert bool(torch.isfinite(atlas.grad).all())
-    for entries in (pixels, one._partners(pixels, torch.Generator().manual_seed(0))[0]):
-        point = problem.gbuffer.face[entries, :1].clamp_min(0).long()
-        uv = problem.renderer.surface.uv(point, problem.gbuffer.barycentric[entries, :1])
-        assert float((fetch(atlas.grad.abs(), uv[:, 0]).sum(-1) > 0).float().mean()) > 0.3
-    scale = (atlas.grad * (texture + LOG_FLOOR)).sum() / (atlas.grad * (texture + LOG_FLOOR)).abs().sum()
-    assert abs(float(scale)) < 0.02, "it says nothing of the albedo's scale"

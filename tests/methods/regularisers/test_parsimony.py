@@ -13,8 +13,8 @@ from torch import Tensor
 
 from ia_bench.methods.contract import Problem
 from ia_bench.methods.regularisers import parsimony
-from ia_bench.methods.regularisers.fusion import OFFSET, Fusion
-from ia_bench.methods.regularisers.parsimony import CHROMA, GREY, PARTNERS, REACH, ROUGHNESS, Parsimony, pooled
+from ia_bench.methods.regularisers.fusion import OFFSET
+from ia_bench.methods.regularisers.parsimony import CHROMA, GREY, REACH, ROUGHNESS, pooled
 from ia_bench.priors.contract import NoPrior
 from ia_bench.render.renderer import texture_images
 from ia_bench.scenes.color import linear_to_srgb
@@ -50,29 +50,6 @@ def test_means_are_those_of_the_formula() -> None:
     np.testing.assert_allclose(found[1], weights @ rough, atol=1e-5)
 
 
-def test_what_nothing_resembles_stays() -> None:
-    albedo, roughness, position = torch.full((5 * PARTNERS, 3), 0.2), torch.full((5 * PARTNERS, 1), 0.5), places(5 * PARTNERS)[2]
-    albedo[7], roughness[7] = torch.tensor([0.9, 0.1, 0.1]), 0.1
-    found = pooled(albedo, roughness, position, torch.Generator().manual_seed(0))
-    torch.testing.assert_close(found[0], albedo, atol=1e-4, rtol=0)
-    torch.testing.assert_close(found[1], roughness, atol=1e-4, rtol=0)
-
-
-@pytest.mark.parametrize("value", [0.0, 1.0])
-@pytest.mark.parametrize("count", [1, 9])
-def test_the_ends(value: float, count: int) -> None:
-    """Black or white, one place or many at one point."""
-    albedo, roughness = torch.full((count, 3), value), torch.ones(count, 1)
-    found = pooled(albedo, roughness, torch.zeros(count, 3), torch.Generator().manual_seed(0))
-    torch.testing.assert_close(found[0], albedo)
-    torch.testing.assert_close(found[1], roughness)
-
-
-def test_passes_are_spread_over_later_steps() -> None:
-    assert {step for step in range(301) if Parsimony().due(step, 300)} == {120, 150, 180, 210, 240, 300}
-    assert Parsimony().due(1, 1)
-
-
 def test_a_pass_at_the_end_moves_the_material_by_the_share(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parsimony, "PASSES", (1.0,))
 
@@ -98,20 +75,3 @@ def test_it_looks_at_the_views_that_are_asked_for(problem: Problem) -> None:
     fit(nobody, NoPrior(), QUICK, Record())
     assert [(decision.what, decision.value) for decision in few.plan.decisions] == [("prior.views", 3)]
     assert not nobody.plan.decisions
-
-
-def test_of_too_many_pixels_some_are_drawn(problem: Problem) -> None:
-    whole = Fusion(problem, (0, 1, 2))
-    part = whole.drawn(50, torch.Generator().manual_seed(0))
-    assert whole.drawn(len(whole.position), torch.Generator()) is whole
-    everything = {tuple(place): albedo for place, albedo in zip(whole.position.tolist(), _shown(whole).tolist(), strict=True)}
-    assert len(part.position) == 50
-    assert len({tuple(place) for place in part.position.tolist()}) == 50
-    assert [everything[tuple(place)] for place in part.position.tolist()] == _shown(part).tolist()
-    ones = part.texture(torch.ones(50, 1), 16)
-    torch.testing.assert_close(ones, torch.ones_like(ones))
-
-
-def _shown(fusion: Fusion) -> Tensor:
-    """A texture of which each texel has a colour of its own."""
-    return fusion.looked_up(torch.linspace(0, 1, 64 * 64 * 3).reshape(64, 64, 3))

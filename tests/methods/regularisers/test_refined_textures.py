@@ -14,7 +14,7 @@ from ia_bench.common.errors import InputError
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Problem
-from ia_bench.methods.regularisers.fusion import OFFSET, Fusion
+from ia_bench.methods.regularisers.fusion import Fusion
 from ia_bench.methods.regularisers.refiner import DARK, SAMPLES, evidence, fitted_views
 from ia_bench.priors.contract import NoPrior, Observations, PriorInfo, Samples
 from ia_bench.priors.refiner import RENDERS
@@ -53,11 +53,6 @@ def refined(problem: Problem, prior: object, albedo: float, roughness: float = 0
     return fit(problem, prior, settings, Record())  # type: ignore[arg-type]
 
 
-def moved_albedo(fusion: Fusion, texture: Tensor, shown: Tensor, corrected: Tensor) -> Tensor:
-    nothing = shown[:, :1]
-    return fusion.moved(Material(texture, texture[..., :1]), (shown, corrected, 1.0), (nothing, nothing, 1.0)).albedo
-
-
 def aligned_error(problem: Problem, found: Tensor, truth: Tensor) -> float:
     """Root mean square over wholly covered pixels, one scale for all."""
     images = texture_images(problem.renderer.surface, problem.gbuffer, found)
@@ -81,29 +76,6 @@ def test_a_prior_that_knows_corrects_the_fit(problem: Problem, scene: Scene) -> 
     assert {name: maps.shape[-1] for name, maps in renders.items()} == RENDERS
     shown = texture_images(problem.renderer.surface, problem.gbuffer, plain.material.albedo)
     torch.testing.assert_close(renders["albedo"], shown, atol=2e-2, rtol=0)
-
-
-def test_no_correction_is_no_change(problem: Problem, scene: Scene) -> None:
-    texture = true_views(problem, scene)[1]
-    views = tuple(range(len(problem.scene.train)))
-    render = texture_images(problem.renderer.surface, problem.gbuffer, texture)
-    fusion = Fusion(problem, views)
-    shown = fusion.pixels(render)
-    same = moved_albedo(fusion, texture, shown, shown.clone())
-    torch.testing.assert_close(same, texture, rtol=0, atol=1e-5)
-    scaled = moved_albedo(fusion, texture, shown + OFFSET, 2 * shown + 2 * OFFSET - OFFSET)
-    assert float((scaled - texture).abs().max()) < 0.2
-
-
-def test_roughness_follows_by_its_share(problem: Problem, scene: Scene) -> None:
-    truth, _ = true_views(problem, scene)
-    found = refined(problem, Told(truth, roughness=0.3), 0.0, roughness=1.0)
-    plain = fit(problem, NoPrior(), QUICK, Record())
-    torch.testing.assert_close(found.material.albedo, plain.material.albedo, rtol=0, atol=1e-6)
-    inside = problem.gbuffer.coverage() == 1
-    shown = texture_images(problem.renderer.surface, problem.gbuffer, found.material.roughness)[inside]
-    before = texture_images(problem.renderer.surface, problem.gbuffer, plain.material.roughness)[inside]
-    assert float((shown - 0.3).abs().mean()) < 0.3 * float((before - 0.3).abs().mean())
 
 
 @pytest.mark.parametrize(("roughness", "bound"), [(-3.0, 0.03), (4.0, 1.0)])

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from small_fit import Found, Record, altered, coupled, fit, make_problem, oracle, regularised, same
+from small_fit import Found, Record, altered, coupled, fit, make_problem, regularised, same
 from torch import Tensor
 
-from ia_bench.common.errors import InputError, PluginError
+from ia_bench.common.errors import PluginError
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, FitState, NoCoupling, Problem, Regulariser, StepRender
 from ia_bench.methods.couplings.kernel import Kernel
@@ -127,13 +127,6 @@ def test_stage_two_is_guided_by_renders(problem: Problem, scene: Scene) -> None:
     torch.testing.assert_close(prior.guidance["albedo"], picture, rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize(("changes", "members"), [({"guided": False}, {}), ({}, {"guidable": False})])
-def test_no_second_draw_without_guidance(problem: Problem, scene: Scene, changes: dict, members: dict) -> None:
-    prior, told = noisy(scene, **members)
-    fit(problem, told, replace(SETTINGS, **changes), Record())
-    assert questions(prior) == [("sample", 6)]
-
-
 @pytest.mark.parametrize(
     ("coupling", "guided"),
     [
@@ -154,18 +147,6 @@ def test_what_has_no_weight_guides_nothing_and_is_not_asked(
     assert set(prior.guidance) == (guided or set())
 
 
-@pytest.mark.parametrize("kind", [Targets, Kernel, Distilled])
-@pytest.mark.parametrize("name", ["albedo", "specular"])
-def test_components_can_be_switched_off(problem: Problem, scene: Scene, kind: type, name: str) -> None:
-    """Without a component's weight its sample has no influence; the ablation rows of the table rest on this."""
-    settings = replace(SETTINGS, guided=False)
-    views = tuple(replace(view, **{name: 0.1 * getattr(view, name)[::-1].copy()}) for view in scene.train)
-    for weight in (0.0, 1.0):
-        changed = coupled(problem, kind(**{"albedo": 1.0, "specular": 1.0, name: weight}))
-        exact = fit(changed, noisy(scene)[1], settings, Record())
-        assert same(exact, fit(changed, ToldPrior(Noisy(), lambda: views), settings, Record())) == (not weight)
-
-
 def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None:
     prior, told = noisy(scene)
     found = fit(coupled(problem, DISTILLED, prior_views=4), told, SETTINGS, Record())
@@ -173,11 +154,6 @@ def test_distillation_follows_its_period(problem: Problem, scene: Scene) -> None
     assert len({seed for *_, seed in prior.asked}) == 4
     assert (found.counters["network_calls"], found.counters["distilled"]) == (4, 8)
     assert found.seconds["prior"] > 0
-
-
-def test_distillation_of_a_prior_that_cannot(problem: Problem, scene: Scene, record: Record) -> None:
-    with pytest.raises(InputError, match=r"coupling=distilled: expected a prior with a method distill.*found OraclePrior"):
-        fit(coupled(problem, DISTILLED), oracle(scene), SETTINGS, record)
 
 
 class Own(Coupling, Regulariser):

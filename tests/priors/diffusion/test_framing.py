@@ -57,27 +57,10 @@ def test_texture_of_the_image_outlives_the_reduction(frame: Frame) -> None:
     assert by_gain < 0.02
 
 
-def test_a_render_that_was_not_changed_is_returned(frame: Frame) -> None:
-    render = texture()
-    found = enlarge_by_difference(frame, frame.cut(render), frame.cut(render), render, everywhere(frame))
-    assert error(found, render) < 1e-6
-
-
 def test_a_smooth_change_of_a_render_is_carried_over(frame: Frame) -> None:
     render, changed = texture(), texture() - 0.1 * shading()
     found = enlarge_by_difference(frame, frame.cut(changed), frame.cut(render), render, everywhere(frame))
     assert error(found, changed.clamp_min(0)) < 0.002
-
-
-def test_without_reduction_the_prediction_is_all_there_is() -> None:
-    frame = Frame.around(torch.ones(32, 32), None)
-    assert frame is not None
-    generator = torch.Generator().manual_seed(0)
-    prediction, image = (torch.rand(frame.side, frame.side, 3, generator=generator) for _ in range(2))
-    expected = enlarge(frame, prediction, torch.ones(frame.side, frame.side), torch.Size((32, 32)))
-    for one in (enlarge_by_gain, enlarge_by_difference):
-        found = one(frame, prediction, image, torch.rand(32, 32, 3, generator=generator), torch.ones(frame.side, frame.side))
-        assert torch.equal(found, expected)
 
 
 # ----- cut and paste -----------------------------------------------------------------------------------------------------------
@@ -127,13 +110,6 @@ def test_exposure_divides_the_scale_of_an_image_out(picture):
     seen = encode_image(images, masks, exposure(images, masks))
     again = encode_image(1e-3 * images, masks, exposure(1e-3 * images, masks))
     torch.testing.assert_close(again, seen, atol=1e-5, rtol=0)
-
-
-@pytest.mark.parametrize("coverage", [0.6, 0.3, 0.01])
-def test_glass_is_exposed_as_what_fills_its_pixels(coverage):
-    colours = torch.rand(2, 8, 8, 3, generator=torch.Generator().manual_seed(0))
-    masks = torch.ones(2, 8, 8)
-    torch.testing.assert_close(exposure(colours * coverage, masks * coverage), exposure(colours, masks))
 
 
 def test_albedo_returns_from_its_encoding(picture):

@@ -46,14 +46,6 @@ def test_a_constant_gain_divides_the_display_values_of_the_image_texture_and_all
     torch.testing.assert_close(output[:, 3:], torch.full_like(image, 0.25))
 
 
-def test_the_head_learns_from_the_features_of_the_unet() -> None:
-    prior = network("albedo", "specular")
-    torch.nn.init.normal_(prior.head.leave.weight)
-    output, _ = ask(prior)
-    torch.nn.init.zeros_(prior.unet.conv_out.weight)
-    assert not torch.allclose(ask(prior)[0], output)
-
-
 @pytest.fixture
 def folder(tmp_path):
     return tiny_weights(tmp_path / "weights")
