@@ -13,10 +13,11 @@ from torch import Tensor
 
 from ia_bench.checks.finding import Finding, guarded, judge
 from ia_bench.common.errors import InputError
+from ia_bench.common.registry import Kind
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.contract import Coupling, FitState, PixelSamples, Problem, Regulariser, StepRender
-from ia_bench.methods.validation import checked_coupling, checked_regulariser
+from ia_bench.methods.validation import checked_part
 from ia_bench.priors.contract import COMPONENTS, Samples
 
 PIXELS = 512  # of a step
@@ -27,19 +28,19 @@ Rules = Callable[[Callable[[], Any], Problem], Iterator[Finding]]
 
 def check_coupling(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
     """Check the coupling that ``make()`` returns; an instance for every question. Never raises for what the coupling does."""
-    return guarded("a question", AN_ANSWER, lambda: _of_kind(Coupling, make, checked_coupling, _coupling, problem))
+    return guarded("a question", AN_ANSWER, lambda: _of_kind("coupling", Coupling, make, _coupling, problem))
 
 
 def check_regulariser(make: Callable[[], Any], problem: Problem) -> Iterator[Finding]:
     """Check the regulariser that ``make()`` returns. Never raises for what the regulariser does."""
-    return guarded("a question", AN_ANSWER, lambda: _of_kind(Regulariser, make, checked_regulariser, _regulariser, problem))
+    return guarded("a question", AN_ANSWER, lambda: _of_kind("regulariser", Regulariser, make, _regulariser, problem))
 
 
-def _of_kind(kind: type, make: Callable[[], Any], checked: Callable[..., Any], rules: Rules, problem: Problem) -> Iterator[Finding]:
+def _of_kind(what: Kind, kind: type, make: Callable[[], Any], rules: Rules, problem: Problem) -> Iterator[Finding]:
     made = make()
     yield judge(isinstance(made, kind), "construction", f"a {kind.__module__}.{kind.__name__}", type(made).__name__)
     if isinstance(made, kind):
-        yield from rules(lambda: checked("", make()), problem)
+        yield from rules(lambda: checked_part(what, "", make()), problem)
 
 
 def _coupling(new: Callable[[], Coupling], problem: Problem) -> Iterator[Finding]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import SimpleNamespace
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import torch
 from torch import Tensor
 
 from ia_bench.common.exit_codes import log
+from ia_bench.common.progress import ProgressBar, unseen
 from ia_bench.light.latlong import SampledLight
 from ia_bench.material.textures import Material
 from ia_bench.methods.costs import CostTracker
@@ -270,14 +270,6 @@ class Result:
     declared: Declared | None = None
 
 
-class ProgressBar(Protocol):
-    """One bar of the progress display."""
-
-    def advance(self, amount: int = 1, **values: float) -> None:
-        """Count ``amount`` steps and show ``values`` (the current loss, say)."""
-        ...
-
-
 @dataclass(frozen=True)
 class Monitor:
     """How a method talks to the outside: progress, off-the-clock scoring, checkpoints.
@@ -306,7 +298,7 @@ class Monitor:
     def silent(cls, **parts: Any) -> Monitor:  # noqa: ANN401 (what the attributes are)
         """A monitor that shows and keeps nothing, but for the ``parts`` that are given."""
         nothing = {name: lambda *_: None for name in ("note", "score", "save", "load")}
-        return cls(**{"task": lambda *_: SimpleNamespace(advance=lambda *_, **__: None), **nothing, **parts})
+        return cls(**{"task": lambda name, steps, done: unseen(name, steps), **nothing, **parts})
 
 
 @runtime_checkable

@@ -116,7 +116,8 @@ class Descent:
             self._parts["parameters"] = parameters
         else:
             self._parameters = dict(parameters)
-            self._parts["parameters"] = Tensors(self._parameters)
+            same = {name: nn.Parameter(one.detach(), requires_grad=False) for name, one in parameters.items()}
+            self._parts["parameters"] = nn.ParameterDict(same)  # over the same memory
         device = next((parameter.device for parameter in self._parameters.values()), torch.device("cpu"))
         self.generator = torch.Generator(device=device).manual_seed(seed)
         self.steps = sum(phase.steps for phase in phases)
@@ -285,25 +286,6 @@ class Descent:
         if phase.optimizer is not None:
             self._optimizer = phase.optimizer()
             self._optimizer.load_state_dict(state["optimizer"])
-
-
-class Tensors:
-    """Tensors by name, as something that a checkpoint can hold."""
-
-    def __init__(self, tensors: Mapping[str, Tensor]) -> None:
-        self._tensors = tensors
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Return the tensors, without their gradients."""
-        return {name: tensor.detach() for name, tensor in self._tensors.items()}
-
-    @torch.no_grad()
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Write the values of ``state`` into the tensors. Raises ValueError where one has another shape."""
-        for name, tensor in self._tensors.items():
-            if state[name].shape != tensor.shape:
-                raise ValueError(f"{name}: expected the shape {tuple(tensor.shape)}, found {tuple(state[name].shape)}")
-            tensor.copy_(state[name])
 
 
 def check_gradients(gradients: Mapping[str, Tensor | None]) -> None:

@@ -91,14 +91,11 @@ def check_declarations(name: str, method: Any) -> None:  # noqa: ANN401 (anythin
     named = isinstance(method.Options, type) and is_dataclass(method.Options)
     known = {field.name for field in fields(method.Options)} if named else set()
     presets = method.presets.values() if isinstance(method.presets, Mapping) else [None]
-    sound = {
-        "Options": ("a dataclass", named),
-        "presets": (
-            "a mapping of names to options that differ from their defaults",
-            all(isinstance(part, Mapping) and set(part) <= known for part in presets),
-        ),
-        "info": (f"a {MethodInfo.__module__}.MethodInfo", isinstance(method.info, MethodInfo)),
-    }
-    for part, (expected, holds) in sound.items():
+    presets_hold = all(isinstance(part, Mapping) and set(part) <= known for part in presets)
+    for part, expected, holds in (
+        ("Options", "a dataclass", named),
+        ("presets", "a mapping of names to options that differ from their defaults", presets_hold),
+        ("info", f"a {MethodInfo.__module__}.MethodInfo", isinstance(method.info, MethodInfo)),
+    ):
         if not holds:
             raise PluginError(f"method {name}: {part}: expected {expected}, found {getattr(method, part)!r:.100}")

@@ -60,20 +60,16 @@ class Photographs:
         known = None if known is None else pixels(known)
         if bool(left_out.any()):
             known = ~left_out[:, None] if known is None else known & ~left_out[:, None]
-        return cls(radiance, mask, known, left_out, _unit(radiance[mask[:, 0] > INSIDE]))
+        inside = radiance[mask[:, 0] > INSIDE]
+        mean, (least, most) = float(inside.mean()) if len(inside) else 0.0, USUAL
+        unit = 1.0 if least <= mean <= most or not 0 < mean < float("inf") else LEVEL / mean
+        return cls(radiance, mask, known, left_out, unit)
 
     @property
     def mean_radiance(self) -> Tensor:
         """The mean (3,) over the pixels that are not left out; over all where none is left."""
         inside = self.radiance[~self.left_out]
         return (inside if len(inside) else self.radiance).mean(0)
-
-
-def _unit(inside: Tensor) -> float:
-    """The factor for pixels (N, 3) inside of the masks; 1 where they are black."""
-    mean = float(inside.mean()) if len(inside) else 0.0
-    least, most = USUAL
-    return 1.0 if least <= mean <= most or not 0 < mean < float("inf") else LEVEL / mean
 
 
 def as_photographed(renders: Mapping[str, Tensor], views: tuple[int, ...], exposures: Tensor | None) -> dict[str, Tensor]:
@@ -91,8 +87,7 @@ def known_pixels(views: Sequence[View]) -> Tensor | None:
     """``valid`` of views of one size, (V, H, W, 1) bool; None where every pixel of all of them is known."""
     if all(view.valid is None for view in views):
         return None
-    known = [view.known for view in views]
-    return torch.from_numpy(np.stack(known))[..., None]
+    return torch.from_numpy(np.stack([view.known for view in views]))[..., None]
 
 
 def one_sided(target: Tensor, rendered: Tensor, known: Tensor | None) -> Tensor:

@@ -23,11 +23,8 @@ class NoOptions:
     """There is nothing to be set."""
 
 
-class Ceiling:
-    """Returns the true textures on the true mesh, and the true light.
-
-    The gap between this row and a perfect score is the renderer's (indirect light, BRDF, pixel footprint), not a method's.
-    """
+class _TruthSeer:
+    """A method without options that is given the truth."""
 
     Options: ClassVar[type] = NoOptions
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
@@ -35,6 +32,13 @@ class Ceiling:
 
     def __init__(self, options: NoOptions) -> None:
         """There is nothing to be set."""
+
+
+class Ceiling(_TruthSeer):
+    """Returns the true textures on the true mesh, and the true light.
+
+    The gap between this row and a perfect score is the renderer's (indirect light, BRDF, pixel footprint), not a method's.
+    """
 
     def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
         """Nothing is optimised. Raises InputError when the scene does not ship its truth, or has metal, which it does not tell."""
@@ -63,18 +67,11 @@ class Ceiling:
         return Result(recovered, counters={"roughness_clamped": clamped})
 
 
-class Constant:
+class Constant(_TruthSeer):
     """A grey of the true mean albedo, which it sees, under the even light that explains what is known of the training images.
 
     A method that does not clear it has recovered nothing.
     """
-
-    Options: ClassVar[type] = NoOptions
-    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
-    info = MethodInfo(uses_prior=False, sees_truth=True)
-
-    def __init__(self, options: NoOptions) -> None:
-        """There is nothing to be set."""
 
     def fit(self, problem: Problem, *, seed: int, monitor: Monitor) -> Result:
         """Nothing is optimised. Raises InputError when no test view has a true albedo."""

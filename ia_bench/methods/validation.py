@@ -73,17 +73,9 @@ def checked_reconstruction(name: str, found: Any) -> Reconstruction:  # noqa: AN
     return checked
 
 
-def checked_coupling(name: str, coupling: Any) -> Coupling:  # noqa: ANN401 (whatever the plugin made)
-    """``coupling`` as it is if it is built in, else one whose every answer is checked. Raises PluginError for none."""
-    return _checked("coupling", name, coupling, Coupling, {"uses": _used, "loss": _losses})
-
-
-def checked_regulariser(name: str, regulariser: Any) -> Regulariser:  # noqa: ANN401 (whatever the plugin made)
-    """``regulariser`` as it is if it is built in, else one whose every answer is checked. Raises PluginError for none."""
-    return _checked("regulariser", name, regulariser, Regulariser, {"apply": _moved})
-
-
-def _checked(kind: Kind, name: str, found: Any, expected: type, answers: Mapping[str, Callable[..., Any]]) -> Any:  # noqa: ANN401
+def checked_part(kind: Kind, name: str, found: Any) -> Any:  # noqa: ANN401 (whatever the plugin made)
+    """A coupling or a regulariser as it is if it is built in, else one whose every answer is checked; PluginError for none."""
+    expected, answers = PARTS[kind]
     if not isinstance(found, expected):
         who = f"{kind} {name}: expected a {expected.__module__}.{expected.__name__}"
         raise PluginError(f"{who}, found {type(found).__name__}")
@@ -102,7 +94,8 @@ class Checked:
             raise AttributeError(attribute)
         with at_work(self._kind, self._name):
             value = getattr(self._found, attribute)
-        who, check = f"{self._kind} {self._name}: {self._part}{attribute}", self._answers.get(attribute, _anything)
+        who = f"{self._kind} {self._name}: {self._part}{attribute}"
+        check = self._answers.get(attribute, lambda who, answer, *_: answer)
         if not callable(value):
             return check(who, value)
 
@@ -116,10 +109,6 @@ class Checked:
 
 def _built_in(what: object) -> bool:
     return type(what).__module__.partition(".")[0] == BUILT_IN
-
-
-def _anything(who: str, answer: Any, *_: object) -> Any:  # noqa: ANN401
-    return answer
 
 
 # ---- answers -------------------------------------------------------------------------------------------------------
@@ -192,6 +181,13 @@ def _moved(who: str, moved: Any, material: Material, *_: object) -> Material:  #
         if found.shape != given.shape:
             raise PluginError(f"{who}: {part}: expected shape {tuple(given.shape)}, found {tuple(found.shape)}")
     return moved
+
+
+PARTS: dict[Kind, tuple[type, dict[str, Callable[..., Any]]]] = {
+    "coupling": (Coupling, {"uses": _used, "loss": _losses}),
+    "regulariser": (Regulariser, {"apply": _moved}),
+}
+"""What a plug-in of each kind must be, and what checks its answers."""
 
 
 def _numbers(who: str, values: Any, kind: type) -> Iterator[tuple[str, Any]]:  # noqa: ANN401

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,17 +21,13 @@ if TYPE_CHECKING:
 
 GRAZING = 0.2
 """Cosine below which a pixel shows a surface too obliquely for a prior to say much about it."""
-
-
 AMBIENT_RAYS = 32  # a pixel, shared by its points
 CHUNK = 16_384  # pixels at a time
 
 
 def evenly_spread(scene: Scene, count: int | str) -> tuple[int, ...]:
     """At most ``count`` training views ("all": every one) in their order, spread over the directions of the cameras."""
-    if count == "all" or int(count) >= len(scene.train):
-        return tuple(range(len(scene.train)))
-    return tuple(sorted(spreading_order(scene, int(count))))
+    return tuple(sorted(spreading_order(scene, len(scene.train) if count == "all" else int(count))))
 
 
 def spreading_order(scene: Scene, count: int) -> list[int]:
@@ -73,19 +70,13 @@ def views_needed(seen: Tensor, per_point: int, share: float) -> int:
 def restrict(gbuffer: GBuffer, views: tuple[int, ...]) -> tuple[GBuffer, Tensor]:
     """The G-buffer of some views (ascending), and the entries (P',) of the whole one that it holds."""
     count, height, width = gbuffer.shape
-    size = height * width
-    rank = torch.full((count,), -1, dtype=torch.int64, device=gbuffer.pixel.device)
+    rank = torch.full((count,), -1, device=gbuffer.pixel.device)
     rank[list(views)] = torch.arange(len(views), device=rank.device)
     place = rank[gbuffer.view()]
     rows = torch.nonzero(place >= 0)[:, 0]
-    part = GBuffer(
-        face=gbuffer.face[rows],
-        barycentric=gbuffer.barycentric[rows],
-        pixel=place[rows] * size + gbuffer.pixel[rows] % size,
-        origin=gbuffer.origin[list(views)],
-        shape=(len(views), height, width),
-    )
-    return part, rows
+    part = gbuffer.at(rows)
+    pixel = place[rows] * (height * width) + part.pixel % (height * width)
+    return replace(part, pixel=pixel, origin=gbuffer.origin[list(views)], shape=(len(views), height, width)), rows
 
 
 # ---- what a prior that reads geometry is given ----

@@ -52,7 +52,7 @@ class MitsubaAdam:
             if wanted:
                 with descent.book("prior"):
                     sampler = PriorSampler(problem, problem.prior, seed, monitor.note)
-                    albedo = dict(zip(sampler.views, sampler.draw(None).values["albedo"], strict=True))
+                    albedo = dict(zip(problem.asked_views, sampler.draw(None).values["albedo"], strict=True))
                 descent.seconds["prior"] += sampler.kept_seconds
                 descent.counters.update(sampler.counters)
             loop.start(albedo)

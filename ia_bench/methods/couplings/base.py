@@ -14,7 +14,7 @@ from ia_bench.common.errors import PluginError
 from ia_bench.common.ranges import Weight
 from ia_bench.methods.contract import Coupling, NoCoupling, PixelSamples, Problem, StepRender
 from ia_bench.methods.info import AUTO
-from ia_bench.methods.validation import checked_coupling
+from ia_bench.methods.validation import checked_part
 from ia_bench.priors.contract import PriorInfo
 from ia_bench.scenes.color import linear_to_srgb, tone_map
 
@@ -38,7 +38,7 @@ def coupling_of(
         if info.coupling and name not in {**registry.built_in("coupling"), **registry.installed("coupling")}:
             raise PluginError(f"the prior recommends coupling {name!r}, expected the name of one that is installed, found none")
     made = registry.create("coupling", name, target or registry.find("coupling", name).target, options)
-    coupling = checked_coupling(name, made)
+    coupling: Coupling = checked_part("coupling", name, made)
     used = ", ".join(sorted(coupling.uses(info.provides))) or "nothing"
     note(f"coupling: {name}, {why}; it uses {used} of the prior's {', '.join(sorted(info.provides))}")
     return coupling

@@ -35,7 +35,6 @@ class PriorSampler:
     """The prior as a method asks it: about the views of ``problem.asked_views``.
 
     Attributes:
-        views: Which training views these are.
         counters: What the prior has cost, such as "network_calls", those of samples that were kept from an earlier run
             among it; "prior_cached", how many draws these are; "prior_absurd_values", how many values of its answers no image
             could hold.
@@ -53,14 +52,9 @@ class PriorSampler:
         keeps = problem.keep_samples and isinstance(prior, Fingerprinted) and not prior.info.sees_truth  # truth is in no key
         self._cache = Cache() if keeps else None
 
-    @property
-    def views(self) -> tuple[int, ...]:
-        """See the class."""
-        return self._problem.asked_views
-
     def draw(self, guidance: Images | None) -> Samples:
         """A sample of every view asked. ``guidance``: current renders of the same views. Raises InputError for no sound one."""
-        observations = self._observations(self.views)
+        observations = self._observations(self._problem.asked_views)
         key = self._key(observations) if self._cache is not None and guidance is None else None
         stored = self._cache.get(key) if self._cache is not None and key is not None else None
         if stored is not None:
@@ -92,7 +86,7 @@ class PriorSampler:
     def refine(self, renders: Images) -> Samples:
         """What the prior makes of the fit's ``renders`` of the views asked. Raises InputError like :meth:`draw`."""
         assert isinstance(self._prior, Refiner)
-        return self._accounted(ask_to_refine(self._prior, self._observations(self.views), renders))
+        return self._accounted(ask_to_refine(self._prior, self._observations(self._problem.asked_views), renders))
 
     def _accounted(self, samples: Samples) -> Samples:
         for name, count in samples.cost.items():

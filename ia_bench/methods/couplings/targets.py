@@ -37,20 +37,29 @@ class Targets(WeightedCoupling):
     sets_albedo: bool = True
 
     def prepare(self, samples: PixelSamples, problem: Problem) -> None:
-        """Encode the targets, and choose the pixels that estimate the alignment."""
+        """Encode the targets, and choose the pixels that estimate the alignment, of those that the prior was asked about."""
         super().prepare(samples, problem)
-        self._gbuffer = problem.gbuffer
+        gbuffer = self._gbuffer = problem.gbuffer
         self._alignment: ViewAlignment | None = None
-        self._aligner: _Aligner | None = None
-        if "albedo" in samples.values:
-            self._encoding = problem.prior.info.encoding["albedo"]
-            self._target = encode(samples.values["albedo"], self._encoding)
-            self._aligner = _Aligner(problem, samples, self.ssi)
+        if "albedo" not in samples.values:
+            return
+        self._encoding = problem.prior.info.encoding["albedo"]
+        self._target = encode(samples.values["albedo"], self._encoding)
+        asked = samples.weight[:, 0] > 0
+        covered = torch.nonzero(asked & gbuffer.filled)[:, 0]
+        usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
+        chosen = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
+        face = gbuffer.face[chosen]
+        uv = problem.renderer.surface.uv(face.clamp_min(0).long(), gbuffer.barycentric[chosen])
+        self._aligning = (face >= 0)[..., None], uv, samples.values["albedo"][chosen], gbuffer.view(chosen)
 
+    @torch.no_grad()
     def update(self, texture: Tensor, step: int) -> None:
         """Estimate the alignment where it is due; a pure function of step and texture."""
-        if self._aligner is not None and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
-            self._alignment = self._aligner.align(texture)
+        if "albedo" in self._uses and (self._alignment is None or step % ALIGNMENT_PERIOD == 0):
+            hit, uv, target, view = self._aligning
+            prediction = (fetch(texture, uv) * hit).sum(1) / hit.shape[1]
+            self._alignment = align_views(prediction, target, view, self._gbuffer.shape[0], self.ssi)
 
     def albedo_loss(self, render: StepRender, pixels: Tensor) -> Tensor:
         """See the class."""
@@ -109,29 +118,6 @@ def align_views(prediction: Tensor, target: Tensor, view: Tensor, views: int, mo
     usable = spread_prediction > 1e-4
     scale = torch.where(usable, spread_target / spread_prediction.clamp_min(1e-4), ones)
     return ViewAlignment(scale, mean_target - scale * mean_prediction)
-
-
-class _Aligner:
-    """Estimates how the texture's albedo is aligned with its targets, from some of the pixels that the prior was asked about."""
-
-    def __init__(self, problem: Problem, samples: PixelSamples, mode: str) -> None:
-        """``mode``: as of :func:`align_views`."""
-        gbuffer = problem.gbuffer
-        asked = samples.weight[:, 0] > 0
-        covered = torch.nonzero(asked & gbuffer.filled)[:, 0]
-        usable = covered if len(covered) else torch.nonzero(asked)[:, 0]
-        chosen = usable[:: max(1, len(gbuffer.pixel) // ALIGNMENT_PIXELS)]
-        face = gbuffer.face[chosen]
-        self._hit = (face >= 0)[..., None]
-        self._uv = problem.renderer.surface.uv(face.clamp_min(0).long(), gbuffer.barycentric[chosen])
-        self._target, self._view = samples.values["albedo"][chosen], gbuffer.view(chosen)
-        self._views, self._mode = gbuffer.shape[0], mode
-
-    @torch.no_grad()
-    def align(self, albedo: Tensor) -> ViewAlignment:
-        """The alignment of the texture ``albedo`` (T, T, 3)."""
-        prediction = (fetch(albedo, self._uv) * self._hit).sum(1) / self._hit.shape[1]
-        return align_views(prediction, self._target, self._view, self._views, self._mode)
 
 
 @dataclass(eq=False)

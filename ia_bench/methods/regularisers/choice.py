@@ -29,11 +29,11 @@ def check_regularisers(names: Sequence[str], options: Mapping[str, Mapping[str, 
 
 def regularisers_of(names: Sequence[str], options: Mapping[str, Mapping[str, Any]]) -> list[Regulariser]:
     """They themselves, made for one fit; those of other distributions are checked at work."""
-    from ia_bench.methods.validation import checked_regulariser  # brings in torch
+    from ia_bench.methods.validation import checked_part  # brings in torch
 
     found = [(registry.find("regulariser", name), options.get(name, {})) for name in names]
     made = [(plugin.name, registry.create("regulariser", plugin.name, plugin.target, given)) for plugin, given in found]
-    return [checked_regulariser(name, one) for name, one in made]
+    return [checked_part("regulariser", name, one) for name, one in made]
 
 
 def code_of(names: Sequence[str]) -> dict[str, str]:

@@ -52,7 +52,7 @@ class PriorLoss:
         """Sample the prior, toward the current renders of ``parameters`` if they are given; not one that has no weight."""
         if self._coupling.period or not self._used:
             return
-        views = self.sampler.views
+        views = self._problem.asked_views
         guidance = None if parameters is None else self._renders(parameters, views, self._used, generator)
         self._take(pixel_samples(self._problem, self.sampler.draw(guidance), views))
 
@@ -62,8 +62,8 @@ class PriorLoss:
         if not coupling.period or step % coupling.period or not self._used:
             return
         random = np.random.default_rng((self._seed, step))
-        count = min(coupling.views, len(self.sampler.views))
-        views = tuple(sorted(int(view) for view in random.choice(self.sampler.views, count, replace=False)))
+        asked = self._problem.asked_views
+        views = tuple(sorted(int(view) for view in random.choice(asked, min(coupling.views, len(asked)), replace=False)))
         renders = self._renders(parameters, views, self._prior.info.provides, generator)
         estimates = self.sampler.distill(renders, views, int(random.integers(2**63)))
         self._take(pixel_samples(self._problem, estimates, views))

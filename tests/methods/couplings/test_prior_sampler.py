@@ -156,7 +156,7 @@ def test_geometry_is_that_of_the_views_asked_about(problem: Problem) -> None:
         normals, visibility = view_geometry(problem, shown.views)
         assert torch.equal(shown.normals, normals)
         assert torch.equal(shown.visibility, visibility)
-    assert [shown.views for shown, *_ in reader.asked] == [asking.views, (0, 4), asking.views]
+    assert [shown.views for shown, *_ in reader.asked] == [asking._problem.asked_views, (0, 4), asking._problem.asked_views]
 
 
 # ---- what is kept ---------------------------------------------------------------------------------------------------

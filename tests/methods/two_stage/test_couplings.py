@@ -18,7 +18,7 @@ from ia_bench.methods.contract import Coupling, FitState, NoCoupling, Problem, R
 from ia_bench.methods.couplings.kernel import Kernel
 from ia_bench.methods.couplings.targets import Distilled, Targets
 from ia_bench.methods.two_stage.settings import FitSettings, LossWeights
-from ia_bench.methods.validation import checked_coupling
+from ia_bench.methods.validation import checked_part
 from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.render.renderer import texture_images
@@ -181,7 +181,7 @@ def test_plug_ins_of_a_few_lines(problem: Problem, scene: Scene) -> None:
     assert bool((own.material.roughness == 0.5).all())
     for call in ("prepare", "loss"):
         with pytest.raises(PluginError, match="^coupling own raised AssertionError"):
-            fit(coupled(problem, checked_coupling("own", Own(call))), noisy(scene)[1], SETTINGS, Record())
+            fit(coupled(problem, checked_part("coupling", "own", Own(call))), noisy(scene)[1], SETTINGS, Record())
 
 
 # ---- it helps --------------------------------------------------------------------------------------------------------
