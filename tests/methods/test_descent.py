@@ -151,18 +151,6 @@ def test_a_bad_step_is_taken_back_counted_and_named(spoilt: Spoil, said: str):
     assert bool(torch.isfinite(line.slope))
 
 
-def test_a_parameter_that_becomes_nan_is_taken_back():
-    tensor, memory = torch.ones(2, 3), Memory()
-
-    def step(number: int, generator: torch.Generator) -> float:
-        tensor[1, 2] = math.nan if number == 3 else number
-        return 0.5
-
-    Descent({"albedo": tensor}, [Phase("fit", 4, step=step)], seed=0, monitor=memory.monitor()).descend()
-    assert memory.notes[0] == "step 3 is skipped: albedo became NaN or Inf in 1 of 6 values, the first at [1, 2]"
-    assert tensor.tolist() == [[1, 1, 1], [1, 1, 2]]
-
-
 def test_too_many_in_a_row_end_the_fit_with_the_last_good_state():
     memory = Memory()
     with pytest.raises(FloatingPointError, match=f"^step 21: the loss is NaN or Inf; the fit stops after {PATIENCE} such steps"):

@@ -153,20 +153,6 @@ def test_a_users_setting_is_taken_and_recorded_as_such(name: str) -> None:
     assert others == [d for d in usual.decisions if d.what != found.what]
 
 
-def test_every_decision_is_printed_and_recorded_with_its_measurement() -> None:
-    plan = plan_of(plate(FILLING), FROM_ABOVE)
-    renderer = ["shadows", "bounces", "subsamples", "texture", "light_height", "metallic"]
-    whats = [f"render.{name}" for name in renderer]
-    assert [d.what for d in plan.decisions] == whats
-    for found in plan.decisions:
-        assert found.line == f"plan: {found.what} = {found.value}: {found.why}"
-    record = plan.record()
-    assert [entry["what"] for entry in record["needed"]] == whats
-    assert all(entry["measured"] for entry in record["needed"])
-    left_out = {entry["what"] for entry in record["left_out"]}
-    assert {"shadow rays", "pixel sub-samples"} <= left_out
-
-
 def test_the_plan_is_the_same_every_time() -> None:
     mesh = together(plate(0.5), disk(0.4, height=0.5))
     cameras = [camera_at((2, 1, z)) for z in (0.5, 1.0, 2.0)]

@@ -13,7 +13,7 @@ from torch import Tensor
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import painted_ball
 from ia_bench.common.errors import InputError
-from ia_bench.priors.contract import NoPrior, Observations, PriorInfo, Samples
+from ia_bench.priors.contract import Observations, PriorInfo, Samples
 from ia_bench.priors.oracle import OraclePrior
 from ia_bench.priors.validation import ask, ask_to_distill, check_prior_info
 from ia_bench.scenes.scene import View
@@ -32,24 +32,12 @@ def test_oracle_conforms(options: dict) -> None:
     assert [finding.what for finding in findings if finding.status == "skip"] == ["an image on its own"]
 
 
-def test_none_provides_nothing_for_any_input() -> None:
-    prior = NoPrior()
-    assert prior.info.provides == frozenset()
-    assert prior.sample(Observations(torch.zeros(0, 1, 1, 3), torch.zeros(0, 1, 1)), seed=0) == Samples({})
-    unusable = Observations(torch.full((2, 5, 3, 3), torch.nan), torch.ones(2, 5, 3))
-    assert prior.sample(unusable, seed=1, guidance={}) == Samples({})
-
-
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
         ({"provides": {"albedo"}}, "provides: expected a frozenset of some of albedo, specular, found {'albedo'}"),
-        ({"provides": frozenset({"normals"})}, "provides: expected .*, found frozenset"),
-        ({"stochastic": "yes"}, "stochastic: expected True or False, found 'yes'"),
         ({"resolution": 0}, "resolution: expected .*, found 0"),
-        ({"resolution": True}, "resolution: expected .*, found True"),
         ({"encoding": {"albedo": "log"}}, "encoding: expected one of linear, srgb for every component provided, found"),
-        ({"encoding": "srgb"}, "encoding: expected .*, found 'srgb'"),
         ({"wants": frozenset({"depth"})}, "wants: expected a frozenset of some of normals, visibility, view_count, truth, found"),
         ({"wants": frozenset({"truth"})}, "wants: expected sees_truth=True of a prior that wants truth, found False"),
     ],
@@ -107,24 +95,17 @@ def cost(**counts: Any) -> Callable[[Observations], Samples]:
 WRONG: dict[str, tuple[Callable[[Observations], Any], str]] = {
     # what is wrong: the answer, what the message says after the prior's name
     "nothing": (lambda shown: None, "expected ia_bench.priors.contract.Samples, found NoneType"),
-    "values are a list": (changed(values=[]), "values: expected a mapping, found list"),
-    "cost is a number": (changed(cost=3), "cost: expected a mapping, found int"),
-    "nothing in it": (changed(values={}), "values: expected albedo, specular, found nothing"),
     "a component too few": (changed(values={"albedo": 0}), "values: expected albedo, specular, found albedo"),
-    "a component too many": (lambda shown: good(shown, normals=shown.images), "values: expected .*, found albedo, .*normals"),
     "numpy": (edit(lambda albedo: albedo.numpy()), "albedo: expected a tensor, found ndarray"),
     "double": (edit(Tensor.double), r"albedo: expected type torch\.float32, found torch\.float64"),
-    "sparse": (edit(Tensor.to_sparse), r"albedo: expected layout torch\.strided, found torch\.sparse_coo"),
     "channels first": (edit(lambda albedo: albedo.movedim(-1, 1)), r"albedo: expected shape \(3, 7, 9, 3\), found \(3, 3, 7, 9\)"),
     "another device": (edit(lambda albedo: albedo.to("meta")), "albedo: expected device cpu, found meta"),
     "with gradient": (edit(lambda albedo: albedo * GRADIENT), "albedo: expected gradient False, found True"),
     "NaN": (put(torch.nan), "albedo: expected finite values, found NaN or Inf in 81 of 567"),
     "a ceiling of what is not provided": (changed(ceilings={"roughness": torch.ones(3)}), "ceilings: .* found roughness"),
     "a ceiling that is a number": (ceiling(1.0), "ceiling of specular: expected a tensor, found float"),
-    "one ceiling for all": (ceiling(torch.ones(1)), r"ceiling of specular: expected shape \(3,\), found \(1,\)"),
     "a ceiling of zero": (ceiling(torch.zeros(3)), "ceiling of specular: expected values > 0, found 0"),
     "a negative cost": (cost(network_calls=-1), "cost: expected .*'network_calls': -1"),
-    "a cost without a name": (changed(cost={1: 1}), "cost: expected names .* found 1: 1"),
 }
 
 

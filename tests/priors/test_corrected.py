@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 import torch
 from priors.tiny_network import tiny_weights
 
 from ia_bench.checks.conformance import check_prior
 from ia_bench.checks.stack import Stack, painted_ball
-from ia_bench.common.errors import InputError
-from ia_bench.common.registry import built_in, create
 from ia_bench.priors.contract import COMPONENTS, Distiller, Samples
 from ia_bench.priors.corrected import CorrectedPrior
 from ia_bench.priors.diffusion.prior import DiffusionPrior
@@ -71,19 +67,3 @@ def test_conforms(weights: str, stack: Stack) -> None:
     findings = list(check_prior(lambda: CorrectedPrior(share=0.9, of_options={"weights": weights, "geometry": True}), stack))
     assert [finding for finding in findings if finding.status == "fail"] == []
     assert len(findings) > 20
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"share": 1.5}, r"prior.options.share: expected 1 or less, found 1.5"),
-        ({"share": math.nan}, r"prior.options.share: expected a finite number"),
-        ({"of": "oracle"}, r"prior.options.of: .* found oracle: it sees the truth itself"),
-        ({"of": "none"}, r"prior.options.of: .* found none: it provides nothing"),
-        ({"of": "difusion"}, r"unknown prior 'difusion'.*diffusion"),
-        ({"of_options": {"stps": 2}}, r"stps.*steps"),
-    ],
-)
-def test_wrong_options(options: dict, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        create("prior", "corrected", built_in("prior")["corrected"].target, options)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import builtins
 import io
-import shutil
 import subprocess
 import sys
 import time
@@ -18,7 +17,7 @@ import ia_bench_training
 from ia_bench.common.errors import InputError
 from ia_bench.common.progress import Progress
 from ia_bench_training import data
-from ia_bench_training.data import ImageRequest, choose_shading, make_data
+from ia_bench_training.data import ImageRequest, make_data
 from ia_bench_training.generate import render_images
 from ia_bench_training.palettes import MAX_ALBEDO, MIN_ALBEDO
 from ia_bench_training.render import MAX_COVERAGE, MIN_COVERAGE
@@ -80,22 +79,6 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(tmp_path):
         (a, first), (b, second) = load_shard(path), load_shard(killed / path.name)
         assert first == second
         assert all(torch.equal(a[name], b[name]) for name in CHANNELS)
-
-
-@pytest.mark.parametrize(
-    ("wanted", "compilers", "chosen"),
-    [
-        ("eager", ["g++"], "eager"),
-        ("compiled", [], "compiled"),
-        ("auto", ["g++"], "compiled"),
-        ("auto", ["clang++"], "compiled"),
-    ],
-)
-def test_choice_of_shading(monkeypatch, wanted, compilers, chosen):
-    monkeypatch.setattr(shutil, "which", lambda name: name if name in compilers else None)
-    notices = []
-    assert choose_shading(wanted, notices.append) == chosen
-    assert notices == []
 
 
 SIDE = 24

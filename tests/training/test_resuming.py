@@ -10,7 +10,6 @@ import torch
 from torch import nn
 
 from ia_bench.common.errors import InputError
-from ia_bench.priors.diffusion.network import MaterialNetwork, NetworkConfig
 from ia_bench_training.optimiser import MuonAdamW, split_weights
 from ia_bench_training.resuming import (
     STATE,
@@ -81,16 +80,6 @@ def give_gradients(network: nn.Module, seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
     for weight in network.parameters():
         weight.grad = torch.randn(weight.shape, generator=generator)
-
-
-def test_every_trained_weight_is_stepped_by_one_of_the_two() -> None:
-    network = MaterialNetwork(NetworkConfig(size=16, fold=2, channels=(16, 32), tokens=16))
-    hidden, others = split_weights(network, muon=True)
-    assert sorted(map(id, hidden + others)) == sorted(id(weight) for weight in network.parameters())
-    assert sum(weight.numel() for weight in hidden) > 5 * sum(weight.numel() for weight in others)
-    names = {id(weight): name for name, weight in network.named_parameters()}
-    assert not any("bias" in names[id(weight)] or "norm" in names[id(weight)] for weight in hidden)
-    assert split_weights(network, muon=False)[0] == []
 
 
 def test_muon_moves_all_directions_of_a_hidden_weight_alike() -> None:

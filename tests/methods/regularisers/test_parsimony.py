@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.distance import cdist
-from small_fit import SETTINGS, Found, Record, altered, fit, regularised
+from small_fit import SETTINGS, Found, Record, fit, regularised
 from torch import Tensor
 
 from ia_bench.methods.contract import Problem
@@ -66,12 +66,3 @@ def test_a_pass_at_the_end_moves_the_material_by_the_share(problem: Problem, mon
         assert moved[0] == pytest.approx(0.5 * moved[1], rel=0.1)
         deviations = [float(one.std(0).mean()) for one in shown]
         assert deviations[2] < deviations[0]
-
-
-def test_it_looks_at_the_views_that_are_asked_for(problem: Problem) -> None:
-    """And the plan says so; without a prior and without it, nobody wants to know."""
-    few, nobody = (altered(problem, prior_views=3, plan=replace(problem.plan, decisions=[])) for _ in range(2))
-    fit(few, NoPrior(), regularised(QUICK, parsimony={}), Record())
-    fit(nobody, NoPrior(), QUICK, Record())
-    assert [(decision.what, decision.value) for decision in few.plan.decisions] == [("prior.views", 3)]
-    assert not nobody.plan.decisions

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import torch
 from small_fit import SETTINGS, TEXELS_ALONE, Record, altered, fit
 from torch import Tensor
@@ -61,14 +60,6 @@ def test_steps_add_up_to_those_of_every_level() -> None:
         steps({"light": 0.1}, {"light": torch.from_numpy(gradient).float()})
     expected = start + sum(expected_move(gradients, factor, 0.1) for factor in (2, 4))
     np.testing.assert_allclose(image.detach().numpy(), expected, rtol=0, atol=1e-5)
-
-
-@pytest.mark.parametrize("shape", [(7, 14, 3), (4, 8, 3), (6, 12, 1)])
-def test_an_image_without_coarser_levels_is_left_alone(shape: tuple[int, int, int]) -> None:
-    image = torch.ones(shape, requires_grad=True)
-    steps = MultigridSteps({"light": image}, BETAS)
-    steps({"light": 0.1}, {"light": torch.ones(shape)})
-    assert torch.equal(image, torch.ones(shape))
 
 
 def test_a_loss_of_single_texels_moves_nothing_at_coarser_scales(problem: Problem) -> None:

@@ -11,7 +11,7 @@ from ia_bench.common.registry import built_in, create
 from ia_bench.priors.contract import Observations
 from ia_bench.priors.diffusion.framing import MARGIN
 from ia_bench.priors.diffusion.learned import RegressorPrior
-from ia_bench.priors.diffusion.network import MaterialNetwork, save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork
 from ia_bench.priors.diffusion.prior import DiffusionPrior
 
 
@@ -157,12 +157,8 @@ def test_geometry_reaches_the_network_only_if_asked(weights, ball):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"steps": 0}, "prior.options.steps: expected 1 or more, found 0"),
-        ({"prior_variance": 0.0}, "prior.options.prior_variance: expected 1e-06 or more, found 0.0"),
         ({"steps": 2000}, r"steps: expected at most 1000 \(the schedule's length\), found 2000"),
-        ({"guidance_rule": "foo"}, "unknown value of prior.options.guidance_rule: 'foo'.* There are: paper, variance"),
         ({"guidance_norm": "l2"}, 'prior.options.guidance_norm: expected "squared" with the rule "variance", found \'l2\''),
-        ({"device": "gpu"}, "unknown value of prior.options.device: 'gpu'.* There are: auto, cpu, cuda"),
     ],
 )
 def test_options_are_checked_at_once(weights, options, message):
@@ -185,21 +181,3 @@ def test_the_packaged_weights_know_shading_from_paint(ball, prior):
 
     assert bool(torch.isfinite(albedo).all())
     assert unevenness(albedo) < 0.7 * unevenness(lit)
-
-
-def test_no_sample_exceeds_the_ceiling_and_some_come_near_it(tmp_path, ball):
-    """A network pushed to white everywhere gives exactly the ceiling, under the image's own exposure."""
-    network = MaterialNetwork(tiny_config("regressor"))
-    with torch.no_grad():
-        for parameter in network.head.leave.parameters():
-            parameter.zero_()
-        network.head.leave.bias += 5.0
-    save_network(tmp_path / "white", network, {"steps": 0})
-    factors = torch.tensor([1.0, 10.0, 0.01])
-    prior = RegressorPrior(weights=str(tmp_path / "white"))
-    drawn = prior.sample(replace(ball, images=ball.images * factors[:, None, None, None]), seed=0)
-    assert set(drawn.ceilings) == {"specular"}
-    ceiling = drawn.ceilings["specular"]
-    torch.testing.assert_close(drawn.values["specular"].amax((1, 2, 3)), ceiling, rtol=1e-4, atol=0)
-    plain = prior.sample(ball, seed=0).ceilings["specular"]
-    torch.testing.assert_close(ceiling, plain * factors, rtol=1e-3, atol=0)

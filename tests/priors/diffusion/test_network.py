@@ -11,7 +11,7 @@ from safetensors.torch import load_file, save_file
 
 from ia_bench.common.errors import InputError
 from ia_bench.common.torchvision_shim import import_torchvision
-from ia_bench.priors.diffusion.network import MaterialNetwork, fingerprint, load_network, save_network
+from ia_bench.priors.diffusion.network import MaterialNetwork, load_network, save_network
 
 UNET, ENCODER = "unet/diffusion_pytorch_model.safetensors", "encoder.safetensors"
 
@@ -79,11 +79,6 @@ def test_diffusers_reads_the_unet_and_the_schedule(folder):
     assert DDIMScheduler.from_pretrained(folder / "scheduler").config.prediction_type == "sample"
 
 
-def test_the_fingerprint_follows_the_weights(folder, tmp_path):
-    assert fingerprint(folder) == fingerprint(tiny_weights(tmp_path / "same"))
-    assert fingerprint(folder) != fingerprint(tiny_weights(tmp_path / "other", seed=1))
-
-
 def change_json(folder, change):
     described = json.loads((folder / "prior.json").read_text())
     change(described)
@@ -99,14 +94,9 @@ def change_weights(folder, change, name=UNET):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda f: (f / "prior.json").unlink(), "prior.json: no such file"),
-        (lambda f: (f / "prior.json").write_text("{"), "prior.json: not valid JSON"),
         (lambda f: change_json(f, lambda d: d.pop("network")), "prior.json: expected a table under 'network', found None"),
         (lambda f: change_json(f, lambda d: d["network"].update(chanels=[16])), "did you mean 'network.channels'"),
-        (lambda f: change_json(f, lambda d: d["network"]["schedule"].clear()), "num_train_timesteps: expected a whole number"),
-        (lambda f: (f / UNET).unlink(), "diffusion_pytorch_model.safetensors: no such file"),
         (lambda f: (f / ENCODER).write_bytes(b"\x80\x04cos\nsystem\n"), "encoder.safetensors: expected safetensors"),
-        (lambda f: change_weights(f, lambda w: w.pop("conv_in.bias")), "conv_in.bias: expected a tensor of shape .*found none"),
         (lambda f: change_weights(f, lambda w: w.update({"conv_in.bias": torch.zeros(3)})), r"of shape \(16,\), found \(3,\)"),
         (lambda f: change_weights(f, lambda w: w["conv_in.bias"].fill_(float("nan"))), "conv_in.bias: expected finite values"),
         (lambda f: change_weights(f, lambda w: w.update(more=torch.zeros(1))), "more: a tensor that the config has no place"),
