@@ -160,16 +160,6 @@ def test_draws_depend_on_seed_and_view_and_on_nothing_else() -> None:
     assert abs(np.corrcoef(*noise)[0, 1]) < 0.5  # ... and so do the components
 
 
-def test_dark_image_and_empty_mask_stay_finite() -> None:
-    view = views_of(1)[0]
-    nothing = np.zeros_like(view.image)
-    dark = View("dark", CAMERA, nothing, view.mask, albedo=view.albedo, specular=nothing)
-    empty = View("empty", CAMERA, nothing, nothing[..., 0], albedo=nothing, specular=nothing)
-    dials = {"scale": 0.2, "shift": 0.2, "noise": 0.2, "blur": 1.0, "baked": 0.5, "inconsistency": 0.2}
-    samples = draw(OraclePrior(**dials), (dark, empty))
-    assert all(bool(torch.isfinite(sample).all()) and bool((sample[1] == 0).all()) for sample in samples.values())
-
-
 def test_wrong_inputs() -> None:
     views = views_of(2)
     prior = OraclePrior()

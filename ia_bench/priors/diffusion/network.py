@@ -46,7 +46,7 @@ class NetworkConfig:
         layers: Residual blocks a level.
         head: Width of the convolutions at full resolution that end the network.
         geometry: Whether normals and visibility are inputs, which may be absent.
-        encoder: "small" (trained along) or "none". The paper's, CLIP, is a part of ``prior=intrinsicanything``.
+        encoder: "small", which is trained along. The paper's, CLIP, is a part of ``prior=intrinsicanything``.
         tokens: Width of a token.
         schedule: See :meth:`ia_bench.priors.diffusion.sampler.NoiseSchedule.from_diffusers`.
 
@@ -62,7 +62,7 @@ class NetworkConfig:
     layers: Number = 1
     head: Number = 32
     geometry: bool = True
-    encoder: Literal["small", "none"] = "small"
+    encoder: Literal["small"] = "small"
     tokens: Number = 128
     schedule: dict[str, Any] = field(
         default_factory=lambda: {
@@ -79,10 +79,10 @@ class NetworkConfig:
             )
         if not self.channels or any(width < 1 or width % 16 for width in self.channels):
             raise InputError(f"network.channels: expected multiples of 16, found {list(self.channels)}")
-        stride = math.lcm(self.fold * 2 ** (len(self.channels) - 1), 4 if self.encoder == "small" else 1)
+        stride = math.lcm(self.fold * 2 ** (len(self.channels) - 1), 4)
         if self.size % stride:
             raise InputError(f"network.size: expected a multiple of {stride} (fold x down-sampling, encoder), found {self.size}")
-        if self.encoder == "small" and self.tokens % 16:
+        if self.tokens % 16:
             raise InputError(f"network.tokens: expected a multiple of 16 for the small encoder, found {self.tokens}")
         for key in self.schedule:
             if key not in SCHEDULE_KEYS:
@@ -113,7 +113,7 @@ class NetworkConfig:
 
 
 class MaterialNetwork(nn.Module):
-    """A diffusers ``UNet2DConditionModel`` on folded pixels, with a ``head`` and an image ``encoder`` (None without one)."""
+    """A diffusers ``UNet2DConditionModel`` on folded pixels, with a ``head`` and an image ``encoder``."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
@@ -122,15 +122,14 @@ class MaterialNetwork(nn.Module):
 
         self.config = config
         block, levels = config.fold**2, len(config.channels)
-        lowest = "CrossAttn" if config.encoder != "none" else ""
         noisy = config.output_channels if config.kind == "diffusion" else 0
         self.unet = UNet2DConditionModel(
             sample_size=config.size // config.fold,
             in_channels=block * (noisy + config.condition_channels),
             out_channels=block * FEATURES,
-            down_block_types=("DownBlock2D",) * (levels - 1) + (f"{lowest}DownBlock2D",),
-            mid_block_type=f"UNetMidBlock2D{lowest}",
-            up_block_types=(f"{lowest}UpBlock2D",) + ("UpBlock2D",) * (levels - 1),
+            down_block_types=("DownBlock2D",) * (levels - 1) + ("CrossAttnDownBlock2D",),
+            mid_block_type="UNetMidBlock2DCrossAttn",
+            up_block_types=("CrossAttnUpBlock2D",) + ("UpBlock2D",) * (levels - 1),
             block_out_channels=config.channels,
             layers_per_block=config.layers,
             norm_num_groups=16,
@@ -139,7 +138,7 @@ class MaterialNetwork(nn.Module):
             resnet_time_scale_shift="scale_shift",
         )
         self.head = DetailHead(config, noisy)
-        self.encoder = SmallEncoder(config.tokens) if config.encoder == "small" else None
+        self.encoder = SmallEncoder(config.tokens)
 
     def forward(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor) -> Tensor:
         """The estimate (N, 3 C, H, W) of the clean components, from ``timestep`` (N,).
@@ -149,11 +148,12 @@ class MaterialNetwork(nn.Module):
         """
         return self.denoise(noisy, timestep, condition, self.tokens(condition))
 
-    def tokens(self, condition: Tensor) -> Tensor | None:
+    def tokens(self, condition: Tensor) -> Tensor:
         """What the image encoder makes of the condition, (N, tokens, width): once per image, not once per step."""
-        return None if self.encoder is None else self.encoder(condition[:, :IMAGE_CHANNELS])
+        tokens: Tensor = self.encoder(condition[:, :IMAGE_CHANNELS])
+        return tokens
 
-    def denoise(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor, tokens: Tensor | None) -> Tensor:
+    def denoise(self, noisy: Tensor | None, timestep: Tensor, condition: Tensor, tokens: Tensor) -> Tensor:
         """Do what :meth:`forward` does, with the tokens at hand."""
         channels = condition if noisy is None else torch.cat([noisy, condition], 1)
         folded = F.pixel_unshuffle(channels, self.config.fold)
@@ -235,20 +235,17 @@ class Conditioned:
         """The regressor's estimate (N, 3 C, H, W)."""
         return self._output(None, len(condition), self.network.config.timesteps - 1, condition, self._tokens(condition))
 
-    def _tokens(self, condition: Tensor) -> Tensor | None:
+    def _tokens(self, condition: Tensor) -> Tensor:
         with torch.no_grad(), self._precision():
-            parts = [self.network.tokens(part) for part in condition.split(self.chunk)]
-        tokens = [part.float() for part in parts if part is not None]
-        return torch.cat(tokens) if tokens else None
+            return torch.cat([self.network.tokens(part).float() for part in condition.split(self.chunk)])
 
-    def _output(self, noisy: Tensor | None, count: int, t: int, condition: Tensor, tokens: Tensor | None) -> Tensor:
+    def _output(self, noisy: Tensor | None, count: int, t: int, condition: Tensor, tokens: Tensor) -> Tensor:
         parts = []
         for part in torch.arange(count, device=condition.device).split(self.chunk):
             timestep, image = torch.full((len(part),), t, device=condition.device), part % len(condition)
             seen = None if noisy is None else noisy[part]
             with self._precision():
-                known = None if tokens is None else tokens[image]
-                parts.append(self.network.denoise(seen, timestep, condition[image], known).float())
+                parts.append(self.network.denoise(seen, timestep, condition[image], tokens[image]).float())
         self.cost["network_calls"] += count
         return torch.cat(parts)
 
@@ -297,4 +294,4 @@ def fingerprint(folder: Path) -> str:
 
 
 def _modules(network: MaterialNetwork) -> dict[str, nn.Module]:
-    return {name: module for name, part in FILES.items() if (module := getattr(network, part)) is not None}
+    return {name: getattr(network, part) for name, part in FILES.items()}

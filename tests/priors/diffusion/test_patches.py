@@ -97,25 +97,6 @@ def test_an_image_depends_neither_on_its_neighbours_nor_on_the_batch(eta: float,
     assert torch.equal(*both())
 
 
-@pytest.mark.usefixtures("unguided")
-def test_patches_without_foreground_are_skipped():
-    condition, foreground, settings = random(2, 1, 96, 96), torch.zeros(2, 1, 96, 96), SamplerSettings(3)
-    foreground[0, 0, :20, :20] = 1
-    calls = []
-
-    def counting(batch: Tensor) -> Denoise:
-        calls.append(len(batch))
-        return mix(batch)
-
-    found = large(counting, condition, settings, foreground=foreground)
-    assert calls == [2, 4]  # coarse images, then the patches at (0, 16) x (0, 16)
-    everything = large(mix, condition, settings)
-    assert torch.equal(found[0, :, :16, :16], everything[0, :, :16, :16])
-    coarse = large(mix, condition, settings, foreground=torch.zeros_like(foreground))
-    assert torch.equal(found[1], coarse[1])
-    assert torch.equal(found[0, :, 48:], coarse[0, :, 48:])
-
-
 def gradient_energy(image: Tensor, borders: list[int], margin: int) -> tuple[float, float]:
     """Mean squared difference of neighbouring columns across ``borders``, and everywhere else, off the image's edge."""
     energy = (image[..., 1:] - image[..., :-1]).square().mean((0, 1, 2))
